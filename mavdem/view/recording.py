@@ -91,7 +91,7 @@ class _Page:
 
     def flight(self) -> rrb.Container:
         """Headline and next step above; axes, rates, motors and the rest on one axis of time; lights and events."""
-        axes = self._timeline.axes.values()
+        axes = self._timeline.axis_charts.values()
         rates = (chart.lines[0] for charts in axes for chart in charts[1:2])
         lines = (
             line._replace(name=axis, colour=palette.distinct(number))
@@ -99,7 +99,7 @@ class _Page:
         )
         shown = [chart for charts in axes for chart in charts[:1]]
         shown.append(over_time("Rates", "°/s", lines))
-        shown += self._timeline.rows
+        shown += self._timeline.flight_charts
         judgement = self._assessment.judgement
         said = f"**{headline(judgement.headline)}**\n\n**Next:** {judgement.next_step.advised}"
         above = _text(self._recording, "headline", "", said)
@@ -115,13 +115,13 @@ class _Page:
 
     def air(self, learned: Learned, clock: Array) -> list[rrb.Container]:
         """The wind, and its torque, with marks where gusts begin; nothing where neither is known."""
-        if not self._timeline.wind:
+        if not self._timeline.wind_charts:
             return []
         torque = resolved_wind_torque(learned.wind_torque, learned.physical)
         gusts = torque.gusts if torque else ()
         begins = [float(clock[gust.sample]) for gust in gusts]
         marks = f"gust ({len(begins)})", palette.GUST, begins
-        return [rrb.Vertical(*self._drawn("air", self._timeline.wind, marks), name="Wind")]
+        return [rrb.Vertical(*self._drawn("air", self._timeline.wind_charts, marks), name="Wind")]
 
     def loops(self) -> list[rrb.Container]:
         """Measured steps by axis, and loops with their margins; nothing where none is known."""

@@ -53,7 +53,7 @@ def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
     assert time[0] == approx(100.0, abs=0.2) and time[-1] == approx(110.0, abs=0.2)
     for segment in (1, 2, 3):
         flown(history, 2.0, segment, 110.0 + 5 * segment)
-    measured = live_timeline(history, "roll").rows[0].lines[0]
+    measured = live_timeline(history, "roll").flight_charts[0].lines[0]
     assert np.isnan(measured.y).sum() == 3
     # no line is drawn across a gap
     assert np.diff(measured.x)[~np.isnan(measured.y[1:])].max() < 1.0

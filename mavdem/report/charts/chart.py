@@ -1,8 +1,8 @@
-"""Charts: every picture of a page as data, which its script draws with uPlot, and matplotlib for Python users.
+"""Charts as data: lines, bands, marks and spectrograms, which pages draw with uPlot and notebooks with matplotlib.
 
-A :class:`Chart` has lines of one unit over one axis, with bands, marks and spans, or the heat of a spectrogram. Charts
-of one ``group`` share their axis: they are zoomed and read together. A :class:`Plan` is a picture with axes of its own,
-as a rose or a vehicle from above.
+A :class:`Chart` has lines of one unit over one axis, or a spectrogram. Charts of one ``group`` share their axis: they
+are zoomed and read together. A :class:`Plan` is a drawing with axes of its own, such as a wind rose or a vehicle from
+above. A :class:`Group` arranges both in columns of a page.
 """
 
 from __future__ import annotations
@@ -20,236 +20,378 @@ from mavdem.containers import JsonValues, Names, Numbers
 from mavdem.report.numbers import name_with_unit, rounded
 from mavdem.report.palette import MEASURED
 
-GAP_STEPS = 3.0  # usual steps of a line without a sample, beyond which it breaks
-NO_VALUE = np.iinfo(np.int16).min
+MAX_GAP_STEPS = 3.0
+"""Longest gap between two samples that a line bridges, in usual steps of that line: one lost sample does not show."""
+
 MAX_POINTS = 12_000
+"""Points of a line on a page: ten minutes with all that autopilots log then stay within two megabytes."""
+
 MAX_POINTS_OF_SMALL_PAGE = 2_000
-"""Of a line: ten minutes with all that autopilots log stay within two megabytes; of a small page."""
+"""Points of a line on a page of a fleet's flight, of which there are many."""
+
+NO_VALUE = np.iinfo(np.int16).min
+"""The 16-bit integer that stands for NaN in the data of a page."""
+
+MAX_COUNT = 2**16 - 2
+"""Steps that 16-bit integers can count, when one of them is kept for NaN."""
+
+MAX_SAMPLES_DRAWN_SINGLY = 3
+"""Samples within two steps of a grid up to which a line is interpolated; of more, minimum and maximum are drawn."""
 
 
 class Kind(StrEnum):
     """How a line is drawn."""
 
     LINE = "line"
+    """A solid line."""
+
     DASHES = "dashes"
+    """A dashed line, for what was predicted or computed."""
+
     DOTS = "dots"
-    """With a whisker for its band."""
+    """A dot for each value, with a whisker for its band."""
+
     STEMS = "stems"
-    """From 0."""
+    """A vertical line from 0 to each value, as correlations are drawn."""
 
 
 class Axis(NamedTuple):
-    """What an axis is of, with its unit, and its ``ends`` where they are not those of the lines.
-
-    Of things that are counted there are ``names``, at 0, 1, 2 …
-    """
+    """One axis of a chart."""
 
     label: str
+    """What it shows, with its unit."""
+
     log: bool = False
+    """Whether it is logarithmic."""
+
     ends: tuple[float | None, float | None] | None = None
+    """Its limits; None where they are those of the lines."""
+
     names: Names = ()
+    """Labels at 0, 1, 2, … where it counts things, such as motors."""
 
 
 TIME = Axis("time since boot (s)")
+"""Time of a flight on the autopilot's boot clock."""
+
 TIME_AFTER_STEP = Axis("time (s)")
+"""Time from the beginning of a step response."""
+
 FREQUENCY = Axis("frequency (Hz)", log=True)
+"""Frequency of responses and of spectral densities."""
 
 
 class Line(NamedTuple):
-    """``y`` (N,) over ascending ``x`` (N,), NaN where it breaks, between the ends of its 90 % band, if any.
-
-    One on the ``right`` has an axis of its own.
-    """
+    """A line of a chart, or dots or stems, with its 90 % band if there is one."""
 
     name: str
+    """What the legend calls it."""
+
     colour: str
+    """Colour from ``mavdem.report.palette``."""
+
     x: Array
+    """Abscissae (N,), ascending."""
+
     y: Array
+    """Values (N,); NaN where the line breaks."""
+
     low: Array | None = None
+    """Lower end of the band (N,)."""
+
     high: Array | None = None
+    """Upper end of the band (N,)."""
+
     kind: Kind = Kind.LINE
+    """How it is drawn."""
+
     right: bool = False
+    """Whether its values belong to the axis on the right of the chart."""
 
     @classmethod
-    def around(
-        cls, name: str, colour: str, x: Array, y: Array, half: Array, kind: Kind = Kind.LINE
+    def with_band(
+        cls,
+        name: str,
+        colour: str,
+        x: Array,
+        y: Array,
+        half_width: Array,
+        kind: Kind = Kind.LINE,
     ) -> Line:
-        """Returns a line with a band of this ``half`` width (N,)."""
-        return cls(name, colour, x, y, y - half, y + half, kind)
+        """Returns a line with a band of this half width (N,) on either side."""
+        return cls(name, colour, x, y, y - half_width, y + half_width, kind)
 
     @property
     def step(self) -> float:
-        """The usual distance between two samples."""
+        """The median distance between two samples; infinite for a single one."""
         return float(np.median(np.diff(self.x))) if len(self.x) > 1 else np.inf
 
-    def at(self, grid: Array) -> Line:
-        """Returns the line at an even ``grid`` (M,).
+    def resampled(self, grid: Array) -> Line:
+        """Returns the line at the points of an even grid, without losing a peak.
 
-        Where several samples fall into two steps of it, these have the least and the largest: no peak is lost.
+        Values are interpolated linearly, and are NaN in gaps of more than ``MAX_GAP_STEPS`` and beyond the ends. Where
+        many samples fall into a pair of grid points, these two get the minimum and the maximum of the samples.
+
+        Args:
+            grid: abscissae (M,), evenly spaced.
         """
-        x = self.x
-        after = np.clip(np.searchsorted(x, grid), 1, len(x) - 1)
-        apart = x[after] - x[after - 1] > GAP_STEPS * self.step
-        beyond = apart | (grid < x[0]) | (grid > x[-1])
+        next_sample = np.clip(np.searchsorted(self.x, grid), 1, len(self.x) - 1)
+        distance = self.x[next_sample] - self.x[next_sample - 1]
+        is_missing = (
+            (distance > MAX_GAP_STEPS * self.step) | (grid < self.x[0]) | (grid > self.x[-1])
+        )
 
-        def between(values: Array) -> Array:
-            return np.where(beyond, np.nan, np.interp(grid, x, values))
+        def interpolated(values: Array) -> Array:
+            return np.where(is_missing, np.nan, np.interp(grid, self.x, values))
 
-        middle = between(self.y)
-        pairs = np.searchsorted(x, np.append(grid[::2], 2 * grid[-1] - grid[-2]))
-        # Of as many samples as steps three may fall into two of them.
-        several = np.flatnonzero(np.diff(pairs)[: len(grid) // 2] > 3)
-        if len(several):
-            starts = np.minimum(pairs[:-1], len(x) - 1)
-            least, most = (
-                extreme.reduceat(self.y, starts)[several] for extreme in (np.fmin, np.fmax)
-            )
-            falls = self.y[starts[several]] > self.y[pairs[several + 1] - 1]
-            middle[2 * several] = np.where(falls, most, least)
-            middle[2 * several + 1] = np.where(falls, least, most)
-        low, high = (None if bound is None else between(bound) for bound in (self.low, self.high))
-        return self._replace(x=grid, y=middle, low=low, high=high)
+        y = interpolated(self.y)
+        self._keep_extremes(grid, y)
+        low = None if self.low is None else interpolated(self.low)
+        high = None if self.high is None else interpolated(self.high)
+        return self._replace(x=grid, y=y, low=low, high=high)
+
+    def _keep_extremes(self, grid: Array, y: Array) -> None:
+        """Overwrites values ``y`` (M,) at an even ``grid`` (M,) by extremes, where many samples fall into two points.
+
+        Of the two, the first has the maximum where the samples fall from their first to their last, else the minimum.
+        """
+        end = 2 * grid[-1] - grid[-2]
+        pair_starts = np.searchsorted(self.x, np.append(grid[::2], end))
+        sample_counts = np.diff(pair_starts)[: len(grid) // 2]
+        # With as many samples as grid points, three of them may fall into one pair.
+        crowded = np.flatnonzero(sample_counts > MAX_SAMPLES_DRAWN_SINGLY)
+        if not len(crowded):
+            return
+        starts = np.minimum(pair_starts[:-1], len(self.x) - 1)
+        minimum = np.fmin.reduceat(self.y, starts)[crowded]
+        maximum = np.fmax.reduceat(self.y, starts)[crowded]
+        is_falling = self.y[starts[crowded]] > self.y[pair_starts[crowded + 1] - 1]
+        y[2 * crowded] = np.where(is_falling, maximum, minimum)
+        y[2 * crowded + 1] = np.where(is_falling, minimum, maximum)
 
 
 class Mark(NamedTuple):
-    """What is at one place of the axis."""
+    """A vertical line at one point of the horizontal axis, such as an event."""
 
     x: float
+    """Where it is, in the unit of the axis."""
+
     name: str = ""
+    """What is written beside it."""
+
     colour: str = MEASURED
+    """Colour from ``mavdem.report.palette``."""
+
+
+class Span(NamedTuple):
+    """A shaded part of the horizontal axis, such as a flight mode."""
+
+    start: float
+    """Where it begins, in the unit of the axis."""
+
+    end: float
+    """Where it ends."""
+
+    name: str = ""
+    """What is written in it."""
 
 
 class Heat(NamedTuple):
-    """``values`` (W, F) over ``x`` (W,) and ``y`` (F,), both even."""
+    """A spectrogram: values by colour over two even axes."""
 
     x: Array
+    """Abscissae (W,)."""
+
     y: Array
+    """Ordinates (F,), such as frequencies, Hz."""
+
     values: Array
+    """Values (W, F), such as power, dB."""
 
 
 class Chart(NamedTuple):
-    """Lines over an axis ``x``; those of the right have the axis ``beside``.
-
-    ``levels`` are drawn across, ``marks`` and ``spans`` (beginning, end and name) along. A chart of spans alone is a
-    strip with their names.
-    """
+    """Lines over one horizontal axis, or a spectrogram; a chart of spans alone is a strip with their names."""
 
     title: str
+    """What stands above it."""
+
     x: Axis
+    """Horizontal axis."""
+
     y: Axis
+    """Vertical axis on the left."""
+
     lines: tuple[Line, ...] = ()
+    """Lines, drawn in this order."""
+
     levels: Numbers = ()
+    """Ordinates of horizontal lines, such as limits."""
+
     marks: tuple[Mark, ...] = ()
-    spans: tuple[tuple[float, float, str], ...] = ()
+    """Vertical lines."""
+
+    spans: tuple[Span, ...] = ()
+    """Shaded parts of the horizontal axis."""
+
     heat: Heat | None = None
-    beside: Axis | None = None
+    """A spectrogram in the place of lines."""
+
+    right_axis: Axis | None = None
+    """Vertical axis on the right, of those lines that are ``right``."""
+
     group: str = ""
+    """Charts of the same group, unless empty, are zoomed together."""
 
     @property
-    def said(self) -> str:
-        """The chart in words, for those who do not see it."""
-        drawn = filter(None, map(_said, self.lines))
+    def description(self) -> str:
+        """The chart in words, for readers who do not see it: the range of each line."""
+        ranges = []
+        for line in self.lines:
+            text = _range_text(line)
+            if text:
+                ranges.append(text)
         unit = f" in {self.y.label}" if self.lines else ""
-        return f"{self.title}{unit} over {self.x.label}: {'; '.join(drawn) or 'a picture'}."
+        return f"{self.title}{unit} over {self.x.label}: {'; '.join(ranges) or 'a picture'}."
 
-    def thinned(self, points: int) -> Chart:
-        """Returns it with lines on one axis, at most about so many ``points`` of each."""
+    def thinned(self, max_points: int) -> Chart:
+        """Returns the chart with all lines on one common grid of at most about so many points.
+
+        A chart stays as it is if its lines share their abscissae already, none has too many points, and no gap in time
+        has to be broken.
+        """
         if not self.lines:
             return self
         longest = max(self.lines, key=lambda line: len(line.x))
-        alike = all(np.array_equal(line.x, longest.x) for line in self.lines)
-        # Over time, what is far from its neighbours is apart; a line of frequencies grows apart by itself.
-        steps = np.diff(longest.x)
-        breaks = self.x.label == TIME.label and (steps > GAP_STEPS * longest.step).any()
-        if alike and not breaks and len(longest.x) <= points:
+        has_common_x = all(np.array_equal(line.x, longest.x) for line in self.lines)
+        # Only over time does a long step mean missing samples; the steps of log-spaced frequencies grow anyway.
+        is_over_time = self.x.label == TIME.label
+        has_gaps = is_over_time and (np.diff(longest.x) > MAX_GAP_STEPS * longest.step).any()
+        if has_common_x and not has_gaps and len(longest.x) <= max_points:
             return self
         first = min(line.x[0] for line in self.lines)
         last = max(line.x[-1] for line in self.lines)
-        step = max(min(line.step for line in self.lines), (last - first) / points)
+        step = max(min(line.step for line in self.lines), (last - first) / max_points)
         grid = first + step * np.arange(int((last - first) / step) + 1)
-        return self._replace(lines=tuple(line.at(grid) for line in self.lines))
+        return self._replace(lines=tuple(line.resampled(grid) for line in self.lines))
 
-    def as_json(self, points: int) -> JsonValues:
-        """Returns what the page's script draws, with values as 16-bit integers, base64."""
-        thinned = self.thinned(points)
-        lines = [
-            line._asdict()
-            | {
-                key: _packed(getattr(line, key), self.y.log and not line.right)
-                for key in ("y", "low", "high")
-            }
-            | {"x": None}
-            for line in thinned.lines
-        ]
-        grid = thinned.lines[0].x if lines else None
+    def as_json(self, max_points: int) -> JsonValues:
+        """Returns the data from which ``charts.js`` draws the chart; arrays are 16-bit integers in base64.
+
+        Args:
+            max_points: of a line; longer ones are thinned.
+        """
         heat = self.heat
         if heat is not None:
-            levels = 255 * (heat.values - heat.values.min()) / max(np.ptp(heat.values), 1e-9)
-            grid = np.array([heat.x[0], heat.x[-1]])
-            pixels = b64encode(levels.astype(np.uint8).tobytes()).decode()
-            lines = [{"heat": pixels, "rows": len(heat.x), "ends": (heat.y[0], heat.y[-1])}]
-        axes = {"x": self.x, "y": self.y, "beside": self.beside}
+            lines = [_heat_as_json(heat)]
+            grid: Array | None = np.array([heat.x[0], heat.x[-1]])
+        else:
+            thinned_lines = self.thinned(max_points).lines
+            lines = [_line_as_json(line, self.y.log and not line.right) for line in thinned_lines]
+            grid = thinned_lines[0].x if thinned_lines else None
         return {
-            **self._asdict(),
-            **{name: axis and axis._asdict() for name, axis in axes.items()},
-            "at": _packed(grid, self.x.log, even=not self.x.log),
+            "title": self.title,
+            "x": self.x._asdict(),
+            "y": self.y._asdict(),
+            "beside": None if self.right_axis is None else self.right_axis._asdict(),
+            "at": _packed(grid, self.x.log, is_even_grid=not self.x.log),
             "lines": lines,
+            "levels": self.levels,
+            "marks": self.marks,
+            "spans": self.spans,
             "heat": None,
+            "group": self.group,
         }
 
 
 class Plan(NamedTuple):
-    """A picture as ``<svg>``, with its ``title`` and, ``said`` for those who do not see it, what it shows."""
+    """A drawing with axes of its own, such as a wind rose."""
 
     title: str
-    said: str
+    """What stands above it."""
+
+    description: str
+    """The drawing in words, for readers who do not see it."""
+
     svg: Markup
+    """The drawing as an ``<svg>`` element."""
 
 
 Panel = Chart | Plan
+"""What a column of a page may hold."""
+
 Charts = tuple[Chart, ...]
 
 
 class Group(NamedTuple):
-    """Charts in ``columns`` beside each other, where there is room, with a ``caption``."""
+    """Panels of a page, in columns side by side where there is room."""
 
     columns: tuple[tuple[Panel, ...], ...]
+    """The panels of each column, from top to bottom."""
+
     caption: str = ""
+    """What stands below."""
 
     @classmethod
     def of(cls, panels: Iterable[Panel | None], caption: str = "") -> Group:
-        """Returns a group with a column for each of the ``panels`` that there are."""
+        """Returns a group with one column for each of the ``panels``; None among them is left out."""
         return cls(tuple((panel,) for panel in panels if panel is not None), caption)
 
 
 def over_time(title: str, unit: str, lines: Iterable[Line]) -> Chart:
-    """Returns a chart of a flight over the boot clock, whose axis all such charts share."""
+    """Returns a chart of a flight over the boot clock; all such charts of a page are zoomed together."""
     return Chart(title, TIME, Axis(name_with_unit(title, unit)), tuple(lines), group="flight")
 
 
-def _said(line: Line) -> str:
-    """From where to where it goes."""
+def _range_text(line: Line) -> str:
+    """Returns the range of a line in words, such as "motor 1 from 1.00 to 4.00"; empty without a finite value."""
     finite = line.y[np.isfinite(line.y)]
     if not len(finite):
         return ""
     return f"{line.name or 'values'} from {rounded(finite.min(), 3)} to {rounded(finite.max(), 3)}"
 
 
-def _packed(values: Array | None, log: bool, even: bool = False) -> JsonValues | None:
-    """The least value, the step of what is counted in it, and the counts as 16-bit integers in base64.
+def _line_as_json(line: Line, is_log: bool) -> JsonValues:
+    """Returns a line as JSON with packed values; its abscissae are those of the chart."""
+    return {
+        **line._asdict(),
+        "x": None,
+        "y": _packed(line.y, is_log),
+        "low": _packed(line.low, is_log),
+        "high": _packed(line.high, is_log),
+    }
 
-    Of a ``log`` axis these are the logarithms; where steps are ``even`` there are no counts.
+
+def _heat_as_json(heat: Heat) -> JsonValues:
+    """Returns a spectrogram as JSON: a byte a value, from the lowest (0) to the highest (255), column by column."""
+    levels = 255 * (heat.values - heat.values.min()) / max(np.ptp(heat.values), 1e-9)
+    return {
+        "heat": b64encode(levels.astype(np.uint8).tobytes()).decode(),
+        "rows": len(heat.x),
+        "ends": (heat.y[0], heat.y[-1]),
+    }
+
+
+def _packed(values: Array | None, is_log: bool, is_even_grid: bool = False) -> JsonValues | None:
+    """Packs an array (N,) into 16-bit integers: value = low + step · (integer + 32767), and −32768 is NaN.
+
+    Args:
+        values: the array; None gives None.
+        is_log: packs decimal logarithms of the values instead, for a logarithmic axis.
+        is_even_grid: whether the values may be evenly spaced. If they are, only start, step and size are returned.
     """
     if values is None:
         return None
-    if log:
+    if is_log:
         with np.errstate(divide="ignore", invalid="ignore"):
             values = np.log10(values)
-    if even and len(values) > 1 and np.allclose(np.diff(values), values[1] - values[0]):
-        return {"low": values[0], "step": values[1] - values[0], "size": len(values)}
-    finite = values[np.isfinite(values)]
+    if is_even_grid and len(values) > 1:
+        step = values[1] - values[0]
+        if np.allclose(np.diff(values), step):
+            return {"low": values[0], "step": step, "size": len(values)}
+    is_finite = np.isfinite(values)
+    finite = values[is_finite]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
-    step = (high - low) / (2**16 - 2) or 1.0
-    shown = np.where(np.isfinite(values), values, np.nan)
-    counts = np.nan_to_num(np.rint((shown - low) / step) + NO_VALUE + 1, nan=NO_VALUE)
+    step = (high - low) / MAX_COUNT or 1.0
+    steps = (np.where(is_finite, values, np.nan) - low) / step
+    counts = np.nan_to_num(np.rint(steps) + NO_VALUE + 1, nan=NO_VALUE)
     return {"low": low, "step": step, "counts": b64encode(counts.astype("<i2").tobytes()).decode()}

@@ -1,6 +1,7 @@
-"""Charts of a flight: step responses as measured and predicted, loops now and advised, and spectra of the gyro."""
+"""Charts of a flight: step responses, open loops with their margins, and the spectra and spectrograms of sensors."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,144 +25,264 @@ from mavdem.report.charts.chart import (
     Line,
     Mark,
 )
-from mavdem.report.charts.model_charts import banded
+from mavdem.report.charts.model_charts import line_with_quantile_band
 from mavdem.report.palette import BAD, COMMAND, MEASURED, PHYSICAL, PREDICTED
 from mavdem.vibration.spectra import Spectrum, max_decimated
 from mavdem.vibration.spectral_lines import LineKind
 
-SHOWN = ("{}_before", "before the filters", MEASURED), ("{}", "behind the filters", PREDICTED)
-"""Name and colour of the spectra of a sensor."""
-BINS = 400
-"""Of a spectrum and of a spectrogram that are drawn."""
-SHARE = Axis("share of the step")
-GAIN = Axis("gain |T|", log=True)
+
+class FilterStage(NamedTuple):
+    """A stage of a sensor's signal whose spectrum is drawn."""
+
+    key: str
+    """Key of its spectrum in ``MeasuredNoise.spectra``, with {} for the sensor."""
+
+    name: str
+    """Name in the legend."""
+
+    colour: str
+    """Colour of the line."""
+
+
+FILTER_STAGES = (
+    FilterStage("{}_before", "before the filters", MEASURED),
+    FilterStage("{}", "after the filters", PREDICTED),
+)
+"""The spectra of a sensor that are drawn, where they were measured."""
+
+MAX_BINS = 400
+"""Points of a spectrum, and columns of a spectrogram, that are drawn: about as many as pixels on a small screen."""
+
+MIN_DENSITY = 1e-12
+"""Lowest spectral density that is drawn, so that a logarithmic axis has no zero."""
+
+MIN_FILTER_GAIN = 1e-4
+"""Lowest gain of the filters that is drawn: −80 dB, the lower end of its axis."""
+
+MAX_NYQUIST_FRACTION = 0.499
+"""Highest frequency of the filters' response, as a fraction of the gyro's sampling rate: just below Nyquist's 0.5."""
+
+MIN_GAIN_RATIO = 10.0
+"""The lower end of the band of |T| is at least |T| divided by this: a logarithmic axis has no zero."""
+
+HEAT_PERCENTILES = (20.0, 99.8)
+"""Percentiles of the power, dB, that a spectrogram shows as its lowest and highest colour."""
+
+STEP_RESPONSE = Axis("share of the step")
+"""Axis of a response to a step of 1."""
+
+CLOSED_LOOP_GAIN = Axis("gain |T|", log=True)
+"""Axis of the gain from setpoint to response."""
+
+LOOP_COLOURS = PREDICTED, PHYSICAL
+"""Colours of the loop now and of the loop with advised gains."""
+
+SENSITIVITY_LEVELS = 1.0, MARGIN_TARGETS["default"].ms
+"""Horizontal lines of a sensitivity |S|: 1, as without a loop, and the largest one that is allowed."""
 
 
 def step_charts(responses: Responses) -> tuple[Charts, ...]:
-    """Returns steps of rate and angle, and |T| of the rate, by axis, as measured and as predicted."""
-    columns = (
-        tuple(
-            chart
-            for loop, response in loops.items()
-            if isinstance(response.measured, StepResponse)
-            for chart in _of_response(f"{axis.capitalize()} {loop}", response, response.measured)
-        )
-        for axis, loops in responses.items()
-    )
-    return tuple(filter(None, columns))
+    """Returns charts of the closed-loop responses, measured and predicted: a column for each axis.
 
-
-def _of_response(title: str, response: LoopResponse, seen: StepResponse) -> Iterator[Chart]:
-    """Yields the step and, of the rate, |T|."""
-    steps = [Line.around("measured", MEASURED, seen.time, seen.step, seen.step_half)]
-    least = np.maximum(seen.gain - seen.gain_half, seen.gain / 10)
-    most = seen.gain + seen.gain_half
-    gains = [Line("measured", MEASURED, seen.frequency, seen.gain, least, most)]
-    if response.predicted_step is not None and response.predicted_gain is not None:
-        dashes = Line("predicted", PREDICTED, seen.time, response.predicted_step, kind=Kind.DASHES)
-        steps.append(dashes)
-        gains.append(dashes._replace(x=seen.frequency, y=response.predicted_gain))
-    yield Chart(f"{title}: step", TIME_AFTER_STEP, SHARE, tuple(steps), (1.0,))
-    if seen.loop == "rate":
-        yield Chart(f"{title}: |T|", FREQUENCY, GAIN, tuple(gains), (1.0,))
-
-
-COLOURS = PREDICTED, PHYSICAL
-# Levels of the sensitivity: of no loop, and the most that is allowed
-MOST_SENSITIVE = 1.0, MARGIN_TARGETS["default"].ms
-
-
-def loop_charts(loops: Mapping[str, Loop], which: str = "rate") -> Charts:
-    """Returns gain and phase of named open loops of one axis, and their sensitivity, with 90 % bands.
-
-    ``which`` is "rate" or "attitude". Marked is where the gain is 1, at the phase with its margin; the level is the
-    largest sensitivity to have.
+    A column has the step responses of rate and angle, and the gain |T| of the rate loop. Axes without a measured
+    response have no column.
     """
-    charts = (
-        Chart("gain (dB)", FREQUENCY, Axis("gain (dB)", ends=(-40.0, 30.0)), levels=(0.0,)),
-        Chart("phase (°)", FREQUENCY, Axis("phase (°)", ends=(-300.0, -45.0)), levels=(-180.0,)),
-        Chart("sensitivity", FREQUENCY, Axis("sensitivity |S|", log=True), levels=MOST_SENSITIVE),
+    columns = []
+    for axis, loops in responses.items():
+        charts: list[Chart] = []
+        for loop_name, response in loops.items():
+            if isinstance(response.measured, StepResponse):
+                title = f"{axis.capitalize()} {loop_name}"
+                charts += _response_charts(title, response, response.measured)
+        if charts:
+            columns.append(tuple(charts))
+    return tuple(columns)
+
+
+def _response_charts(title: str, response: LoopResponse, measured: StepResponse) -> Iterator[Chart]:
+    """Yields the chart of a step response and, for a rate loop, that of its gain |T| over frequency.
+
+    Args:
+        title: axis and loop, such as "Roll rate".
+        response: with the prediction, where the loop is identified.
+        measured: the measured response, with its 90 % band.
+    """
+    steps = [Line.with_band("measured", MEASURED, measured.time, measured.step, measured.step_half)]
+    low = np.maximum(measured.gain - measured.gain_half, measured.gain / MIN_GAIN_RATIO)
+    high = measured.gain + measured.gain_half
+    gains = [Line("measured", MEASURED, measured.frequency, measured.gain, low, high)]
+    if response.predicted_step is not None and response.predicted_gain is not None:
+        predicted_step = Line(
+            "predicted", PREDICTED, measured.time, response.predicted_step, kind=Kind.DASHES
+        )
+        steps.append(predicted_step)
+        gains.append(predicted_step._replace(x=measured.frequency, y=response.predicted_gain))
+    yield Chart(f"{title}: step", TIME_AFTER_STEP, STEP_RESPONSE, tuple(steps), (1.0,))
+    if measured.loop == "rate":
+        yield Chart(f"{title}: |T|", FREQUENCY, CLOSED_LOOP_GAIN, tuple(gains), (1.0,))
+
+
+def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
+    """Returns charts of gain, phase and sensitivity of open loops over frequency, with 90 % bands.
+
+    A mark at each crossover frequency, where the gain is 1, has the phase margin beside it in the chart of the phase.
+
+    Args:
+        loops: variants of the loops of one axis, by the name that the legend shows, such as "now" and "advised".
+        loop_name: "rate" or "attitude".
+    """
+    gains = []
+    phases = []
+    sensitivities = []
+    crossovers = []
+    for (name, loop), colour in zip(loops.items(), LOOP_COLOURS, strict=False):
+        open_loop: OpenLoop = getattr(loop, loop_name)
+        is_shown = open_loop.frequency >= MIN_COMPARED_FREQUENCY
+        frequency = open_loop.frequency[is_shown]
+        response = open_loop.response[:, is_shown]
+        decibels = 20 * np.log10(abs(response))
+        sensitivity = 1 / abs(1 + response)
+        gains.append(line_with_quantile_band(name, colour, frequency, decibels))
+        phases.append(line_with_quantile_band(name, colour, frequency, _phase(response)))
+        sensitivities.append(line_with_quantile_band(name, colour, frequency, sensitivity))
+        margin = f"{open_loop.phase_margin:.0f}°"
+        crossovers.append(Mark(open_loop.crossover, margin, colour))
+    unnamed = tuple(mark._replace(name="") for mark in crossovers)
+    axis = next(iter(loops.values())).axis.capitalize()
+    title = f"{axis} {loop_name}"
+    return (
+        Chart(
+            f"{title}: gain (dB)",
+            FREQUENCY,
+            Axis("gain (dB)", ends=(-40.0, 30.0)),
+            tuple(gains),
+            levels=(0.0,),
+            marks=unnamed,
+        ),
+        Chart(
+            f"{title}: phase (°)",
+            FREQUENCY,
+            Axis("phase (°)", ends=(-300.0, -45.0)),
+            tuple(phases),
+            levels=(-180.0,),
+            marks=tuple(crossovers),
+        ),
+        Chart(
+            f"{title}: sensitivity",
+            FREQUENCY,
+            Axis("sensitivity |S|", log=True),
+            tuple(sensitivities),
+            levels=SENSITIVITY_LEVELS,
+            marks=unnamed,
+        ),
     )
-    title = f"{next(iter(loops.values())).axis.capitalize()} {which}"
-    lines: tuple[list[Line], ...] = ([], [], [])
-    marks = []
-    for (name, loop), colour in zip(loops.items(), COLOURS, strict=False):
-        opened: OpenLoop = getattr(loop, which)
-        shown = opened.frequency >= MIN_COMPARED_FREQUENCY
-        response = opened.response[:, shown]
-        turned = np.unwrap(np.angle(response), axis=1)
-        turned -= 2 * np.pi * (turned[:, :1] > 0)
-        drawn = 20 * np.log10(abs(response)), np.degrees(turned), 1 / abs(1 + response)
-        for values, those in zip(drawn, lines, strict=True):
-            those.append(banded(name, colour, opened.frequency[shown], values))
-        marks.append(Mark(opened.crossover, f"{opened.phase_margin:.0f}°", colour))
-    bare = [mark._replace(name="") for mark in marks]
-    return tuple(
-        chart._replace(title=f"{title}: {chart.title}", lines=tuple(those), marks=tuple(here))
-        for chart, those, here in zip(charts, lines, (bare, marks, bare), strict=True)
-    )
+
+
+def _phase(response: Array) -> Array:
+    """Returns the unwrapped phase, degrees, of open-loop responses (N, F); each begins between −360 and 0 degrees."""
+    phase = np.unwrap(np.angle(response), axis=1)
+    starts_above_zero = phase[:, :1] > 0
+    phase -= 2 * np.pi * starts_above_zero
+    return np.degrees(phase)
 
 
 def spectrum_chart(noise: MeasuredNoise, loop: Loop | None = None, name: str = GYRO) -> Chart:
-    """Returns the spectra of the gyro, or what ``name`` says, with their lines.
+    """Returns the chart of a sensor's spectrum before and after its filters, with marks at its spectral lines.
 
-    With those of the gyro is what the filters of a ``loop`` pass.
+    Args:
+        noise: spectra and spectral lines of the sensors; there is at least one of this sensor.
+        loop: a loop whose gyro filters are drawn as a gain in dB, and whose crossover is marked; None without.
+        name: of the sensor in ``noise``.
     """
-    lines = []
-    peaks = noise.peaks.get(f"{name}_before", noise.peaks.get(name, ()))
+    lines, unit = _spectrum_lines(noise, name)
+    spectral_lines = noise.peaks.get(f"{name}_before", noise.peaks.get(name, ()))
     marks = [
         Mark(line.frequency, "?" if line.kind is LineKind.UNNAMED else str(line.kind))
-        for line in peaks
+        for line in spectral_lines
     ]
-    unit = "1/Hz"
-    for key, where, colour in SHOWN:
-        if (spectrum := noise.spectra.get(key.format(name))) is not None:
-            if spectrum.unit != "1":
-                unit = f"({spectrum.unit})²/Hz"
-            frequency, density = max_decimated(
-                spectrum.frequency[1:], spectrum.mean_density.sum(axis=0)[1:], BINS
-            )
-            lines.append(Line(where, colour, frequency, np.maximum(density, 1e-12)))
-    highest = max(line.x[-1] for line in lines)
-    beside = None
+    max_frequency = max(line.x[-1] for line in lines)
+    right_axis = None
     if loop is not None:
-        top = min(highest, 0.499 * loop.controller.gyro_rate)
-        frequency = np.linspace(0.1, top, BINS)
-        passed = np.maximum(abs(gyro_response(loop.controller, frequency)), 1e-4)
-        decibels = 20 * np.log10(passed)
-        filters = Line("filters", COMMAND, frequency, decibels, kind=Kind.DASHES, right=True)
-        lines.append(filters)
-        beside = Axis("(dB)", ends=(-80.0, 3.0))
+        lines.append(_filter_line(loop, max_frequency))
+        right_axis = Axis("(dB)", ends=(-80.0, 3.0))
         marks.append(Mark(loop.crossover, "crossover", BAD))
     return Chart(
         f"{name.replace('_', ' ').capitalize()}, power ({unit})",
-        Axis("frequency (Hz)", ends=(0.0, highest)),
+        Axis("frequency (Hz)", ends=(0.0, max_frequency)),
         Axis(f"power ({unit})", log=True),
         tuple(lines),
         marks=tuple(marks),
-        beside=beside,
+        right_axis=right_axis,
     )
 
 
-def spectrogram(spectrum: Spectrum) -> Iterator[Chart]:
-    """Yields the power of a sensor by frequency over time and, where the motors' output is known, over throttle."""
-    order = np.argsort(spectrum.time)
-    levels, over_levels = spectrum.density_by_throttle
-    over_time = _heat(spectrum.time[order], spectrum.frequency, spectrum.total_density[order])
-    hertz = Axis("frequency (Hz)")
+class _SpectrumLines(NamedTuple):
+    """The spectra of one sensor as lines."""
+
+    lines: list[Line]
+    """Power by frequency, before and after the filters, as far as measured."""
+
+    unit: str
+    """Unit of the power."""
+
+
+def _spectrum_lines(noise: MeasuredNoise, name: str) -> _SpectrumLines:
+    """Returns the spectra of a sensor, the power of its three axes added up."""
+    lines = []
+    unit = "1/Hz"
+    for stage in FILTER_STAGES:
+        spectrum = noise.spectra.get(stage.key.format(name))
+        if spectrum is None:
+            continue
+        if spectrum.unit != "1":
+            unit = f"({spectrum.unit})²/Hz"
+        # The first frequency, 0 Hz, is the mean and no vibration.
+        frequency, density = max_decimated(
+            spectrum.frequency[1:], spectrum.mean_density.sum(axis=0)[1:], MAX_BINS
+        )
+        power = np.maximum(density, MIN_DENSITY)
+        lines.append(Line(stage.name, stage.colour, frequency, power))
+    return _SpectrumLines(lines, unit)
+
+
+def _filter_line(loop: Loop, max_frequency: float) -> Line:
+    """Returns the gain, dB, of the gyro filters of a loop up to a frequency, Hz, on the axis on the right."""
+    nyquist = MAX_NYQUIST_FRACTION * loop.controller.gyro_rate
+    frequency = np.linspace(0.1, min(max_frequency, nyquist), MAX_BINS)
+    gain = np.maximum(abs(gyro_response(loop.controller, frequency)), MIN_FILTER_GAIN)
+    decibels = 20 * np.log10(gain)
+    return Line("filters", COMMAND, frequency, decibels, kind=Kind.DASHES, right=True)
+
+
+def spectrogram_charts(spectrum: Spectrum) -> Sequence[Chart]:
+    """Returns the power of a sensor by frequency over time and, if the motors' output is known, over throttle."""
     name = spectrum.name.removesuffix("_before").replace("_", " ").capitalize()
-    yield Chart(f"{name} over time (Hz)", TIME, hertz, heat=over_time, group="flight")
-    if len(levels) > 1:
-        over_throttle = _heat(100 * levels, spectrum.frequency, over_levels)
-        throttle = Axis("throttle (%)")
-        yield Chart(f"{name} over throttle (Hz)", throttle, hertz, heat=over_throttle)
+    frequency_axis = Axis("frequency (Hz)")
+    order = np.argsort(spectrum.time)
+    over_time = _heat(spectrum.time[order], spectrum.frequency, spectrum.total_density[order])
+    charts = [Chart(f"{name} over time (Hz)", TIME, frequency_axis, heat=over_time, group="flight")]
+    throttle_levels, density_by_level = spectrum.density_by_throttle
+    if len(throttle_levels) > 1:
+        over_throttle = _heat(100 * throttle_levels, spectrum.frequency, density_by_level)
+        title = f"{name} over throttle (Hz)"
+        charts.append(Chart(title, Axis("throttle (%)"), frequency_axis, heat=over_throttle))
+    return charts
 
 
 def _heat(x: Array, frequency: Array, density: Array) -> Heat:
-    """Decibels on an even axis, each as wide as to the next."""
-    hertz, shown = max_decimated(frequency, density, BINS // 2)
-    decibels = 10 * np.log10(np.maximum(shown, np.finfo(np.float64).tiny))
-    even = np.linspace(x[0], x[-1], int(np.clip(len(x), 2, BINS)))
-    nearest = abs(even[:, None] - x).argmin(axis=1)
-    ends = np.percentile(decibels, (20, 99.8))
-    return Heat(even, hertz, np.clip(decibels[nearest], *ends))
+    """Returns spectral densities as the colours of a spectrogram, in dB.
+
+    Args:
+        x: ascending times or throttle levels (W,).
+        frequency: frequencies (F,), Hz.
+        density: spectral density (W, F).
+
+    Returns:
+        The densities on an even axis, at each point those of the nearest ``x``, limited to ``HEAT_PERCENTILES``.
+    """
+    frequency_bins, bin_density = max_decimated(frequency, density, MAX_BINS // 2)
+    decibels = 10 * np.log10(np.maximum(bin_density, np.finfo(np.float64).tiny))
+    even_x = np.linspace(x[0], x[-1], int(np.clip(len(x), 2, MAX_BINS)))
+    nearest = abs(even_x[:, None] - x).argmin(axis=1)
+    low, high = np.percentile(decibels, HEAT_PERCENTILES)
+    return Heat(even_x, frequency_bins, np.clip(decibels[nearest], low, high))

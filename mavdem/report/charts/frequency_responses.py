@@ -1,4 +1,4 @@
-"""Systems: what the axis's command does to a vehicle, over frequency, by its physical parameters or by DEM's model."""
+"""Frequency responses of a vehicle to the command of an axis, by its physical parameters or by DEM's model."""
 
 import numpy as np
 
@@ -8,9 +8,25 @@ from mavdem.loops.loop_construction import POSTERIOR_DRAWS
 from mavdem.loops.margins import Complex
 from mavdem.plant import Physical
 
+DYNAMICS_COUNT = 3
+"""Parameters that follow the effectiveness of each motor in a draw of physical parameters: damping, lag and delay."""
+
+DRAWS_SEED = 0
+"""Seed of the draws, so that the same model always has the same band."""
+
 
 def model_response(learned: Learned, motors: Array, frequency: Array, output: int) -> Complex:
-    """Returns (1, F) of an ``output`` of DEM's model to a command that moves the ``motors`` (r,), at (F,) Hz."""
+    """Returns the frequency response of an output of DEM's model: C (sI − A)⁻¹ B m at s = 2πjf.
+
+    Args:
+        learned: the model, with matrices A, B and C.
+        motors: what the motors do for a command of 1, m (r,).
+        frequency: frequencies f (F,), Hz.
+        output: index of the output.
+
+    Returns:
+        Output per command, (1, F) complex.
+    """
     A, B, C = learned.model.A, learned.model.B, learned.model.C
     s = 2j * np.pi * frequency[:, None, None]
     states = np.linalg.solve(s * np.eye(len(A)) - A, (B @ motors)[:, None])
@@ -18,17 +34,32 @@ def model_response(learned: Learned, motors: Array, frequency: Array, output: in
 
 
 def plant_response(physical: Physical, motors: Array, frequency: Array, is_angle: bool) -> Complex:
-    """Returns (1 + POSTERIOR_DRAWS, F) of the rate, or the angle: of the physical parameters, then of draws of them."""
-    theta = physical.draws(POSTERIOR_DRAWS, 0)
-    effect = theta[:, :-3] @ motors
-    damping, lag, delay = theta[:, -3:].T[..., None]
+    """Returns the frequency response of the physical plant, for its parameters and for draws from their posterior.
+
+    The rate per command is e^(−τs) b·m / ((s + d)(Ts + 1)) at s = 2πjf, with the effectiveness b of the motors, the
+    rate damping d, the motor time constant T and the delay τ.
+
+    Args:
+        physical: the parameters with their covariance.
+        motors: what the motors do for a command of 1, m (r,).
+        frequency: frequencies f (F,), Hz.
+        is_angle: whether the response of the angle is returned, that of the rate divided by s.
+
+    Returns:
+        Responses (1 + POSTERIOR_DRAWS, F), complex: of the estimate in the first row, then of the draws.
+    """
+    draws = physical.draws(POSTERIOR_DRAWS, DRAWS_SEED)
+    effect = draws[:, :-DYNAMICS_COUNT] @ motors
+    damping, lag, delay = draws[:, -DYNAMICS_COUNT:].T[..., None]
     s = 2j * np.pi * frequency
     rate = effect[:, None] * np.exp(-delay * s) / ((s + damping) * (lag * s + 1))
     return rate / s if is_angle else rate
 
 
-def plant_of(learned: Learned) -> Physical | None:
-    """Returns the physical parameters, where they are identifiable, and their outputs are those of the model."""
+def identified_plant(learned: Learned) -> Physical | None:
+    """Returns the physical parameters of a model if they describe its outputs: identifiable ones, of angle and rate."""
     physical = learned.physical
-    outputs = learned.record.outputs.shape[1]
-    return physical if physical is not None and outputs <= 2 and physical.identifiable else None
+    output_count = learned.record.outputs.shape[1]
+    if physical is None or output_count > 2 or not physical.identifiable:
+        return None
+    return physical

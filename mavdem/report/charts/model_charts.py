@@ -1,7 +1,9 @@
-"""Charts of a model: forecasts, residuals, responses and the wind torque.
+"""Charts of a learned model: forecasts, residuals, frequency responses and the wind torque, in degrees.
 
-Each function returns charts in degrees; ``learned.plot`` draws them with matplotlib, a page with its script.
+``learned.plot`` draws them with matplotlib, a page with its script.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,8 +14,12 @@ from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.dem import Learned
 from mavdem.dem.record import Record
 from mavdem.experiments.held_out import CONSTANT_MEAN, FORECAST, HeldOut
-from mavdem.report.charts.chart import FREQUENCY, TIME, Axis, Chart, Charts, Kind, Line
-from mavdem.report.charts.frequency_responses import model_response, plant_of, plant_response
+from mavdem.report.charts.chart import FREQUENCY, TIME, Axis, Chart, Charts, Kind, Line, Span
+from mavdem.report.charts.frequency_responses import (
+    identified_plant,
+    model_response,
+    plant_response,
+)
 from mavdem.report.labels import AxisCommand, Labels
 from mavdem.report.numbers import TORQUE_UNIT, display_unit, name_with_unit, unit_per_input
 from mavdem.report.palette import (
@@ -24,81 +30,116 @@ from mavdem.report.palette import (
     PREDICTED,
 )
 
-SHOWN_WINDOWS = 8  # held-out windows that are drawn in full, the first ones
-FASTEST_WIND = 10.0  # Hz: what is faster is noise of sensors
+MAX_DRAWN_WINDOWS = 8
+"""Held-out windows that are drawn in full, the first ones; of the others only the error is shown."""
+
+MAX_WIND_FREQUENCY = 10.0
+"""Highest frequency of the wind torque's spectrum that is drawn, Hz: what is faster is noise of sensors."""
+
+MIN_RESPONSE_FREQUENCY = 0.1
+"""Lowest frequency of a Bode chart, Hz."""
+
+MAX_RESPONSE_FREQUENCY = 20.0
+"""Highest frequency of a Bode chart, Hz."""
+
+MAX_SAMPLING_FRACTION = 0.4
+"""Highest frequency of a Bode chart as a fraction of the sampling rate: a model cannot be asked about faster motion."""
+
+RESPONSE_POINTS = 200
+"""Frequencies of a Bode chart."""
 
 
-def banded(name: str, colour: str, x: Array, values: Array) -> Line:
-    """Returns the estimate ``values`` (N, T)[0] with the band of the others; dashed where there are none."""
+def line_with_quantile_band(name: str, colour: str, x: Array, values: Array) -> Line:
+    """Returns the line of an estimate with the 90 % band of draws from its posterior.
+
+    Args:
+        name: of the line in the legend.
+        colour: of line and band.
+        x: abscissae (T,).
+        values: (N, T): the estimate in the first row, then the draws. Without draws the line is dashed.
+    """
     if len(values) == 1:
         return Line(name, colour, x, values[0], kind=Kind.DASHES)
     low, high = np.quantile(values[1:], INTERVAL_QUANTILES, axis=0)
     return Line(name, colour, x, values[0], low, high)
 
 
-def bode(learned: Learned, output: int = -1) -> Charts:
-    """Returns magnitude and phase of an ``output`` over frequency, from the axis's command, with 90 % bands.
+def bode_charts(learned: Learned, output: int = -1) -> Charts:
+    """Returns magnitude and phase of an output over frequency, per command of the axis, with 90 % bands.
 
-    Of the physical plant or, where that is not identifiable, of DEM's model.
+    The response is that of the physical plant or, where its parameters are not identifiable, of DEM's model.
+
+    Args:
+        learned: the model.
+        output: index of the output; the last one, a rate, unless given.
     """
     command = AxisCommand.of(learned)
     labels = Labels.of(learned)
-    output = range(len(labels.output_names))[output]
-    unit = display_unit(labels.output_units[output])
-    # What is faster than 0.4 of the sampling rate cannot be asked of the model.
-    frequency = np.geomspace(0.1, min(20.0, 0.4 / learned.dt), 200)
-    physical = plant_of(learned)
+    output_count = len(labels.output_names)
+    output_index = range(output_count)[output]
+    output_name = labels.output_names[output_index]
+    unit = display_unit(labels.output_units[output_index])
+    max_frequency = min(MAX_RESPONSE_FREQUENCY, MAX_SAMPLING_FRACTION / learned.dt)
+    frequency = np.geomspace(MIN_RESPONSE_FREQUENCY, max_frequency, RESPONSE_POINTS)
+    physical = identified_plant(learned)
     if physical is None:
-        response = model_response(learned, command.motors, frequency, output)
-        drawn = "DEM's model", PREDICTED, frequency
+        response = model_response(learned, command.motors, frequency, output_index)
+        source, colour = "DEM's model", PREDICTED
     else:
-        is_angle = output + 1 < len(labels.output_names)
+        is_angle = output_index + 1 < output_count
         response = plant_response(physical, command.motors, frequency, is_angle)
-        drawn = "physical parameters", PHYSICAL, frequency
-    phase = np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0]))
-    magnitude = Axis(unit_per_input(unit, command.unit), log=True)
-    title = f"{labels.output_names[output]} by {command.name} ({magnitude.label}), by {drawn[0]}"
-    gain = banded(*drawn, unit.scale * np.abs(response))
+        source, colour = "physical parameters", PHYSICAL
+    estimate = response[0]
+    # The phases of draws are counted from that of the estimate, so that none is a whole turn away from it.
+    phase = np.degrees(np.unwrap(np.angle(estimate)) + np.angle(response / estimate))
+    gain_axis = Axis(unit_per_input(unit, command.unit), log=True)
+    title = f"{output_name} by {command.name} ({gain_axis.label}), by {source}"
+    gain = line_with_quantile_band(source, colour, frequency, unit.scale * np.abs(response))
+    phase_line = line_with_quantile_band(source, colour, frequency, phase)
     return (
-        Chart(title, FREQUENCY, magnitude, (gain,)),
-        Chart("Phase (°)", FREQUENCY, Axis("phase (°)"), (banded(*drawn, phase),)),
+        Chart(title, FREQUENCY, gain_axis, (gain,)),
+        Chart("Phase (°)", FREQUENCY, Axis("phase (°)"), (phase_line,)),
     )
 
 
-def residuals(learned: Learned, output: int = -1) -> Charts:
+def residual_charts(learned: Learned, output: int = -1) -> Charts:
     """Returns one-step residuals over time, their autocorrelation, and their correlation with the command.
 
-    Correlations beyond the 99 % bounds are what the model leaves (Ljung, System Identification, 2nd ed., sec. 16.6).
+    Of a good model, about one correlation in a hundred lies beyond the 99 % bounds (L. Ljung, System Identification,
+    2nd ed., sec. 16.6).
+
+    Args:
+        learned: the model.
+        output: index of the output; the last one, a rate, unless given.
     """
     labels = Labels.of(learned)
-    unit = display_unit(labels.output_units[output])
-    series = residuals_of(learned, output)
-    time, errors = with_gaps(learned.record, unit.scale * series.errors)
     name = labels.output_names[output]
-    command = AxisCommand.of(learned).name
-    line = Line("residual", PREDICTED, time, errors)
+    unit = display_unit(labels.output_units[output])
+    residuals = residuals_of(learned, output)
+    series = series_with_gaps(learned.record, unit.scale * residuals.errors)
     charts = [
         Chart(
             f"Residual of {name} ({unit.name})",
             TIME,
             Axis(name_with_unit("residual", unit.name)),
-            (line,),
+            (Line("residual", PREDICTED, series.time, series.values),),
         )
     ]
-    tests = (
-        ("Autocorrelation", series.autocorrelation),
-        (f"Correlation with {command}", series.command_correlation),
-    )
-    for (title, values), bound in zip(tests, series.bounds, strict=True):
-        stems = Line("correlation", PREDICTED, series.lag[1:], values[1:], kind=Kind.STEMS)
-        charts.append(
-            Chart(title, Axis("lag (s)"), Axis("correlation"), (stems,), (-bound, 0.0, bound))
-        )
+    command_name = AxisCommand.of(learned).name
+    correlations = {
+        "Autocorrelation": residuals.autocorrelation,
+        f"Correlation with {command_name}": residuals.command_correlation,
+    }
+    for (title, values), bound in zip(correlations.items(), residuals.bounds, strict=True):
+        # The autocorrelation at lag 0 is always 1 and says nothing.
+        stems = Line("correlation", PREDICTED, residuals.lag[1:], values[1:], kind=Kind.STEMS)
+        levels = (-bound, 0.0, bound)
+        charts.append(Chart(title, Axis("lag (s)"), Axis("correlation"), (stems,), levels))
     return tuple(charts)
 
 
-def disturbance(learned: Learned) -> Charts:
-    """Returns the wind torque over time with band and gusts, and its spectral density.
+def wind_torque_charts(learned: Learned) -> Charts:
+    """Returns the wind torque over time with its band and gusts, and its spectral density with that of its model.
 
     Raises:
         ValueError: the wind torque is not identifiable.
@@ -107,94 +148,108 @@ def disturbance(learned: Learned) -> Charts:
     line = torque_line(learned, "wind torque", DISTURBANCE)
     if wind is None or line is None:
         raise ValueError("there is no wind torque to show: it is not identifiable in this flight")
-    clock = sample_times(learned.record)
-    starts = [(clock[gust.sample], gust.length) for gust in wind.gusts]
-    gusts = tuple((start, start + length, "gust") for start, length in starts)
-    shown = (wind.spectrum[0] > 0) & (wind.spectrum[0] <= FASTEST_WIND)
-    frequency, density, model = (values[shown] for values in wind.spectrum)
+    time = sample_times(learned.record)
+    gusts = []
+    for gust in wind.gusts:
+        start = time[gust.sample]
+        gusts.append(Span(start, start + gust.length, "gust"))
+    all_frequencies = wind.spectrum[0]
+    is_shown = (all_frequencies > 0) & (all_frequencies <= MAX_WIND_FREQUENCY)
+    frequency, density, model_density = (values[is_shown] for values in wind.spectrum)
+    scale = TORQUE_UNIT.scale**2
     spectrum = (
-        Line("wind torque", DISTURBANCE, frequency, TORQUE_UNIT.scale**2 * density),
-        Line("model of it", MEASURED, frequency, TORQUE_UNIT.scale**2 * model, kind=Kind.DASHES),
+        Line("wind torque", DISTURBANCE, frequency, scale * density),
+        Line("model of it", MEASURED, frequency, scale * model_density, kind=Kind.DASHES),
     )
-    unit = Axis(name_with_unit("wind torque", TORQUE_UNIT.name))
+    torque_axis = Axis(name_with_unit("wind torque", TORQUE_UNIT.name))
+    density_unit = f"({TORQUE_UNIT.name})²/Hz"
     return (
-        Chart("Wind torque", TIME, unit, (line,), (0.0,), spans=gusts),
-        Chart(
-            f"Its spectrum (({TORQUE_UNIT.name})²/Hz)",
-            FREQUENCY,
-            Axis(f"({TORQUE_UNIT.name})²/Hz", log=True),
-            spectrum,
-        ),
+        Chart("Wind torque", TIME, torque_axis, (line,), (0.0,), spans=tuple(gusts)),
+        Chart(f"Its spectrum ({density_unit})", FREQUENCY, Axis(density_unit, log=True), spectrum),
     )
 
 
 def torque_line(learned: Learned, name: str, colour: str) -> Line | None:
-    """Returns the wind torque with its band; None where it is not identifiable."""
+    """Returns the wind torque of a model over time, °/s², with its 90 % band; None where it is not identifiable."""
     wind = resolved_wind_torque(learned.wind_torque, learned.physical)
     if wind is None:
         return None
-    time, torque = with_gaps(learned.record, TORQUE_UNIT.scale * wind.torque)
-    _, half = with_gaps(learned.record, TORQUE_UNIT.scale * wind.band)
-    return Line.around(name, colour, time, torque, half)
+    torque = series_with_gaps(learned.record, TORQUE_UNIT.scale * wind.torque)
+    band = series_with_gaps(learned.record, TORQUE_UNIT.scale * wind.band)
+    return Line.with_band(name, colour, torque.time, torque.values, band.values)
 
 
-def forecast(held: HeldOut, labels: Labels, output: int = 0) -> Charts:
-    """Returns an output beside its forecasts in the first windows that no model saw, and the error in every window.
+def forecast_charts(held_out: HeldOut, labels: Labels, output: int = 0) -> Charts:
+    """Returns an output beside its forecasts in the first held-out windows, and the RMSE in every window.
 
-    Shown in full are the first windows; each is forecast anew.
+    The forecast begins anew in each window. With a single window there is no chart of the RMSE.
+
+    Args:
+        held_out: W windows that no model was trained on.
+        labels: names and units of the outputs.
+        output: index of the output.
 
     Raises:
-        ValueError: no windows.
+        ValueError: there are no windows.
     """
-    if not len(held):
+    if not len(held_out):
         raise ValueError("there is no held-out window")
-    unit = display_unit(labels.output_units[output])
     name = labels.output_names[output]
-    shown = slice(SHOWN_WINDOWS)
-    steps = held.time.shape[1]
-    ends = np.arange(steps, steps * len(held.time[shown]), steps)
-    time = np.insert(held.time[shown].ravel(), ends, held.time[shown][1:, 0])
+    unit = display_unit(labels.output_units[output])
+    time = held_out.time[:MAX_DRAWN_WINDOWS]
+    window_count, steps = time.shape
+    # A NaN at the beginning of each window but the first breaks the lines.
+    window_starts = np.arange(steps, steps * window_count, steps)
+    line_time = np.insert(time.ravel(), window_starts, time[1:, 0])
 
-    def joined(values: Array) -> Array:
-        return np.insert(unit.scale * values[shown, :, output].ravel(), ends, np.nan)
+    def concatenated(windows: Array) -> Array:
+        values = unit.scale * windows[:MAX_DRAWN_WINDOWS, :, output]
+        return np.insert(values.ravel(), window_starts, np.nan)
 
-    middle = joined(held.forecasts[FORECAST])
-    half = joined(held.band)
+    forecast = concatenated(held_out.forecasts[FORECAST])
+    band = concatenated(held_out.band)
     lines = (
-        Line("measured", MEASURED, time, joined(held.measured)),
-        Line.around("forecast", PREDICTED, time, middle, half),
+        Line("measured", MEASURED, line_time, concatenated(held_out.measured)),
+        Line.with_band("forecast", PREDICTED, line_time, forecast, band),
     )
-    charts = [
-        Chart(
-            f"Forecast of {name} ({unit.name})", TIME, Axis(name_with_unit(name, unit.name)), lines
-        )
-    ]
-    if len(held) > 1:
-        errors = tuple(
-            Line(
-                method,
-                colour,
-                held.time[:, 0],
-                unit.scale * np.sqrt(held.squared_errors(method)[:, output]),
-                kind=Kind.DOTS,
-            )
-            for method, colour in ((FORECAST, PREDICTED), (CONSTANT_MEAN, BASELINE))
-        )
-        axis = Axis(f"RMSE ({unit.name})", ends=(0.0, None))
-        charts.append(Chart(f"RMSE in every window ({unit.name})", TIME, axis, errors))
-    return tuple(charts)
+    output_axis = Axis(name_with_unit(name, unit.name))
+    chart = Chart(f"Forecast of {name} ({unit.name})", TIME, output_axis, lines)
+    if len(held_out) == 1:
+        return (chart,)
+    errors = []
+    for method, colour in ((FORECAST, PREDICTED), (CONSTANT_MEAN, BASELINE)):
+        rmse = unit.scale * np.sqrt(held_out.squared_errors(method)[:, output])
+        errors.append(Line(method, colour, held_out.time[:, 0], rmse, kind=Kind.DOTS))
+    rmse_axis = Axis(f"RMSE ({unit.name})", ends=(0.0, None))
+    rmse_chart = Chart(f"RMSE in every window ({unit.name})", TIME, rmse_axis, tuple(errors))
+    return (chart, rmse_chart)
 
 
 def sample_times(record: Record) -> Array:
-    """Returns (T,) s of the samples of a record: on the flight's clock or, where that is not known, since the first."""
-    segments = zip(
-        record.begins or tuple(record.dt * record.segment_starts), record.lengths, strict=True
-    )
-    return np.concatenate([begin + record.dt * np.arange(length) for begin, length in segments])
+    """Returns the times (T,) of the samples of a record, s.
+
+    They are on the flight's clock or, where a record of arrays does not know it, count from the first sample.
+    """
+    segment_times = record.begins or tuple(record.dt * record.segment_starts)
+    times = [
+        start + record.dt * np.arange(length)
+        for start, length in zip(segment_times, record.lengths, strict=True)
+    ]
+    return np.concatenate(times)
 
 
-def with_gaps(record: Record, values: Array) -> tuple[Array, Array]:
-    """Returns times and values (T + segments − 1,) with NaN between segments, where a line is to break."""
+class GappedSeries(NamedTuple):
+    """A series over time with a NaN between segments, where its line is to break; N = T + segments − 1."""
+
+    time: Array
+    """Times (N,), s."""
+
+    values: Array
+    """Values (N,)."""
+
+
+def series_with_gaps(record: Record, values: Array) -> GappedSeries:
+    """Returns values (T,) of the samples of a record as a series that is broken between its segments."""
     time = sample_times(record)
     starts = record.segment_starts[1:]
-    return np.insert(time, starts, time[starts]), np.insert(values, starts, np.nan)
+    return GappedSeries(np.insert(time, starts, time[starts]), np.insert(values, starts, np.nan))

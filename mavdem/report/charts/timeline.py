@@ -1,8 +1,8 @@
-"""Timeline: what a flight did, as charts on one axis of time, which a page zooms together."""
+"""Timeline: what a flight did over time, as charts on one common time axis that a page zooms together."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import cycle
 from types import MappingProxyType
@@ -10,16 +10,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.confidence import Interval
 from mavdem.dataset import phases
 from mavdem.dataset.axes import AXES
-from mavdem.dataset.segments import Segment, in_segments
+from mavdem.dataset.segments import Segment, Segments, in_segments
 from mavdem.dataset.setpoints import Setpoint, held_setpoint
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.event import Event
-from mavdem.report.charts.chart import TIME, Axis, Chart, Charts, Line, Mark, over_time
+from mavdem.report.charts.chart import TIME, Axis, Chart, Charts, Line, Mark, Span, over_time
 from mavdem.report.charts.model_charts import torque_line
 from mavdem.report.numbers import TORQUE_UNIT, display_unit, without_remark
 from mavdem.report.palette import (
@@ -32,251 +33,371 @@ from mavdem.report.palette import (
     PREDICTED,
     TRUTH,
 )
-from mavdem.wind_velocity.compass import compass_text, speed_and_direction
+from mavdem.wind_velocity.compass import PolarWind, compass_text, speed_and_direction
 from mavdem.wind_velocity.from_log import WindEvidence
 
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory
 
-AROUND_SECONDS = 5.0  # s shown before arming and after disarming
-ANGLE = display_unit("rad")
+SECONDS_AROUND_FLIGHT = 5.0
+"""Time shown before arming and after disarming, s: a choice."""
+
+MIN_DEGREES_RATIO = 10.0
+"""Logged rates are in °/s if they deviate so many times as much as the attitude's rates, which are in rad/s.
+
+Some firmware sends degrees. The ratio is then 57, and near 1 where both are in rad/s.
+"""
+
+ANGLE_UNIT = display_unit("rad")
+"""Unit in which angles and rates are shown: degrees."""
 
 
 class Timeline(NamedTuple):
-    """The ``rows`` of a flight in its ``span``, charts of one clock, s, and what goes through all of them.
+    """Charts of one flight on one clock, with what is marked in all of them."""
 
-    ``wind`` are further rows of a log: in m/s, its direction, and the torque. ``axes`` are angle, rate and the error of
-    the rate, by axis. ``trained`` are the parts that the model was trained on, ``modes`` beginning, end and name of
-    each flight mode, ``events`` what happened; ``position`` is the path (N, 3), m north, east and down.
-    """
+    flight_charts: Charts
+    """Height, motors and battery; of a live flight all charts."""
 
-    rows: Charts
     span: Interval
-    axes: Mapping[str, Charts] = MappingProxyType({})
-    trained: tuple[Interval, ...] = ()
-    modes: tuple[tuple[float, float, str], ...] = ()
+    """First and last time shown, s on the boot clock."""
+
+    axis_charts: Mapping[str, Charts] = MappingProxyType({})
+    """Angle, rate and rate error by axis, those that were recorded in this order."""
+
+    training_intervals: tuple[Interval, ...] = ()
+    """First and last time, s, of each part of the flight that the model was trained on."""
+
+    modes: tuple[Span, ...] = ()
+    """Flight modes in order of time."""
+
     events: tuple[Event, ...] = ()
+    """What happened, in order of time."""
+
     position: TimeSeries | None = None
-    wind: Charts = ()
+    """Flown path (N, 3), m north, east and down."""
+
+    wind_charts: Charts = ()
+    """Wind speed, wind direction and wind torque, those that are known."""
 
     @property
-    def happened(self) -> Charts:
-        """The modes, and all rows with events and what was trained on."""
-        strip = Chart("Modes", self._time, Axis(""), spans=self.modes, group="flight")
-        return (*([strip] if self.modes else []), *map(self.marked, self.rows + self.wind))
+    def overview(self) -> Charts:
+        """The strip of flight modes, then the charts of flight and wind, all with events and training intervals."""
+        marked = tuple(self.marked(chart) for chart in self.flight_charts + self.wind_charts)
+        if not self.modes:
+            return marked
+        strip = Chart("Modes", self._time_axis, Axis(""), spans=self.modes, group="flight")
+        return (strip, *marked)
 
     @property
-    def _time(self) -> Axis:
+    def _time_axis(self) -> Axis:
         return TIME._replace(ends=self.span)
 
     def marked(self, chart: Chart) -> Chart:
-        """Returns a ``chart`` of the flight in its span, with events and what was trained on."""
-        marks = (
+        """Returns a chart of this flight over the span of the timeline, with its events and training intervals."""
+        marks = tuple(
             Mark(event.seconds, colour=BAD if event.is_alarm else MEASURED)
             for event in self.events
             if np.isfinite(event.seconds)
         )
-        spans = tuple((*part, "") for part in self.trained)
-        return chart._replace(x=self._time, marks=tuple(marks), spans=spans)
+        spans = tuple(Span(start, end) for start, end in self.training_intervals)
+        return chart._replace(x=self._time_axis, marks=marks, spans=spans)
 
 
 def timeline_of(assessment: Assessment) -> Timeline | None:
-    """Returns the timeline of the boot that was analysed, with a wind torque for each axis; None of what has no rows.
+    """Returns the timeline of the boot that was analysed.
 
-    The wind is shown where it is of the same boot, and so are events.
+    Events and wind are shown as far as they belong to that boot.
+
+    Returns:
+        The timeline; None where nothing was analysed, or the boot has less than two samples of the attitude.
     """
     analysis = assessment.analysis
     evidence = assessment.evidence
     if analysis is None or evidence is None:
         return None
     signals = evidence.signals
+    segment = _shown_segment(signals, analysis.learnability.segments)
+    if segment is None:
+        return None
+    flight_charts = [chart for chart in _flight_charts(signals, segment) if chart.lines]
+    axis_charts = {axis: tuple(_axis_charts(signals.for_axis(axis), segment)) for axis in AXES}
+    wind_charts = [*wind_speed_and_direction_charts(evidence.wind, segment)]
+    wind_charts.append(_wind_torque_chart(assessment))
+    events = [
+        Event(fact.time, fact)
+        for fact in assessment.events
+        if fact.time is not None and fact.figures.get("boot", segment.boot) == segment.boot
+    ]
+    position = signals.position
+    return Timeline(
+        flight_charts=tuple(flight_charts),
+        span=(segment.start, segment.end),
+        axis_charts=axis_charts,
+        training_intervals=tuple((flight.time[0], flight.time[-1]) for flight in analysis.flights),
+        modes=_mode_spans(signals, segment),
+        events=tuple(events),
+        position=None if position is None else _within(position, segment),
+        wind_charts=tuple(chart for chart in wind_charts if chart.lines),
+    )
+
+
+def _shown_segment(signals: Signals, segments: Segments) -> Segment | None:
+    """Returns the part of a log that a timeline shows: one boot, from shortly before arming to shortly after disarming.
+
+    Args:
+        signals: of the vehicle.
+        segments: settled segments; the boot is that of the first one or, without any, the one with the most samples.
+
+    Returns:
+        The part, limited to the samples of the attitude; None with less than two of them.
+    """
     if not signals.tilts:
         return None
     tilt = signals.tilts[0]
-    segments = analysis.learnability.segments
-    boot = int(segments[0].boot if segments else np.bincount(tilt.boot, minlength=1).argmax())
+    if segments:
+        boot = int(segments[0].boot)
+    else:
+        boot = int(np.bincount(tilt.boot, minlength=1).argmax())
     time = tilt.time[tilt.boot == boot]
     if len(time) < 2:
         return None
     armed = phases.armed_intervals(signals, boot) or [(-np.inf, np.inf)]
-    first = max(time[0], armed[0][0] - AROUND_SECONDS)
-    last = min(time[-1], armed[-1][1] + AROUND_SECONDS)
-    part = Segment(boot, first, last)
-    torques = (
-        torque_line(analysis.learned, f"on {axis}", DISTURBANCE if axis == AXES[0] else COMMAND)
-        for axis, analysis in assessment.analyses.items()
-        if analysis.learned is not None
-    )
-    torque = over_time("Wind torque", TORQUE_UNIT.name, filter(None, torques))
-    changes = signals.mode_changes(boot)
-    ends_of_modes = zip(changes, [*changes[1:], (last, "")], strict=False)
-    modes = ((max(at, first), min(end, last), name) for (at, name), (end, _) in ends_of_modes)
-    events = (
-        Event(fact.time, fact)
-        for fact in assessment.events
-        if fact.time is not None and fact.figures.get("boot", boot) == boot
-    )
-    position = signals.position
-    return Timeline(
-        tuple(row for row in _driven(signals, part) if row.lines),
-        (first, last),
-        {axis: tuple(_of_axis(signals.for_axis(axis), part)) for axis in AXES},
-        tuple((flight.time[0], flight.time[-1]) for flight in analysis.flights),
-        tuple(mode for mode in modes if mode[0] < mode[1]),
-        tuple(events),
-        position and _of(position, part),
-        tuple(row for row in (*wind_rows(evidence.wind, part), torque) if row.lines),
-    )
+    first_armed = armed[0][0]
+    last_armed = armed[-1][1]
+    start = max(time[0], first_armed - SECONDS_AROUND_FLIGHT)
+    end = min(time[-1], last_armed + SECONDS_AROUND_FLIGHT)
+    return Segment(boot, start, end)
 
 
-def _of(signal: TimeSeries, part: Segment) -> TimeSeries | None:
-    """The ``part`` of a signal; None of one without."""
-    rows = in_segments(signal, part, slack=0)
-    if np.count_nonzero(rows) < 2:
-        return None
-    return signal.select(rows)
+def _mode_spans(signals: Signals, segment: Segment) -> tuple[Span, ...]:
+    """Returns the flight modes within a segment: each lasts until the next change, the last one to the end."""
+    changes = signals.mode_changes(segment.boot)
+    end_times = [time for time, _ in changes[1:]] + [segment.end]
+    spans = []
+    for (time, name), end_time in zip(changes, end_times, strict=False):
+        span = Span(max(time, segment.start), min(end_time, segment.end), name)
+        if span.start < span.end:
+            spans.append(span)
+    return tuple(spans)
 
 
-def _of_axis(signals: Signals, part: Segment) -> Iterator[Chart]:
-    """Yields angle and rate with what was asked, and the error of the rate; what was not recorded is left out."""
-    seen = signals.attitude
-    if seen is None:
+def _flight_charts(signals: Signals, segment: Segment) -> Iterator[Chart]:
+    """Yields charts of height, motors, and battery; one that was not recorded has no lines."""
+    yield over_time("Height", "m", _lines(signals.height, segment, ["height"]))
+    motors = signals.motors
+    if motors is not None:
+        percent = 100 * motors.scale.fraction(motors.outputs).clip(0.0)
+        shares = TimeSeries(motors.time, motors.boot, percent)
+        deviations = replace(shares, values=percent - percent.mean(axis=1, keepdims=True))
+        names = [without_remark(name) for name in motors.geometry.names]
+        yield over_time("Motors", "%", _lines(shares, segment, names))
+        yield over_time("Motors minus their mean", "%", _lines(deviations, segment, names))
+    yield over_time("Battery", "V", _lines(signals.voltage, segment, ["battery"]))
+
+
+def _axis_charts(signals: Signals, segment: Segment) -> Iterator[Chart]:
+    """Yields charts of angle and rate with their setpoints, and of the rate error, in degrees, as far as recorded."""
+    attitude = signals.attitude
+    if attitude is None:
         return
-    name = signals.axis
-    rate, asked = signals.rate_and_setpoint or (seen.rate_series, None)
-    # some firmware sends degrees
-    scale = 1.0 if np.nanstd(rate.values) > 10 * np.nanstd(seen.rate) else ANGLE.scale
-    angles = _beside(name, ANGLE.scale, seen.angle_series, signals.angle_setpoint, part)
-    rates = _beside("rate", scale, rate, asked, part)
-    title = name.capitalize()
-    if angles:
-        yield over_time(title, "°", angles)
-    if rates:
-        yield over_time(f"{title} rate", "°/s", rates)
-    if len(rates) > 1:
-        wanted, own = rates
-        error = Line("error", DISTURBANCE, own.x, own.y - wanted.y)
+    rate, rate_setpoint = signals.rate_and_setpoint or (attitude.rate_series, None)
+    is_in_degrees = np.nanstd(rate.values) > MIN_DEGREES_RATIO * np.nanstd(attitude.rate)
+    rate_scale = 1.0 if is_in_degrees else ANGLE_UNIT.scale
+    angle_lines = _lines_with_setpoint(
+        signals.axis, ANGLE_UNIT.scale, attitude.angle_series, signals.angle_setpoint, segment
+    )
+    rate_lines = _lines_with_setpoint("rate", rate_scale, rate, rate_setpoint, segment)
+    title = signals.axis.capitalize()
+    if angle_lines:
+        yield over_time(title, "°", angle_lines)
+    if rate_lines:
+        yield over_time(f"{title} rate", "°/s", rate_lines)
+    if len(rate_lines) > 1:
+        setpoint_line, rate_line = rate_lines
+        error = Line("error", DISTURBANCE, rate_line.x, rate_line.y - setpoint_line.y)
         yield over_time(f"{title} rate error", "°/s", [error])
 
 
-def _beside(
-    name: str, scale: float, seen: TimeSeries, asked: TimeSeries | None, part: Segment
+def _lines_with_setpoint(
+    name: str, scale: float, signal: TimeSeries, setpoint: TimeSeries | None, segment: Segment
 ) -> list[Line]:
-    """What was seen, after what was asked for."""
-    if (own := _of(seen, part)) is None:
+    """Returns the lines of a setpoint and of the measured signal that follows it, the setpoint first.
+
+    Args:
+        name: of the signal's line.
+        scale: factor from the logged unit to the shown one.
+        signal: what was measured.
+        setpoint: what was commanded; None where it was not logged.
+        segment: part of the log to show.
+
+    Returns:
+        Two lines, one without a setpoint in the segment, or none without at least two samples of the signal.
+    """
+    measured = _within(signal, segment)
+    if measured is None:
         return []
-    lines = [Line(name, PREDICTED, own.time, scale * own.values)]
-    if asked is not None:
-        wanted = scale * held_setpoint(Setpoint("", "", "", asked), part.boot, own.time)
-        if np.isfinite(wanted).any():
-            lines.insert(0, Line("setpoint", TRUTH, own.time, wanted))
+    lines = [Line(name, PREDICTED, measured.time, scale * measured.values)]
+    if setpoint is not None:
+        held = held_setpoint(Setpoint("", "", "", setpoint), segment.boot, measured.time)
+        commanded = scale * held
+        if np.isfinite(commanded).any():
+            lines.insert(0, Line("setpoint", TRUTH, measured.time, commanded))
     return lines
-
-
-def _driven(signals: Signals, part: Segment) -> Iterator[Chart]:
-    """Yields height, motors and battery; without lines where they were not recorded."""
-    yield over_time("Height", "m", _lines(signals.height, part, ["height"]))
-    if (motors := signals.motors) is not None:
-        percent = 100 * motors.scale.fraction(motors.outputs).clip(0.0)
-        shares = TimeSeries(motors.time, motors.boot, percent)
-        names = [without_remark(name) for name in motors.geometry.names]
-        mean = shares.values.mean(axis=1, keepdims=True)
-        apart = replace(shares, values=shares.values - mean)
-        yield over_time("Motors", "%", _lines(shares, part, names))
-        yield over_time("Motors minus their mean", "%", _lines(apart, part, names))
-    yield over_time("Battery", "V", _lines(signals.voltage, part, ["battery"]))
 
 
 def _lines(
     signal: TimeSeries | None,
-    part: Segment,
+    segment: Segment,
     names: Sequence[str],
     colours: Sequence[str] = DISTINCT,
 ) -> Iterator[Line]:
-    own = None if signal is None else _of(signal, part)
-    if own is None:
+    """Yields a line for each column of a signal within a segment; nothing without at least two samples."""
+    part = None if signal is None else _within(signal, segment)
+    if part is None:
         return
-    columns = own.values.reshape(len(own.time), -1).T
+    columns = part.values.reshape(len(part.time), -1).T
     for name, colour, values in zip(names, cycle(colours), columns, strict=False):
-        yield Line(name, colour, own.time, values)
+        yield Line(name, colour, part.time, values)
 
 
-def wind_rows(air: WindEvidence, part: Segment) -> Iterator[Chart]:
-    """Yields speed and, where it is known, direction of the wind, with the autopilot's own estimates."""
-    wind, own, _ = air
-    if wind is None or wind.boot != part.boot:
+def _within(signal: TimeSeries, segment: Segment) -> TimeSeries | None:
+    """Returns the samples of a signal within a segment; None if these are less than two, which make no line."""
+    is_inside = in_segments(signal, segment, slack=0)
+    if np.count_nonzero(is_inside) < 2:
+        return None
+    return signal.select(is_inside)
+
+
+def wind_speed_and_direction_charts(evidence: WindEvidence, segment: Segment) -> Iterator[Chart]:
+    """Yields charts of the wind's speed and direction, each where it is identifiable.
+
+    The autopilot's own estimate is drawn with them, where it was logged.
+
+    Args:
+        evidence: of the wind; it yields nothing if the wind was estimated in another boot.
+        segment: part of the log to show.
+    """
+    wind = evidence.estimate
+    if wind is None or wind.boot != segment.boot:
         return
-    mean = wind.direction if wind.direction_identifiable else 0.0
-    speed, origin, half, turned = speed_and_direction(wind.velocity, wind.band, mean)
-    courses = [
-        ("Wind", "m/s", speed, half),
-        (f"Wind from {compass_text(mean)}", "°", origin, turned),
-    ]
-    for row, (title, unit, line, width) in enumerate(
-        courses[not wind.speed_identifiable : 1 + wind.direction_identifiable]
-    ):
-        least = np.maximum(line - width, 0.0 if line is speed else -np.inf)
-        lines = [Line("wind", DISTURBANCE, wind.time, line, least, line + width)]
-        if own is not None:
-            theirs = speed_and_direction(own.values, 0 * own.values, mean)[row]
-            signal = TimeSeries(own.time, own.boot, theirs)
-            lines += _lines(signal, part, ["autopilot's own"], [BASELINE])
-        yield over_time(title, unit, lines)
+    # Directions are drawn within half a turn of the mean, so that their line does not jump at north.
+    mean_direction = wind.direction if wind.direction_identifiable else 0.0
+    polar = speed_and_direction(wind.velocity, wind.band, mean_direction)
+    autopilot = evidence.autopilot_estimate
+    autopilot_polar: PolarWind | None = None
+    if autopilot is not None:
+        autopilot_polar = speed_and_direction(
+            autopilot.values, 0 * autopilot.values, mean_direction
+        )
+
+    def with_autopilot(line: Line, autopilot_values: Array | None) -> list[Line]:
+        if autopilot is None or autopilot_values is None:
+            return [line]
+        series = TimeSeries(autopilot.time, autopilot.boot, autopilot_values)
+        return [line, *_lines(series, segment, ["autopilot's own"], [BASELINE])]
+
+    if wind.speed_identifiable:
+        autopilot_speed = None if autopilot_polar is None else autopilot_polar.speed
+        line = _speed_line("wind", wind.time, polar.speed, polar.speed_half_width)
+        yield over_time("Wind", "m/s", with_autopilot(line, autopilot_speed))
+    if wind.direction_identifiable:
+        autopilot_direction = None if autopilot_polar is None else autopilot_polar.direction
+        line = Line.with_band(
+            "wind", DISTURBANCE, wind.time, polar.direction, polar.direction_half_width
+        )
+        title = f"Wind from {compass_text(mean_direction)}"
+        yield over_time(title, "°", with_autopilot(line, autopilot_direction))
+
+
+def _speed_line(name: str, time: Array, speed: Array, half_width: Array) -> Line:
+    """Returns the line of a wind speed (T,), m/s, over time (T,), s, with its band, which does not go below zero."""
+    low = np.maximum(speed - half_width, 0.0)
+    return Line(name, DISTURBANCE, time, speed, low, speed + half_width)
+
+
+def _wind_torque_chart(assessment: Assessment) -> Chart:
+    """Returns a chart of the wind torque with a line for each axis on which it is identifiable."""
+    lines = []
+    for axis, analysis in assessment.analyses.items():
+        if analysis.learned is None:
+            continue
+        colour = DISTURBANCE if axis == AXES[0] else COMMAND
+        line = torque_line(analysis.learned, f"on {axis}", colour)
+        if line is not None:
+            lines.append(line)
+    return over_time("Wind torque", TORQUE_UNIT.name, lines)
 
 
 def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
-    """Returns the timeline of a live flight: what was measured, predicted and estimated as it flew."""
+    """Returns the timeline of a live flight: what was measured, predicted and estimated while it flew.
+
+    Args:
+        history: of the flight.
+        axis: that was learned.
+
+    Returns:
+        The timeline, with those charts that have a finite value; None with less than two measured samples.
+    """
+    table = history.table
+    segments = table[:, 0]
+    times = table[:, 1]
+    measured_angles = table[:, 2]
+    if np.count_nonzero(np.isfinite(measured_angles)) < 2:
+        return None
+    # A row of NaN at the beginning of each segment breaks the lines there.
+    starts = np.flatnonzero(np.diff(segments)) + 1
+    columns = np.insert(table, starts, np.nan, axis=0).T
+    time = np.insert(times, starts, times[starts])
+    charts = _live_charts(history.motor_names, axis, time, columns)
+    has_values = [
+        chart for chart in charts if any(np.isfinite(line.y).any() for line in chart.lines)
+    ]
+    return Timeline(
+        flight_charts=tuple(has_values),
+        span=(time[0], time[-1]),
+        training_intervals=tuple(history.learned_intervals),
+        events=tuple(history.events),
+    )
+
+
+def _live_charts(
+    motor_names: Iterable[str], axis: str, time: Array, columns: Array
+) -> Iterator[Chart]:
+    """Yields charts of angle, motors, wind torque and wind speed of a live flight.
+
+    Args:
+        motor_names: names of the motors.
+        axis: that was learned.
+        time: (N,) s of the timeline.
+        columns: (k, N) the columns of ``LiveHistory.table``: segment, time, then measured and predicted angle, rad,
+            wind torque, rad/s², and wind speed, m/s, the last three each followed by the half width of its band, then
+            the outputs of the motors as a share of their range.
+    """
     # Imported here: the timeline of a log needs nothing of live sessions.
     from mavdem.live.history import REPORTED_HORIZON
 
-    rows = history.table
-    segments, time, measured = rows.T[:3]
-    if np.count_nonzero(np.isfinite(measured)) < 2:
-        return None
-    # Lines break where a segment begins.
-    starts = np.flatnonzero(np.diff(segments)) + 1
-    rows = np.insert(rows, starts, np.nan, axis=0)
-    time = np.insert(time, starts, time[starts])
-    _, _, measured, predicted, band, torque, torque_band, wind, wind_band, *outputs = rows.T
-    least = np.maximum(wind - wind_band, 0.0)
-    angles = (
-        Line("measured", MEASURED, time, ANGLE.scale * measured),
-        Line.around(
-            f"{REPORTED_HORIZON:g} s ahead",
-            PREDICTED,
-            time,
-            ANGLE.scale * predicted,
-            ANGLE.scale * band,
-        ),
+    measured, predicted, predicted_band, torque, torque_band, wind, wind_band = columns[2:9]
+    motor_columns = columns[9:]
+    measured_line = Line("measured", MEASURED, time, ANGLE_UNIT.scale * measured)
+    predicted_line = Line.with_band(
+        f"{REPORTED_HORIZON:g} s ahead",
+        PREDICTED,
+        time,
+        ANGLE_UNIT.scale * predicted,
+        ANGLE_UNIT.scale * predicted_band,
     )
-    motors = (
-        Line(without_remark(name), colour, time, 100 * values.clip(0.0))
-        for name, colour, values in zip(history.motor_names, cycle(DISTINCT), outputs, strict=False)
+    yield over_time(axis.capitalize(), ANGLE_UNIT.name, [measured_line, predicted_line])
+    motor_lines = [
+        Line(without_remark(name), colour, time, 100 * shares.clip(0.0))
+        for name, colour, shares in zip(motor_names, cycle(DISTINCT), motor_columns, strict=False)
+    ]
+    yield over_time("Motors", "%", motor_lines)
+    torque_band_line = Line.with_band(
+        f"on {axis}",
+        DISTURBANCE,
+        time,
+        TORQUE_UNIT.scale * torque,
+        TORQUE_UNIT.scale * torque_band,
     )
-    charts = (
-        over_time(axis.capitalize(), ANGLE.name, angles),
-        over_time("Motors", "%", motors),
-        over_time(
-            "Wind torque",
-            TORQUE_UNIT.name,
-            [
-                Line.around(
-                    f"on {axis}",
-                    DISTURBANCE,
-                    time,
-                    TORQUE_UNIT.scale * torque,
-                    TORQUE_UNIT.scale * torque_band,
-                )
-            ],
-        ),
-        over_time(
-            "Wind now", "m/s", [Line("wind", DISTURBANCE, time, wind, least, wind + wind_band)]
-        ),
-    )
-    charts_drawn = tuple(
-        chart for chart in charts if any(np.isfinite(line.y).any() for line in chart.lines)
-    )
-    span = time[0], time[-1]
-    return Timeline(
-        charts_drawn, span, trained=tuple(history.learned_intervals), events=tuple(history.events)
-    )
+    yield over_time("Wind torque", TORQUE_UNIT.name, [torque_band_line])
+    yield over_time("Wind now", "m/s", [_speed_line("wind", time, wind, wind_band)])

@@ -1,7 +1,8 @@
-"""Charts of a vehicle over its flights."""
+"""Charts of one vehicle over its flights: motors, vibration, margins and parameters, flight by flight."""
 
 from collections.abc import Iterator, Sequence
 from math import degrees
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,86 +13,149 @@ from mavdem.report.charts.chart import Axis, Chart, Group, Kind, Line, Mark
 from mavdem.report.numbers import TORQUE_UNIT, without_remark
 from mavdem.report.palette import BAD, LIMITED, distinct
 
-MARKS = {"fault": ("●", BAD), "drift": ("▲", LIMITED)}
-"""How flights are marked in which they were found."""
+HEALTH_MARKS = {"fault": ("●", BAD), "drift": ("▲", LIMITED)}
+"""Symbol and colour of the mark at a flight in which the motors had a fault or a drift."""
+
 COLUMNS = 3
-QUANTITIES = (
-    ("Phase margin (°)", "phase_margin", degrees(1)),
-    ("Gain margin (dB)", "gain_margin", 1.0),
-    ("Rate damping (1/s)", "damping", 1.0),
-    ("Motor time constant (ms)", "lag", 1e3),
-    (f"Wind torque, sd ({TORQUE_UNIT.name})", "wind_torque_sd", TORQUE_UNIT.scale),
-    ("Error ratio (1: as the mean)", "error_ratio", 1.0),
+"""Columns in which the charts are arranged."""
+
+
+class AxisQuantity(NamedTuple):
+    """A quantity of each flight that is drawn with a line for each axis."""
+
+    title: str
+    """Title of the chart, with the shown unit."""
+
+    column: str
+    """Field of ``FlightRow`` that has it."""
+
+    scale: float
+    """Factor from the unit of the field to the shown one."""
+
+    is_per_input: bool = False
+    """Whether it depends on the input that the model was learned from: motors or the mixer's demand."""
+
+
+AXIS_QUANTITIES = (
+    AxisQuantity("Phase margin (°)", "phase_margin", degrees(1)),
+    AxisQuantity("Gain margin (dB)", "gain_margin", 1.0),
+    AxisQuantity("Rate damping (1/s)", "damping", 1.0, is_per_input=True),
+    AxisQuantity("Motor time constant (ms)", "lag", 1e3, is_per_input=True),
+    AxisQuantity(f"Wind torque, sd ({TORQUE_UNIT.name})", "wind_torque_sd", TORQUE_UNIT.scale),
+    AxisQuantity("Error ratio (1: as the mean)", "error_ratio", 1.0),
 )
-"""Title, column and scale of what has a line an axis."""
-Lines = dict[str, Array]
-"""Values and half widths (flights, 2) by name, NaN where not known."""
+"""The quantities that are drawn by axis, in the order of their charts."""
+
+Estimates = dict[str, Array]
+"""Estimates and half widths of their intervals (flights, 2) by name of the line; NaN where not known."""
 
 
 def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
-    """Returns what is known of the ``flights`` of one vehicle, with 90 % intervals; None if that is nothing."""
-    days = [f"{flight[0].date:%Y-%m-%d}" if flight[0].date else "" for flight in flights]
-    between = [""] * (len(flights) - 2)
-    axis = Axis("flight", names=(days[0] or "first", *between, days[-1] or "last"))
-    marks = tuple(
-        Mark(float(number), *MARKS[health])
-        for number, flight in enumerate(flights)
-        if (health := worst_health(flight)) in MARKS
-    )
-    charts = [
-        Chart(title, axis, Axis(""), drawn, marks=marks)
-        for title, lines in _panels(flights)
-        if (drawn := tuple(_drawn(lines)))
-    ]
-    columns = (tuple(charts[first::COLUMNS]) for first in range(COLUMNS))
-    return Group(tuple(filter(None, columns))) if charts else None
+    """Returns the charts of a vehicle over its flights, with 90 % intervals; None if no quantity is known.
+
+    Args:
+        flights: rows of each flight by axis, in order of time; at least two flights.
+    """
+    axis = _flight_axis(flights)
+    marks = []
+    for number, flight in enumerate(flights):
+        health = worst_health(flight)
+        if health in HEALTH_MARKS:
+            symbol, colour = HEALTH_MARKS[health]
+            marks.append(Mark(float(number), symbol, colour))
+    charts = []
+    for title, estimates in _quantities(flights):
+        lines = tuple(_lines(estimates))
+        if lines:
+            charts.append(Chart(title, axis, Axis(""), lines, marks=tuple(marks)))
+    if not charts:
+        return None
+    columns = [tuple(charts[first::COLUMNS]) for first in range(COLUMNS)]
+    return Group(tuple(column for column in columns if column))
 
 
-def _drawn(lines: Lines) -> Iterator[Line]:
-    for number, (name, line) in enumerate(lines.items()):
-        values, halves = line.T
+def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
+    """Returns an axis that counts the flights and has the dates of the first and the last one."""
+    dates = [f"{flight[0].date:%Y-%m-%d}" if flight[0].date else "" for flight in flights]
+    unlabelled = [""] * (len(flights) - 2)
+    return Axis("flight", names=(dates[0] or "first", *unlabelled, dates[-1] or "last"))
+
+
+def _lines(estimates: Estimates) -> Iterator[Line]:
+    """Yields dots with whiskers for each of the estimates that has a finite value; without an interval, only dots."""
+    for number, (name, values_and_half_widths) in enumerate(estimates.items()):
+        values, half_widths = values_and_half_widths.T
         if np.isfinite(values).any():
-            around = np.nan_to_num(halves)
-            flights = np.arange(len(values), dtype=np.float64)
-            yield Line.around(name, distinct(number), flights, values, around, Kind.DOTS)
+            flight_numbers = np.arange(len(values), dtype=np.float64)
+            whiskers = np.nan_to_num(half_widths)
+            colour = distinct(number)
+            yield Line.with_band(name, colour, flight_numbers, values, whiskers, Kind.DOTS)
 
 
-def _panels(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Lines]]:
-    """Yields the title, with the unit, and the lines of each quantity."""
-    motors = next((row.motors for flight in reversed(flights) for row in flight if row.motors), ())
+def _quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
+    """Yields the title of each chart, with the unit, and its estimates."""
+    motors = _motor_names(flights)
     shares = _estimates(flights, "trim_share", len(motors))
-    yield ("Motor shares (mean 1)", dict(zip(map(without_remark, motors), shares, strict=True)))
-    yield (
-        "Vibration, first IMU (m/s²)",
-        dict(zip("xyz", _estimates(flights, "vibration", 3), strict=True)),
-    )
-    yield (
-        "Vibration level, first IMU (m/s²)",
-        {"level": _estimates(flights, "vibration", 1)[0]},
-    )
+    yield "Motor shares (mean 1)", dict(zip(motors, shares, strict=True))
+    vibration = _estimates(flights, "vibration", 3)
+    yield "Vibration, first IMU (m/s²)", dict(zip("xyz", vibration, strict=True))
+    # Some firmware has a single level in the place of three components.
+    level = _estimates(flights, "vibration", 1)[0]
+    yield "Vibration level, first IMU (m/s²)", {"level": level}
     inputs = sorted({row.per_input for flight in flights for row in flight if row.damping})
-    for title, name, scale in QUANTITIES:
-        # With the demand as its input the time constant has the mixer's in it.
-        units = inputs if name in ("damping", "lag") and len(inputs) > 1 else [""]
-        for unit in units:
-            lines = {
-                axis: scale * _estimates(flights, name, 1, axis, unit)[0] for axis in TILT_AXES
-            }
-            yield (f"{title}, per {unit}" if unit else title, lines)
+    for quantity in AXIS_QUANTITIES:
+        # With the demand as its input, a time constant includes the mixer: such flights have a chart of their own.
+        if quantity.is_per_input and len(inputs) > 1:
+            for unit in inputs:
+                title = f"{quantity.title}, per {unit}" if unit else quantity.title
+                yield title, _estimates_by_axis(flights, quantity, unit)
+        else:
+            yield quantity.title, _estimates_by_axis(flights, quantity)
+
+
+def _motor_names(flights: Sequence[AxisRows]) -> list[str]:
+    """Returns the names of the motors, without their positions, in the latest flight that has them; else none."""
+    for flight in reversed(flights):
+        for row in flight:
+            if row.motors:
+                return [without_remark(name) for name in row.motors]
+    return []
+
+
+def _estimates_by_axis(
+    flights: Sequence[AxisRows], quantity: AxisQuantity, input_unit: str = ""
+) -> Estimates:
+    """Returns a quantity of roll and pitch in the shown unit; of flights with this unit of the input, or of all."""
+    estimates = {}
+    for axis in TILT_AXES:
+        (of_axis,) = _estimates(flights, quantity.column, 1, axis, input_unit)
+        estimates[axis] = quantity.scale * of_axis
+    return estimates
 
 
 def _estimates(
-    flights: Sequence[AxisRows], name: str, count: int, axis: str = "", unit: str = ""
+    flights: Sequence[AxisRows], column: str, count: int, axis: str = "", input_unit: str = ""
 ) -> Array:
-    """So many values with half widths (count, flights, 2), of this axis and unit, or any."""
+    """Returns the estimates in one column of the flights' rows, with the half widths of their intervals.
+
+    Args:
+        flights: the rows of each flight.
+        column: name of a field of ``FlightRow`` with a number or a list of numbers.
+        count: numbers that a row must have to be used.
+        axis: of the rows to use; empty for any, then the first one with a value counts.
+        input_unit: ``per_input`` of the rows to use; empty for any.
+
+    Returns:
+        (count, flights, 2): the estimate, then its half width; NaN where not known.
+    """
     estimates = np.full((len(flights), count, 2), np.nan)
     for number, flight in enumerate(flights):
         for row in flight:
-            value = getattr(row, name)
-            wanted = axis in ("", row.axis) and unit in ("", row.per_input)
-            if value is not None and np.size(value) == count and wanted:
+            value = getattr(row, column)
+            is_wanted = axis in ("", row.axis) and input_unit in ("", row.per_input)
+            if value is not None and np.size(value) == count and is_wanted:
+                half_width = getattr(row, f"{column}_interval", None)
                 estimates[number, :, 0] = value
-                half = getattr(row, f"{name}_interval", None)
-                estimates[number, :, 1] = np.nan if half is None else half
+                estimates[number, :, 1] = np.nan if half_width is None else half_width
                 break
     return estimates.swapaxes(0, 1)

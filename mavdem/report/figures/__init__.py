@@ -43,7 +43,7 @@ class Plots:
                 for time, channels in zip(times, record.segments, strict=True)
             ]
             held_out = held_out_windows(flights, self.learned.settings)
-        return draw_charts(model_charts.forecast(held_out, labels, output))
+        return draw_charts(model_charts.forecast_charts(held_out, labels, output))
 
     def residuals(self, output: int = -1) -> Figure:
         """Draws one-step residuals over time, their autocorrelation and their correlation with the command.
@@ -52,7 +52,7 @@ class Plots:
         The bounds of the second allow for autocorrelation of both (Ljung, System Identification, 2nd ed., sec. 16.6).
         The ``output`` is the last one, a rate, unless given.
         """
-        return draw_charts(model_charts.residuals(self.learned, output))
+        return draw_charts(model_charts.residual_charts(self.learned, output))
 
     def bode(self, output: int = -1) -> Figure:
         """Draws magnitude and phase of an ``output`` over frequency, from the axis's command, with 90 % bands.
@@ -60,7 +60,7 @@ class Plots:
         Of the physical plant or, where that is not identifiable, of DEM's model. The output is the last one, a rate,
         unless given.
         """
-        return draw_charts(model_charts.bode(self.learned, output))
+        return draw_charts(model_charts.bode_charts(self.learned, output))
 
     def disturbance(self) -> Figure:
         """Draws the wind torque over time with band and gusts, and its spectral density.
@@ -68,4 +68,4 @@ class Plots:
         Raises:
             ValueError: the wind torque is not identifiable.
         """
-        return draw_charts(model_charts.disturbance(self.learned))
+        return draw_charts(model_charts.wind_torque_charts(self.learned))

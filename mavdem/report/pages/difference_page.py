@@ -12,7 +12,7 @@ from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Kind, Line
-from mavdem.report.charts.flight_charts import SHARE
+from mavdem.report.charts.flight_charts import STEP_RESPONSE
 from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks, surest_change
 from mavdem.report.loops import LOOP_FIGURES
 from mavdem.report.numbers import counted, rounded
@@ -118,10 +118,14 @@ def _steps(both: Reviews, axis: str) -> Iterator[Chart]:
                 time, step, half = (
                     np.array(response[key]) for key in ("time", "step", "step_half")
                 )
-                lines.append(Line.around(name, COLOURS[name], time, step, half))
+                lines.append(Line.with_band(name, COLOURS[name], time, step, half))
         if lines:
             yield Chart(
-                f"{axis.capitalize()} {loop}: step", TIME_AFTER_STEP, SHARE, tuple(lines), (1.0,)
+                f"{axis.capitalize()} {loop}: step",
+                TIME_AFTER_STEP,
+                STEP_RESPONSE,
+                tuple(lines),
+                (1.0,),
             )
 
 
@@ -162,7 +166,7 @@ def _motors(both: Reviews) -> Chart:
             half = 100 * np.array(ends, np.float64)
             names = names[: len(shares)]
             at = np.arange(float(len(shares)))
-            lines.append(Line.around(name, COLOURS[name], at, deviation, half, Kind.DOTS))
+            lines.append(Line.with_band(name, COLOURS[name], at, deviation, half, Kind.DOTS))
     axis = Axis("motor", names=tuple(names))
     return Chart("Trim deviation (%)", axis, Axis("trim deviation (%)"), tuple(lines), (0.0,))
 

@@ -40,7 +40,7 @@ from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.flight_charts import (
     loop_charts,
-    spectrogram,
+    spectrogram_charts,
     spectrum_chart,
     step_charts,
 )
@@ -157,7 +157,9 @@ def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) ->
         return
     if timeline is not None:
         columns = tuple(
-            tuple(map(timeline.marked, charts)) for charts in timeline.axes.values() if charts
+            tuple(map(timeline.marked, charts))
+            for charts in timeline.axis_charts.values()
+            if charts
         )
         yield Chapter(
             "Three axes",
@@ -287,7 +289,7 @@ def _spectra(
         return
     yield Group.of([spectrum_chart(noise, loop, name)])
     if whole:
-        over_time, *over_throttle = spectrogram(shown)
+        over_time, *over_throttle = spectrogram_charts(shown)
         if timeline is not None:
             over_time = timeline.marked(over_time)._replace(spans=())
         yield Group.of([over_time, *over_throttle], "The stronger the blue, the higher the power.")
@@ -361,10 +363,12 @@ def _models(assessment: Assessment) -> Iterator[Chapter]:
             blocks += prediction_blocks(labels, analysis.held_out)
             if analysis.findings.grade(Purpose.CONTROL_EFFECTIVENESS) is not Grade.NOT_IDENTIFIABLE:
                 said = "Frequency response of the vehicle without its controller, with a 90 % band."
-                groups.append(Group.of(model_charts.bode(learned), said))
+                groups.append(Group.of(model_charts.bode_charts(learned), said))
             if analysis.held_out is not None and len(analysis.held_out):
                 said = "Held-out windows, by models that were not trained on them."
-                groups.append(Group.of(model_charts.forecast(analysis.held_out, labels), said))
+                groups.append(
+                    Group.of(model_charts.forecast_charts(analysis.held_out, labels), said)
+                )
         yield Chapter(f"Model of {axis}", blocks, groups)
         if learned is not None:
             yield _inside(axis, learned)
@@ -376,7 +380,7 @@ def _inside(axis: str, learned: Learned) -> Chapter:
     blocks = detail_blocks(learned)
     blocks.append(Table(["setting", "value"], settings, words=True))
     said = "Errors one step ahead; correlations between the lines may be chance (99 %)."
-    groups = [Group.of(model_charts.residuals(learned), said)]
+    groups = [Group.of(model_charts.residual_charts(learned), said)]
     return Chapter(f"The model of {axis}, and how it was learned", blocks, groups, folded=True)
 
 

@@ -23,7 +23,7 @@ from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.step_response import IntervalEstimate, StepResponse
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import TIME, Axis, Chart, Kind, Line
-from mavdem.report.charts.flight_charts import spectrogram, spectrum_chart, step_charts
+from mavdem.report.charts.flight_charts import spectrogram_charts, spectrum_chart, step_charts
 from mavdem.report.charts.frequency_responses import model_response, plant_response
 from mavdem.report.labels import AxisCommand, Labels
 from mavdem.report.pages.flight_page import responses_chapter
@@ -50,7 +50,7 @@ def test_a_line_that_is_thinned_keeps_its_peaks_and_its_gaps():
     values = np.sin(time)
     values[1234] = 9.0
     values[4321] = -9.0
-    found = Line("x", "", time, values).at(np.linspace(0, 100, 501)).y
+    found = Line("x", "", time, values).resampled(np.linspace(0, 100, 501)).y
     assert np.nanmax(found) == 9.0 and np.nanmin(found) == -9.0 and np.isnan(found[205:295]).all()
     assert_allclose(found[:50], np.sin(np.linspace(0, 100, 501)[:50]), atol=0.2)
     few = Line("x", "", time[::50], values[::50])
@@ -72,7 +72,10 @@ def test_what_a_page_holds_is_what_was_drawn_to_five_digits(log):
 def test_a_chart_says_in_words_what_it_shows():
     line = Line("motor 1", "", np.arange(3.0), np.array([1.0, np.nan, 4.0]))
     chart = Chart("Motors", TIME, Axis("Motors, %"), (line,))
-    assert chart.said == "Motors in Motors, % over time since boot (s): motor 1 from 1.00 to 4.00."
+    assert (
+        chart.description
+        == "Motors in Motors, % over time since boot (s): motor 1 from 1.00 to 4.00."
+    )
 
 
 def response():
@@ -129,11 +132,11 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
     assert [mark.name for mark in chart.marks] == ["motor", "crossover"]
     assert [one.name for one in chart.lines] == [
         "before the filters",
-        "behind the filters",
+        "after the filters",
         "filters",
     ]
     assert chart.lines[2].right and chart.lines[2].y[0] == approx(0.0, abs=0.1)
-    over_time, over_throttle = spectrogram(shown["gyro"])
+    over_time, over_throttle = spectrogram_charts(shown["gyro"])
     assert over_time.heat.values.shape == (40, 171) and over_throttle.heat is not None
     (pixels,) = over_time.as_json(100)["lines"]
     assert pixels["rows"] == 40 and len(b64decode(pixels["heat"])) == 40 * 171
@@ -151,7 +154,7 @@ def learned(flight):
 
 @mark.slow
 def test_residuals_are_in_degrees_and_the_first_of_a_segment_is_a_gap(learned):
-    over_time, *tests = model_charts.residuals(learned)
+    over_time, *tests = model_charts.residual_charts(learned)
     errors = np.degrees(learned.record.outputs[1:, 1] - learned.one_step()[1:, 1])
     assert_allclose(over_time.lines[0].y[1:], errors)
     assert np.isnan(over_time.lines[0].y[0]) and all(len(one.levels) == 3 for one in tests)
@@ -161,11 +164,13 @@ def test_residuals_are_in_degrees_and_the_first_of_a_segment_is_a_gap(learned):
 def test_a_forecast_is_drawn_in_degrees(flight, learned):
     held = held_out_windows([flight], SETTINGS)
     after = mavdem.read_flight(FLIGHT)[1200:1300]
-    (chart,) = model_charts.forecast(held_out_test(flight, after, learned), Labels.of(learned), 1)
+    (chart,) = model_charts.forecast_charts(
+        held_out_test(flight, after, learned), Labels.of(learned), 1
+    )
     assert chart.y.label == "roll rate, °/s"
     assert_allclose(chart.lines[0].y, np.degrees(after.outputs[:, 1]))
     with raises(ValueError, match="no held-out window"):
-        model_charts.forecast(replace(held, time=held.time[:0]), Labels.of(learned))
+        model_charts.forecast_charts(replace(held, time=held.time[:0]), Labels.of(learned))
 
 
 @mark.slow
@@ -211,7 +216,7 @@ def test_without_physical_parameters_only_what_needs_them_is_refused(learned, mo
         status=dict.fromkeys(learned.physical.status, "not identifiable")
     )
     monkeypatch.setattr(mavdem.Learned, "physical", unknown)
-    assert model_charts.bode(learned)[0].title.endswith("by DEM's model")
+    assert model_charts.bode_charts(learned)[0].title.endswith("by DEM's model")
     with raises(ValueError, match="not identifiable"):
         learned.plot.disturbance()
 

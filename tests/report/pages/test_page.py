@@ -179,10 +179,10 @@ def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():
     flown(history, 2.0, segment=1, start=105.0, learnt=False)
     history.events.append(Event(12.25, Fact(VehicleFact.NO_VEHICLE_YET)))
     timeline = live_timeline(history, "roll")
-    above, below = timeline.happened
-    assert len(above.spans) == len(timeline.trained) == 1 and "°/s²" in below.y.label
+    above, below = timeline.overview
+    assert len(above.spans) == len(timeline.training_intervals) == 1 and "°/s²" in below.y.label
     assert [mark.x for mark in above.marks] == [12.25]
     for time in (120.0, 121.0):
         history.add_row(2, time, np.zeros(2), None, (0.5, 2.0))
-    wind = live_timeline(history, "roll").rows[-1].lines[0]
+    wind = live_timeline(history, "roll").flight_charts[-1].lines[0]
     assert (np.nanmin(wind.low), np.nanmax(wind.high)) == (0.0, 2.5)

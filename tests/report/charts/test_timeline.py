@@ -1,0 +1,76 @@
+"""The timeline: the wind's speed and direction, each where it is identifiable, with the autopilot's own estimate."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.testing import assert_allclose
+from pytest import mark
+
+from mavdem.dataset.segments import Segment
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts.identifiability import Status
+from mavdem.report.charts.timeline import wind_speed_and_direction_charts
+from mavdem.wind_velocity.estimation import WindVelocity
+from mavdem.wind_velocity.from_log import WindEvidence
+
+TIME = np.arange(0.0, 10.0)
+SPEED = 5.0
+DIRECTION = 270.0  # degrees that the wind comes from: west, so that the air moves east
+AUTOPILOT_SPEED = 4.0
+
+
+def wind(speed=Status.REPORTED, direction=Status.REPORTED):
+    """A steady wind of ``SPEED`` from ``DIRECTION``, with the status of its speed and direction."""
+    velocity = np.tile([0.0, SPEED], (len(TIME), 1))
+    return WindVelocity(
+        speed=SPEED,
+        speed_interval=(4.0, 6.0),
+        direction=DIRECTION,
+        direction_interval=10.0,
+        gust=SPEED,
+        gust_seconds=3.0,
+        turbulence_intensity=0.0,
+        time=TIME,
+        velocity=velocity,
+        band=np.ones_like(velocity),
+        along=np.zeros_like(velocity),
+        minutes=(),
+        profile=(),
+        drag=None,
+        status={"speed": speed, "direction": direction, "drag": Status.REPORTED},
+        reasons={},
+    )
+
+
+def charts(estimate):
+    """The charts of a wind, beside which the autopilot estimated ``AUTOPILOT_SPEED`` from the same direction."""
+    values = np.tile([0.0, AUTOPILOT_SPEED], (len(TIME), 1))
+    autopilot = TimeSeries(TIME, np.zeros(len(TIME), int), values)
+    segment = Segment(0, TIME[0], TIME[-1])
+    return [*wind_speed_and_direction_charts(WindEvidence(estimate, autopilot, None), segment)]
+
+
+def test_speed_is_drawn_in_metres_per_second_and_direction_in_degrees():
+    speed, direction = charts(wind())
+    assert speed.y.label == "Wind, m/s" and direction.y.label.endswith("°")
+    assert_allclose([line.y[0] for line in speed.lines], [SPEED, AUTOPILOT_SPEED])
+    assert_allclose([line.y[0] for line in direction.lines], DIRECTION)
+
+
+def test_without_a_speed_only_the_direction_is_drawn_in_degrees():
+    (direction,) = charts(wind(speed=Status.NOT_IDENTIFIABLE))
+    assert "Wind from W" in direction.title and direction.y.label.endswith("°")
+    assert [line.name for line in direction.lines] == ["wind", "autopilot's own"]
+    assert_allclose([line.y[0] for line in direction.lines], DIRECTION)
+
+
+@mark.parametrize("lowest_speed", [0.0, 4.0])
+def test_without_a_direction_only_the_speed_is_drawn(lowest_speed):
+    estimate = replace(wind(direction=Status.NOT_IDENTIFIABLE), speed_interval=(lowest_speed, 6.0))
+    (speed,) = charts(estimate)
+    assert_allclose([line.y[0] for line in speed.lines], [SPEED, AUTOPILOT_SPEED])
+    assert_allclose(speed.lines[0].low, SPEED - 1.0)
+
+
+def test_wind_of_another_boot_is_not_drawn():
+    assert not charts(replace(wind(), boot=1))
