@@ -10,7 +10,7 @@ from mavdem.assessment.axis.responses import LoopResponse, Responses
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
 from mavdem.loops.filters import gyro_response
-from mavdem.loops.margins import OpenLoop
+from mavdem.loops.margins import Complex, OpenLoop
 from mavdem.loops.measured_response import MIN_COMPARED_FREQUENCY
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts.chart import (
@@ -178,7 +178,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
     )
 
 
-def _phase(response: Array) -> Array:
+def _phase(response: Complex) -> Array:
     """Returns the unwrapped phase, degrees, of open-loop responses (N, F); each begins between −360 and 0 degrees."""
     phase = np.unwrap(np.angle(response), axis=1)
     starts_above_zero = phase[:, :1] > 0
