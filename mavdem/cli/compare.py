@@ -1,4 +1,4 @@
-"""``mavdem compare``: DEM and other methods on the same windows of one or several logs."""
+"""``mavdem compare``: forecasts of DEM and of other methods on the same windows of one or several logs."""
 
 from functools import partial
 from time import perf_counter
@@ -11,7 +11,7 @@ from mavdem.cli.sources import map_flights, sources_by_flight_name
 from mavdem.cli.streams import print_to_stderr
 from mavdem.containers import Names
 from mavdem.experiments.comparison import METHODS, compare
-from mavdem.experiments.window import TRAIN_SECONDS, Length, required_windows
+from mavdem.experiments.window import TRAIN_SECONDS, Length, Window, required_windows
 from mavdem.report.comparison import comparison_report
 
 
@@ -51,19 +51,31 @@ def compare_command(
     A SOURCE that cannot be compared is reported, and the others are compared. Exit code: 0 if a flight was compared,
     1 if none was, 2 if no SOURCE can be read.
     """
-    began = perf_counter()
-    windows_of = partial(required_windows, train=train, test=test, hop=hop)
-    cut = map_flights(sources, axis, vehicle, inputs, windows_of)
-    windowed = [window for windows in cut.values() for window in windows]
-    with progress(f"Comparing {len(METHODS)} methods on {len(windowed)} windows") as done:
-        compared = compare(windowed, METHODS, done)
-    report = {
-        **compared.to_dict(),
-        "axis": axis,
-        "sources": {
-            name: source for name, source in sources_by_flight_name(sources).items() if name in cut
-        },
-        "seconds": round(perf_counter() - began, 3),
+    start_time = perf_counter()
+    windows_by_flight = map_flights(
+        sources,
+        axis,
+        vehicle,
+        inputs,
+        partial(required_windows, train=train, test=test, hop=hop),
+    )
+    windows: list[Window] = []
+    for windows_of_flight in windows_by_flight.values():
+        windows += windows_of_flight
+    title = f"Comparing {len(METHODS)} methods on {len(windows)} windows"
+    with progress(title) as show_fraction:
+        comparison = compare(windows, METHODS, show_fraction)
+    seconds = round(perf_counter() - start_time, 3)
+    compared_sources = {
+        name: source
+        for name, source in sources_by_flight_name(sources).items()
+        if name in windows_by_flight
     }
-    print_result(report, comparison_report(compared), as_json)
-    print_to_stderr(f"Took {report['seconds']:.1f} s.")
+    document = {
+        **comparison.to_dict(),
+        "axis": axis,
+        "sources": compared_sources,
+        "seconds": seconds,
+    }
+    print_result(document, comparison_report(comparison), as_json)
+    print_to_stderr(f"Took {seconds:.1f} s.")

@@ -1,4 +1,4 @@
-"""``mavdem convert``: from one file format to another."""
+"""``mavdem convert``: a log as another kind of log, or its flight as a table."""
 
 import click
 
@@ -33,17 +33,18 @@ def convert_command(
     refuse_link(source)
     try:
         with progress(f"Converting {source}", measured=False):
-            written = convert_file(source, out, axis, vehicle, inputs)
+            document = convert_file(source, out, axis, vehicle, inputs)
     except ValueError as error:
-        # Unreadable and NotLearnable are ValueErrors too, with sentences of their own.
+        # Unreadable and NotLearnable are ValueErrors too, and report themselves.
         if type(error) is not ValueError:
             raise
         raise click.BadParameter(f"{error}.", param_hint="OUT") from error
     if as_json:
-        print_json(written)
+        print_json(document)
         return
-    for said in render_section("converted", **written):
-        print_to_stdout(escape_unprintable(said.text))
-    for key, word in {"repairs": "Noted", "cautions": "Caution"}.items():
-        for sentence in written.get(key, ()):
-            print_to_stdout(f"{word}: {sentence}")
+    for sentence in render_section("converted", **document):
+        print_to_stdout(escape_unprintable(sentence.text))
+    for repair in document.get("repairs", ()):
+        print_to_stdout(f"Noted: {repair}")
+    for caution in document.get("cautions", ()):
+        print_to_stdout(f"Caution: {caution}")

@@ -1,14 +1,19 @@
 """``mavdem info``: what a log holds, and whether a model can be learned from it."""
 
+from collections.abc import Sequence
+
 import click
 
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.axis import Options
 from mavdem.assessment.inventory import inventory
+from mavdem.assessment.record import Assessment
+from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.options import source_options, verbose_option
-from mavdem.cli.output import print_json, print_screen, report_error
+from mavdem.cli.output import print_json, print_screen, report_error, report_parts
 from mavdem.cli.sources import read_source
 from mavdem.cli.streams import print_to_stdout
+from mavdem.containers import JsonValues
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.documents.inventory import vehicle_document
@@ -43,37 +48,68 @@ def info_command(
     Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
     """
     log = read_source(source)
-    vehicles = log.vehicles if vehicle is None else [choose_vehicle(log.vehicles, vehicle)]
+    vehicles = log.vehicles
+    if vehicle is not None:
+        vehicles = (choose_vehicle(log.vehicles, vehicle),)
     options = Options(inputs=inputs, with_model=False)
-    assessments = [
-        assess_signals(log, Signals(telemetry, axis, inputs), axis, options)
-        for telemetry in vehicles
-    ]
-    held = inventory(log, [assessment.contents for assessment in assessments])
-    streams = [] if as_json else stream_contents(held)
-    for shown, assessment in zip(held["vehicles"], assessments, strict=True):
-        shown |= vehicle_document(assessment)
-        if not as_json:
-            above, *lights, following = conclusion(assessment.judgement)
-            more = [*lights, *streams]
-            contents = vehicle_contents(shown)
-            print_screen(review_title(assessment), contents, more, [above, following], verbose)
-    held["learnable"] = any(vehicle["model"] for vehicle in held["vehicles"])
+    assessments = []
+    for telemetry in vehicles:
+        signals = Signals(telemetry, axis, inputs)
+        assessments.append(assess_signals(log, signals, axis, options))
+    document = inventory(log, [assessment.contents for assessment in assessments])
+    for values, assessment in zip(document["vehicles"], assessments, strict=True):
+        values |= vehicle_document(assessment)
+    is_learnable = any(values["model"] for values in document["vehicles"])
+    document["learnable"] = is_learnable
     if as_json:
-        print_json(held)
-    elif not held["vehicles"]:
+        print_json(document)
+        if not is_learnable:
+            # The document has all the reasons; one of them is for a user who does not read it.
+            report_error(_why_not_learnable(document, source, axis), as_json=False)
+    else:
+        _print_vehicles(document, assessments, verbose)
+    if not is_learnable:
+        context.exit(EXIT_UNSUPPORTED)
+
+
+def _print_vehicles(document: JsonValues, assessments: Sequence[Assessment], verbose: bool) -> None:
+    """Prints a screen for each vehicle of a log.
+
+    Args:
+        document: Document of the command: the inventory of the log, with each vehicle's findings.
+        assessments: Assessments of the vehicles, in the document's order.
+        verbose: Whether to print all, and what was received from each sender.
+    """
+    if not assessments:
         print_to_stdout(
             "There is no vehicle in this log: check that the autopilot's messages are recorded."
         )
-    if not held["learnable"]:
-        if as_json:
-            # The document is printed already, with all the reasons.
-            because = Fact(
-                Reason.LOG_NOT_LEARNABLE,
-                axis=axis,
-                path=source,
-                names=[component_id(shown) for shown in held["vehicles"]],
-                because=next((shown["verdict"].reason for shown in held["vehicles"]), None),
-            )
-            report_error(because, as_json=False)
-        context.exit(1)
+        return
+    senders = stream_contents(document)
+    for values, assessment in zip(document["vehicles"], assessments, strict=True):
+        parts = report_parts(conclusion(assessment.judgement))
+        print_screen(
+            review_title(assessment),
+            summary=vehicle_contents(values),
+            details=[*parts.body, *senders],
+            conclusion=[parts.headline, parts.next_step],
+            verbose=verbose,
+        )
+
+
+def _why_not_learnable(document: JsonValues, source: str, axis: str) -> Fact:
+    """Returns the fact that no model can be learned from a log, with the reason that its first vehicle has.
+
+    Args:
+        document: Document of the command, whose vehicles have a verdict each.
+        source: Path of the log.
+        axis: Axis of the model.
+    """
+    vehicles = document["vehicles"]
+    return Fact(
+        Reason.LOG_NOT_LEARNABLE,
+        axis=axis,
+        path=source,
+        names=[component_id(values) for values in vehicles],
+        because=vehicles[0]["verdict"].reason if vehicles else None,
+    )

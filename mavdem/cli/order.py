@@ -1,5 +1,6 @@
-"""``mavdem order``: the model order by the free energy (extended DEM)."""
+"""``mavdem order``: the choice of the model order (number of states) by the free energy (extended DEM)."""
 
+from collections.abc import Callable
 from time import perf_counter
 
 import click
@@ -63,33 +64,50 @@ def order_command(
     A SOURCE without an order is reported, and the others are used. Exit code: 0 if an order was found, 1 if no flight
     has one, 2 if no SOURCE can be read.
     """
-    began = perf_counter()
-    channels = []
-
-    def with_as_many_inputs(_: str, flight: Flight) -> Flight:
-        channels.append(flight.inputs.shape[1])
-        if channels[-1] != channels[0]:
-            count = channels[-1]
-            raise NotLearnable(NamedSource.AS_MANY_INPUTS_NEEDED, count=count, needed=channels[0])
-        return flight
-
-    flights = map_flights(sources, axis, vehicle, inputs, with_as_many_inputs)
+    start_time = perf_counter()
+    known_inputs = not unknown_inputs
+    flights = map_flights(sources, axis, vehicle, inputs, _same_input_count())
     title = f"Learning {counted(len(flights), 'flight')}, 1 to {max_order} states"
-    with progress(title) as done:
-        orders, refused = free_energy_of_flights(flights, max_order, not unknown_inputs, done)
-    report_excluded(orders, refused)
-    choice = OrderChoice(tuple(orders.values()))
-    seconds = round(perf_counter() - began, 3)
-    report = Order.gather(
+    with progress(title) as show_fraction:
+        free_energies, errors = free_energy_of_flights(
+            flights, max_order, known_inputs, show_fraction
+        )
+    report_excluded(free_energies, errors)
+    choice = OrderChoice(tuple(free_energies.values()))
+    names = list(free_energies)
+    seconds = round(perf_counter() - start_time, 3)
+    document = Order.gather(
         choice,
-        flights=list(orders),
+        flights=names,
         axis=axis,
-        known_inputs=not unknown_inputs,
+        known_inputs=known_inputs,
         seconds=seconds,
-        advice=order_advice(choice, not unknown_inputs),
+        advice=order_advice(choice, known_inputs),
         width=[flight.kernel_width for flight in choice.flights],
         samples=[flight.effective_samples for flight in choice.flights],
     )
-    blocks = order_report(choice, list(orders), not unknown_inputs)
-    print_result(report, blocks, as_json)
+    print_result(document, order_report(choice, names, known_inputs), as_json)
     print_to_stderr(f"Took {seconds:.1f} s.")
+
+
+def _same_input_count() -> Callable[[str, Flight], Flight]:
+    """Returns a function that passes on flights with as many inputs as the first flight has.
+
+    The free energies of several flights are averaged, so their models must have the same inputs. The function takes
+    the name of a flight, which it does not use, and the flight. It raises ``NotLearnable`` for a flight with another
+    number of inputs.
+    """
+    required_count: int | None = None
+
+    def checked_flight(name: str, flight: Flight) -> Flight:
+        nonlocal required_count
+        count = flight.inputs.shape[1]
+        if required_count is None:
+            required_count = count
+        if count != required_count:
+            raise NotLearnable(
+                NamedSource.AS_MANY_INPUTS_NEEDED, count=count, needed=required_count
+            )
+        return flight
+
+    return checked_flight

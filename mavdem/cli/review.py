@@ -57,15 +57,16 @@ def review_command(
     """
     folder = out or default_result_folder(source)
     check_output_folder(folder, RESULT_FILES, source, params)
-    began = perf_counter()
+    start_time = perf_counter()
     assessment = assess(read_source(source, params), vehicle, progress=progress)
     document = review_document(assessment)
     write_results(folder, document, assessment)
     if as_json:
         print_json(document)
-    else:
-        seconds = perf_counter() - began
-        if verbose:
-            print_blocks(analysis_blocks(assessment))
-        print_to_stdout("\n".join(map(escape_unprintable, review_screen(assessment).splitlines())))
-        print_to_stdout(f"Page: {escape_unprintable(folder / PAGE_FILE)} (took {seconds:.1f} s)")
+        return
+    seconds = perf_counter() - start_time
+    if verbose:
+        print_blocks(analysis_blocks(assessment))
+    for line in review_screen(assessment).splitlines():
+        print_to_stdout(escape_unprintable(line))
+    print_to_stdout(f"Page: {escape_unprintable(folder / PAGE_FILE)} (took {seconds:.1f} s)")

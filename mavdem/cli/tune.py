@@ -1,11 +1,13 @@
-"""``mavdem tune``: margins of the rate and attitude loops with intervals, and gains to set; ``mavdem twin``."""
+"""``mavdem tune``: stability margins of the rate and attitude loops with intervals, and gains to set."""
 
 from pathlib import Path
 
 import click
 
 from mavdem.assessment.axis.figures import ALL_AXES
-from mavdem.assessment.axis.tuning import tuned
+from mavdem.assessment.axis.tuning import Tuning, tuned
+from mavdem.assessment.evidence import Evidence
+from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.options import (
     file_option,
     params_option,
@@ -13,7 +15,7 @@ from mavdem.cli.options import (
     start_option,
     verbose_option,
 )
-from mavdem.cli.output import print_json, print_screen
+from mavdem.cli.output import print_json, print_screen, report_parts
 from mavdem.cli.output_files import check_output_folder, replaced_files
 from mavdem.cli.sources import assess_without_model
 from mavdem.cli.streams import print_to_stderr
@@ -26,8 +28,17 @@ from mavdem.report.loops import tune_blocks
 from mavdem.report.pages.page import tune_page
 from mavdem.report.screen import conclusion
 
-PAGE = "tune.html"
-GAINS = ("gains.params", "gains.param")
+PAGE_FILE = "tune.html"
+"""Name of the page with the loops and the advised gains."""
+
+GAIN_FILES = ("gains.params", "gains.param")
+"""Names of the files with the advised gains, for QGroundControl and for Mission Planner."""
+
+MARGIN_TARGETS_TEXT = "; ".join(
+    f"{name}: phase {target.phase_margin:g}°, gain {target.gain_margin:g} dB, Ms {target.ms:g}"
+    for name, target in MARGIN_TARGETS.items()
+)
+"""The choices of --margins with their phase margin, gain margin and peak of the sensitivity, for the help."""
 
 
 @click.command("tune")
@@ -37,11 +48,7 @@ GAINS = ("gains.params", "gains.param")
     type=click.Choice(list(MARGIN_TARGETS)),
     default="default",
     show_default=True,
-    help="; ".join(
-        f"{name}: phase {a:g}°, gain {b:g} dB, Ms {c:g}"
-        for name, (a, b, c) in MARGIN_TARGETS.items()
-    )
-    + ".",
+    help=f"{MARGIN_TARGETS_TEXT}.",
 )
 @click.option("--more", is_flag=True, help="Use the room of loops that have enough margin.")
 @params_option
@@ -81,31 +88,58 @@ def tune_command(
       mavdem tune flight.bin --params vehicle.param --filters
     """
     if out:
-        check_output_folder(out, (PAGE, *GAINS), params)
-    assessment, evidence = assess_without_model(source, vehicle, params, inputs=inputs, start=start)
+        check_output_folder(out, (PAGE_FILE, *GAIN_FILES), params)
+    assessment, evidence = assess_without_model(source, vehicle, params, inputs, start)
     axes = AXES if axis == ALL_AXES else (axis,)
     tuning = tuned(assessment, axes, margins, more=more, filters=filters, is_written=bool(out))
-    gains = tuning.parameters
     if out:
-        texts = {PAGE: tune_page(Path(source).name, tuning)}
-        if gains:
-            texts |= {
-                f"gains{ending}": text
-                for ending, text in parameter_files(gains, evidence.signals.telemetry).items()
-            }
-        with replaced_files(out, [*texts], GAINS) as paths:
-            for path, text in zip(paths, texts.values(), strict=True):
-                path.write_text(text, "utf-8", "replace")
-        print_to_stderr(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
+        _write_tuning(out, source, tuning, evidence)
     if as_json:
         print_json(tune_document(source, margins, tuning))
     else:
-        above, *lights, following = conclusion(tuning.judgement)
-        blocks = tune_blocks(tuning, verbose)
-        blocks += [Sentence(tuning.notch.advised, "Notch filter:")] if tuning.notch else []
-        page = [Sentence(str(out / PAGE), "Page:")] if out else []
-        # What must not fly is said before its gains.
-        blocks.insert(0 if assessment.headline.is_bad else len(blocks), above)
-        print_screen(None, [], lights, [*blocks, following, *page], verbose)
+        _print_tuning(tuning, out, verbose)
     if tuning.refusal:
-        raise click.exceptions.Exit(1)
+        raise click.exceptions.Exit(EXIT_UNSUPPORTED)
+
+
+def _write_tuning(folder: Path, source: str, tuning: Tuning, evidence: Evidence) -> None:
+    """Writes the page and, if gains are advised, the parameter files for ground stations.
+
+    Args:
+        folder: Folder for the files.
+        source: Path of the log.
+        tuning: The gains to set.
+        evidence: Evidence of the log, with the parameters that the vehicle has now.
+    """
+    texts = {PAGE_FILE: tune_page(Path(source).name, tuning)}
+    if tuning.parameters:
+        files = parameter_files(tuning.parameters, evidence.signals.telemetry)
+        for ending, text in files.items():
+            texts[f"gains{ending}"] = text
+    with replaced_files(folder, list(texts), stale_names=GAIN_FILES) as paths:
+        for path, text in zip(paths, texts.values(), strict=True):
+            path.write_text(text, "utf-8", "replace")
+    print_to_stderr(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
+
+
+def _print_tuning(tuning: Tuning, folder: Path | None, verbose: bool) -> None:
+    """Prints margins and gains, and the judgement of the flight.
+
+    Args:
+        tuning: The gains to set.
+        folder: Folder that the page was written to, if it was.
+        verbose: Whether to print all margins and the other lights.
+    """
+    parts = report_parts(conclusion(tuning.judgement))
+    blocks = tune_blocks(tuning, verbose)
+    if tuning.notch:
+        blocks.append(Sentence(tuning.notch.advised, "Notch filter:"))
+    # A headline that says that the vehicle must not fly comes before its gains.
+    if tuning.judgement.headline.is_bad:
+        blocks = [parts.headline, *blocks]
+    else:
+        blocks = [*blocks, parts.headline]
+    blocks.append(parts.next_step)
+    if folder:
+        blocks.append(Sentence(str(folder / PAGE_FILE), "Page:"))
+    print_screen(None, summary=[], details=parts.body, conclusion=blocks, verbose=verbose)

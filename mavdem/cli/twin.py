@@ -1,4 +1,4 @@
-"""``mavdem twin``: the vehicle that a log shows, for simulators, and how much alike the two fly."""
+"""``mavdem twin``: a simulated vehicle identified from a log, and how closely it repeats the flight."""
 
 from pathlib import Path
 
@@ -59,18 +59,20 @@ def twin_command(
     for path in out:
         check_output_file(path, "--out", (".toml", *OMITTED_QUANTITIES))
     _, evidence = assess_without_model(source, vehicle, params)
-    twin, loops, lacking = assessed_twin(evidence, mass)
+    twin, loops, missing_loops = assessed_twin(evidence, mass)
     for path in out:
-        write_text_atomically(path, vehicle_text(twin, path.suffix.lower(), Path(source).name))
-        if left := OMITTED_QUANTITIES.get(path.suffix.lower()):
-            print_to_stderr(f"{path.name} has no place for {left}.")
-    compared = compare_twin_with_flight(twin, loops)
-    missing = missing_axes(lacking)
+        ending = path.suffix.lower()
+        write_text_atomically(path, vehicle_text(twin, ending, Path(source).name))
+        if OMITTED_QUANTITIES.get(ending):
+            print_to_stderr(f"{path.name} has no place for {OMITTED_QUANTITIES[ending]}.")
+    comparison = compare_twin_with_flight(twin, loops)
+    missing_blocks = missing_axes(missing_loops)
     document = {
         "vehicle": twin,
-        "missing": [sentence.text for sentence in missing],
-        "alike": compared,
+        "missing": [sentence.text for sentence in missing_blocks],
+        "alike": comparison,
     }
-    print_result(document, [*missing, *twin_blocks(twin, compared)], as_json)
+    print_result(document, [*missing_blocks, *twin_blocks(twin, comparison)], as_json)
     if out:
-        print_to_stderr(f"Written: {', '.join(map(str, out))}. Nothing was sent to a vehicle.")
+        names = ", ".join(str(path) for path in out)
+        print_to_stderr(f"Written: {names}. Nothing was sent to a vehicle.")

@@ -11,7 +11,7 @@ from mavdem.cli.options import (
     vehicle_option,
     verbose_option,
 )
-from mavdem.cli.output import print_json, print_screen
+from mavdem.cli.output import print_json, print_screen, report_parts
 from mavdem.cli.sources import assess_without_model
 from mavdem.documents.wind import Wind
 from mavdem.errors import NotLearnable
@@ -39,18 +39,26 @@ def wind_command(
     --prior, or the autopilot's drag parameters. Exit code: 1 if the log cannot have a wind.
     """
     assessment, evidence = assess_without_model(source, vehicle)
-    signals = evidence.signals
-    wind, _, reason = evidence.wind
-    if reason is not None:
-        raise NotLearnable(reason)
+    wind = evidence.wind.estimate
+    if evidence.wind.obstacle is not None:
+        raise NotLearnable(evidence.wind.obstacle)
     assert wind is not None
+    signals = evidence.signals
     if prior is not None:
         wind = wind_of_signals(signals, earlier_drag(prior, wind.speed))
-    above, *lights, following = conclusion(assessment.judgement)
-    settings = drag_settings(wind.drag, signals.telemetry)
-    air = WindEvidence(wind, signals.autopilot_wind, None)
-    blocks = [*wind_blocks(air), drag_table(wind.drag, settings)]
+    parameters_to_set = drag_settings(wind.drag, signals.telemetry)
     if as_json:
-        print_json(Wind.gather(assessment.judgement, wind.identified_figures, parameters=settings))
-    else:
-        print_screen(None, blocks, [*wind_tables(wind), *lights], [above, following], verbose)
+        document = Wind.gather(
+            assessment.judgement, wind.identified_figures, parameters=parameters_to_set
+        )
+        print_json(document)
+        return
+    parts = report_parts(conclusion(assessment.judgement))
+    shown_wind = WindEvidence(wind, signals.autopilot_wind, None)
+    print_screen(
+        title=None,
+        summary=[*wind_blocks(shown_wind), drag_table(wind.drag, parameters_to_set)],
+        details=[*wind_tables(wind), *parts.body],
+        conclusion=[parts.headline, parts.next_step],
+        verbose=verbose,
+    )
