@@ -55,6 +55,11 @@ class Backlog:
         return self._batches[0].arrival_time if self._batches else clock.monotonic()
 
     @property
+    def is_late(self) -> bool:
+        """Whether any task is put off."""
+        return bool(self.postponed)
+
+    @property
     def delay(self) -> float:
         """How long the oldest batch has waited, s; 0 without one."""
         return clock.monotonic() - self.now

@@ -10,10 +10,10 @@ from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Learned
 from mavdem.facts import Fact
 from mavdem.facts.assessment import Override
-from mavdem.ingest.telemetry import Parameters
 from mavdem.live.learning import FlightLearning
 from mavdem.live.model_judgement import judge_model
 from mavdem.live.rows import RowFormat
+from mavdem.live.stream import LiveStream
 from mavdem.motors.motor_changes import MotorAlarm
 
 JUDGING_PERIOD = 10.0
@@ -49,8 +49,7 @@ class ModelJudging:
         self,
         now: float,
         learning: FlightLearning,
-        parameters: Parameters,
-        alarms: Sequence[MotorAlarm],
+        stream: LiveStream,
         is_busy: bool,
     ) -> None:
         """Takes a judgement that is done, or begins to judge the newest model where that is due.
@@ -60,8 +59,7 @@ class ModelJudging:
         Args:
             now: s of the monotonic clock.
             learning: has the newest model.
-            parameters: of the autopilot.
-            alarms: changes of the motors' balance.
+            stream: has the autopilot's parameters, and changes of the motors' balance.
             is_busy: whether this computer has no time to judge.
         """
         if self._pending is not None:
@@ -75,9 +73,10 @@ class ModelJudging:
         if not has_physical or is_busy or now < self._next_time:
             return
         self._next_time = now + JUDGING_PERIOD
-        named = learning.named_model(model, parameters)
+        named = learning.named_model(model, stream.parameters)
         if named.record.input_names != row_format.geometry.names:
             return
+        alarms = tuple(stream.motor_alarms.latest)
         # The executor raises RuntimeError when its processes are gone.
         with suppress(RuntimeError):
             self._pending = self._executor.submit(

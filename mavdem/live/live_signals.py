@@ -57,7 +57,7 @@ class RecentMotion(NamedTuple):
         return min(mean_rate(time) if len(time) > 1 else 0.0 for time in streams)
 
 
-def attitude_of_axis(
+def attitude_from_samples(
     message: str, time: Array, boot: int, angle: Array, body_rate: Array
 ) -> Attitude:
     """Returns the attitude of one axis, all of whose samples are used.

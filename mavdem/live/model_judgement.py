@@ -20,7 +20,7 @@ from mavdem.facts.lights import Unjudged
 from mavdem.facts.motors import Trim
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import UNNAMED
-from mavdem.live.live_signals import LiveFindings, LiveSignals, attitude_of_axis, live_evidence
+from mavdem.live.live_signals import LiveFindings, LiveSignals, attitude_from_samples, live_evidence
 from mavdem.live.rows import RowFormat
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.limit_cycles import detect_limit_cycle
@@ -66,7 +66,7 @@ def judge_model(
         unused_count=0,
     )
     angle, body_rate = outputs.T
-    attitude = attitude_of_axis(row_format.attitude_message, time, 0, angle, body_rate)
+    attitude = attitude_from_samples(row_format.attitude_message, time, 0, angle, body_rate)
     telemetry = Telemetry(1, 1, UNNAMED, "", {}, record.parameters, recording_name or "")
     # The model has one axis. It stands for both, so that the vehicle counts as upright where this axis is.
     signals = LiveSignals(telemetry, axis, motors=motors, tilts=(attitude,) * len(TILT_AXES))

@@ -13,7 +13,7 @@ from mavdem.facts import Fact
 from mavdem.facts.session import Rows
 from mavdem.ingest.telemetry import Fields, Telemetry
 from mavdem.live.flight_phase import FlightPhase
-from mavdem.live.live_signals import RecentMotion, attitude_of_axis
+from mavdem.live.live_signals import RecentMotion, attitude_from_samples
 from mavdem.live.motor_inputs import InputSelector, MotorInputs, StreamKey
 from mavdem.live.row_grid import GridPoint, RowGrid
 from mavdem.live.rows import AlignedRow, RowFormat
@@ -278,8 +278,8 @@ class RowBuilder:
         time = np.array(attitude.time)
         message = self.attitude_message
         tilts = {
-            "roll": attitude_of_axis(message, time, self._boot, roll, roll_rate),
-            "pitch": attitude_of_axis(message, time, self._boot, pitch, pitch_rate),
+            "roll": attitude_from_samples(message, time, self._boot, roll, roll_rate),
+            "pitch": attitude_from_samples(message, time, self._boot, pitch, pitch_rate),
         }
         return RecentMotion(self.inputs.motors, tilts)
 

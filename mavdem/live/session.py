@@ -30,7 +30,7 @@ from mavdem.live.time_account import TimeAccount
 
 
 class LiveSession:
-    """A link and all that is done with what it receives.
+    """A link and all that is done with what it receives: the parts of a session, and the order of their work.
 
     Attributes:
         link: the link.
@@ -114,16 +114,10 @@ class LiveSession:
         for fact in self.link.drain_events():
             self._presentation.log(fact)
         now = clock.monotonic()
-        is_busy = bool(self.backlog.postponed)
-        self._rates.update(self.backlog.now, self._silence.message_time, is_busy)
+        self._rates.update(self.backlog.now, self._silence.message_time, self.backlog.is_late)
         if now - self._status_time >= STATUS_PERIOD:
-            self.judging.update(
-                now,
-                self._learning,
-                self.stream.parameters,
-                tuple(self.stream.motor_alarms.latest),
-                is_busy=Task.PHYSICAL_FITS in self.backlog.postponed,
-            )
+            fits_wait = Task.PHYSICAL_FITS in self.backlog.postponed
+            self.judging.update(now, self._learning, self.stream, is_busy=fits_wait)
             self.report_gain_advice()
             self._status_time = now
             self._update_status(now)
@@ -142,7 +136,10 @@ class LiveSession:
             self._presentation.log(fact)
 
     def _analyse(self) -> None:
-        """Analyses what arrived first and waits."""
+        """Analyses what arrived first: rows are learned from, a landing is withdrawn, and silences are reported.
+
+        Rates are requested again after a reboot or a silence, in which the vehicle may have forgotten them.
+        """
         batches = self.backlog.pop_simultaneous()
         first_arrival = batches[0].arrival_time
         if self._report.time_account.is_due(first_arrival):
@@ -155,10 +152,9 @@ class LiveSession:
         self.history.advance(self.stream.now, self.stream.boot)
         self._withdraw_landing()
         motion_silence = self._silence.note_samples(self.stream.sample_count)
-        for fact in (
-            resumption(Missing.MESSAGES, silence),
-            resumption(Missing.MOTION, motion_silence),
-        ):
+        silences = ((Missing.MESSAGES, silence), (Missing.MOTION, motion_silence))
+        for missing, seconds in silences:
+            fact = resumption(missing, seconds)
             if fact is not None:
                 self._presentation.log(fact)
         if self.stream.boot != former_boot or silence > SILENCE_SECONDS:
@@ -176,9 +172,8 @@ class LiveSession:
         learning.is_free = row.is_free
         estimate: Estimate | None = None
         if row.is_free and Task.ESTIMATES not in self.backlog.postponed:
-            motors = self.stream.motor_alarms
-            weakened_motors = motors.weakened_motors(row.inputs, row_format.scale.low)
-            estimate = learning.learn_row(row, weakened_motors)
+            weakened = self.stream.motor_alarms.weakened_motors(row.inputs, row_format.scale.low)
+            estimate = learning.learn_row(row, weakened)
         self._latencies.add(clock.monotonic() - arrival_time)
         learning.count_row(estimate)
         wind = self.stream.wind.latest
@@ -243,8 +238,7 @@ class LiveSession:
             return
         if is_at_end and self._learning.has_settled and not self._learning.has_landed:
             adviser.is_due = True
-        is_busy = bool(self.backlog.postponed)
-        for fact in adviser.update(vehicle.name, is_busy, is_at_end):
+        for fact in adviser.update(vehicle.name, self.backlog.is_late, is_at_end):
             self._presentation.log(fact)
         if adviser.facts and adviser.facts[-1].code is Gains.GAINS_WRITTEN:
             self.judging.set_next_step(adviser.facts[-1].figures["because"])

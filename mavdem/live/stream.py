@@ -240,7 +240,11 @@ class LiveStream:
         return tuple(facts)
 
     def _take_frame(self, frame: Frame) -> Iterator[AlignedRow]:
-        """Takes a frame, and yields the rows that it completes."""
+        """Takes a frame of any component, and yields the rows that it completes.
+
+        Every intact message may show which vehicle to follow. Only those of the followed vehicle are read further; its
+        replies to requests wait for ``drain_replies``.
+        """
         sender = self._vehicles.sender(frame)
         is_intact = frame.checksum == CHECKSUM_MATCHES
         message = decode_message(frame) if is_intact else None
@@ -266,7 +270,11 @@ class LiveStream:
         yield from self._take_message(timed)
 
     def _take_message(self, timed: TimedMessage) -> Iterator[AlignedRow]:
-        """Takes a message of the followed vehicle, and yields the rows that it completes."""
+        """Takes a message of the followed vehicle, and yields the rows that it completes.
+
+        Attitude, setpoints and outputs count only with a time stamp of their own. After each message the next part of
+        the periodic review is done, if that is due.
+        """
         message = timed.message
         name = message.name
         time = timed.time
@@ -289,27 +297,33 @@ class LiveStream:
         self._review.proceed(self._clock.now, self._rows)
         self._rows.end_segment_unless_free()
 
-    def _take_attitude(self, message: Message, time: float) -> Iterator[AlignedRow]:
-        """Takes an attitude at ``time``, s, and yields the rows that it completes."""
+    def _take_attitude(self, message: Message, time: float) -> list[AlignedRow]:
+        """Takes an attitude at ``time``, s, also for wind and pose; returns the rows that it completes."""
         sample = attitude_sample(message)
         if sample is None:
-            yield from self._add_sample(message.name, 0, time, None)
-            return
+            return self._add_sample(message.name, 0, time, None)
         if message.name == self._rows.attitude_message and self._phase.is_free(time):
             self.wind.add_attitude(time, sample.roll, sample.pitch, sample.yaw)
         self._pose.take_attitude(time, sample)
-        yield from self._add_sample(message.name, 0, time, sample.tilt_and_rates)
+        return self._add_sample(message.name, 0, time, sample.tilt_and_rates)
 
     def _add_sample(
         self, name: str, port: int, time: float, values: Numbers | None
-    ) -> Iterator[AlignedRow]:
-        """Adds a sample of attitude or motors, and yields the rows that it completes."""
+    ) -> list[AlignedRow]:
+        """Adds a sample of attitude or motors, whose loss of thrust it tests for; returns the rows that it completes.
+
+        Args:
+            name: name of the message.
+            port: its port; 0 of attitude.
+            time: s of the boot clock.
+            values: outputs, or roll, pitch, rad, and their body rates, rad/s; None where they cannot be used.
+        """
         stream = self._rows.add_sample(name, port, time, values)
         if stream is None:
-            return
+            return []
         if self._rows.is_main_motor_stream(stream):
             self._test_motors(time)
-        yield from self._rows.completed_rows(name, stream)
+        return self._rows.completed_rows(name, stream)
 
     def _test_motors(self, time: float) -> None:
         """Tests the latest sample of the motors, at ``time``, s, for a lasting change, and reports it."""

@@ -8,8 +8,8 @@ from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover
 from mavlink_streams import message, read, tlog
 from numpy.testing import assert_allclose
 
-from mavdem.dataset import signals
 from mavdem.dataset.alignment import aligned_flight
+from mavdem.dataset.attitude import attitude_of_axis
 from mavdem.dataset.resampling import FILTER_EDGE_STEPS, LOW_PASS_RATIO, STAMP_RESOLUTION
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
@@ -171,7 +171,7 @@ def differences(made, segment, telemetry, axis="roll"):
     """
     rows = made.segments()[segment]
     setup = made.setups[segment]
-    stamps = signals.attitude(telemetry, axis)
+    stamps = attitude_of_axis(telemetry, axis)
     here = stamps.time[stamps.boot == setup.boot]
     margin = FILTER_EDGE_STEPS * setup.dt if max(setup.rates) * setup.dt >= LOW_PASS_RATIO else 0.0
     start = here[np.searchsorted(here, setup.grid_start - margin + STAMP_RESOLUTION) - 1]

@@ -276,10 +276,9 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     # As fitted in flight, to more than the model's own samples.
     one._learning.estimate = one._learning.estimate._replace(physical=known)
     model = one.final_model()
-    learning = one._learning, one.stream.parameters, ()
     with ThreadPoolExecutor(1) as one.judging._executor:
-        one.judging.update(1e9, *learning, is_busy=False)
-    one.judging.update(1e9, *learning, is_busy=False)
+        one.judging.update(1e9, one._learning, one.stream, is_busy=False)
+    one.judging.update(1e9, one._learning, one.stream, is_busy=False)
     in_flight = one.status.findings
     model = one.judge_final_model(model)
     assert model.physical is known and in_flight.purposes[:2] == one.judging.findings.purposes[:2]
