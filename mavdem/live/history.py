@@ -110,9 +110,11 @@ class LiveHistory:
         self._error_sums: dict[float, tuple[int, Array]] = {}
 
     def advance(self, time: float, boot: int) -> None:
-        """Advances the timeline to a ``time`` of the vehicle's clock, s, in the boot of this number.
+        """Advances the timeline to a time of the vehicle's clock.
 
-        NaN, a time not known yet, does not move a timeline that has begun.
+        Args:
+            time: s of the boot clock; NaN, a time that is not known yet, does not move a timeline that has begun.
+            boot: number of the boot; with another one the clock has begun anew, and the timeline goes on.
         """
         if boot != self._boot:
             self._boot = boot

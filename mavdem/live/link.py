@@ -280,7 +280,13 @@ class Link:
         self._serial = None
 
     def _open(self) -> None:
-        """Opens socket or serial port by the link's kind; OSError where that fails."""
+        """Opens the socket or the serial port, by the link's kind, and makes it non-blocking.
+
+        A TCP server listens; its client connects later, in ``receive``.
+
+        Raises:
+            OSError: it cannot be opened.
+        """
         if self._kind is LinkKind.SERIAL:
             self._serial = _open_serial(self.name)
             return
@@ -323,7 +329,11 @@ class Link:
         return self._socket or self._server or self._serial
 
     def _read_piece(self) -> bytes | None:
-        """Reads the next piece, and notes its arrival and sender; None if nothing waits."""
+        """Reads the next piece, and notes its arrival and sender.
+
+        Returns:
+            A datagram or some bytes of a stream; no bytes where the other side has closed; None if nothing waits.
+        """
         try:
             if self._serial is not None:
                 return os.read(self._serial, MAX_PIECE_BYTES)
@@ -429,7 +439,11 @@ CAUSES_BY_ERRNO = {
 
 
 def _parse_name(name: str) -> _LinkAddress:
-    """Kind, host and port of a connection string; ``Unreadable`` where it is none."""
+    """Parses a connection string; what is no network address must be the path of a serial device.
+
+    Raises:
+        Unreadable: it is neither, or its port number is too high.
+    """
     network = _NETWORK_NAME.fullmatch(name)
     if network is not None:
         prefix, host, port = network.groups()

@@ -42,7 +42,12 @@ class MotorAlarms:
         self.change_time = nan
 
     def obstacle(self, now: float, is_flying: bool) -> Fact | None:
-        """Returns why no weakening motor would be found at ``now``, s; None where one would."""
+        """Returns why a motor that weakens would not be found now; None where it would.
+
+        Args:
+            now: s of the boot clock.
+            is_flying: whether the vehicle is airborne.
+        """
         if not is_flying:
             return Fact(Watch.ON_GROUND_NOW)
         if self._obstacle is not None:

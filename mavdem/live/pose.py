@@ -47,12 +47,24 @@ class PoseTracker:
         self._setpoint_time = -inf
 
     def take_setpoint(self, time: float, setpoint: tuple[float, float]) -> None:
-        """Takes a setpoint of roll and pitch, rad, at ``time``, s; NaN where there is none."""
+        """Takes a setpoint of the attitude.
+
+        Args:
+            time: s of the boot clock.
+            setpoint: roll and pitch, rad; NaN where none is set.
+        """
         self._setpoint_time = time
         self._setpoint = setpoint
 
     def take_attitude(self, time: float, sample: AttitudeSample) -> None:
-        """Takes an attitude at ``time``, s."""
+        """Takes an attitude, as the latest pose and as heading.
+
+        A setpoint older than ``MAX_SETPOINT_AGE`` is unknown. Without one, every upright attitude counts as followed.
+
+        Args:
+            time: s of the boot clock.
+            sample: angles and body rates.
+        """
         has_setpoint = abs(time - self._setpoint_time) <= MAX_SETPOINT_AGE
         setpoint = self._setpoint if has_setpoint else (nan, nan)
         self.pose = LatestPose(

@@ -109,7 +109,15 @@ class Presentation:
         learned: Learned | None = None,
         wind: WindEstimate | None = None,
     ) -> None:
-        """Displays a row with the latest estimate, model, wind and pose, as far as there are any."""
+        """Displays a row, if there is a display.
+
+        Args:
+            row: the row.
+            pose: the latest attitude with its setpoint.
+            estimate: of this row; None of a row that was not learned from.
+            learned: the learner's latest batch result.
+            wind: the latest.
+        """
         if self._display is not None:
             self._display.put(
                 DisplayRow(

@@ -66,7 +66,10 @@ class RateCheck:
         motor_message: str | None,
         rates: Mapping[str, float],
     ) -> Fact | None:
-        """Why there are no rows; arguments are those of ``update``."""
+        """Why there are no rows, the first that holds; arguments are those of ``update``.
+
+        The vehicle may be no multirotor, attitude or motor outputs may be missing, or one of them may be too slow.
+        """
         if vehicle_type not in POSSIBLE_MULTIROTORS:
             return Fact(VehicleFact.NOT_A_MULTIROTOR, vehicle_type=vehicle_type, axis=self._axis)
         if attitude_message is None:

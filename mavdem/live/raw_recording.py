@@ -51,7 +51,11 @@ class RawRecording:
         self._flush_stamp = 0.0
 
     def add(self, stamp: float, frames: Sequence[Frame]) -> None:
-        """Adds the frames that a link completed at ``stamp``, UNIX s.
+        """Adds frames, and passes them on to the operating system every ``BATCH_SECONDS``.
+
+        Args:
+            stamp: when the link completed them, UNIX s.
+            frames: the frames.
 
         Raises:
             OSError: they cannot be written.

@@ -32,14 +32,25 @@ class RecentMessages:
         self.rows: dict[str, list[tuple[float, Numbers]]] = {}
 
     def add(self, name: str, time: float, values: Numbers) -> None:
-        """Adds a message that came at ``time``, s, with the values of its ``MESSAGE_FIELDS``."""
+        """Adds a message.
+
+        Args:
+            name: name of the message.
+            time: s of the boot clock.
+            values: of its ``MESSAGE_FIELDS``, in their order.
+        """
         rows = self.rows.setdefault(name, [])
         rows.append((time, values))
         if len(rows) > MAX_ROWS:
             del rows[: MAX_ROWS // 2 : 2]
 
     def columns(self, names: Iterable[str], start_time: float = -inf) -> dict[str, Columns]:
-        """Returns the columns of these messages since ``start_time``, s; names without a message are left out."""
+        """Returns the columns of messages, as a log of them has.
+
+        Args:
+            names: of the messages; those of which none came are left out.
+            start_time: time of the first message, s of the boot clock.
+        """
         columns: dict[str, Columns] = {}
         for name in names:
             rows = [row for row in self.rows.get(name, ()) if row[0] >= start_time]

@@ -50,7 +50,12 @@ class RowBuilder:
         self.restart(0, phase)
 
     def restart(self, boot: int, phase: FlightPhase) -> None:
-        """Forgets the samples, at a reboot, after which the clock begins anew."""
+        """Forgets the samples, at a reboot, after which the clock begins anew; the format of the latest rows stays.
+
+        Args:
+            boot: number of the boot.
+            phase: whether the vehicle flies in this boot.
+        """
         self.inputs: MotorInputs | None = None
         self.attitude_message: str | None = None
         self._boot = boot
@@ -191,10 +196,14 @@ class RowBuilder:
             self._report(Fact(Rows.MOTOR_ORDER_ASSUMED, basis=geometry.basis))
 
     def _row(self, point: GridPoint, inputs: MotorInputs) -> AlignedRow:
-        """The row of a point of the grid."""
+        """The row of a point of the grid.
+
+        Args:
+            point: values of attitude, then of each port of the motors, in the order of ``inputs.ports``.
+            inputs: the channel of each motor.
+        """
         roll, pitch, roll_rate, pitch_rate = point.values[0]
         outputs = {"roll": (roll, roll_rate), "pitch": (pitch, pitch_rate)}[self.axis]
-        # The streams of the motors follow that of attitude in the order of the ports.
         values_of_port = dict(zip(inputs.ports, point.values[1:], strict=True))
         motors = np.array(
             [values_of_port[channel.port][channel.offset] for channel in inputs.channels]

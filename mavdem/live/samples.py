@@ -50,7 +50,11 @@ class SampleStream:
         return max(self._gap_end, self.time[0]) if self.time else inf
 
     def add(self, time: float, values: Numbers) -> bool:
-        """Adds a sample, also one that was overtaken by others.
+        """Adds a sample in the order of its stamp, also one that was overtaken by others.
+
+        Args:
+            time: stamp, s of the boot clock.
+            values: of the sample, as many as of the others.
 
         Returns:
             False for a sample that is dropped: its stamp is there already, it comes too late, or it is not finite.

@@ -22,7 +22,12 @@ class SilenceMonitor:
         self._sample_count = 0
 
     def note_messages(self, first_arrival: float, last_arrival: float) -> float:
-        """Notes messages that arrived between two times, s; returns how long none had come before them, s."""
+        """Notes messages; returns how long none had come before them, s.
+
+        Args:
+            first_arrival: of the first of them, s of the monotonic clock.
+            last_arrival: of the last of them.
+        """
         silence = first_arrival - self.message_time
         self.message_time = last_arrival
         return silence
@@ -57,7 +62,15 @@ class SilenceMonitor:
 
 
 def resumption(missing: Missing, silence: float) -> Fact | None:
-    """Returns that something comes again after a ``silence``, s; None if that was short, or nothing had come before."""
+    """Returns that something comes again after a silence.
+
+    Args:
+        missing: what had not come.
+        silence: for how long, s; infinite where nothing had come before.
+
+    Returns:
+        The fact; None where the silence was short, or nothing had come before.
+    """
     if not SILENCE_SECONDS < silence < inf:
         return None
     return Fact(Rows.MESSAGES_RESUMED, subject=missing, duration=silence)

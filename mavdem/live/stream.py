@@ -166,7 +166,12 @@ class LiveStream:
                 self._watch_other_vehicle(sender.name, frame)
 
     def take_without_rows(self, stamp: float, frames: Sequence[Frame]) -> None:
-        """Takes the next frames, received at ``stamp``, UNIX s, where nobody needs the rows that they complete."""
+        """Takes the next frames of the link, where nobody needs the rows that they complete.
+
+        Args:
+            stamp: when they were received, UNIX s.
+            frames: the frames.
+        """
         for _ in self.take_frames(stamp, frames):
             pass
 

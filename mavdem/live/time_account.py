@@ -68,9 +68,13 @@ class TimeAccount:
         return now - self.entry_time >= ENTRY_SECONDS
 
     def update(self, now: float, state: AccountedState) -> dict[Spent, float]:
-        """Counts the time until ``now``, s of the monotonic clock.
+        """Counts the time since the last entry.
 
         Samples count for the time that they span, not for that in which they were analysed.
+
+        Args:
+            now: until when everything that arrived is analysed, s of the monotonic clock.
+            state: what the session does now.
 
         Returns:
             Seconds of the session by what they were spent on; those after ``now`` are left out.

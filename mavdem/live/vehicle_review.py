@@ -157,7 +157,11 @@ class VehicleReview:
         rows.choose_inputs(self._candidate_messages, self._vehicle_telemetry(), self._now)
 
     def _review_phase(self, rows: RowBuilder) -> None:
-        """Checks the rates of messages, and decides whether the vehicle flies."""
+        """Checks the rates of messages, and decides whether the vehicle flies.
+
+        Rates are checked once the vehicle has been heard for ``DECISION_SECONDS``. With a take-off the wind's estimates
+        begin anew.
+        """
         now = self._review_time
         connected_seconds = now - self._connection_start
         if connected_seconds >= DECISION_SECONDS:

@@ -233,7 +233,10 @@ class Watchdog:
             )
 
     def _changed_alarms(self, review: _Review) -> list[Fact]:
-        """The alarms that begin, become worse, or are over; it updates the lights."""
+        """The alarms that begin, become worse, or are over after a review; it also updates lights and active alarms.
+
+        An alarm is over after the landing, or when its reason has not been seen for ``CALM_SECONDS``.
+        """
         alarms = []
         for kind, fact in review.facts.items():
             light = str(LIGHTS[kind])
@@ -285,7 +288,13 @@ class Watchdog:
         return obstacles
 
     def set_watched(self, kind: Watched, obstacle: Fact | None, now: float) -> None:
-        """Notes that a thing is watched, or not because of an ``obstacle``, since ``now``, s, if that is new."""
+        """Notes whether a thing is watched; what is noted already keeps the time since which it is so.
+
+        Args:
+            kind: what is watched.
+            obstacle: why it is not; None where it is.
+            now: s of the boot clock.
+        """
         code = Watch.NOT_WATCHED if obstacle else Watch.WATCHED
         noted = self.watch_facts.get(kind)
         is_noted = (

@@ -239,7 +239,14 @@ class LiveWind:
         self._check_time = -inf
 
     def add_attitude(self, time: float, roll: float, pitch: float, yaw: float) -> None:
-        """Adds an attitude at ``time``, s, in rad; samples that come too soon are left out."""
+        """Adds an attitude of free flight; one that comes sooner than ``MIN_SAMPLE_STEP`` after the last is left out.
+
+        Args:
+            time: s of the boot clock.
+            roll: rad.
+            pitch: rad.
+            yaw: rad.
+        """
         min_step = MIN_SAMPLE_STEP - STAMP_TOLERANCE
         if not self._attitudes or time - self._attitudes[-1][0] >= min_step:
             self._attitudes.append((time, roll, pitch, yaw))

@@ -17,7 +17,7 @@ DT = 0.02
 
 
 @mark.parametrize("changed", [False, True])
-def test_a_gust_is_said_once_and_a_motor_s_step_is_none(changed):
+def test_a_gust_is_reported_once_and_a_motor_step_never(changed):
     torque = default_rng(1).uniform(-1.0, 1.0, size=2500)
     torque[600:625] = 20.0
     torque[625:690] = np.where(changed, np.nan, torque[625:690])  # as after a motor's alarm
@@ -39,13 +39,13 @@ def test_a_gust_is_said_once_and_a_motor_s_step_is_none(changed):
     assert gust.figures["duration"] == approx(0.5, abs=0.05)
 
 
-def test_what_is_not_known_is_no_gust_and_no_level():
+def test_an_unknown_torque_is_no_gust():
     live = GustDetector(DT)
     unknown = SimpleNamespace(wind_torque=np.nan)
     assert not list(live.add(unknown))
 
 
-def test_a_session_runs_for_its_time_and_reports_now_and_then(monkeypatch):
+def test_a_session_runs_for_its_duration_and_reports_periodically(monkeypatch):
     """By a clock that goes on by a second each time that somebody looks."""
     monkeypatch.setattr("mavdem.live.session_loop.monotonic", count(100.0).__next__)
     usual = sys.getswitchinterval()

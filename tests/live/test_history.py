@@ -10,7 +10,7 @@ from mavdem.live.history import LiveHistory
 from mavdem.report.charts.timeline import live_timeline
 
 
-def test_errors_are_those_of_the_samples_that_are_learned_from_and_whose_time_has_come():
+def test_errors_count_learned_samples_whose_time_has_come():
     flown(history := LiveHistory(), 1.0, learnt=False)
     assert history.errors() == [] and history.learned_intervals == []
     assert np.isfinite(history.table[:, 2]).sum() == 100
@@ -35,7 +35,7 @@ def test_nothing_is_compared_across_a_gap_and_lines_break_there():
     assert history.learned_intervals == [approx((100.0, 100.99)), approx((103.0, 104.99))]
 
 
-def test_the_clock_goes_on_where_a_reboot_sets_it_back_and_predictions_with_it():
+def test_the_timeline_goes_on_after_a_reboot():
     history = LiveHistory()
     flown(history, 3.0)
     flown(history, 3.0, segment=1, start=5.0, boot=1)

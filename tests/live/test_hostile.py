@@ -81,7 +81,7 @@ def test_parameters_and_events_are_bounded():
     assert stream.drain_events() == []
 
 
-def test_stamps_however_close_together_take_no_more_memory_than_so_many_samples():
+def test_close_stamps_take_bounded_memory():
     samples = SampleStream()
     assert samples.recent_rate(100.0) == 0.0
     for number in range(3 * MAX_SAMPLES):

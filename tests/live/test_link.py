@@ -72,7 +72,7 @@ def clock(monkeypatch):
 
 
 @mark.slow
-def test_datagrams_come_whole_and_in_order_with_their_stamps_in_a_bounded_number():
+def test_datagrams_come_whole_in_order_and_stamped():
     sent = [bytes([number % 256]) * 10 for number in range(MAX_PIECES + 5)]
     with listening() as (link, address), udp() as vehicle:
         began = time.time()
@@ -98,7 +98,7 @@ def test_datagrams_come_whole_and_in_order_with_their_stamps_in_a_bounded_number
         assert len(link.receive(60.0)) == 1 and link.dropped_datagrams == 400 - found > 0
 
 
-def test_of_two_autopilots_with_the_same_ids_the_first_is_received_and_that_is_said_once(clock):
+def test_of_two_autopilots_with_the_same_ids_only_the_first_is_received(clock):
     others = message("HEARTBEAT", system=255, component=190, type=6, autopilot=8)
     with listening() as (link, address), udp() as first, udp() as second:
 

@@ -90,7 +90,7 @@ def hovering(clock=0.0, rate=20.0, **trims):
     return Flight(hover, attitude=20.0, motors=rate, clock=clock).frames(end=hover.end)
 
 
-def test_a_range_of_outputs_that_becomes_known_in_flight_is_no_change_of_the_motors():
+def test_an_output_range_that_becomes_known_in_flight_is_no_motor_alarm():
     frames = hovering(trim=200.0)
     limits = {b"MOT_PWM_MIN": 1150.0, b"MOT_PWM_MAX": 1940.0}
     sent = [

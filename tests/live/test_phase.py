@@ -55,7 +55,7 @@ def test_what_shows_nothing_is_not_called_the_ground():
     assert vehicle.phase.obstacle.code is Session.NOT_FLYING
 
 
-def test_what_has_risen_for_a_while_flies_freely_before_it_is_settled_unless_it_sinks():
+def test_a_long_climb_is_free_flight_before_it_is_settled():
     one = Vehicle()
     assert not one.fly(2.0, climb=1.0) and not one.phase.is_free(one.time)
     one.fly(2.5, climb=1.0)
@@ -72,14 +72,14 @@ def test_what_has_risen_for_a_while_flies_freely_before_it_is_settled_unless_it_
     assert not lands.phase.is_free(lands.time) and not lands.phase.may_have_free_rows
 
 
-def test_a_descent_that_is_not_reported_as_flight_is_no_settled_flight_until_it_is_over():
+def test_a_descent_is_not_settled_unless_reported_as_flight():
     for landed in (None, IN_AIR):
         one = Vehicle()
         assert one.fly(25.0, climb=0.0, landed=landed)
         assert one.fly(5.0, climb=-0.6, landed=landed) is bool(landed)
 
 
-def test_a_landing_is_dated_by_the_last_heartbeat_in_flight_and_of_two_the_earlier_counts():
+def test_a_landing_is_dated_by_the_last_report_in_flight():
     one = Vehicle()
     assert one.fly(20.0)
     one.fly(2.0, armed=False)

@@ -52,7 +52,7 @@ def test_a_greeting_is_the_heartbeat_of_a_ground_station_that_nobody_misses():
     assert said_of_it == (254, dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 3)
 
 
-def test_a_refusal_and_what_is_never_reached_are_reported_and_not_asked_for_again():
+def test_a_refused_rate_is_reported_and_not_requested_again():
     refused = request_of(50.0, 375)
     refused.frames_due(0.0, None)
     refused.take_reply(told("MESSAGE_INTERVAL", 375, STOPPED))
@@ -159,7 +159,7 @@ def test_after_a_reboot_that_forgets_rates_they_are_asked_for_again(silence):
     assert vehicle.rates == {30: 4.0, 36: 0.0, 83: 0.0, 245: 0.0, 32: 0.0, 74: 0.0}
 
 
-def test_what_distinguishes_flight_from_landing_is_asked_for_where_it_does_not_come_already():
+def test_landing_messages_are_requested_only_where_they_do_not_come():
     vehicle = Vehicle(RateRequest(VEHICLE, 100.0), knows=(30, 36, 74), _30=4.0, _36=2.0, _74=10.0)
     vehicle.run(30.0)
     assert vehicle.rates == {30: 100.0, 36: 100.0, 74: 10.0}, "what is faster stays as it is"
@@ -170,7 +170,7 @@ def test_what_distinguishes_flight_from_landing_is_asked_for_where_it_does_not_c
     assert vehicle.rates == {30: 4.0, 36: 2.0, 74: 10.0}
 
 
-def test_another_ground_station_that_sets_rates_back_is_asked_against_each_time_and_said_once():
+def test_rates_that_another_ground_station_sets_back_are_requested_again():
     vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0, _36=4.0, _74=4.0, _245=4.0, _32=4.0)
     vehicle.run(300.0, back_every=15.0)
     asked = [at for at, command, kind in vehicle.sent if (command, kind) == (SET_INTERVAL, 30)]

@@ -73,7 +73,7 @@ def test_rows_are_those_of_align(flight, far):
     assert times < 1e-6 and outputs < far[0] and inputs < far[1]
 
 
-def test_what_comes_of_it_does_not_depend_on_how_the_bytes_are_cut():
+def test_rows_do_not_depend_on_how_bytes_are_cut():
     frames = Flight().frames(end=18.0)
     whole = replay(frames)
     content = b"".join(data for _, data in frames)

@@ -69,7 +69,7 @@ def test_the_one_that_is_named_is_followed():
     assert made.rows and {VehicleFact.OTHER_VEHICLE, Rows.ROWS_BEGIN} <= {*made.codes}
 
 
-def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_asked_for_more():
+def test_a_vehicle_that_sends_only_heartbeats_is_followed():
     others = [
         (time + 0.5, heartbeat(255, 190, kind=6, autopilot=8)) for time, _ in only_heartbeats()
     ]

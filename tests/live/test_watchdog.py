@@ -66,7 +66,7 @@ def hot():
 
 
 @mark.slow
-def test_a_limit_cycle_is_said_within_two_seconds_of_take_off_and_when_it_is_over(hot):
+def test_a_limit_cycle_is_reported_within_two_seconds_and_when_it_ends(hot):
     off = next(fact.time for fact in hot.facts if fact.code is Reported.OFF_GROUND)
     alarm, over, *_ = said(hot, MarginsLight.OSCILLATES)
     assert alarm.code is Session.ALARM and alarm.level is Level.BAD and off < alarm.time <= off + 2
@@ -178,7 +178,7 @@ def test_the_status_stands_in_its_place_on_a_terminal():
     assert "\x1b[1;31m" in last
 
 
-def test_a_vehicle_in_flight_is_not_said_to_be_on_the_ground_before_it_is_judged():
+def test_a_flying_vehicle_without_a_judgement_is_not_called_grounded():
     assert SessionStatus().overall_judgement.headline.code is Session.NOT_FLYING
     assert SessionStatus(is_flying=True).overall_judgement.headline.code is Session.BEING_LEARNED
 
