@@ -152,11 +152,14 @@ def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
     telemetry = signals.telemetry
     values_at_start = telemetry.initial_parameters
     if "PARAM_VALUE" in telemetry.messages:
-        sent = _changed_parameter_messages(signals)
-        is_before = (sent["boot"] < segment.boot) | (
-            (sent["boot"] == segment.boot) & (sent["time"] <= segment.start)
+        parameter_messages = _changed_parameter_messages(signals)
+        is_before_start = (parameter_messages["boot"] < segment.boot) | (
+            (parameter_messages["boot"] == segment.boot)
+            & (parameter_messages["time"] <= segment.start)
         )
-        values_at_start = latest_parameters(selected_rows(sent, is_before), telemetry.autopilot)
+        values_at_start = latest_parameters(
+            selected_rows(parameter_messages, is_before_start), telemetry.autopilot
+        )
     earlier = {}
     for name, value in values_at_start.items():
         is_control_parameter = CONTROL_PARAMETERS.match(name)
@@ -174,11 +177,11 @@ def _changed_parameter_messages(signals: Signals) -> Columns:
     They are few, even where every boot sends all parameters again.
     """
     telemetry = signals.telemetry
-    sent = telemetry.messages["PARAM_VALUE"]
-    names_and_values = decoded_parameters(sent, telemetry.autopilot)
+    parameter_messages = telemetry.messages["PARAM_VALUE"]
+    names_and_values = decoded_parameters(parameter_messages, telemetry.autopilot)
     changed_names = set()
     for name, value in names_and_values:
         if value != telemetry.parameters.get(name):
             changed_names.add(name)
     is_changed = [name in changed_names for name, _ in names_and_values]
-    return selected_rows(sent, np.array(is_changed, dtype=bool))
+    return selected_rows(parameter_messages, np.array(is_changed, dtype=bool))

@@ -114,7 +114,9 @@ def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
     )
 
 
-def tuning_rates(telemetry: Telemetry, axis: str, sent: Attitude | None) -> TimeSeries | None:
+def tuning_rates(
+    telemetry: Telemetry, axis: str, sent_attitude: Attitude | None
+) -> TimeSeries | None:
     """Returns the body rate of an axis and its setpoint from PID_TUNING.
 
     Some firmware sends them in deg/s, some in rad/s. Which it is shows in the spread of the rates in the attitude
@@ -123,7 +125,7 @@ def tuning_rates(telemetry: Telemetry, axis: str, sent: Attitude | None) -> Time
     Args:
         telemetry: Messages of the vehicle.
         axis: "roll", "pitch" or "yaw".
-        sent: Attitude of the axis as it was sent; without it the rates are taken as they are.
+        sent_attitude: Attitude of the axis as it was sent; without it the rates are taken as they are.
 
     Returns:
         Body rate and setpoint (N, 2), rad/s; None where none were recorded.
@@ -137,7 +139,10 @@ def tuning_rates(telemetry: Telemetry, axis: str, sent: Attitude | None) -> Time
     tuning = clean_series(columns, rates, is_of_axis)
     if not len(tuning.time):
         return None
-    if sent is not None and tuning.values[:, 0].std() > MIN_DEGREES_RATIO * sent.rate.std():
+    if (
+        sent_attitude is not None
+        and tuning.values[:, 0].std() > MIN_DEGREES_RATIO * sent_attitude.rate.std()
+    ):
         return replace(tuning, values=np.radians(tuning.values))
     return tuning
 

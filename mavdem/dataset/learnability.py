@@ -84,7 +84,7 @@ class Learnability:
     """Whether a model of one axis can be learned from a segment or, without a segment, from a log."""
 
     axis: str
-    """"roll", "pitch" or "yaw"."""
+    """Axis of the model: "roll", "pitch" or "yaw"."""
     learnable: bool
     """Whether it can."""
     reason: Fact
@@ -267,14 +267,19 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
 def _no_multirotor(signals: Signals, components: Sequence[Component]) -> Fact:
     """Returns the refusal of a vehicle of another kind; it names a multirotor that is in the log too."""
     multirotors = [component for component in components if component.kind in MULTIROTORS]
-    other = multirotors[0] if multirotors else None
+    other_multirotor = multirotors[0] if multirotors else None
     return Fact(
         Reason.NO_MULTIROTOR,
         recorder=signals.telemetry.translated_from,
         kind=signals.telemetry.vehicle,
-        other=f"{other.system}:{other.component}" if other is not None else None,
-        other_kind=other.kind if other is not None else None,
+        other=_component_ids(other_multirotor) if other_multirotor is not None else None,
+        other_kind=other_multirotor.kind if other_multirotor is not None else None,
     )
+
+
+def _component_ids(component: Component) -> str:
+    """Returns MAVLink's ids of a component, "system:component"."""
+    return f"{component.system}:{component.component}"
 
 
 def _impossible_attitude(signals: Signals, code: Reason | Caution) -> Fact:

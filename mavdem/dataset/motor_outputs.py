@@ -290,11 +290,11 @@ def _output_banks(message: str, columns: Columns) -> list[_OutputBank]:
     port = float_column(columns, "port") if "port" in columns else np.zeros(len(outputs))
     banks = []
     for number in np.unique(port):
-        of_port = port == number
-        has_output = np.isfinite(outputs[of_port, :channels_per_port]).any(axis=0)
+        is_of_port = port == number
+        has_output = np.isfinite(outputs[is_of_port, :channels_per_port]).any(axis=0)
         table = np.where(has_output, outputs[:, :channels_per_port], 0.0)
         first_channel = 1 + channels_per_port * int(number)
-        banks.append(_OutputBank(first_channel, clean_series(columns, table, of_port)))
+        banks.append(_OutputBank(first_channel, clean_series(columns, table, is_of_port)))
     return banks
 
 
@@ -342,8 +342,8 @@ def _observed_upper_stop(fractions: Array) -> float:
     if highest < MIN_OBSERVED_STOP:
         return 1.0
     for column in fractions.T:
-        running = column[column > 0]
-        bins = np.floor((highest - running) / STOP_BIN_WIDTH)
+        running_fractions = column[column > 0]
+        bins = np.floor((highest - running_fractions) / STOP_BIN_WIDTH)
         samples_at_stop = np.count_nonzero(bins == 0)
         is_neighbour = (bins > 0) & (bins <= STOP_NEIGHBOUR_BINS)
         samples_per_neighbour = np.count_nonzero(is_neighbour) / STOP_NEIGHBOUR_BINS

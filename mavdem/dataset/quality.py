@@ -128,7 +128,7 @@ def log_quality(signals: Signals, segments: int) -> QualityFigures:
 
 
 def segment_quality(
-    signals: Signals, segment: Segment, flight: Flight, log: QualityFigures
+    signals: Signals, segment: Segment, flight: Flight, log_figures: QualityFigures
 ) -> QualityFigures:
     """Measures one segment.
 
@@ -136,7 +136,7 @@ def segment_quality(
         signals: Signals with attitude and model inputs.
         segment: The segment.
         flight: The segment, aligned.
-        log: Figures of the whole log, of which those that are of the log are kept.
+        log_figures: Figures of the whole log: its armed and airborne time and number of segments are kept.
     """
     attitude, inputs = signals.attitude_and_inputs
     attitude_rows = in_segments(attitude, segment)
@@ -169,7 +169,7 @@ def segment_quality(
         input_snr = (command.values.var() / command.rounding_sd**2) - 1
     is_at_upper, is_at_lower = samples_at_limits(inputs.scale.fraction(flight.inputs), inputs.scale)
     return replace(
-        log,
+        log_figures,
         duration=flight.duration,
         samples=len(flight),
         dt=flight.dt,
@@ -323,8 +323,8 @@ def _consistency(time: Array, angle: Array, euler_rate: Array) -> float | None:
     # One sample is in about as many spans as begin within the first span.
     spans_of_a_sample = int(np.count_nonzero(time <= time[0] + RATE_INTEGRATION_SPAN))
     outlier_count = max(round(OUTLIER_SHARE * len(errors)), spans_of_a_sample)
-    usual = np.argsort(errors)[: max(len(errors) - outlier_count, 0)]
-    variance = changes[usual].var() if len(usual) else 0.0
+    usual_spans = np.argsort(errors)[: max(len(errors) - outlier_count, 0)]
+    variance = changes[usual_spans].var() if len(usual_spans) else 0.0
     if variance > 0:
-        return 1 - unexplained[usual].var() / variance
+        return 1 - unexplained[usual_spans].var() / variance
     return None

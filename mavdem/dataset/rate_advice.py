@@ -65,18 +65,18 @@ def rate_advice(
     Returns:
         The advice (``Remedy``).
     """
-    requesting = []
+    requesting_components = []
     for component in components:
         is_vehicle = (component.system, component.component) == (
             telemetry.system,
             telemetry.component,
         )
         if RATE_REQUEST_MESSAGE in component.messages and not is_vehicle:
-            requesting.append(f"{component.system}:{component.component}")
-    remedy = _settings_advice(telemetry, rate, is_requested=bool(requesting))
-    acknowledged = telemetry.messages.get("COMMAND_ACK", {}).get("command", ())
-    if requesting or SET_MESSAGE_INTERVAL in acknowledged:
-        return Fact(Remedy.STOP_ASKING_FOR_RATES, names=requesting, remedy=remedy)
+            requesting_components.append(f"{component.system}:{component.component}")
+    remedy = _settings_advice(telemetry, rate, is_requested=bool(requesting_components))
+    acknowledged_commands = telemetry.messages.get("COMMAND_ACK", {}).get("command", ())
+    if requesting_components or SET_MESSAGE_INTERVAL in acknowledged_commands:
+        return Fact(Remedy.STOP_ASKING_FOR_RATES, names=requesting_components, remedy=remedy)
     return remedy
 
 

@@ -49,7 +49,7 @@ class Setpoint:
     name: str
     """Name for people, such as "roll rate setpoint"."""
     unit: str
-    """"rad" for the Euler angle, "rad/s" for the body rate."""
+    """Unit of its values: "rad" of an Euler angle, "rad/s" of a body rate."""
     message: str
     """Name of the message that it was recorded in."""
     signal: TimeSeries
@@ -115,10 +115,10 @@ def held_setpoint(setpoint: Setpoint, boot: int, time: Array) -> Array:
     Returns:
         (T,) values in the unit of the setpoint; NaN where none came within ``MAX_SETPOINT_AGE`` before.
     """
-    of_boot = setpoint.signal.boot == boot
+    is_of_boot = setpoint.signal.boot == boot
     # A setpoint of NaN at -inf stands before the first one.
-    stamps = np.append(-np.inf, setpoint.signal.time[of_boot])
-    values = np.append(np.nan, setpoint.signal.values[of_boot])
+    stamps = np.append(-np.inf, setpoint.signal.time[is_of_boot])
+    values = np.append(np.nan, setpoint.signal.values[is_of_boot])
     last_row = np.searchsorted(stamps, time + STAMP_ROUNDING, side="right") - 1
     age = time - stamps[last_row]
     return np.where(age <= MAX_SETPOINT_AGE + STAMP_ROUNDING, values[last_row], np.nan)

@@ -70,19 +70,19 @@ def clean_series(columns: Columns, values: Array, rows: Flags | None = None) -> 
     time = columns["time"]
     boot = columns["boot"]
     table = values[:, np.newaxis] if values.ndim == 1 else values
-    belongs = np.ones(len(time), dtype=bool) if rows is None else rows
+    is_selected = np.ones(len(time), dtype=bool) if rows is None else rows
     is_finite = np.isfinite(table).all(axis=1) & np.isfinite(time)
-    order = np.flatnonzero(belongs & is_finite)
+    order = np.flatnonzero(is_selected & is_finite)
     finite_count = len(order)
     order = order[np.lexsort((time[order], boot[order]))]
 
     # A stamp that does not rise within its boot repeats the one before it.
-    repeats = np.flatnonzero((np.diff(time[order]) <= 0) & (np.diff(boot[order]) <= 0))
-    differs = (table[order[repeats]] != table[order[repeats + 1]]).any(axis=1)
-    order = np.delete(order, repeats + 1)
+    repeat_rows = np.flatnonzero((np.diff(time[order]) <= 0) & (np.diff(boot[order]) <= 0))
+    has_other_value = (table[order[repeat_rows]] != table[order[repeat_rows + 1]]).any(axis=1)
+    order = np.delete(order, repeat_rows + 1)
 
-    sent_count = int(np.count_nonzero(belongs))
-    unused_count = sent_count - finite_count + int(np.count_nonzero(differs))
+    sent_count = int(np.count_nonzero(is_selected))
+    unused_count = sent_count - finite_count + int(np.count_nonzero(has_other_value))
     return TimeSeries(time[order], boot[order], values[order], sent_count, unused_count)
 
 
@@ -139,7 +139,7 @@ def names_by_preference(counts: Mapping[str, int]) -> list[str]:
         count.
     """
     min_count = MIN_PREFERRED_SHARE * max(counts.values(), default=0)
-    came = [name for name, count in counts.items() if count]
-    frequent = [name for name in came if counts[name] >= min_count]
-    rare = [name for name in came if counts[name] < min_count]
+    recorded_names = [name for name, count in counts.items() if count]
+    frequent = [name for name in recorded_names if counts[name] >= min_count]
+    rare = [name for name in recorded_names if counts[name] < min_count]
     return frequent + rare

@@ -41,8 +41,11 @@ def cached_per_vehicle(*attributes: str) -> Callable[[CachedFunction], CachedFun
     """
 
     def decorator(function: Any) -> Any:
+        """Returns the function with a look-up in the cache before each call."""
+
         @wraps(function)
         def cached(signals: HasCache, *arguments: Hashable, **keywords: Hashable) -> Any:
+            """Returns the cached result, or computes and caches it."""
             key = (
                 function.__module__,
                 function.__qualname__,

@@ -175,11 +175,11 @@ class ChangeHypotheses:
         prior = self.prior
         if previous is not None:
             prior = PERSISTENCE * previous + (1 - PERSISTENCE) * prior
-        load = self.groups["load"]
-        motor = self.groups["motor"]
+        load_rows = self.groups["load"]
+        motor_rows = self.groups["motor"]
         spread = self.spread.copy()
         # A load that shifted changes yaw too where the vehicle leans, since wind pulls beside the load.
-        spread[load, 2] = spread[load, 0] * deviation.lean
+        spread[load_rows, 2] = spread[load_rows, 0] * deviation.lean
         scale = np.hypot(deviation.scale, spread)
         standard_scores = (deviation.change - self.change) / scale
         # SciPy's distributions take half a second to import.
@@ -187,8 +187,8 @@ class ChangeHypotheses:
 
         log_densities = student_t.logpdf(standard_scores, deviation.freedom) - np.log(scale)
         log_likelihood = log_densities.sum(axis=1)
-        is_misfit = (abs(standard_scores[motor]) > MAX_MISFIT).any(axis=1)
-        log_likelihood[motor][is_misfit] = -np.inf
+        is_misfit = (abs(standard_scores[motor_rows]) > MAX_MISFIT).any(axis=1)
+        log_likelihood[motor_rows][is_misfit] = -np.inf
         posterior = prior * np.exp(log_likelihood - log_likelihood.max())
         posterior /= posterior.sum()
         return posterior

@@ -74,7 +74,7 @@ def assess_motor_health(
         An assessment for each flight, in their order.
     """
     has_baseline = baseline is not None
-    offered = flights if baseline is None else baseline
+    candidate_flights = flights if baseline is None else baseline
     healthy = healthy_flights(flights, baseline)
     assessments: dict[int, HealthAssessment] = {}
     faulty_healthy_flights: dict[float, HealthFigures] = {}
@@ -82,25 +82,29 @@ def assess_motor_health(
 
     for number in sorted(range(len(flights)), key=lambda number: flights[number].start_time):
         flight = flights[number]
-        others = [other for other in healthy if other is not flight and not other.overlaps(flight)]
-        comparable = [other for other in others if other.geometry_key == flight.geometry_key]
-        reference: JsonValues = {"flights": len(comparable), "are_chosen": has_baseline}
-        unknown = flight.missing
-        if unknown is None and len(comparable) < MIN_HEALTHY_FLIGHTS:
-            unknown = Fact(
+        other_healthy_flights = [
+            other for other in healthy if other is not flight and not other.overlaps(flight)
+        ]
+        comparable_flights = [
+            other for other in other_healthy_flights if other.geometry_key == flight.geometry_key
+        ]
+        reference: JsonValues = {"flights": len(comparable_flights), "are_chosen": has_baseline}
+        unknown_reason = flight.missing
+        if unknown_reason is None and len(comparable_flights) < MIN_HEALTHY_FLIGHTS:
+            unknown_reason = Fact(
                 HealthUnknown.HEALTHY_FLIGHTS_FEW,
                 **reference,
-                total=len([other for other in offered if other is not flight]),
+                total=len([other for other in candidate_flights if other is not flight]),
                 needed=MIN_HEALTHY_FLIGHTS,
             )
-        if unknown is not None:
-            assessments[number] = HealthAssessment(MotorHealth.UNKNOWN, unknown)
+        if unknown_reason is not None:
+            assessments[number] = HealthAssessment(MotorHealth.UNKNOWN, unknown_reason)
             continue
 
         # A flight without a date says nothing of the next one, and a healthy one is judged by itself.
-        is_in_sequence = flight.date is not None and len(others) == len(healthy)
+        is_in_sequence = flight.date is not None and len(other_healthy_flights) == len(healthy)
         previous = latest_evidence.get(flight.geometry_key) if is_in_sequence else None
-        evidence = _flight_evidence(flight, comparable, previous)
+        evidence = _flight_evidence(flight, comparable_flights, previous)
         if is_in_sequence:
             latest_evidence[flight.geometry_key] = evidence
         assessment = _assessment(flight, evidence, reference)
@@ -110,9 +114,12 @@ def assess_motor_health(
 
     if faulty_healthy_flights and not has_baseline:
         # The flight that is most probably faulty is no healthy flight; all are assessed again without it.
-        worst = faulty_healthy_flights[max(faulty_healthy_flights)]
+        worst_flight = faulty_healthy_flights[max(faulty_healthy_flights)]
         return assess_motor_health(
-            [replace(flight, sound=flight.sound and flight is not worst) for flight in flights]
+            [
+                replace(flight, sound=flight.sound and flight is not worst_flight)
+                for flight in flights
+            ]
         )
     return tuple(
         assessments[number]._replace(is_healthy=flight in healthy)

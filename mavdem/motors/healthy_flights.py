@@ -53,8 +53,8 @@ class HealthFigures:
             return Fact(HealthUnknown.BALANCE_UNKNOWN)
         if not self.signatures.is_motor_identifiable:
             return Fact(HealthUnknown.GEOMETRY_UNKNOWN)
-        needed = (self.balance.mean, self.balance.error, self.balance.lean)
-        if not all(np.isfinite(values).all() for values in needed):
+        needed_figures = (self.balance.mean, self.balance.error, self.balance.lean)
+        if not all(np.isfinite(values).all() for values in needed_figures):
             return Fact(HealthUnknown.LEAN_UNKNOWN)
         return None
 
@@ -109,14 +109,14 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
     """
     if baseline is not None:
         return distinct_flights([flight for flight in baseline if not flight.missing])
-    usable = [
+    usable_flights = [
         flight
         for flight in flights
         if flight.sound and flight.date is not None and not flight.missing
     ]
-    by_date = sorted(distinct_flights(usable), key=lambda flight: flight.start_time)
+    flights_by_date = sorted(distinct_flights(usable_flights), key=lambda flight: flight.start_time)
     healthy: list[HealthFigures] = []
-    for same_geometry in group_by(by_date, lambda flight: flight.geometry_key).values():
+    for same_geometry in group_by(flights_by_date, lambda flight: flight.geometry_key).values():
         healthy += same_geometry[:DEFAULT_HEALTHY_FLIGHTS]
     return tuple(healthy)
 

@@ -168,31 +168,31 @@ class MotorLossDetector:
         self._boot = boot
         self._threshold = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)
 
-        # (a, k) from commands to the torque commands of the a axes, without thrust.
+        # Rows (a, k) of the mixer without thrust turn commands of motors into torque commands of the a axes.
         self._torque_rows = signatures.mixer_rows[1:]
-        # (k,) rise of a weak motor's own command, where it must work harder by 1: its neighbours help it.
+        # A motor that must work harder by 1 raises its own command by this ratio (k,), since its neighbours help it.
         self._own_rise_ratio = np.diag(signatures.weak_motor_commands)
-        # (k, a) change of the balance where each motor's own command rises by 1.
+        # The balance changes by these rows (k, a) where the own command of a motor rises by 1.
         self._signatures = self._torque_rows.T / self._own_rise_ratio[:, None]
-        # (k, 1 + a) from thrust and torque commands to the commands of the motors.
+        # The allocation (k, 1 + a) turns thrust and torque commands into commands of motors.
         self._allocation = np.linalg.pinv(signatures.mixer_rows)
-        # (a,) 1 for roll and pitch, which a shifted load or wind changes, 0 for yaw.
+        # A shifted load or wind changes roll and pitch, which have a 1 in this vector (a,), and not yaw, which has a 0.
         is_tilt_axis = [axis != "yaw" for axis in signatures.axes[1:]]
         self._tilt_axes = np.array(is_tilt_axis, dtype=np.float64)
 
-        # Blocks since the last gap: their ends, s, balances (a,), and headings, rad, NaN in turns.
+        # Each block since the last gap has its end, s, its balance (a,) and its heading, rad, which is NaN in turns.
         self._times: list[float] = []
         self._blocks: list[Array] = []
         self._headings: list[float] = []
         self._steady_blocks = 0
-        # Prior of the long-run variance (a,) of a block, and its degrees of freedom.
+        # The long-run variance (a,) of a block has this prior, with its degrees of freedom.
         self._noise = np.full(len(self._torque_rows), PRIOR_BLOCK_SD**2)
         self._freedom = PRIOR_FREEDOM
-        # The block that is being filled: its number, its commands, and the heading at its start.
+        # The block that is being filled has a number, commands, and the heading at its start.
         self._block_number = 0
         self._block_commands: list[Any] = []
         self._block_heading = nan
-        # For the rate of the samples: since when they are counted, and how many.
+        # Samples are counted from a time on, s, to know their rate.
         self._count_start = -inf
         self._sample_count = 0
 
@@ -305,6 +305,7 @@ class MotorLossDetector:
         best = int(np.argmax(evidence.motors))
         other_motors = np.delete(evidence.motors, best)
         rivals = [*other_motors, _log_sum(evidence.load)]
+        # The last rival is that nothing changed, with a Bayes factor of 1.
         rivals += [evidence.others + log(OTHERS_PER_MOTOR), 0.0]
         log_odds = evidence.motors[best] - _log_sum(rivals)
         is_enough = evidence.motors[best] >= self._threshold
@@ -361,12 +362,12 @@ class MotorLossDetector:
             changes: Change of the balance for each of w windows.
             no_change: (w,) log density of the changes where nothing changed.
         """
-        perfect = -np.log(changes.variance).sum(axis=-1) / 2
-        best = (perfect - no_change).max()
-        # All motors, all that may recover, their joint recovery, and three causes that are no motor.
+        log_perfect_density = -np.log(changes.variance).sum(axis=-1) / 2
+        best_log_ratio = (log_perfect_density - no_change).max()
+        # The causes are all motors, all recoveries, their joint recovery, and three that are no motor.
         causes = len(self._signatures) + len(self.weak_motors) + 4
         alternatives = RECOVERIES_PER_LOSS * len(no_change) + causes
-        return bool(best + log(alternatives) >= self._threshold)
+        return bool(best_log_ratio + log(alternatives) >= self._threshold)
 
     def _evidence(self, changes: WindowChanges, no_change: Array) -> _Evidence:
         """Computes the Bayes factors of all causes of a change against "nothing changed".
@@ -378,7 +379,7 @@ class MotorLossDetector:
         motor_count = len(self._signatures)
         rises = self._hypothetical_rises()
         expected = rises @ self._signatures
-        # (s, h, 1, a): sizes first, over which the mixture sums, and windows in the third place.
+        # The shape (s, h, 1, a) has the sizes, over which the mixture sums, first, and room for the windows.
         expected_by_size = expected.swapaxes(0, 1)[:, :, None]
         densities = log_t_density(changes, expected_by_size)
         motor_windows = _log_sum(densities) - log(len(RISES)) - no_change
@@ -406,13 +407,13 @@ class MotorLossDetector:
             (h, s, k) for h hypotheses with s sizes each: each motor weakens, each weak motor recovers, and all weak
             motors recover together where there are several.
         """
-        one_motor = np.eye(len(self._signatures))
-        weak_rises = [alarm.size * one_motor[motor] for motor, alarm in self.weak_motors.items()]
-        recovering = list(weak_rises)
+        unit_rises = np.eye(len(self._signatures))
+        weak_rises = [alarm.size * unit_rises[motor] for motor, alarm in self.weak_motors.items()]
+        recoverable_rises = list(weak_rises)
         if len(weak_rises) > 1:
-            recovering.append(sum(weak_rises))
-        losses = [np.outer(RISES, motor) for motor in one_motor]
-        recoveries = [np.outer(-RECOVERIES, motor_rises) for motor_rises in recovering]
+            recoverable_rises.append(sum(weak_rises))
+        losses = [np.outer(RISES, unit_rise) for unit_rise in unit_rises]
+        recoveries = [np.outer(-RECOVERIES, weak_rise) for weak_rise in recoverable_rises]
         return np.array(losses + recoveries)
 
     def _is_independent_of_heading(
@@ -435,20 +436,21 @@ class MotorLossDetector:
         change = changes.change[window]
         weights = change / changes.variance[window]
         mean_after = blocks[-blocks_since:].mean(axis=0)
-        # Progress of the change in each block: -1 as before it, 0 as after it.
+        # The progress of the change in a block is -1 before it and 0 after it.
         progress = (blocks - mean_after) @ weights / (change @ weights)
         is_after = np.arange(len(blocks)) >= len(blocks) - blocks_since
-        before = self._mean_by_sector(progress, ~is_after)
-        after = self._mean_by_sector(progress, is_after)
-        common_sectors = before.keys() & after.keys()
+        progress_before = self._mean_by_sector(progress, ~is_after)
+        progress_after = self._mean_by_sector(progress, is_after)
+        common_sectors = progress_before.keys() & progress_after.keys()
         if common_sectors:
             return all(
-                after[sector] - before[sector] > MIN_SHOWN_SHARE for sector in common_sectors
+                progress_after[sector] - progress_before[sector] > MIN_SHOWN_SHARE
+                for sector in common_sectors
             )
-        if len(after) < 2 or not before:
+        if len(progress_after) < 2 or not progress_before:
             return False
-        is_absent_before = max(before.values()) < -MIN_SHOWN_SHARE
-        is_present_after = min(after.values()) > -MIN_SHOWN_SHARE
+        is_absent_before = max(progress_before.values()) < -MIN_SHOWN_SHARE
+        is_present_after = min(progress_after.values()) > -MIN_SHOWN_SHARE
         return is_absent_before and is_present_after
 
     def _mean_by_sector(self, values: Array, selection: Flags) -> dict[int, float]:
@@ -491,17 +493,19 @@ class MotorLossDetector:
             window: Index of the window of that length.
             log_odds: Logarithm of the odds that this is the cause.
         """
-        before = np.mean(self._blocks[-blocks_since:], axis=0) - changes.change[window]
-        # Without the block in which the change began.
-        after = np.mean(self._blocks[1 - blocks_since :], axis=0)
+        balance_before = np.mean(self._blocks[-blocks_since:], axis=0) - changes.change[window]
+        # The block in which the change began is partly from before it, and is left out.
+        balance_after = np.mean(self._blocks[1 - blocks_since :], axis=0)
         # The balance is relative to the mean command, which rises too.
         mean_rise = (rises / self._own_rise_ratio).mean()
-        signature = rises @ self._signatures - mean_rise * after
+        signature = rises @ self._signatures - mean_rise * balance_after
         weighted_signature = signature / changes.variance[window]
         precision = weighted_signature @ signature
-        commands = self._allocation @ [1.0, *before]
+        commands = self._allocation @ [1.0, *balance_before]
         relative_rises = rises / commands
-        estimates = weighted_signature @ (after - before) / precision * relative_rises
+        estimates = (
+            weighted_signature @ (balance_after - balance_before) / precision * relative_rises
+        )
         standard_errors = np.hypot(precision**-0.5 * relative_rises, SETTLING_ERROR * estimates)
         half_widths = coverage_factor() * standard_errors
 

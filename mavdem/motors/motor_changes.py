@@ -125,20 +125,20 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     Returns:
         The facts. Each has the names of all motors whose losses are bad.
     """
-    lasting: dict[tuple[int, str], MotorAlarm] = {}
-    ended: list[tuple[MotorAlarm, float]] = []
+    lasting_losses: dict[tuple[int, str], MotorAlarm] = {}
+    ended_losses: list[tuple[MotorAlarm, float]] = []
     for change in changes:
         motor = (change.boot, change.name)
         if change.is_weak:
-            previous = lasting.get(motor)
+            previous = lasting_losses.get(motor)
             if previous is None or change.size > previous.size:
-                lasting[motor] = change
-        elif motor in lasting:
-            ended.append((lasting.pop(motor), change.since))
+                lasting_losses[motor] = change
+        elif motor in lasting_losses:
+            ended_losses.append((lasting_losses.pop(motor), change.since))
 
-    smallest_lasting = min((loss.size for loss in lasting.values()), default=inf)
-    losses = [loss.fact for loss in lasting.values()]
-    for loss, end_time in ended:
+    smallest_lasting = min((loss.size for loss in lasting_losses.values()), default=inf)
+    losses = [loss.fact for loss in lasting_losses.values()]
+    for loss, end_time in ended_losses:
         level = Level.BAD if loss.size > smallest_lasting else Level.WATCH
         losses.append(loss.fact.but(level, until=end_time))
     losses.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))

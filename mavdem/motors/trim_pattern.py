@@ -70,14 +70,14 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
     deviations = allocation @ level_balance
     half_widths = half_width(allocation**2 @ variance)
     sure_deviations = abs(deviations) - half_widths
-    worst = np.argmax(sure_deviations)
+    worst_motor = np.argmax(sure_deviations)
     figures: JsonValues = {
         "shift": level_balance,
-        "deviation": deviations[worst],
-        "half": half_widths[worst],
+        "deviation": deviations[worst_motor],
+        "half": half_widths[worst_motor],
         "assumed": geometry.positions_assumed,
     }
-    if sure_deviations[worst] <= FAULT_RISE:
+    if sure_deviations[worst_motor] <= FAULT_RISE:
         if half_widths.max() > FAULT_RISE:
             return Fact(Trim.TRIM_UNSURE, **figures)
         # A trim of the vehicle in the opposite direction may have hidden a loss.
