@@ -1,10 +1,11 @@
-"""One screen: what a vehicle does in wind, how sure that is, and what must be known before the model is used.
+"""The terminal's report of a flight and its model: grades, motors, wind torque, prediction, warnings and next step.
 
-``analysis_blocks`` is the screen of a log, ``screen`` that of a model alone; ``vehicle_blocks`` has all axes of a
-vehicle. ``detail_blocks`` is what the screen leaves out: the model, its uncertainty and how it was learned.
+``analysis_blocks`` is the report of a log, ``model_screen`` that of a model alone. Pages and dashboards use the same
+parts: ``motor_blocks``, ``torque_blocks``, ``prediction_blocks``, and ``vehicle_blocks`` for all axes of a vehicle.
+``detail_blocks`` is what the screen leaves out: the model's poles and how it was learned.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment import Assessment
-from mavdem.assessment.axis import AxisFigures
+from mavdem.assessment.axis import AxisFigures, LogAnalysis
 from mavdem.assessment.axis.findings import (
     MAX_RELATIVE_HALF_WIDTHS,
     Findings,
@@ -53,18 +54,60 @@ from mavdem.report.numbers import (
 from mavdem.report.templates import PARAMETERS, headline, render_section, sentences_by_axes
 from mavdem.report.truth import truth_blocks
 
-# beside the baselines
-ROWS = {
+FORECAST_NAMES = {
     FORECAST: "forecast, motors recorded",
     PREDICTION: "prediction, motors unknown",
 }
+"""Names of the model's forecasts in the table of errors; baselines have their own names."""
+
+UNKNOWN_FIGURE = "-"
+"""What a table shows in the place of a figure that is not known."""
 
 
 def model_screen(learned: Learned) -> Blocks:
-    """Returns what a ``learned`` model says without the log and windows that it has not seen."""
+    """Returns the report of a model alone, without its log and without windows held out from its training."""
     findings = findings_of(learned)
-    step = Sentence(str(next_step_for_model(findings.purposes)), "Next:")
-    return [*_model_blocks(findings, learned), step]
+    next_step = Sentence(str(next_step_for_model(findings.purposes)), "Next:")
+    return [*_model_blocks(findings, learned), next_step]
+
+
+def summary(learned: Learned) -> str:
+    """Returns the report of a model alone as text, with its cautions."""
+    cautions = [caution(fact) for fact in learned.cautions]
+    return plain_text([*model_screen(learned), *cautions])
+
+
+def analysis_blocks(assessment: Assessment) -> Blocks:
+    """Returns the report of a log: headline, lights, model or why there is none, condition, wind, and next step."""
+    analysis = assessment.analysis
+    conclusion_blocks = conclusion(assessment.judgement)
+    if analysis is None:
+        return conclusion_blocks
+    next_step = conclusion_blocks.pop()
+    has_full_model = analysis.learned is not None and analysis.tier.tier == "a"
+    blocks = [*conclusion_blocks, *_learned_blocks(analysis)]
+    for alarm in analysis.alarms:
+        if not alarm.is_weak:
+            blocks.append(Sentence(str(alarm.fact), "Motors:"))
+    if not has_full_model:
+        blocks += render_section("tier", analysis.tier)
+        blocks += render_section("condition", analysis.condition)
+    is_flight_doubtful = bool(analysis.findings.overrides)
+    blocks += vehicle_blocks(analysis.axes, is_flight_doubtful)
+    if analysis.truth is not None:
+        blocks += truth_blocks(analysis.truth)
+    blocks += air_blocks(assessment)
+    return [*blocks, next_step]
+
+
+def _learned_blocks(analysis: LogAnalysis) -> Blocks:
+    """Returns the report of a log's model or, without one, the reason where there is one."""
+    if analysis.learned is None:
+        if analysis.reason is None:
+            return []
+        return [Sentence(str(analysis.reason), "No model:")]
+    hover = analysis.condition.hover if analysis.tier.tier == "a" else None
+    return _model_blocks(analysis.findings, analysis.learned, analysis.held_out, hover)
 
 
 def _model_blocks(
@@ -73,236 +116,286 @@ def _model_blocks(
     held_out: HeldOut | None = None,
     hover: HoverFigures | None = None,
 ) -> Blocks:
-    """What was found, the vehicle, the wind torque, prediction and warnings."""
+    """Returns grades, motors, wind torque, errors of the prediction, and warnings of a model."""
     return [
         *purpose_tables(findings),
         *motor_blocks(learned, hover),
         *torque_blocks(learned),
         *prediction_blocks(Labels.of(learned), held_out),
-        *map(warning, findings.warnings),
+        *[warning(fact) for fact in findings.warnings],
     ]
 
 
 def purpose_tables(findings: Findings) -> Blocks:
-    """Returns a row a purpose of the model, with its grade; nothing without a model."""
-    rows = [
+    """Returns a table with the grade of a model for each purpose, and the reason; nothing without a model."""
+    rows: list[list[str]] = [
         [str(purpose), Rated(grade, grade.level), reason.advised]
         for purpose, grade, reason in findings.purposes
     ]
-    return [Table(["purpose", "grade", "because"], rows, words=True)] if rows else []
+    if not rows:
+        return []
+    return [Table(["purpose", "grade", "because"], rows, words=True)]
 
 
 def conclusion(judgement: Judgement) -> Blocks:
-    """Returns the headline, each other light that is bad or to be watched, and last what to do next."""
+    """Returns the headline first, then each other light that is bad or to be watched, and the next step last."""
     lights = [
         Sentence(str(fact), f"{name.capitalize()}:")
         for name, fact in judgement.lights.items()
         if fact.warns and fact != judgement.headline
     ]
-    above = Sentence("", headline(judgement.headline))
-    return [above, *lights, Sentence(str(judgement.next_step), "Next:")]
+    heading = Sentence("", headline(judgement.headline))
+    return [heading, *lights, Sentence(str(judgement.next_step), "Next:")]
 
 
 def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks:
-    """Returns headline, lights and findings without a table, for a narrow column."""
-    blocks = Blocks() if judgement is None else conclusion(judgement)
-    blocks[-1:-1] = [
+    """Returns conclusion, grades and warnings as sentences, without tables, for a narrow column of a dashboard."""
+    grades = [
         Sentence(reason.advised, f"{purpose.capitalize()}: {grade}.")
         for purpose, grade, reason in findings.purposes
     ]
-    return [*blocks, *map(warning, findings.warnings)]
-
-
-def analysis_blocks(assessment: Assessment) -> Blocks:
-    """Returns the screen of an ``assessment``: its model's, else what is known without one, and why there is none."""
-    analysis = assessment.analysis
-    if analysis is None:
-        return conclusion(assessment.judgement)
-    learned = analysis.learned
-    *above, following = conclusion(assessment.judgement)
-    if learned is None:
-        above += [] if analysis.reason is None else [Sentence(str(analysis.reason), "No model:")]
-    else:
-        hover = analysis.condition.hover if analysis.tier.tier == "a" else None
-        above += _model_blocks(analysis.findings, learned, analysis.held_out, hover)
-    above += [
-        Sentence(str(alarm.fact), "Motors:") for alarm in analysis.alarms if not alarm.is_weak
-    ]
-    if analysis.tier.tier != "a" or learned is None:
-        above += render_section("tier", analysis.tier)
-        above += render_section("condition", analysis.condition)
-    above += vehicle_blocks(analysis.axes, bool(analysis.findings.overrides))
-    above += [] if analysis.truth is None else truth_blocks(analysis.truth)
-    return [*above, *air_blocks(assessment), following]
+    warnings = [warning(fact) for fact in findings.warnings]
+    if judgement is None:
+        return [*grades, *warnings]
+    conclusion_blocks = conclusion(judgement)
+    next_step = conclusion_blocks.pop()
+    return [*conclusion_blocks, *grades, next_step, *warnings]
 
 
 def flight_title(flights: Flights, simulated: Fact | None = None) -> Sentence:
-    """Returns which log and axis the ``flights`` are of, that they are ``simulated``, and how much there is of it."""
-    path = flights[0].provenance.get("source") or "Arrays"
-    (said,) = render_section(
-        "title", flights=flights, name=Path(str(path)).name, simulated=simulated
-    )
-    return said
+    """Returns the title of a report: name of the log, axis, duration, segments and rate.
 
-
-def summary(learned: Learned) -> str:
-    """Returns the screen as text, of what the ``learned`` model alone knows: without windows that it has not seen."""
-    return plain_text([*model_screen(learned), *map(caution, learned.cautions)])
+    Args:
+        flights: settled flight of one log and axis, at least one.
+        simulated: a fact that says so if the flight was simulated.
+    """
+    source = flights[0].provenance.get("source") or "Arrays"
+    name = Path(str(source)).name
+    (title,) = render_section("title", flights=flights, name=name, simulated=simulated)
+    return title
 
 
 def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
-    """Returns a row a motor, with its effectiveness, trim, headroom and saturation; and what is of all motors.
+    """Returns tables with a row for each motor, and a sentence about damping, time constant, delay and mean lean.
 
-    Where the model ``learned`` has other inputs than motors, these have a table of their own.
+    Args:
+        learned: a model, whose control effectiveness is shown if it has physical parameters.
+        hover: how hard each motor works: trim, trim deviation, headroom and time at the limits.
+
+    Returns:
+        One table, or two if the inputs of the model are not the motors, then the sentence.
     """
-    blocks = Blocks()
-    columns = dict[str, list[str]]()
-    if hover is not None:
-        trim = f"trim ({hover.unit})" if hover.unit else "trim"
-        columns = {
-            trim: [f"{output:.4g}" for output in hover.trim],
-            "trim deviation (% of mean)": [
-                f"{round(more, 1) + 0.0:+.1f}" for more in hover.imbalance
-            ],
-            "headroom (%)": [f"{100 * left:.0f}" for left in hover.headroom],
-        }
-        limits = {"upper": hover.at_upper_limit, "lower": hover.at_lower_limit}
-        for limit, shares in limits.items():
-            if limit == "upper" or any(shares):
-                columns[f"at {limit} limit (%)"] = [f"{100 * share:.1f}" for share in shares]
+    hover_columns = {} if hover is None else _hover_columns(hover)
     physical = None if learned is None else learned.physical
-    half = None
+    half_widths = None if physical is None else physical.interval()
+    blocks = Blocks()
     if learned is not None and physical is not None:
         labels = Labels.of(learned)
-        half = physical.interval()
-        effect = zip(
-            TORQUE_UNIT.scale * physical.effect, TORQUE_UNIT.scale * half.effect, strict=True
-        )
-        cells = [plus_minus(*pair) for pair in effect]
-        effects = {f"effectiveness ({unit_per_input(TORQUE_UNIT, labels.input_units[0])})": cells}
+        columns = _effectiveness_column(physical, labels)
         if hover is not None and hover.motors == labels.input_names:
-            columns = effects | columns
+            hover_columns = columns | hover_columns
         else:
-            blocks.append(_by_motor(labels.input_names, effects))
+            blocks.append(_motor_table(labels.input_names, columns))
     if hover is not None:
-        blocks.append(_by_motor(hover.motors, columns))
-    return [*blocks, *render_section("motion", physical=physical, half=half, hover=hover)]
+        blocks.append(_motor_table(hover.motors, hover_columns))
+    return [*blocks, *render_section("motion", physical=physical, half=half_widths, hover=hover)]
 
 
-def _by_motor(motors: Sequence[str], columns: dict[str, list[str]]) -> Table:
+def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
+    """Returns columns of a table of motors by header: trim, its deviation, headroom, and time at the limits."""
+    trim_header = f"trim ({hover.unit})" if hover.unit else "trim"
+    # Adding 0.0 turns a rounded -0.0 into 0.0, which has the sign of nothing.
+    columns = {
+        trim_header: [f"{output:.4g}" for output in hover.trim],
+        "trim deviation (% of mean)": [
+            f"{round(deviation, 1) + 0.0:+.1f}" for deviation in hover.imbalance
+        ],
+        "headroom (%)": [f"{100 * headroom:.0f}" for headroom in hover.headroom],
+        "at upper limit (%)": [f"{100 * share:.1f}" for share in hover.at_upper_limit],
+    }
+    if any(hover.at_lower_limit):
+        columns["at lower limit (%)"] = [f"{100 * share:.1f}" for share in hover.at_lower_limit]
+    return columns
+
+
+def _effectiveness_column(physical: Physical, labels: Labels) -> dict[str, list[str]]:
+    """Returns the column of a table of motors, by its header, with each motor's control effectiveness."""
+    half_widths = physical.interval().effect
+    cells = [
+        plus_minus(effect, half_width)
+        for effect, half_width in zip(
+            TORQUE_UNIT.scale * physical.effect, TORQUE_UNIT.scale * half_widths, strict=True
+        )
+    ]
+    return {f"effectiveness ({unit_per_input(TORQUE_UNIT, labels.input_units[0])})": cells}
+
+
+def _motor_table(motors: Sequence[str], columns: Mapping[str, list[str]]) -> Table:
+    """Returns a table with a row for each motor, from the cells of columns by header."""
     rows = zip(motors, *columns.values(), strict=True)
     return Table(["vehicle", *columns], [list(row) for row in rows])
 
 
 def torque_blocks(learned: Learned) -> Blocks:
-    """Returns the wind torque: its level, share and gusts; nothing where it is not known."""
+    """Returns the wind torque of a model in a sentence: its level, share and gusts; nothing where not identifiable."""
     physical = learned.physical
     wind = resolved_wind_torque(learned.wind_torque, physical)
     if physical is None or wind is None:
         return []
     largest = max(wind.gusts, key=lambda gust: abs(gust.size), default=None)
-    is_uncertain = wind.scale_error > MAX_RELATIVE_HALF_WIDTHS["wind"]
+    start = None if largest is None else sample_times(learned.record)[largest.sample]
     return [
         *render_section(
             "torque",
             wind=wind,
             largest=largest,
-            began=largest and sample_times(learned.record)[largest.sample],
-            is_uncertain=is_uncertain,
+            began=start,
+            is_uncertain=wind.scale_error > MAX_RELATIVE_HALF_WIDTHS["wind"],
             share=physical.wind_share,
         )
     ]
 
 
 def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
-    """Returns the RMSE beside the baselines over all held-out windows, and how windows differ."""
+    """Returns the errors of a model's forecasts and of the baselines over all held-out windows.
+
+    Args:
+        labels: names and units of the outputs.
+        held_out: the windows; None gives nothing.
+
+    Returns:
+        A table of RMSE by output and error ratio, the best forecast first, and a sentence on how windows differ.
+    """
     if held_out is None:
         return []
     units = [display_unit(unit) for unit in labels.output_units]
-    pairs = zip(labels.output_names, units, strict=True)
-    names = [name_with_unit(name, unit.name) for name, unit in pairs]
-    rows = []
-    count = counted(len(held_out), "held-out window")
-    for name in sorted(held_out.forecasts, key=held_out.error_ratio):
-        rmse = (unit.scale * value for unit, value in zip(units, held_out.rmse(name), strict=True))
-        rows.append([ROWS.get(name, name), *map(rounded, (*rmse, held_out.error_ratio(name)))])
-    worse = {name: (held_out.error_ratios(name) > 1).mean() for name in BASELINES}
-    quartiles = np.percentile(held_out.error_ratios(), [25, 50, 75])
-    windows = len(held_out)
-    return [
-        Table([f"RMSE, {held_out.seconds:.2g} s ahead, {count}", *names, "error ratio"], rows),
-        *render_section(
-            "prediction",
-            windows=windows,
-            quartiles=quartiles,
-            worse=worse,
-            coverage=held_out.coverage,
-        ),
+    output_headers = [
+        name_with_unit(name, unit.name)
+        for name, unit in zip(labels.output_names, units, strict=True)
     ]
-
-
-def vehicle_blocks(axes: Mapping[str, AxisFigures], doubted: bool) -> Blocks:
-    """Returns a row for each of the ``axes`` that anything is known of, and the reasons for what is not reported."""
-    unit = next(
-        (analysis.flights[0].input_units[0] for analysis in axes.values() if analysis.flights), ""
+    rows = []
+    for forecast in sorted(held_out.forecasts, key=held_out.error_ratio):
+        cells = [FORECAST_NAMES.get(forecast, str(forecast))]
+        for unit, rmse in zip(units, held_out.rmse(forecast), strict=True):
+            cells.append(rounded(unit.scale * rmse))
+        cells.append(rounded(held_out.error_ratio(forecast)))
+        rows.append(cells)
+    windows = counted(len(held_out), "held-out window")
+    first_header = f"RMSE, {held_out.seconds:.2g} s ahead, {windows}"
+    sentences = render_section(
+        "prediction",
+        windows=len(held_out),
+        quartiles=np.percentile(held_out.error_ratios(), [25, 50, 75]),
+        worse={name: (held_out.error_ratios(name) > 1).mean() for name in BASELINES},
+        coverage=held_out.coverage,
     )
-    header = ["all settled flight", f"mean effectiveness ({unit_per_input(TORQUE_UNIT, unit)})"]
-    header += ["rate damping (1/s)", "time constant (ms)", "wind torque, sd (°/s²)"]
-    rows = {
-        name: row for name, analysis in axes.items() if {*(row := _axis_row(analysis))} != {"-"}
-    }
+    return [Table([first_header, *output_headers, "error ratio"], rows), *sentences]
+
+
+def vehicle_blocks(axes: Mapping[str, AxisFigures], is_doubtful: bool) -> Blocks:
+    """Returns a table with a row for each axis of a vehicle, and the reasons for what it does not report.
+
+    Args:
+        axes: physical parameters and wind torque by axis; an axis of which nothing is known has no row.
+        is_doubtful: whether the flight itself is doubtful; then there is no advice on how to learn more from another.
+    """
+    rows = []
+    for axis, figures in axes.items():
+        cells = _axis_cells(figures)
+        if any(cell != UNKNOWN_FIGURE for cell in cells):
+            rows.append([axis, *cells])
     blocks = Blocks()
     if rows:
-        blocks.append(Table(header, [[name, *row] for name, row in rows.items()]))
-    refused = [(name, analysis.reason) for name, analysis in axes.items() if analysis.reason]
-    for name, analysis in axes.items():
-        reasons = parameter_reasons(analysis.physical, doubted)
-        if reasons and not analysis.reason:
-            blocks.append(Sentence(" ".join(reasons), f"{name.capitalize()}:"))
-    return blocks + sentences_by_axes(refused, str if doubted else attrgetter("advised"))
+        blocks.append(Table(_axis_header(axes), rows))
+    refusals = []
+    for axis, figures in axes.items():
+        if figures.reason:
+            refusals.append((axis, figures.reason))
+            continue
+        reasons = parameter_reasons(figures.physical, is_doubtful)
+        if reasons:
+            blocks.append(Sentence(" ".join(reasons), f"{axis.capitalize()}:"))
+    return blocks + sentences_by_axes(refusals, _text_of_reason(is_doubtful))
 
 
-def _axis_row(axis: AxisFigures) -> list[str]:
-    physical = axis.physical
-    wind = resolved_wind_torque(axis.wind, axis.physical)
-    if physical is None:
-        return ["-"] * 4
-    _, damping, lag, _ = physical.interval()
-    mean, half = (TORQUE_UNIT.scale * value for value in physical.mean_effect())
-    estimates = {
-        "effect": (mean, half),
-        "damping": (physical.damping, damping),
-        "lag": (1e3 * physical.lag, 1e3 * lag),
-    }
-    shown = [
-        plus_minus(*pair) + " (biased)" * (physical.status[name] is Status.BIASED)
-        for name, pair in estimates.items()
+def _axis_header(axes: Mapping[str, AxisFigures]) -> list[str]:
+    """Returns the header of the table of axes; the unit of the inputs is that of the first axis with a flight."""
+    input_unit = ""
+    for figures in axes.values():
+        if figures.flights:
+            input_unit = figures.flights[0].input_units[0]
+            break
+    return [
+        "all settled flight",
+        f"mean effectiveness ({unit_per_input(TORQUE_UNIT, input_unit)})",
+        "rate damping (1/s)",
+        "time constant (ms)",
+        "wind torque, sd (°/s²)",
     ]
-    return [*shown, "-" if wind is None else rounded(TORQUE_UNIT.scale * wind.sd)]
 
 
-def parameter_reasons(physical: Physical | None, doubted: bool = False) -> list[str]:
-    """Returns why ``physical`` parameters are not reported, each reason once; without advice if all is ``doubted``."""
+def _axis_cells(figures: AxisFigures) -> list[str]:
+    """Returns mean effectiveness, damping, motor time constant and wind torque of an axis as cells of a table."""
+    physical = figures.physical
+    if physical is None:
+        return [UNKNOWN_FIGURE] * 4
+    half_widths = physical.interval()
+    mean_effect, mean_effect_half_width = physical.mean_effect()
+    estimates = {
+        "effect": plus_minus(
+            TORQUE_UNIT.scale * mean_effect, TORQUE_UNIT.scale * mean_effect_half_width
+        ),
+        "damping": plus_minus(physical.damping, half_widths.damping),
+        "lag": plus_minus(1e3 * physical.lag, 1e3 * half_widths.lag),
+    }
+    cells = []
+    for name, estimate in estimates.items():
+        is_biased = physical.status[name] is Status.BIASED
+        cells.append(f"{estimate} (biased)" if is_biased else estimate)
+    wind = resolved_wind_torque(figures.wind, physical)
+    cells.append(UNKNOWN_FIGURE if wind is None else rounded(TORQUE_UNIT.scale * wind.sd))
+    return cells
+
+
+def parameter_reasons(physical: Physical | None, is_doubtful: bool = False) -> list[str]:
+    """Returns why physical parameters are biased or not identifiable, with one entry for each reason.
+
+    Args:
+        physical: the parameters; None gives nothing.
+        is_doubtful: whether the flight itself is doubtful; then the reasons are without advice.
+    """
     if physical is None:
         return []
-    says = str if doubted else attrgetter("advised")
-    parameters = dict[str, list[str]]()
     reasons = physical.reasons
-    if len({*physical.status.values()}) == 1:
-        # What is wrong with the effectiveness is enough to know.
+    if len(set(physical.status.values())) == 1:
+        # Where all have the same status, the reason of the effectiveness explains the others.
         reasons = {"effect": reasons["effect"]}
+    text_of_reason = _text_of_reason(is_doubtful)
+    parameters_by_reason = dict[str, list[str]]()
     for name, reason in reasons.items():
         if reason is not None:
             parameter = f"{PARAMETERS[name]} {physical.status[name]}"
-            parameters.setdefault(says(reason), []).append(parameter)
-    return [f"{listed(names).capitalize()}: {reason}" for reason, names in parameters.items()]
+            parameters_by_reason.setdefault(text_of_reason(reason), []).append(parameter)
+    return [
+        f"{listed(parameters).capitalize()}: {reason}"
+        for reason, parameters in parameters_by_reason.items()
+    ]
+
+
+def _text_of_reason(is_doubtful: bool) -> Callable[[Fact], str]:
+    """Returns the function that makes the text of a reason: its sentence, with advice unless the flight is doubtful."""
+    return str if is_doubtful else attrgetter("advised")
 
 
 def detail_blocks(learned: Learned) -> Blocks:
-    """Returns cautions, the poles of the ``learned`` model and how it was learned; ``model.json`` has its matrices."""
+    """Returns what the screen leaves out: cautions, poles, and how a model was learned; files have its matrices."""
     energy = learned.free_energy
     fit = learned.simulation_fit
-    start, end = (sum(term[i] for term in fit.terms.values()) if fit else 0.0 for i in (0, -1))
+    fit_gain = 0.0
+    if fit is not None:
+        first_energy = sum(term[0] for term in fit.terms.values())
+        last_energy = sum(term[-1] for term in fit.terms.values())
+        fit_gain = last_energy - first_energy
     learning = render_section(
         "learning",
         learned=learned,
@@ -310,15 +403,21 @@ def detail_blocks(learned: Learned) -> Blocks:
         iterations=len(energy) - 1,
         end=energy[-1],
         fit=fit,
-        fit_gained=end - start,
+        fit_gained=fit_gain,
     )
-    return [*map(caution, learned.cautions), *pole_sentences(learned.model.A), *learning]
+    cautions = [caution(fact) for fact in learned.cautions]
+    return [*cautions, *pole_sentences(learned.model.A), *learning]
 
 
 def pole_sentences(A: Array) -> list[Sentence]:
-    """Returns the eigenvalues of A, the slowest first, one of each complex pair, and whether the model is stable.
+    """Returns the poles of a model in a sentence, and whether it is stable.
 
-    With natural frequency |p|/2π and damping ratio −Re p/|p| if complex, else with the time constant 1/|p|.
+    A complex pair p has the natural frequency |p|/2π and the damping ratio −Re p/|p|, a real pole the time constant
+    1/|p|.
+
+    Args:
+        A: state matrix (n, n), 1/s; its eigenvalues are the poles, of which the slowest come first.
     """
-    upper = (value for value in np.linalg.eigvals(A) if value.imag >= 0)
-    return render_section("poles", poles=sorted(upper, key=lambda value: -value.real))
+    # Of a complex pair, the pole with the positive imaginary part stands for both.
+    poles = [pole for pole in np.linalg.eigvals(A) if pole.imag >= 0]
+    return render_section("poles", poles=sorted(poles, key=lambda pole: -pole.real))

@@ -57,6 +57,7 @@ from mavdem.report.pages.library_page import (
     with_bar,
     without_policy,
 )
+from mavdem.report.pages.page import PageLink
 from mavdem.results import PAGE_FILE, RECORDING_FILE, REPORT_FILE
 from mavdem.serve.attached import PAGE_SECONDS, Attached
 from mavdem.serve.library import Entry, Library
@@ -341,7 +342,7 @@ class Server:
             difference,
             changed_parameters(*gains),
             states_without_gains(*gains),
-            ("Flights", "/"),
+            PageLink("Flights", "/"),
         )
         return HTMLResponse(without_policy(page, **self._known(request)))
 

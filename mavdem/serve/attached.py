@@ -16,6 +16,7 @@ from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
 from mavdem.report.pages.flight_page import live_page
+from mavdem.report.pages.page import PageLink
 from mavdem.serve.library import Library
 
 PAGE_SECONDS = 5.0  # between two pages of a session
@@ -129,4 +130,4 @@ class Attached:
         self._silent = self._silent + 1 if frames == self._frames > 0 else 0
         self._frames = frames
         shown = AXIS, session.history, session.status, session.time_account(), None
-        self._page = live_page(session.link.name, *shown, ("Flights", "/"))
+        self._page = live_page(session.link.name, *shown, PageLink("Flights", "/"))

@@ -234,7 +234,7 @@ def test_under_what_overrides_reasons_keep_their_figures_and_ask_for_nothing():
     known = physical(effect=Status.BIASED)
     known.reasons["effect"] = prose("Wind has 46 % of it.", "Fly in calm air.")
     assert "calm air" in str(parameter_reasons(known))
-    assert parameter_reasons(known, doubted=True) == [
+    assert parameter_reasons(known, is_doubtful=True) == [
         "Control effectiveness biased: Wind has 46 % of it."
     ]
     doubted = found(EFFECT, model(known), None, of_vehicle(**SATURATED)).reason

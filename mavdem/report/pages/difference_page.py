@@ -16,7 +16,7 @@ from mavdem.report.charts.flight_charts import STEP_RESPONSE
 from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks, surest_change
 from mavdem.report.loops import LOOP_FIGURES
 from mavdem.report.numbers import counted, rounded
-from mavdem.report.pages.page import Chapter, render_document
+from mavdem.report.pages.page import Chapter, PageLink, render_document
 from mavdem.report.palette import PREDICTED, TRUTH
 from mavdem.report.templates import render_section
 
@@ -32,7 +32,7 @@ def comparison_page(
     difference: VehicleDifference,
     parameters: Sequence[ParameterChange] = (),
     lacking: Names = (),
-    back: tuple[str, str] | None = None,
+    back: PageLink | None = None,
 ) -> str:
     """Returns the HTML of two flights, called ``names``, by documents as ``report.json`` has them.
 

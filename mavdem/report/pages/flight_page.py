@@ -1,4 +1,4 @@
-"""The page of a flight: what happened, and what the flight shows of its axes, loops, noise, motors, wind and model."""
+"""The HTML page of a flight: what happened, axes, loops, vibration, motors, wind, parameters and model, by chapter."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
-from itertools import chain
 from math import inf, nan
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis import LogAnalysis
@@ -50,7 +49,7 @@ from mavdem.report.condition import air_blocks, log_blocks
 from mavdem.report.labels import Labels
 from mavdem.report.loops import compared_loops, gain_blocks, gain_limits, margin_tables
 from mavdem.report.numbers import display_unit, listed, rounded, with_unit
-from mavdem.report.pages.page import Chapter, Head, render_document
+from mavdem.report.pages.page import Chapter, Head, PageLink, render_document
 from mavdem.report.review import review_title
 from mavdem.report.screen import (
     conclusion,
@@ -68,320 +67,417 @@ if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory
     from mavdem.live.session_status import SessionStatus
 
-AXIS_IN_NAME = re.compile(r"RLL|ROLL|PITCH|PIT|YAW")
-GEOMETRY = "CA_"
-"""How PX4's parameters of the motors' places begin, which the picture of the motors shows."""
-FIGURES = {
-    "overshoot": ("overshoot (%)", 100.0),
-    "rise_time": ("rise (s)", 1.0),
-    "settling": ("settling (s)", 1.0),
-    "delay": ("delay (ms)", 1e3),
-    "peak": ("peak of |T|", 1.0),
-    "peak_frequency": ("at (Hz)", 1.0),
+AXIS_IN_PARAMETER = re.compile(r"RLL|ROLL|PITCH|PIT|YAW")
+"""The part of a parameter's name that says its axis, in ArduPilot and PX4; its first letter names the axis."""
+
+GEOMETRY_PREFIX = "CA_"
+"""Beginning of PX4's parameters of the motors' positions, which the drawing of the motors shows already."""
+
+AXIS_COLUMNS = {"R": "roll", "P": "pitch", "Y": "yaw", "all": "all"}
+"""Columns of the table of parameters, by the first letter of the axis in a parameter's name."""
+
+
+class StepFigure(NamedTuple):
+    """A figure of a step response as a table shows it."""
+
+    header: str
+    """Header of its column, with the shown unit."""
+
+    scale: float
+    """Factor from the unit of the figure to the shown one."""
+
+    is_duration: bool = False
+    """Whether it is a time after the step, which may lie beyond the end of the measured response."""
+
+
+STEP_FIGURES = {
+    "overshoot": StepFigure("overshoot (%)", 100.0),
+    "rise_time": StepFigure("rise (s)", 1.0, is_duration=True),
+    "settling": StepFigure("settling (s)", 1.0, is_duration=True),
+    "delay": StepFigure("delay (ms)", 1e3, is_duration=True),
+    "peak": StepFigure("peak of |T|", 1.0),
+    "peak_frequency": StepFigure("at (Hz)", 1.0),
 }
-"""Header and scale of the figures of a step response."""
-ERRORS = {
+"""Columns of the table of step responses, by the field of ``StepResponse``."""
+
+TRACKING_FIGURES = {
     "angle_error": "angle error (RMS)",
     "delay": "delay",
     "rate_error": "rate error (RMS)",
 }
-"""Header of the figures of tracking."""
-DURATIONS = "rise_time", "settling", "delay"
-"""Those that end with what is seen of a step, or later."""
-OTHERS = "accelerometer", "demand", "d_term"
-"""Names of spectra beside those of the gyro."""
+"""Columns of the table of tracking: header by the figure of the axis's fact."""
+
+OTHER_SENSORS = "accelerometer", "demand", "d_term"
+"""Signals besides the gyro whose spectra are shown, by their names in ``MeasuredNoise``."""
 
 
 def review_page(assessment: Assessment) -> str:
-    """Returns the HTML of the page of an ``assessment``."""
+    """Returns the HTML of the page of a log that was reviewed, with all that the log contains."""
     name = Path(assessment.log.source).name
-    analysis = assessment.analysis
-    if analysis is None or assessment.evidence is None:
+    if assessment.analysis is None or assessment.evidence is None:
         return log_page(name, assessment, inventory(assessment.log))
-    held = inventory(assessment.log, [assessment.contents])
-    held["vehicles"][0] |= assessment.judgement_values | {"model": analysis.model}
-    return log_page(name, assessment, held)
+    contents = inventory(assessment.log, [assessment.contents])
+    contents["vehicles"][0] |= assessment.judgement_values | {"model": assessment.analysis.model}
+    return log_page(name, assessment, contents)
 
 
 def flight_page(file: str, assessment: Assessment) -> str:
-    """Returns the HTML of one flight of a fleet, the log ``file``, with a link to the fleet's page."""
-    return log_page(file, assessment, back=("Fleet", "../index.html"))
+    """Returns the HTML of one flight of a fleet, a small page that links to the fleet's page.
+
+    Args:
+        file: name of the log.
+        assessment: of the log.
+    """
+    return log_page(file, assessment, back=PageLink("Fleet", "../index.html"))
 
 
 def log_page(
     name: str,
     assessment: Assessment,
-    held: JsonValues | None = None,
-    back: tuple[str, str] | None = None,
+    contents: JsonValues | None = None,
+    back: PageLink | None = None,
 ) -> str:
-    """Returns the HTML of one log of this ``name``, with models or without.
+    """Returns the HTML of the page of one log, whether it has models or not.
 
-    Without what the log ``held`` (``mavdem.assessment.inventory``) the page is small, for many flights. ``back`` is
-    name and address of the page that leads here.
+    Args:
+        name: title of the page.
+        assessment: of the log.
+        contents: what the log contains, from ``mavdem.assessment.inventory``. Without it the page is small, for fleets
+            of many flights: with fewer points, and without spectrograms and advice on gains.
+        back: the page that leads here, if any.
     """
-    whole = held is not None
+    is_full = contents is not None
     timeline = timeline_of(assessment)
     events = [
         Event(nan if fact.time is None else fact.time, fact)
-        for fact in _stops_counted(assessment.events)
+        for fact in _with_saturations_counted(assessment.events)
     ]
-    level = assessment.headline.level
-    head = Head(level, assessment.lights, events, timeline, assessment.analysis)
-    chapters = [*_measured(assessment, timeline, whole), *_models(assessment)]
-    if held is not None:
-        chapters.append(
-            Chapter("What was read from the log, and repaired", log_blocks(held), folded=True)
-        )
-    above, *_, following = conclusion(assessment.judgement)
+    head = Head(assessment.headline.level, assessment.lights, events, timeline, assessment.analysis)
+    chapters = [*_flight_chapters(assessment, timeline, is_full), *_model_chapters(assessment)]
+    if contents is not None:
+        title = "What was read from the log, and repaired"
+        chapters.append(Chapter(title, log_blocks(contents), folded=True))
     subtitle = capitalize_first(review_title(assessment).text)
-    points = MAX_POINTS if whole else MAX_POINTS_OF_SMALL_PAGE
-    return render_document(name, subtitle, [above, following], chapters, back, head, points)
+    max_points = MAX_POINTS if is_full else MAX_POINTS_OF_SMALL_PAGE
+    conclusion_blocks = conclusion(assessment.judgement)
+    # The lights stand in a grid between headline and next step.
+    result = [conclusion_blocks[0], conclusion_blocks[-1]]
+    return render_document(name, subtitle, result, chapters, back, head, max_points)
 
 
-def _stops_counted(events: Facts) -> Iterator[Fact]:
-    """Yields the ``events``, but of a motor that was often at its limit only the first time, with how often."""
-    stop = MotionEvent.MOTOR_AT_ITS_STOP
-    counts = Counter(event.subject for event in events if event.code is stop)
+def _with_saturations_counted(events: Facts) -> Iterator[Fact]:
+    """Yields the events, but only the first saturation of each motor, with the number of all of them."""
+    saturation = MotionEvent.MOTOR_AT_ITS_STOP
+    counts = Counter(event.subject for event in events if event.code is saturation)
     for event in events:
-        if event.code is not stop:
+        if event.code is not saturation:
             yield event
-        elif count := counts.pop(event.subject, 0):
+            continue
+        count = counts.pop(event.subject, 0)
+        if count:
             yield event.but(count=count)
 
 
-def _measured(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Iterator[Chapter]:
-    """What the flight shows without a model."""
+def _flight_chapters(
+    assessment: Assessment, timeline: Timeline | None, is_full: bool
+) -> Iterator[Chapter]:
+    """Yields the chapters of what a flight shows without a model; none if the log holds no flight."""
     evidence = assessment.evidence
     analysis = assessment.analysis
     if evidence is None or analysis is None:
         return
     if timeline is not None:
-        columns = tuple(
-            tuple(map(timeline.marked, charts))
-            for charts in timeline.axis_charts.values()
-            if charts
-        )
-        yield Chapter(
-            "Three axes",
-            [*_tracking(assessment.lights["tracking"], assessment.tracking)],
-            [Group(columns)],
-        )
+        yield _axes_chapter(assessment, timeline)
     yield responses_chapter(assessment.responses)
-    yield _loops(evidence, _advice(assessment, evidence) if whole else {})
-    yield _noise(assessment, timeline, whole)
-    others = (_spectra(assessment.noise, name, timeline, whole) for name in OTHERS)
-    yield Chapter(
-        "Spectra of accelerometer, motors' demand and D term", (), [*chain(*others)], folded=True
-    )
-    yield _motors(analysis, evidence)
-    yield _wind(assessment, analysis, timeline)
-    yield _parameters(evidence.signals.telemetry)
+    yield _loops_chapter(evidence, _gain_advice(assessment, evidence) if is_full else {})
+    yield _gyro_chapter(assessment, timeline, is_full)
+    yield _other_sensors_chapter(assessment.noise, timeline, is_full)
+    yield _motors_chapter(analysis, evidence)
+    yield _wind_chapter(assessment, analysis, timeline)
+    yield _parameters_chapter(evidence.signals.telemetry)
 
 
-def _tracking(light: Fact, axes: NamedFacts) -> Iterator[Block]:
-    """What is said of the worst axis, and the errors of all of which there are any."""
+def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
+    """Returns the chapter of angles and rates with their setpoints, a column for each axis, and how well they track."""
+    columns = []
+    for charts in timeline.axis_charts.values():
+        if charts:
+            columns.append(tuple(timeline.marked(chart) for chart in charts))
+    blocks = [*_tracking_blocks(assessment.lights["tracking"], assessment.tracking)]
+    return Chapter("Three axes", blocks, [Group(tuple(columns))])
+
+
+def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
+    """Yields the sentence of the tracking light, and a table of the tracking errors of all axes that have one."""
     yield Sentence(str(light), "Tracking:")
     rows = []
     for axis, fact in axes.items():
-        known = fact.figures
-        shown = [
-            with_unit(known[key], display_unit(fact.units[key]))
-            if known.get(key) is not None
-            else ""
-            for key in ERRORS
-        ]
-        if any(shown):
-            rows.append([axis, *shown])
+        cells = []
+        for key in TRACKING_FIGURES:
+            value = fact.figures.get(key)
+            cells.append("" if value is None else with_unit(value, display_unit(fact.units[key])))
+        if any(cells):
+            rows.append([axis, *cells])
     if rows:
-        yield Table(["tracking", *ERRORS.values()], rows)
+        yield Table(["tracking", *TRACKING_FIGURES.values()], rows)
 
 
 def responses_chapter(responses: Responses) -> Chapter:
-    """Returns step responses as measured and predicted, their figures, and which of them is doubted."""
+    """Returns the chapter of step responses: their figures, doubts about them, and charts of measured and predicted."""
     rows = []
-    blocks = Blocks()
-    refusals = dict[Fact, list[str]]()
+    doubts = Blocks()
+    names_by_refusal = dict[Fact, list[str]]()
     for axis, loops in responses.items():
-        for loop, response in loops.items():
-            name = f"{axis} {loop}"
-            seen = response.measured
-            if isinstance(seen, Fact):
-                refusals.setdefault(seen.but(subject=""), []).append(name)
+        for loop_name, response in loops.items():
+            name = f"{axis} {loop_name}"
+            measured = response.measured
+            if isinstance(measured, Fact):
+                refusal = measured.but(subject="")
+                names_by_refusal.setdefault(refusal, []).append(name)
             else:
-                rows.append([name, *(_estimate(seen, key) for key in FIGURES)])
+                rows.append([name, *(_step_figure_text(measured, key) for key in STEP_FIGURES)])
             if response.compared is not None and not response.compared.is_good:
-                blocks.append(caution(response.compared))
-    for fact, names in refusals.items():
-        blocks.append(Sentence(str(fact.but(subject=listed(names)))))
+                doubts.append(caution(response.compared))
+    blocks = Blocks()
     if rows:
-        header = ["step response (90 % interval)", *(name for name, _ in FIGURES.values())]
-        blocks.insert(0, Table(header, rows))
-    caption = "Grey: measured, with its 90 % band. Blue, where the loop is identified: predicted."
+        headers = [figure.header for figure in STEP_FIGURES.values()]
+        blocks.append(Table(["step response (90 % interval)", *headers], rows))
+    blocks += doubts
+    for refusal, names in names_by_refusal.items():
+        blocks.append(Sentence(str(refusal.but(subject=listed(names)))))
     columns = step_charts(responses)
-    return Chapter("Step response", blocks, [Group(columns, caption)] if columns else [])
+    if not columns:
+        return Chapter("Step response", blocks)
+    text = "Grey: measured, with its 90 % band. Blue, where the loop is identified: predicted."
+    return Chapter("Step response", blocks, [Group(columns, text)])
 
 
-def _estimate(response: StepResponse, key: str) -> str:
+def _step_figure_text(response: StepResponse, key: str) -> str:
+    """Returns a figure of a step response with its interval, such as "0.12 (0.10 to 0.15)".
+
+    A duration that reaches the end of the measured response is shown as "over" that time.
+    """
     estimate: IntervalEstimate = getattr(response, key)
-    _, scale = FIGURES[key]
-    last = float(response.time[-1]) if key in DURATIONS else inf
-    value, low, high = ("over " * (figure >= last) + rounded(scale * figure) for figure in estimate)
-    return value if estimate.low >= last else f"{value} ({low} to {high})"
+    figure = STEP_FIGURES[key]
+    end = float(response.time[-1]) if figure.is_duration else inf
+
+    def text(value: float) -> str:
+        number = rounded(figure.scale * value)
+        return f"over {number}" if value >= end else number
+
+    value, low, high = estimate
+    if low >= end:
+        return text(value)
+    return f"{text(value)} ({text(low)} to {text(high)})"
 
 
-def _advice(assessment: Assessment, evidence: Evidence) -> AdviceByAxis:
-    """What ``mavdem tune`` advises of all axes; of a grounded vehicle whose loops are not known, why nothing."""
+def _gain_advice(assessment: Assessment, evidence: Evidence) -> AdviceByAxis:
+    """Returns the gains that ``mavdem tune`` advises by axis.
+
+    Where the loops are not identified that is nothing, or, for a vehicle that must not fly, the reason why.
+    """
     try:
         return tuned(assessment, AXES, is_written=False).axes
     except NotLearnable as error:
         return {"all axes": error.fact} if evidence.reasons_not_to_fly else {}
 
 
-def _loops(evidence: Evidence, advice: AdviceByAxis) -> Chapter:
-    """The margins of all axes, or why they are not known, the gains to set, and the loops now and with these."""
-    said = []
+def _loops_chapter(evidence: Evidence, advice: AdviceByAxis) -> Chapter:
+    """Returns the chapter of control loops: margins or why they are not known, advised gains, and charts of both."""
+    blocks: Blocks = [*_margin_sentences(evidence)]
+    loops = identified_loops(evidence.loops)
+    loops_by_axis: dict[str, Mapping[str, Loop]] = {
+        axis: {"now": loop} for axis, loop in loops.items()
+    }
+    for axis, axis_advice in advice.items():
+        lead = f"Gains of {axis}:"
+        if isinstance(axis_advice, Advice):
+            blocks.append(Sentence(axis_advice.sentence.advised, lead))
+            blocks += gain_blocks(axis_advice)
+            loops_by_axis[axis] = compared_loops(axis_advice)
+        elif not loops:
+            blocks.append(Sentence(axis_advice.advised, lead))
+    blocks += gain_limits(advice)
+    if not loops:
+        return Chapter("Control loops", blocks)
+    columns = [loop_charts(variants) for variants in loops_by_axis.values()]
+    text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
+    return Chapter("Control loops", [*margin_tables(loops), *blocks], [Group(tuple(columns), text)])
+
+
+def _margin_sentences(evidence: Evidence) -> list[Sentence]:
+    """Returns the sentences about the margins of all axes, or about why they are not known."""
+    axes_and_facts = []
     for margin in evidence.margins:
         facts = [fact.but(names=(margin.axis,)) for fact in margin.facts]
         if not facts and isinstance(margin.loop, Fact):
             facts = [margin.loop]
-        said += [(margin.axis, fact) for fact in facts]
-    blocks: Blocks = [*sentences_by_axes(said)]
-    loops = identified_loops(evidence.loops)
-    shown = {axis: {"now": loop} for axis, loop in loops.items()}
-    for axis, gains in advice.items():
-        if isinstance(gains, Advice):
-            blocks.append(Sentence(gains.sentence.advised, f"Gains of {axis}:"))
-            blocks += gain_blocks(gains)
-            shown[axis] = compared_loops(gains)
-        elif not loops:
-            blocks.append(Sentence(gains.advised, f"Gains of {axis}:"))
-    blocks += gain_limits(advice)
-    if not loops:
-        return Chapter("Control loops", blocks)
-    columns = [*map(loop_charts, shown.values())]
-    caption = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
-    groups = [Group(tuple(columns), caption)]
-    return Chapter("Control loops", [*margin_tables(loops), *blocks], groups)
+        for fact in facts:
+            axes_and_facts.append((margin.axis, fact))
+    return sentences_by_axes(axes_and_facts)
 
 
-def _noise(assessment: Assessment, timeline: Timeline | None, whole: bool) -> Chapter:
-    """The gyro's spectrum with the filters that are set, and its spectrograms."""
+def _gyro_chapter(assessment: Assessment, timeline: Timeline | None, is_full: bool) -> Chapter:
+    """Returns the chapter of the gyro's vibration: its spectrum, the filters of the fastest loop, and spectrograms."""
     noise = assessment.noise
     loops = [*identified_loops(assessment.loops).values()]
     blocks: Blocks = [Sentence(str(fact)) for fact in noise.facts]
-    first = max(loops, key=lambda loop: loop.crossover, default=None)
-    if first is not None:
-        filters = gyro_filters(first.controller, first.crossover)
-        blocks += render_section("loop_filters", filters=filters, crossover=first.crossover)
-    return Chapter("Spectra", blocks, [*_spectra(noise, GYRO, timeline, whole, first)])
+    fastest = max(loops, key=lambda loop: loop.crossover, default=None)
+    if fastest is not None:
+        filters = gyro_filters(fastest.controller, fastest.crossover)
+        blocks += render_section("loop_filters", filters=filters, crossover=fastest.crossover)
+    groups = [*_spectrum_groups(noise, GYRO, timeline, is_full, fastest)]
+    return Chapter("Spectra", blocks, groups)
 
 
-def _spectra(
+def _other_sensors_chapter(
+    noise: MeasuredNoise, timeline: Timeline | None, is_full: bool
+) -> Chapter:
+    """Returns the folded chapter of the spectra of accelerometer, motors' demand and D term, as far as logged."""
+    groups: list[Group] = []
+    for sensor in OTHER_SENSORS:
+        groups += _spectrum_groups(noise, sensor, timeline, is_full)
+    title = "Spectra of accelerometer, motors' demand and D term"
+    return Chapter(title, (), groups, folded=True)
+
+
+def _spectrum_groups(
     noise: MeasuredNoise,
-    name: str,
+    sensor: str,
     timeline: Timeline | None,
-    whole: bool,
+    is_full: bool,
     loop: Loop | None = None,
 ) -> Iterator[Group]:
-    """Yields the spectrum of a sensor, before its filters and behind them, and if ``whole`` its spectrograms."""
-    shown = noise.spectra.get(f"{name}_before", noise.spectra.get(name))
-    if shown is None:
+    """Yields the spectrum of a sensor before and after its filters, and its spectrograms; nothing if not logged.
+
+    Args:
+        noise: spectra of all sensors.
+        sensor: name of the sensor in ``noise``.
+        timeline: of the flight, whose events are marked in the spectrogram over time.
+        is_full: whether there are spectrograms, which take much of a page.
+        loop: the loop whose filters are drawn, if any.
+    """
+    spectrum = noise.spectra.get(f"{sensor}_before", noise.spectra.get(sensor))
+    if spectrum is None:
         return
-    yield Group.of([spectrum_chart(noise, loop, name)])
-    if whole:
-        over_time, *over_throttle = spectrogram_charts(shown)
+    yield Group.of([spectrum_chart(noise, loop, sensor)])
+    if is_full:
+        charts = [*spectrogram_charts(spectrum)]
         if timeline is not None:
-            over_time = timeline.marked(over_time)._replace(spans=())
-        yield Group.of([over_time, *over_throttle], "The stronger the blue, the higher the power.")
+            charts[0] = timeline.marked(charts[0])._replace(spans=())
+        yield Group.of(charts, "The stronger the blue, the higher the power.")
 
 
-def _motors(analysis: LogAnalysis, evidence: Evidence) -> Chapter:
-    """What is known of each motor and of the vehicle's condition."""
-    is_full = analysis.tier.tier == "a"
-    blocks = motor_blocks(analysis.learned, analysis.condition.hover if is_full else None)
-    if analysis.learned is None or not is_full:
+def _motors_chapter(analysis: LogAnalysis, evidence: Evidence) -> Chapter:
+    """Returns the chapter of the motors: a table of them, the vehicle from above, and without a model its condition."""
+    is_full_tier = analysis.tier.tier == "a"
+    hover = analysis.condition.hover if is_full_tier else None
+    blocks = motor_blocks(analysis.learned, hover)
+    if analysis.learned is None or not is_full_tier:
         blocks += render_section("condition", analysis.condition)
     plan = frame_plan(evidence.signals.motors, analysis.condition)
-    return Chapter("Motors", blocks, [] if plan is None else [Group.of([plan])], beside=True)
+    groups = [] if plan is None else [Group.of([plan])]
+    return Chapter("Motors", blocks, groups, is_side_by_side=True)
 
 
-def _wind(assessment: Assessment, analysis: LogAnalysis, timeline: Timeline | None) -> Chapter:
-    """The wind in m/s and as a torque, its rose, and the path that was flown."""
+def _wind_chapter(
+    assessment: Assessment, analysis: LogAnalysis, timeline: Timeline | None
+) -> Chapter:
+    """Returns the chapter of the wind: in m/s and as a torque, with the wind rose and the flown path."""
     blocks = air_blocks(assessment)
-    wind = assessment.wind
-    panels = [
-        rose_of_wind(wind)
-        if wind is not None and wind.direction_identifiable and wind.speed_identifiable
-        else None,
-        flown_path(timeline),
-    ]
     if analysis.learned is not None:
         blocks += torque_blocks(analysis.learned)
-    blocks += truth_blocks(analysis.truth) if analysis.truth else []
-    return Chapter("Wind and path", blocks, [Group.of(panels)] if any(panels) else [], beside=True)
+    if analysis.truth:
+        blocks += truth_blocks(analysis.truth)
+    wind = assessment.wind
+    rose = None
+    if wind is not None and wind.direction_identifiable and wind.speed_identifiable:
+        rose = rose_of_wind(wind)
+    plans = [rose, flown_path(timeline)]
+    groups = [Group.of(plans)] if any(plans) else []
+    return Chapter("Wind and path", blocks, groups, is_side_by_side=True)
 
 
-def _parameters(telemetry: Telemetry) -> Chapter:
-    """Parameters that changed in the flight, and those that rate and attitude control depend on."""
-    changed = [
+def _parameters_chapter(telemetry: Telemetry) -> Chapter:
+    """Returns the chapter of parameters: those that changed in the flight, and those of rate and attitude control."""
+    blocks: Blocks = []
+    changes = [
         [name, f"{before:.4g}", f"{telemetry.parameters[name]:.4g}"]
         for name, before in sorted(telemetry.initial_parameters.items())
         if not AUTOPILOT_SET_PARAMETERS.search(name)
     ]
-    blocks = []
-    if changed:
-        blocks.append(Table(["changed in flight", "from", "to"], changed))
-    by_axis = dict[str, dict[str, str]]()
-    for name, value in sorted(telemetry.parameters.items()):
-        if value and CONTROL_PARAMETERS.match(name) and not name.startswith(GEOMETRY):
-            axis = AXIS_IN_NAME.search(name)
-            column = "all" if axis is None else axis[0][0]
-            by_axis.setdefault(AXIS_IN_NAME.sub("…", name, 1), {})[column] = f"{value:.4g}"
-    rows = [
-        [name, *(row.get(axis, "") for axis in ("R", "P", "Y", "all"))]
-        for name, row in by_axis.items()
-    ]
+    if changes:
+        blocks.append(Table(["changed in flight", "from", "to"], changes))
+    rows = _control_parameter_rows(telemetry.parameters)
+    # Two tables side by side take half of the height.
     half = -(-len(rows) // 2)
     for part in (rows[:half], rows[half:]):
         if part:
-            blocks.append(Table(["parameter", "roll", "pitch", "yaw", "all"], part))
+            blocks.append(Table(["parameter", *AXIS_COLUMNS.values()], part))
     return Chapter("Parameters", blocks)
 
 
-def _models(assessment: Assessment) -> Iterator[Chapter]:
-    """What was learned of each axis, how well it forecasts and, folded, how it was learned."""
+def _control_parameter_rows(parameters: Mapping[str, float]) -> list[list[str]]:
+    """Returns rows of the control parameters that are not 0: those of roll, pitch and yaw together, then of no axis.
+
+    The name in a row has "…" in the place of the axis, such as "ATC_RAT_…_P".
+    """
+    values_by_name = dict[str, dict[str, str]]()
+    for name, value in sorted(parameters.items()):
+        is_control = CONTROL_PARAMETERS.match(name) and not name.startswith(GEOMETRY_PREFIX)
+        if not value or not is_control:
+            continue
+        axis = AXIS_IN_PARAMETER.search(name)
+        column = "all" if axis is None else axis[0][0]
+        name_of_axes = AXIS_IN_PARAMETER.sub("…", name, count=1)
+        values_by_name.setdefault(name_of_axes, {})[column] = f"{value:.4g}"
+    return [
+        [name, *(values.get(column, "") for column in AXIS_COLUMNS)]
+        for name, values in values_by_name.items()
+    ]
+
+
+def _model_chapters(assessment: Assessment) -> Iterator[Chapter]:
+    """Yields, for each axis, the chapter of what was learned and, folded, the one of how it was learned."""
     for axis, analysis in assessment.analyses.items():
-        blocks = Blocks()
-        if analysis.learned is None and analysis.reason is not None:
-            blocks.append(Sentence(str(analysis.reason), "No model:"))
-        blocks += [*purpose_tables(analysis.findings), *map(warning, analysis.findings.warnings)]
-        blocks += render_section("tier", analysis.tier)
-        blocks += vehicle_blocks(analysis.axes, bool(analysis.findings.overrides))
-        groups = []
-        if (learned := analysis.learned) is not None:
-            labels = Labels.of(learned)
-            blocks += prediction_blocks(labels, analysis.held_out)
-            if analysis.findings.grade(Purpose.CONTROL_EFFECTIVENESS) is not Grade.NOT_IDENTIFIABLE:
-                said = "Frequency response of the vehicle without its controller, with a 90 % band."
-                groups.append(Group.of(model_charts.bode_charts(learned), said))
-            if analysis.held_out is not None and len(analysis.held_out):
-                said = "Held-out windows, by models that were not trained on them."
-                groups.append(
-                    Group.of(model_charts.forecast_charts(analysis.held_out, labels), said)
-                )
-        yield Chapter(f"Model of {axis}", blocks, groups)
-        if learned is not None:
-            yield _inside(axis, learned)
+        yield _model_chapter(axis, analysis)
+        if analysis.learned is not None:
+            yield _learning_chapter(axis, analysis.learned)
 
 
-def _inside(axis: str, learned: Learned) -> Chapter:
-    """How a model was learned, folded."""
+def _model_chapter(axis: str, analysis: LogAnalysis) -> Chapter:
+    """Returns the chapter of the model of an axis, or why there is none: grades, parameters, forecasts and response."""
+    learned = analysis.learned
+    findings = analysis.findings
+    blocks = Blocks()
+    if learned is None and analysis.reason is not None:
+        blocks.append(Sentence(str(analysis.reason), "No model:"))
+    blocks += purpose_tables(findings)
+    blocks += [warning(fact) for fact in findings.warnings]
+    blocks += render_section("tier", analysis.tier)
+    blocks += vehicle_blocks(analysis.axes, bool(findings.overrides))
+    groups = []
+    if learned is not None:
+        labels = Labels.of(learned)
+        held_out = analysis.held_out
+        blocks += prediction_blocks(labels, held_out)
+        if findings.grade(Purpose.CONTROL_EFFECTIVENESS) is not Grade.NOT_IDENTIFIABLE:
+            text = "Frequency response of the vehicle without its controller, with a 90 % band."
+            groups.append(Group.of(model_charts.bode_charts(learned), text))
+        if held_out is not None and len(held_out):
+            text = "Held-out windows, by models that were not trained on them."
+            groups.append(Group.of(model_charts.forecast_charts(held_out, labels), text))
+    return Chapter(f"Model of {axis}", blocks, groups)
+
+
+def _learning_chapter(axis: str, learned: Learned) -> Chapter:
+    """Returns the folded chapter of how a model was learned: poles, free energy, settings and residuals."""
     settings = [[name, str(value)] for name, value in asdict(learned.settings).items()]
-    blocks = detail_blocks(learned)
-    blocks.append(Table(["setting", "value"], settings, words=True))
-    said = "Errors one step ahead; correlations between the lines may be chance (99 %)."
-    groups = [Group.of(model_charts.residual_charts(learned), said)]
-    return Chapter(f"The model of {axis}, and how it was learned", blocks, groups, folded=True)
+    table = Table(["setting", "value"], settings, words=True)
+    text = "Errors one step ahead; correlations between the lines may be chance (99 %)."
+    groups = [Group.of(model_charts.residual_charts(learned), text)]
+    title = f"The model of {axis}, and how it was learned"
+    return Chapter(title, [*detail_blocks(learned), table], groups, folded=True)
 
 
 def live_page(
@@ -391,33 +487,46 @@ def live_page(
     status: SessionStatus,
     account: Mapping[Spent, float],
     learned: Learned | None,
-    back: tuple[str, str] | None = None,
+    back: PageLink | None = None,
 ) -> str:
-    """Returns the HTML of a live flight: ``history`` was collected in flight, the others are those at its end.
+    """Returns the HTML of the page of a live flight.
 
-    ``account`` has seconds by what they were; ``back`` is name and address of the page that leads here.
+    Args:
+        link: address of the vehicle.
+        axis: that was learned.
+        history: what was collected in flight.
+        status: of the session at its end.
+        account: seconds of the flight by what they were used for.
+        learned: the model at the end; None if there was none.
+        back: the page that leads here, if any.
     """
-    findings = status.findings or findings_of(learned, alarms=status.motor_alarms)
-    judgement = status.overall_judgement
-    seconds = 0.0 if learned is None else len(learned.record) * learned.dt
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import live_report
 
-    report = live_report(history, status, account, axis, seconds)
+    judgement = status.overall_judgement
     timeline = live_timeline(history, axis)
     events = history.events
-    name = status.vehicle or ""
-    head = Head(judgement.headline.level, judgement.lights, events, timeline, vehicle=name)
-    above, *_, following = conclusion(judgement)
-    chapters = [Chapter(f"Prediction of {axis} in flight, and the link", report)]
-    advice = Blocks(Sentence(each.sentence) for each in events if isinstance(each.fact.code, Gains))
-    if advice:
-        chapters.insert(0, Chapter("Gains", advice))
-    if learned is not None:
-        blocks = [*purpose_tables(findings), *torque_blocks(learned)]
-        chapters.insert(0, Chapter("Motors", motor_blocks(learned, None)))
-        chapters.append(Chapter(f"Model of {axis}", blocks))
-    subtitle = f"What {axis} did, learned and predicted while it flew."
-    return render_document(
-        f"Flight over {link}", subtitle, [above, following], chapters, back, head
+    head = Head(
+        judgement.headline.level,
+        judgement.lights,
+        events,
+        timeline,
+        vehicle=status.vehicle or "",
     )
+    chapters = []
+    if learned is not None:
+        chapters.append(Chapter("Motors", motor_blocks(learned, None)))
+    advised_gains = [event for event in events if isinstance(event.fact.code, Gains)]
+    if advised_gains:
+        chapters.append(Chapter("Gains", [Sentence(event.sentence) for event in advised_gains]))
+    seconds = 0.0 if learned is None else len(learned.record) * learned.dt
+    report = live_report(history, status, account, axis, seconds)
+    chapters.append(Chapter(f"Prediction of {axis} in flight, and the link", report))
+    if learned is not None:
+        findings = status.findings or findings_of(learned, alarms=status.motor_alarms)
+        blocks = [*purpose_tables(findings), *torque_blocks(learned)]
+        chapters.append(Chapter(f"Model of {axis}", blocks))
+    conclusion_blocks = conclusion(judgement)
+    result = [conclusion_blocks[0], conclusion_blocks[-1]]
+    subtitle = f"What {axis} did, learned and predicted while it flew."
+    return render_document(f"Flight over {link}", subtitle, result, chapters, back, head)

@@ -1,6 +1,7 @@
-"""Page: a result as one HTML file that can be mailed, printed and read without a network.
+"""HTML pages as single files that can be mailed, printed and read without a network; notebooks get parts of them.
 
-Each page is the blocks that the screen shows too, charts, and folded chapters, which :func:`document` lays out.
+A page has a title, the result in sentences and tables, and then chapters with charts. The templates are the HTML files
+of ``mavdem/report``; charts are drawn by uPlot (MIT), which a page contains with ``charts.js``.
 """
 
 import platform
@@ -13,6 +14,7 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, PackageLoader, Template
 from markupsafe import Markup, escape
 
+from mavdem.arrays import Array
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.dem import Learned
@@ -29,30 +31,67 @@ from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
 from mavdem.report.screen import conclusion, flight_title, model_screen
 
-_UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
-"""Control characters and marks that turn text around: a file's name may hold them."""
+_UNSAFE_CHARACTERS = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"
+)
+"""Control characters, and marks that reverse the direction of text: the name of a file may contain them."""
+
+_SPACE_BEFORE_PERCENT = re.compile(r"(?<=\d) ?%")
+"""A percent sign after a number, with the space before it if there is one."""
+
+_CODE = re.compile("`([^`]*)`")
+"""Text between backquotes, such as a command."""
+
+
+class PageLink(NamedTuple):
+    """A link to another page."""
+
+    name: str
+    """Text of the link."""
+
+    address: str
+    """Address of the page, relative to the one with the link."""
 
 
 class Chapter(NamedTuple):
-    """A part of the page after its result; of a ``folded`` one only the title is shown until it is opened."""
+    """A part of a page after its result, with sentences, tables and charts."""
 
     title: str
+    """Heading."""
+
     blocks: Sequence[Block] = ()
+    """Sentences and tables."""
+
     groups: Sequence[Group] = ()
+    """Groups of charts, which stand before the blocks."""
+
     folded: bool = False
-    beside: bool = False
-    """Whether its pictures stand beside its words."""
+    """Whether only the title is shown until it is opened."""
+
+    is_side_by_side: bool = False
+    """Whether charts and blocks stand beside each other where there is room."""
 
 
 class Head(NamedTuple):
-    """The top of a flight's page: how bad it is, the lights, what happened, and of which vehicle."""
+    """The top of a flight's page: level, lights, events, timeline and vehicle."""
 
     level: Level
+    """Level of the headline, by which the page colours it."""
+
     lights: NamedFacts
+    """The lights by name."""
+
     events: Sequence[Event] = ()
+    """What happened, in order of time."""
+
     timeline: Timeline | None = None
+    """Charts over the flight's time; None without any."""
+
     analysis: LogAnalysis | None = None
+    """Analysis whose vehicle, date and duration are shown; None where the log holds no flight, or of a live one."""
+
     vehicle: str = ""
+    """Name of the vehicle, where there is no analysis."""
 
 
 def render_document(
@@ -60,110 +99,130 @@ def render_document(
     subtitle: str,
     blocks: Sequence[Block],
     chapters: Sequence[Chapter] = (),
-    back: tuple[str, str] | None = None,
+    back: PageLink | None = None,
     head: Head | None = None,
-    points: int = MAX_POINTS,
+    max_points: int = MAX_POINTS,
 ) -> str:
-    """Returns the HTML of a page: its title and subtitle, the result in ``blocks``, then chapters.
+    """Renders a page as HTML, with all text escaped.
 
-    ``back`` is the name and the relative address of the page that leads here; lines have at most so many ``points``.
-    All text is escaped. The same arguments give the same bytes with the same versions of mavdem and Python.
+    The same arguments give the same bytes with the same versions of mavdem and Python.
+
+    Args:
+        title: heading of the page.
+        subtitle: line below it.
+        blocks: the result, in sentences and tables.
+        chapters: what follows; those without content are left out.
+        back: the page that leads here, if any.
+        head: the top of a flight's page; None of another page.
+        max_points: points that a line of a chart has at most.
     """
-    shown = [chapter for chapter in chapters if chapter.blocks or chapter.groups]
+    chapters_with_content = [chapter for chapter in chapters if chapter.blocks or chapter.groups]
+    has_charts = head is not None or any(chapter.groups for chapter in chapters_with_content)
     return render_page(
         environment().get_template("document.html"),
         title=title,
         subtitle=subtitle,
         blocks=blocks,
-        chapters=shown,
+        chapters=chapters_with_content,
         back=back,
         head=head,
-        points=points,
-        has_charts=head is not None or any(chapter.groups for chapter in shown),
+        points=max_points,
+        has_charts=has_charts,
     )
 
 
 def render_page(template: Template, **values: Any) -> str:
-    """Returns the HTML that a ``template`` makes of ``values``, in which nothing turns text around."""
-    return _UNSEEN.sub("\N{REPLACEMENT CHARACTER}", template.render(values))
+    """Renders a template as HTML, in which characters that could disguise text are replaced."""
+    return _UNSAFE_CHARACTERS.sub("\N{REPLACEMENT CHARACTER}", template.render(values))
 
 
 @cache
 def environment() -> Environment:
-    """Returns Jinja's environment for the templates beside this file; it escapes all text.
+    """Returns Jinja's environment for the templates of ``mavdem/report``; it escapes all text.
 
-    Charts are drawn by uPlot (MIT), whose script and style are in ``uplot``, and ``charts.js``.
+    Templates can use the filter ``prose``, and the tests ``is table`` and ``is chart``.
     """
-    made = Environment(
+    jinja = Environment(
         loader=PackageLoader("mavdem.report", ""),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals |= {
+    jinja.globals |= {
         "made_by": f"mavdem {version('mavdem')}, Python {platform.python_version()}",
         "ink": INK_ON_LIGHT,
         "disturbance": DISTURBANCE,
         "predicted": PREDICTED,
     }
-    made.tests["table"] = lambda block: isinstance(block, Table)
-    made.tests["chart"] = lambda panel: isinstance(panel, Chart)
-    made.filters["prose"] = _prose
-    return made
+    jinja.tests["table"] = lambda block: isinstance(block, Table)
+    jinja.tests["chart"] = lambda panel: isinstance(panel, Chart)
+    jinja.filters["prose"] = _prose
+    return jinja
 
 
 def _prose(text: str) -> Markup:
-    """Text with what stands between backquotes as code, and no line's end before a percent sign."""
-    text = str(escape(re.sub(r"(?<=\d) ?%", "\N{NO-BREAK SPACE}%", text)))
-    return Markup(text if text.count("`") % 2 else re.sub("`([^`]*)`", r"<code>\1</code>", text))
+    """Returns text as HTML: what stands between backquotes as code, and no line break before a percent sign."""
+    html = str(escape(_SPACE_BEFORE_PERCENT.sub("\N{NO-BREAK SPACE}%", text)))
+    has_unpaired_backquote = html.count("`") % 2 == 1
+    if has_unpaired_backquote:
+        return Markup(html)
+    return Markup(_CODE.sub(r"<code>\1</code>", html))
 
 
 def tune_page(name: str, tuning: Tuning) -> str:
-    """Returns the HTML of ``mavdem tune`` of the log ``name``, by axis."""
-    said = "Gain, phase and sensitivity of the open loops, with 90 % bands; dashed, where the gain is 1."
-    chapters = []
+    """Renders the page of ``mavdem tune``: margins, advised gains, and charts of the loops of each axis.
+
+    Args:
+        name: of the log, the title of the page.
+        tuning: the advice for each axis.
+    """
+    chapters = [Chapter("Margins and gains", tune_blocks(tuning))]
+    caption = "Gain, phase and sensitivity of the open loops, with 90 % bands; dashed, where the gain is 1."
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice):
             loops = compared_loops(advice)
             columns = (loop_charts(loops, "rate"), loop_charts(loops, "attitude"))
-            chapters.append(Chapter(f"Loops of {axis}", (), [Group(columns, said)]))
+            chapters.append(Chapter(f"Loops of {axis}", (), [Group(columns, caption)]))
     subtitle = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
     judgement = tuning.judgement
-    above, *_, following = conclusion(judgement)
+    conclusion_blocks = conclusion(judgement)
+    result = [conclusion_blocks[0], conclusion_blocks[-1]]
     head = Head(judgement.headline.level, judgement.lights)
-    chapters.insert(0, Chapter("Margins and gains", tune_blocks(tuning)))
-    return render_document(name, subtitle, [above, following], chapters, head=head)
+    return render_document(name, subtitle, result, chapters, head=head)
 
 
 def notebook_html(blocks: Sequence[Block]) -> str:
-    """Returns paragraphs and tables as HTML by themselves, all text escaped."""
-    shown = environment().get_template("blocks.html").module.shown(blocks)  # type: ignore[attr-defined]
-    return f"<div><style>.words {{ text-align: left; }}</style>{shown}</div>"
+    """Renders sentences and tables as HTML for a notebook, with all text escaped."""
+    macros = environment().get_template("blocks.html").module
+    html = macros.shown(blocks)  # type: ignore[attr-defined]
+    return f"<div><style>.words {{ text-align: left; }}</style>{html}</div>"
 
 
 def flight_html(flight: Flight) -> str:
-    """Returns, for notebooks, which flight it is, and a row a channel; in degrees."""
-    channels = (
-        *zip(flight.input_names, flight.input_units, flight.inputs.T, strict=True),
-        *zip(flight.output_names, flight.output_units, flight.outputs.T, strict=True),
-    )
-    rows = []
-    for name, unit, column in channels:
-        shown = display_unit(unit)
-        figures = column.mean(), column.std(), column.min(), column.max()
-        rows.append(
-            [
-                name_with_unit(name, shown.name),
-                *(rounded(shown.scale * figure, 3) for figure in figures),
-            ]
+    """Renders a flight for a notebook: its title, and mean, deviation and range of each channel, in degrees."""
+    rows = [
+        _channel_row(name, unit, values)
+        for name, unit, values in zip(
+            (*flight.input_names, *flight.output_names),
+            (*flight.input_units, *flight.output_units),
+            (*flight.inputs.T, *flight.outputs.T),
+            strict=True,
         )
-    return notebook_html(
-        [flight_title([flight]), Table(["channel", "mean", "sd", "lowest", "highest"], rows)]
-    )
+    ]
+    table = Table(["channel", "mean", "sd", "lowest", "highest"], rows)
+    return notebook_html([flight_title([flight]), table])
+
+
+def _channel_row(name: str, unit: str, values: Array) -> list[str]:
+    """Returns the name of a channel with its unit, then mean, standard deviation, minimum and maximum."""
+    shown_unit = display_unit(unit)
+    figures = (values.mean(), values.std(), values.min(), values.max())
+    cells = [rounded(shown_unit.scale * figure, 3) for figure in figures]
+    return [name_with_unit(name, shown_unit.name), *cells]
 
 
 def learned_html(learned: Learned) -> str:
-    """Returns, for notebooks, the screen's report of what the model alone knows."""
+    """Renders a model for a notebook: its size, and the report of the model alone."""
     record = learned.record
-    sentence = f"{len(learned.model.A)} states, from {len(record) * record.dt:.0f} s at {1 / record.dt:.0f} Hz."
-    return notebook_html([Sentence(sentence, "Learned model:"), *model_screen(learned)])
+    size = f"{len(learned.model.A)} states, from {len(record) * record.dt:.0f} s at {1 / record.dt:.0f} Hz."
+    return notebook_html([Sentence(size, "Learned model:"), *model_screen(learned)])
