@@ -25,7 +25,7 @@ MIN_UNPACKED_LIMIT = 1 << 26
 MAX_COMPRESSION_RATIO = 100
 """Number of bytes that an archive may unpack to beyond ``MIN_UNPACKED_LIMIT``, for each byte of its own.
 
-An archive of a few bytes can be made to unpack to any number of them. Logs compress by less than 10.
+A choice: a small archive can be made to unpack to any number of bytes.
 """
 
 UNPACKING_MEMORY = 1 << 27

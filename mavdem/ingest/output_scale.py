@@ -57,7 +57,7 @@ MAX_DSHOT_COMMAND = 2047.0
 """Largest command of DShot: it has 11 bits."""
 
 MAX_DSHOT = 1999.0
-"""DShot output of PX4 at full throttle: DSHOT_MAX_THROTTLE of its ``DShot.cpp``, without the 48 special commands."""
+"""DShot output of PX4 at full throttle: DSHOT_MAX_THROTTLE of its ``DShot.h``, without the 48 special commands."""
 
 NOMINAL_DSHOT_RANGE = 2000.0
 """Full throttle of DShot where no parameter says it, rounded."""

@@ -164,7 +164,7 @@ def mav_type(topics: Topics, parameters: Parameters) -> int | None:
     """Finds out the vehicle's MAV_TYPE: the most frequent value in its topics and parameters.
 
     Sources are vehicle_status.system_type and the parameter MAV_TYPE; without these vehicle_status.vehicle_type, and
-    is_rotary_wing before PX4 1.11.
+    is_rotary_wing in old versions.
 
     Returns:
         MAV_TYPE; None where there is no source.

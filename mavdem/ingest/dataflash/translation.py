@@ -222,7 +222,7 @@ def _local_position(tables: Tables) -> NamedMessage:
     climb = _renamed_message(tables, "VFR_HUD").columns
     if position.source_name != "EKF1" or not position.columns:
         return position
-    # Old versions log a climb rate of 0 throughout.
+    # A climb rate that is 0 throughout was not measured.
     if not climb or not climb["climb"].any():
         return position
     climb_rate = resampled(position.columns, climb, climb["climb"][:, None])[:, 0]

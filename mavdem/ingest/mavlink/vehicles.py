@@ -92,10 +92,7 @@ BOOT_CLOCK_UNITS = {"time_boot_ms": 1e3, "time_boot_us": 1e6, "time_usec": 1e6}
 """Fields with the boot clock, the more reliable first, and their units per second."""
 
 MAX_STAMP_JUMP = 3600.0
-"""Deviation of a receive stamp from the median of those around it, s, beyond which it is wrong: a choice.
-
-A clock that is set in flight jumps by less, or for good.
-"""
+"""Deviation of a receive stamp from the median of those around it, s, beyond which it is wrong: a choice."""
 
 STAMP_WINDOW = 9
 """Number of receive stamps of which that median is taken."""
