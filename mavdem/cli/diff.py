@@ -1,4 +1,4 @@
-"""``mavdem diff``: what changed of a vehicle between two flights, or two fleets, beyond its interval."""
+"""``mavdem diff``: which figures of a vehicle differ significantly between two flights, or two fleets."""
 
 from pathlib import Path
 
@@ -18,12 +18,15 @@ from mavdem.fleet.difference import (
     states_without_gains,
     vehicle_difference,
 )
-from mavdem.fleet.state import of_common_vehicle, state_of
+from mavdem.fleet.state import VehicleState, of_common_vehicle, state_of
 from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks
 from mavdem.report.pages.difference_page import comparison_page
 
-PAGE = "diff.html"
-DOCUMENT = "diff.json"
+PAGE_FILE = "diff.html"
+"""Name of the page that shows both states together."""
+
+DOCUMENT_FILE = "diff.json"
+"""Name of the file with the document, as ``--json`` prints it."""
 
 
 @click.command("diff")
@@ -64,32 +67,56 @@ def diff_command(
 
     Exit codes: 0 compared, whatever changed; 1 nothing can be compared; 2 bad usage, or unreadable input.
     """
-    folder = out or available_folder(
-        f"{Path(before).stem}_and_{Path(after).stem}", DOCUMENT, {"a": before, "b": after}
-    )
-    check_output_folder(folder, (PAGE, DOCUMENT), before, after)
-    states = []
-    for name, source in zip(STATE_NAMES, (before, after), strict=True):
-        refuse_link(source)
-        with progress(f"Reading {source}", measured=False):
-            states.append(state_of(name, Path(source), vehicle))
-    first, second = states if vehicle else of_common_vehicle(*states)
-    difference = vehicle_difference(first.rows, second.rows)
-    parameters = changed_parameters(first.parameters, second.parameters)
-    lacking = states_without_gains(first.parameters, second.parameters)
-    headlines = {"a": first.headline, "b": second.headline}
+    folder = out
+    if folder is None:
+        name = f"{Path(before).stem}_and_{Path(after).stem}"
+        folder = available_folder(name, DOCUMENT_FILE, {"a": before, "b": after})
+    check_output_folder(folder, (PAGE_FILE, DOCUMENT_FILE), before, after)
+    name_a, name_b = STATE_NAMES
+    state_a = _read_state(name_a, before, vehicle)
+    state_b = _read_state(name_b, after, vehicle)
+    if vehicle is None:
+        state_a, state_b = of_common_vehicle(state_a, state_b)
+    difference = vehicle_difference(state_a.rows, state_b.rows)
+    parameters = changed_parameters(state_a.parameters, state_b.parameters)
+    names_without_gains = states_without_gains(state_a.parameters, state_b.parameters)
+    headlines = {"a": state_a.headline, "b": state_b.headline}
     document = Diff.gather(
         difference, a=before, b=after, parameters=parameters, headlines=headlines
     )
-    with replaced_files(folder, [PAGE, DOCUMENT]) as (path, place):
-        place.write_text(json_text(document))
-        called = Path(before).name, Path(after).name
-        page = comparison_page(
-            called, (first.review, second.review), difference, parameters, lacking
-        )
-        path.write_text(page, "utf-8", "replace")
-    print_to_stderr(f"The page is {folder / PAGE}.")
-    said = [*headline_blocks(headlines), *difference_blocks(difference, parameters, lacking)]
-    print_result(document, [*said, *next_blocks(difference)], as_json)
+    page = comparison_page(
+        (Path(before).name, Path(after).name),
+        (state_a.review, state_b.review),
+        difference,
+        parameters,
+        names_without_gains,
+    )
+    with replaced_files(folder, [PAGE_FILE, DOCUMENT_FILE]) as (page_path, document_path):
+        document_path.write_text(json_text(document))
+        page_path.write_text(page, "utf-8", "replace")
+    print_to_stderr(f"The page is {folder / PAGE_FILE}.")
+    blocks = [
+        *headline_blocks(headlines),
+        *difference_blocks(difference, parameters, names_without_gains),
+        *next_blocks(difference),
+    ]
+    print_result(document, blocks, as_json)
     if not difference.changes:
         context.exit(EXIT_UNSUPPORTED)
+
+
+def _read_state(name: str, source: str, vehicle: str | None) -> VehicleState:
+    """Reads the flights of a vehicle from a log or a fleet, and shows that on standard error.
+
+    Args:
+        name: Name of the state in messages, "A" or "B".
+        source: Path of the log, or of the fleet's folder.
+        vehicle: Name of the vehicle; None for the flights of all vehicles.
+
+    Raises:
+        Unreadable: It cannot be read.
+        NotLearnable: It has no flights of the vehicle.
+    """
+    refuse_link(source)
+    with progress(f"Reading {source}", measured=False):
+        return state_of(name, Path(source), vehicle)

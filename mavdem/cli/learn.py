@@ -1,4 +1,4 @@
-"""``mavdem learn``: from a log to a model, what it is good for, and plots."""
+"""``mavdem learn``: a linear model of the vehicle, learned from a log, and what the model is good for."""
 
 from pathlib import Path
 from time import perf_counter
@@ -8,6 +8,8 @@ import click
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.axis import Options
 from mavdem.assessment.axis.figures import ALL_AXES
+from mavdem.assessment.record import Assessment
+from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.options import (
     file_option,
     model_options,
@@ -16,7 +18,7 @@ from mavdem.cli.options import (
     verbose_option,
     window_options,
 )
-from mavdem.cli.output import print_json, print_screen, progress, report_error
+from mavdem.cli.output import print_json, print_screen, progress, report_error, report_parts
 from mavdem.cli.output_files import check_output_folder
 from mavdem.cli.result_folders import default_result_folder, write_results
 from mavdem.cli.sources import read_source
@@ -98,40 +100,60 @@ def learn_command(
     folder = out or default_result_folder(source)
     if not no_files:
         check_output_folder(folder, RESULT_FILES, source)
-    began = perf_counter()
+    start_time = perf_counter()
     log = read_source(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle))
-    options = Options(inputs, settings, start, train, test, truth)
+    options = Options(
+        inputs=inputs, settings=settings, start=start, train=train, test=test, truth=truth
+    )
     assessment = assess_signals(log, signals, axis, options, progress=progress)
     analysis = assessment.analysis
     assert analysis is not None
-    learned = analysis.learned
-    if learned is None and analysis.tier.tier is None:
+    has_model = analysis.learned is not None
+    if not has_model and analysis.tier.tier is None:
+        # There is no flight that files or a screen could show.
         raise assessment.refusal
-    took = perf_counter() - began
-    report = report_of(assessment) | {"source": source, "seconds": round(took, 3)}
-    if learned is None:
-        heading = review_title(assessment)
-        details = Blocks()
+    seconds = perf_counter() - start_time
+    document = report_of(assessment) | {"source": source, "seconds": round(seconds, 3)}
+    if not has_model:
         refusal = assessment.refusal
-        report["error"] = {"reason": refusal.reason, "remedy": refusal.remedy}
-    else:
-        heading = flight_title(analysis.flights, assessment.simulated)
-        details = detail_blocks(learned)
+        document["error"] = {"reason": refusal.reason, "remedy": refusal.remedy}
     if not no_files:
-        write_results(folder, report, assessment)
-        if learned is not None and (
-            hint := missing_extra_fact("view", f"{RECORDING_FILE} was not written, since it")
-        ):
-            print_to_stderr(hint)
+        write_results(folder, document, assessment)
+        missing_recording = missing_extra_fact(
+            "view", f"{RECORDING_FILE} was not written, since it"
+        )
+        if has_model and missing_recording is not None:
+            print_to_stderr(missing_recording)
     if as_json:
-        print_json(report)
-        if learned is None:  # else the screen has said it
+        print_json(document)
+        if not has_model:
             report_error(assessment.refusal.fact, as_json=False)
     else:
-        above, *blocks, following = analysis_blocks(assessment)
-        page = Sentence(f"{folder / PAGE_FILE} (took {took:.1f} s)", "Page:")
-        conclusion = [above, following, *[page] * (not no_files)]
-        print_screen(heading, blocks, details, conclusion, verbose)
-    if learned is None:
-        raise click.exceptions.Exit(1)  # no model
+        page = Sentence(f"{folder / PAGE_FILE} (took {seconds:.1f} s)", "Page:")
+        _print_assessment(assessment, None if no_files else page, verbose)
+    if not has_model:
+        raise click.exceptions.Exit(EXIT_UNSUPPORTED)
+
+
+def _print_assessment(assessment: Assessment, page: Sentence | None, verbose: bool) -> None:
+    """Prints the screen of a flight: with a model its grades, otherwise why there is none.
+
+    Args:
+        assessment: The assessment, with an analysis.
+        page: Where the page is; None if no files were written.
+        verbose: Whether to print all figures, and how the model was learned.
+    """
+    analysis = assessment.analysis
+    assert analysis is not None
+    if analysis.learned is None:
+        title = review_title(assessment)
+        details = Blocks()
+    else:
+        title = flight_title(analysis.flights, assessment.simulated)
+        details = detail_blocks(analysis.learned)
+    parts = report_parts(analysis_blocks(assessment))
+    conclusion = [parts.headline, parts.next_step]
+    if page is not None:
+        conclusion.append(page)
+    print_screen(title, parts.body, details, conclusion, verbose)

@@ -1,12 +1,15 @@
-"""``mavdem open`` and ``rerun-loader-mavdem``: a log as a dashboard, by a command or dropped into the Rerun Viewer."""
+"""``mavdem open`` and ``rerun-loader-mavdem``: the dashboard of a log, by a command or in the Rerun Viewer."""
+
+from __future__ import annotations
 
 from argparse import ArgumentParser
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from mavdem.assessment.assess import assess_signals
-from mavdem.cli.exit_codes import EXIT_ERROR
+from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR
 from mavdem.cli.learn import learn_command
 from mavdem.cli.options import source_options
 from mavdem.cli.result_folders import default_result_folder
@@ -22,8 +25,11 @@ from mavdem.report.blocks import Sentence
 from mavdem.report.screen import analysis_blocks
 from mavdem.results import RECORDING_FILE, write_dashboard
 
-INCOMPATIBLE = 66
-"""Exit code of a loader for a file that is for others (rerun.io/docs/reference/data-loaders)."""
+if TYPE_CHECKING:
+    from mavdem.view import Target
+
+EXIT_INCOMPATIBLE = 66
+"""Exit code by which a data loader passes a file on to others (rerun.io/docs/reference/data-loaders)."""
 
 
 @click.command("open")
@@ -43,55 +49,91 @@ def open_command(
     or given to `rerun`, opens in the same way.
     """
     require_extra("view", "`mavdem open`")
-    chosen = {"--axis": axis, "--vehicle": vehicle, "--inputs": inputs}
-    words = [word for name, value in chosen.items() if value is not None for word in (name, value)]
-    with learn_command.make_context(
-        "learn", [*words, *["--json"] * as_json, "--", source], context
-    ) as learning:
-        learn_command.invoke(learning)
+    args = []
+    for option, value in {"--axis": axis, "--vehicle": vehicle, "--inputs": inputs}.items():
+        if value is not None:
+            args += [option, value]
+    if as_json:
+        args.append("--json")
+    # After "--" a log whose name begins with a hyphen is no option.
+    args += ["--", source]
+    with learn_command.make_context("learn", args, context) as learn_context:
+        learn_command.invoke(learn_context)
+    # Rerun takes a second to import, and is not needed where nothing can be learned.
     from mavdem.view import show
 
-    if why := show(default_result_folder(source) / RECORDING_FILE):
-        print_to_stderr(why)
+    problem = show(default_result_folder(source) / RECORDING_FILE)
+    if problem:
+        print_to_stderr(problem)
 
 
 def load(arguments: list[str]) -> int:
-    """Writes the dashboard of the log that is named first to standard output, as the Rerun Viewer asks its loaders to.
+    """Writes the dashboard of a log to standard output: the data loader that the Rerun Viewer calls for any file.
 
-    Until it is there, the viewer shows in its place what is being done. Returns the exit code: ``INCOMPATIBLE`` for a
-    file that is no log of a vehicle.
+    While a model is being learned, the viewer shows that. Where none can be learned, it shows why.
+
+    Args:
+        arguments: Path of the file, and options of the viewer, of which --application-id is used
+            (rerun.io/docs/reference/data-loaders).
+
+    Returns:
+        The exit code: ``EXIT_INCOMPATIBLE`` for a file that is no log of a vehicle, which the viewer then offers to
+        other loaders.
     """
     path = Path(arguments[0]) if arguments else Path()
     if not path.is_file() or not looks_like_log(path):
-        return INCOMPATIBLE
-    if hint := missing_extra_fact("view", "The dashboard"):
-        print_to_stderr(hint)
+        return EXIT_INCOMPATIBLE
+    missing_extra = missing_extra_fact("view", "The dashboard")
+    if missing_extra is not None:
+        print_to_stderr(missing_extra)
         return EXIT_ERROR
-    read: Log | Unreadable
+    log: Log | Unreadable
     try:
-        read = read_log(path)
+        log = read_log(path)
     except Unreadable as error:
         if path.suffix.lower() == ".mcap":
-            return INCOMPATIBLE  # of something else, which Rerun itself reads
-        read = error
+            # It may hold data of another program, which Rerun itself can read.
+            return EXIT_INCOMPATIBLE
+        log = error
     from mavdem.view import streamed, write_words
 
+    application_id = _application_id(arguments)
+    with streamed(path.name, application_id or "mavdem") as recording:
+        if application_id:
+            # A viewer waits for the recording.
+            write_words(recording, path.name, [Sentence("Learning from the log …")])
+        _write_log(recording, path.name, log)
+    return EXIT_DONE
+
+
+def _application_id(arguments: list[str]) -> str | None:
+    """Returns the application id that the viewer gives a loader, or None if no viewer waits for the recording."""
     parser = ArgumentParser(add_help=False)
     parser.add_argument("--application-id")
-    application = parser.parse_known_args(arguments)[0].application_id
-    with streamed(path.name, application or "mavdem") as recording:
-        if application:  # the viewer waits
-            write_words(recording, path.name, [Sentence("Learning from the log …")])
-        try:
-            if isinstance(read, Unreadable):
-                raise read
-            signals = Signals(choose_vehicle(read.vehicles))
-            assessment = assess_signals(read, signals, "roll")
-        except (NotLearnable, Unreadable) as error:
-            write_words(recording, path.name, [Sentence(f"{error.reason} {error.remedy}")])
-        else:
-            if assessment.model is None:
-                write_words(recording, path.name, analysis_blocks(assessment))
-            else:
-                write_dashboard(recording, assessment)
-    return 0
+    options, _ = parser.parse_known_args(arguments)
+    application_id: str | None = options.application_id
+    return application_id
+
+
+def _write_log(recording: Target, name: str, log: Log | Unreadable) -> None:
+    """Learns a model of roll and writes its dashboard or, where that is impossible, the reason in words.
+
+    Args:
+        recording: Recording that is streamed to the viewer.
+        name: Name of the log's file.
+        log: The log, or why it cannot be read.
+    """
+    from mavdem.view import write_words
+
+    try:
+        if isinstance(log, Unreadable):
+            raise log
+        signals = Signals(choose_vehicle(log.vehicles))
+        assessment = assess_signals(log, signals, "roll")
+    except (NotLearnable, Unreadable) as error:
+        write_words(recording, name, [Sentence(f"{error.reason} {error.remedy}")])
+        return
+    if assessment.model is None:
+        write_words(recording, name, analysis_blocks(assessment))
+    else:
+        write_dashboard(recording, assessment)

@@ -1,4 +1,4 @@
-"""``mavdem reproduce``: the paper's experiments, run again, and a report on its claims."""
+"""``mavdem reproduce``: the experiments of the paper, run again, and a report on which of its claims hold."""
 
 from pathlib import Path
 from time import perf_counter
@@ -42,34 +42,40 @@ def reproduce_command(names: Names, out: Path, as_json: bool, as_list: bool) -> 
       mavdem reproduce noise prediction --out build/paper
     """
     if as_list:
-        if as_json:
-            return print_json({"claims": CLAIMS})
-        return print_to_stdout(
-            "\n".join(f"{claim.name:14}  {claim.title} ({claim.section})" for claim in CLAIMS)
-        )
+        _list_claims(as_json)
+        return
     require_extra("plot", "`mavdem reproduce`")
+    # The experiments take a second to import, and need not be imported for the list.
     from mavdem.experiments.paper.report import ITEMS, NUMBERS, PAGE, ItemReport, document, write
     from mavdem.experiments.paper.runner import Runner
 
     check_output_folder(out, (PAGE, NUMBERS))
-    began = perf_counter()
+    start_time = perf_counter()
     reports = []
     with process_pool(available_workers()) as executor:
         runner = Runner(executor)
-        for claim, run in ITEMS.items():
-            if claim.name in names or not names:
-                with progress(claim.title) as runner.progress:
-                    reports.append(ItemReport(claim, run(runner)))
+        for claim, run_experiment in ITEMS.items():
+            if names and claim.name not in names:
+                continue
+            with progress(claim.title) as show_fraction:
+                runner.progress = show_fraction
+                reports.append(ItemReport(claim, run_experiment(runner)))
         with progress("Writing the report", measured=False):
-            seconds = perf_counter() - began
+            seconds = perf_counter() - start_time
             with reporting_write_errors(out):
                 write(out, reports, seconds)
                 (out / NUMBERS).write_text(json_text(document(reports, seconds)) + "\n")
     rows = [[report.claim.name, report.status.value, report.sentence] for report in reports]
-    print_result(
-        document(reports, seconds),
-        [Table(["item", "status", "findings"], rows, words=True)],
-        as_json,
-    )
+    table = Table(["item", "status", "findings"], rows, words=True)
+    print_result(document(reports, seconds), [table], as_json)
     if not as_json:
         print_to_stdout(f"Took {seconds:.0f} s. Written: {out / PAGE}")
+
+
+def _list_claims(as_json: bool) -> None:
+    """Prints the claims of the paper that can be checked, one a line with its name first, or as a JSON document."""
+    if as_json:
+        print_json({"claims": CLAIMS})
+        return
+    for claim in CLAIMS:
+        print_to_stdout(f"{claim.name:14}  {claim.title} ({claim.section})")

@@ -1,4 +1,4 @@
-"""``mavdem serve``: drop a log in a browser."""
+"""``mavdem serve``: a web server to which logs are uploaded in a browser, and which shows their results."""
 
 from pathlib import Path
 
@@ -6,14 +6,27 @@ import click
 
 from mavdem.cli.options import NumberRange, jobs_option
 from mavdem.cli.streams import print_to_stderr
-from mavdem.cli.track import MOST
 from mavdem.dem.parallel import available_workers
 from mavdem.extras import require_extra
 from mavdem.facts import Fact
 from mavdem.fleet.workers import JobLimits
 from mavdem.machine import has_screen
 
-SAMPLE = Path(__file__).parents[1] / "serve" / "sample_flight.tlog"
+SAMPLE_LOG = Path(__file__).parents[1] / "serve" / "sample_flight.tlog"
+"""Log of a simulated flight that the server offers to visitors without a log."""
+
+BYTES_PER_GB = 1e9
+"""Bytes in a gigabyte."""
+
+MAX_QUOTA = 1_000_000
+"""Largest --quota, GB: more than any disk, so that a mistyped number is refused."""
+
+READER_LIMITS = JobLimits(megabytes=1000, logs=8)
+"""Limits of a process that reads logs for the server.
+
+They are wider in memory than those of ``mavdem track``, since the page and the recording need more than rows, and
+a process is replaced after a few logs, since Rerun leaves 20 MB and four threads for each recording.
+"""
 
 
 @click.command("serve")
@@ -36,7 +49,7 @@ SAMPLE = Path(__file__).parents[1] / "serve" / "sample_flight.tlog"
 @click.option(
     "--quota",
     metavar="GB",
-    type=NumberRange(0.001, MOST),
+    type=NumberRange(0.001, MAX_QUOTA),
     help="What logs and results may take on the disk. [default: all but 64 MB]",
 )
 @jobs_option
@@ -80,21 +93,21 @@ def serve_command(
     that the first page shows. The interface for programs is described at /api/openapi.json.
     """
     require_extra("serve", "`mavdem serve`")
+    # The web framework takes a second to import, and `mavdem serve --help` does not need it.
     from mavdem.serve.run import ServerOptions, serve
 
     options = ServerOptions(
-        folder,
-        host,
-        port,
-        token,
-        behind_proxy,
-        None if quota is None else int(quota * 1e9),
-        jobs or available_workers(),
-        # The page and the recording need more than rows, and Rerun leaves 20 MB and four threads of each recording.
-        JobLimits(megabytes=1000, logs=8),
-        scheduler,
-        SAMPLE,
-        link,
+        folder=folder,
+        host=host,
+        port=port,
+        token=token,
+        is_behind_proxy=behind_proxy,
+        quota=None if quota is None else int(quota * BYTES_PER_GB),
+        processes=jobs or available_workers(),
+        limits=READER_LIMITS,
+        scheduler=scheduler,
+        sample=SAMPLE_LOG,
+        link=link,
     )
 
     def report_address(address: str) -> None:

@@ -1,4 +1,4 @@
-"""``mavdem track``: a table of many flights, and of what changed from one to the next."""
+"""``mavdem track``: a table of the flights of a fleet, and what changed from one flight of a vehicle to the next."""
 
 from pathlib import Path
 
@@ -14,11 +14,11 @@ from mavdem.dem.parallel import available_workers
 from mavdem.documents.fleet import track_document
 from mavdem.extras import missing_extra_fact
 from mavdem.fleet.cluster import Cluster
-from mavdem.fleet.difference import baseline_differences
+from mavdem.fleet.difference import BaselineDifferences, baseline_differences
 from mavdem.fleet.flights import summary
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import read_rows
-from mavdem.fleet.tracking import track
+from mavdem.fleet.tracking import TrackedLogs, track
 from mavdem.fleet.workers import JobLimits, WorkerPool
 from mavdem.report.blocks import Sentence
 from mavdem.report.difference import baseline_blocks
@@ -27,7 +27,11 @@ from mavdem.report.numbers import counted
 from mavdem.report.pages.flight_page import flight_page
 from mavdem.results import write_fleet_pages
 
-MOST = 1_000_000  # seconds and megabytes that may be asked for: days, and a terabyte
+MAX_LIMIT = 1_000_000
+"""Largest --time-limit in seconds, eleven days, and largest --memory-limit in MB, a terabyte.
+
+More is no limit, so that a mistyped number is refused.
+"""
 
 
 @click.command("track")
@@ -55,14 +59,14 @@ MOST = 1_000_000  # seconds and megabytes that may be asked for: days, and a ter
 )
 @click.option(
     "--time-limit",
-    type=NumberRange(1, MOST),
+    type=NumberRange(1, MAX_LIMIT),
     default=JobLimits().seconds,
     show_default=True,
     help="Seconds of the processor that one log may take.",
 )
 @click.option(
     "--memory-limit",
-    type=click.IntRange(256, MOST),
+    type=click.IntRange(256, MAX_LIMIT),
     default=JobLimits().megabytes,
     show_default=True,
     help="Memory in MB that the reading of one log may take.",
@@ -105,48 +109,85 @@ def track_command(
     """
     for name in logs:
         refuse_link(name)
-    limits = JobLimits(time_limit, memory_limit)
     if scheduler is not None and jobs:
-        refusal = "it is of this machine; with --scheduler the cluster has its own."
-        raise click.BadParameter(refusal, param_hint="--jobs")
-    reader = (
-        Cluster(scheduler, limits, rows_of_log)
-        if scheduler is not None
-        else WorkerPool(jobs or available_workers(), limits, rows_of_log)
-    )
-    try:
-        with progress("Reading logs") as bar:
-
-            def show(done: int, of: int) -> None:
-                bar(done / max(of, 1))
-
-            tracked = track(out, logs, reader, baseline, flight_page, progress=show)
-    except KeyboardInterrupt:
-        print_to_stderr("What was read is kept: the same command goes on.")
-        raise
+        raise click.BadParameter(
+            "it is of this machine; with --scheduler the cluster has its own.",
+            param_hint="--jobs",
+        )
+    limits = JobLimits(time_limit, memory_limit)
+    reader: Cluster | WorkerPool
+    if scheduler is not None:
+        reader = Cluster(scheduler, limits, rows_of_log)
+    else:
+        reader = WorkerPool(jobs or available_workers(), limits, rows_of_log)
+    tracked = _track_with_progress(out, logs, reader, baseline)
     rows = read_rows(out)
     counts = summary(rows)
-    changes = baseline_differences(rows, tracked.healthy) if tracked.healthy else {}
-    since = {name: baseline_blocks(*change) for name, change in changes.items()}
-    index = write_fleet_pages(out, rows, since)
+    differences: BaselineDifferences = {}
+    if tracked.healthy:
+        differences = baseline_differences(rows, tracked.healthy)
+    blocks_by_vehicle = {}
+    for vehicle, (latest_flight, difference) in differences.items():
+        blocks_by_vehicle[vehicle] = baseline_blocks(latest_flight, difference)
+    index = write_fleet_pages(out, rows, blocks_by_vehicle)
     for problem in tracked.problems:
         print_to_stderr(f"mavdem: {problem.advised}")
     if as_json:
-        print_json(track_document(out, index, tracked, counts, changes))
+        print_json(track_document(out, index, tracked, counts, differences))
     else:
         print_to_stdout(
             f"{counted(tracked.logs, 'log')}, {tracked.read} of them read; copies count once.\n"
         )
         print_blocks(fleet_blocks(rows))
-        for name, blocks in since.items():
-            print_blocks([Sentence("", f"{name}:"), *blocks])
-        print_to_stderr(f"Look: {index}")
-        table = f"{out}/flights/**/*.parquet".replace("'", "''")  # as SQL quotes it
-        hint = missing_extra_fact(
-            "parquet", f"{out}/flights/, the table for DuckDB, Polars and pandas,"
-        )
-        print_to_stderr(hint or f"Query, for example in DuckDB: from '{table}'")
+        for vehicle, blocks in blocks_by_vehicle.items():
+            print_blocks([Sentence("", f"{vehicle}:"), *blocks])
+        _report_index_and_table(out, index)
     if tracked.problems:
         context.exit(EXIT_ERROR)
     if not counts["flights"]:
         context.exit(EXIT_UNSUPPORTED)
+
+
+def _track_with_progress(
+    folder: Path, logs: Names, reader: Cluster | WorkerPool, baseline: Names
+) -> TrackedLogs:
+    """Brings the table of a fleet up to date with logs, and shows a progress bar on standard error.
+
+    Args:
+        folder: Folder of the fleet.
+        logs: Logs, folders, patterns and URLs.
+        reader: Reads the logs, on this machine or on a cluster.
+        baseline: Logs or a fleet of healthy flights; empty for those of the last run.
+
+    Raises:
+        KeyboardInterrupt: The user has pressed Ctrl-C, and is told that another run continues.
+    """
+    try:
+        with progress("Reading logs") as show_fraction:
+
+            def show_count(done: int, total: int) -> None:
+                show_fraction(done / max(total, 1))
+
+            return track(folder, logs, reader, baseline, flight_page, progress=show_count)
+    except KeyboardInterrupt:
+        print_to_stderr("What was read is kept: the same command goes on.")
+        raise
+
+
+def _report_index_and_table(folder: Path, index: Path) -> None:
+    """Reports on standard error where the index page is, and how to query the table of flights.
+
+    Args:
+        folder: Folder of the fleet.
+        index: Path of its index page.
+    """
+    print_to_stderr(f"Look: {index}")
+    missing_parquet = missing_extra_fact(
+        "parquet", f"{folder}/flights/, the table for DuckDB, Polars and pandas,"
+    )
+    if missing_parquet is not None:
+        print_to_stderr(missing_parquet)
+        return
+    # SQL doubles a quote within quotes.
+    pattern = f"{folder}/flights/**/*.parquet".replace("'", "''")
+    print_to_stderr(f"Query, for example in DuckDB: from '{pattern}'")

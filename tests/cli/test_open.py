@@ -8,7 +8,7 @@ from pytest import mark
 from recorded_flights import SLOW, short_flight
 from rerun.chunk import RrdReader
 
-from mavdem.cli.open import INCOMPATIBLE, load
+from mavdem.cli.open import EXIT_INCOMPATIBLE, load
 
 pytestmark = mark.slow
 
@@ -39,7 +39,7 @@ def test_a_log_is_written_as_a_dashboard_or_as_the_reason_why_there_is_no_model(
 @mark.parametrize("name, content", [("a.png", b"\x89PNG\r\n"), ("a.mcap", b"\x89MCAP0\r\n")])
 def test_a_file_of_others_is_left_to_them(name, content, tmp_path, capfdbinary):
     (tmp_path / name).write_bytes(content)
-    assert load([str(tmp_path / name)]) == INCOMPATIBLE and not capfdbinary.readouterr().out
+    assert load([str(tmp_path / name)]) == EXIT_INCOMPATIBLE and not capfdbinary.readouterr().out
 
 
 def test_a_log_is_learned_from_and_shown(here, monkeypatch):
