@@ -280,7 +280,7 @@ def live_command(
         print_to_stderr(headline(status.overall_judgement.headline))
         ends.close()
         file = dashboard.file
-        if file is not None and not file.whole and not file.broken:
+        if file is not None and not file.complete_bytes and not file.broken:
             print_to_stderr(f"There was nothing to show, so {rrd} was not written.")
         has_page = html is None
         if html is not None:
@@ -288,7 +288,7 @@ def live_command(
             has_page = _written(html, live_page(*shown_of_flight), "page")
         if as_json:
             written = {
-                "rrd": str(rrd) if file is not None and file.whole else None,
+                "rrd": str(rrd) if file is not None and file.complete_bytes else None,
                 "record": recording and {"file": str(record), "frames": recording.frame_count},
                 "model": str(model) if code == EXIT_DONE and model is not None else None,
                 "html": str(html) if html and has_page else None,

@@ -1,4 +1,4 @@
-"""A simulated flight in 3D as a Rerun file, with its wind and motor outputs."""
+"""A simulated flight in 3D as a Rerun recording, with its wind, thrust and path, and plots of its motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -17,183 +17,238 @@ from mavdem.ingest.motors import position_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
 from mavdem.report.charts.chart import Chart, Line, over_time
-from mavdem.view.plots import BOOT_CLOCK, MAX_STROKES, blueprint, drawn, recorded
+from mavdem.view.plots import BOOT_CLOCK, MAX_STROKES, blueprint, draw_chart, recorded
 
-WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in arms
+WIND_ARROW_SCALE = 0.4
+"""Length of the wind's arrow for 1 m/s, in arms of the vehicle."""
 
-BODY = palette.channels(palette.BOUND)
-NOSE = palette.channels(palette.BAD)
-TRAIL = palette.channels(palette.COMMAND)
+WIND_ARROW_DISTANCE = 1.4
+"""Distance of the head of the wind's arrow from the centre of the vehicle, in arms: it stays out of the rotors."""
+
+AIRBORNE_SPEED_SHARE = 0.9
+"""Share of the rotor speed in hover above which the rotors carry the vehicle."""
+
+SMALLEST_SPEED = 1e-9
+"""Speed, m/s or rad/s, that keeps zero from being divided by."""
+
+BODY_COLOUR = palette.channels(palette.BOUND)
+NOSE_COLOUR = palette.channels(palette.BAD)
+PATH_COLOUR = palette.channels(palette.COMMAND)
+
+VEHICLE_FRAME = "world/here/vehicle"
+"""Entity that moves and turns with the vehicle."""
+
+POSITION_FRAME = "world/here"
+"""Entity that moves with the vehicle, but does not turn."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A flight to be shown: N rows, NED and body axes forward, right, down.
-
-    Attributes:
-        time, position: (N,) s, and (N, 3) m.
-        attitude: (N, 4) unit quaternions (w, x, y, z), body to NED.
-        rates: (N, 3) body rates, rad/s.
-        outputs, rotor_speeds, armed: (N, 4) of the motors, µs; (N, 4) rad/s; (N,) bool.
-        wind: (N, 3) NED, m/s, where the air moves to.
-        moment: (N, 3) of what disturbs, body, N m.
-        rotors: (4, 2) where the rotors are, forward and right of the centre of mass, m.
-    """
+    """A simulated flight to be shown, N samples; axes of the world are NED, of the body forward, right, down."""
 
     time: Array
+    """(N,) s"""
     position: Array
+    """(N, 3) m"""
     attitude: Array
+    """(N, 4) unit quaternions (w, x, y, z), body to NED"""
     rates: Array
+    """(N, 3) body rates, rad/s"""
     outputs: Array
+    """(N, 4) motor outputs, µs"""
     rotor_speeds: Array
+    """(N, 4) rad/s"""
     wind: Array
+    """(N, 3) velocity of the air, NED, m/s"""
     moment: Array
+    """(N, 3) disturbance moment about the body axes, N m"""
     armed: Flags
+    """(N,) whether the motors are armed"""
     rotors: Array
+    """(4, 2) positions of the rotors, forward and right of the centre of mass, m"""
 
     @property
     def motors(self) -> Names:
-        """The motors by their places, as ``front right``."""
-        return tuple(
-            position_name((float(forward), float(right))) for forward, right in self.rotors
-        )
+        """The names of the motors by their positions, such as "front right"."""
+        names = []
+        for forward, right in self.rotors:
+            names.append(position_name((float(forward), float(right))))
+        return tuple(names)
 
     @property
     def arm(self) -> float:
-        """How far the farthest rotor is from the centre of mass, m."""
+        """Distance of the farthest rotor from the centre of mass, m."""
         return float(np.hypot(*self.rotors.T).max())
 
-    def carries(self) -> Flags:
-        """Returns where the rotors carry the vehicle, (N,); everywhere if they never do."""
+    def airborne_samples(self) -> Flags:
+        """Returns (N,) whether the rotors carry the vehicle; everywhere if they never do."""
         speed = self.rotor_speeds.mean(axis=1)
-        hover = np.median(speed[self.armed]) if self.armed.any() else np.inf
-        carried = speed > 0.9 * hover
-        return carried if carried.any() else ~carried
+        hover_speed = np.median(speed[self.armed]) if self.armed.any() else np.inf
+        is_airborne = speed > AIRBORNE_SPEED_SHARE * hover_speed
+        return is_airborne if is_airborne.any() else ~is_airborne
 
-    def drawn(self) -> Indices:
-        """Returns rows of the flight, evenly, at about ``MINIMUM_RATE``, and fewer of a long flight."""
-        step = np.median(np.diff(self.time))
+    def drawn_samples(self) -> Indices:
+        """Returns indices of the samples that are drawn in 3D, at even distances.
+
+        They come at about ``MIN_STREAM_RATE``, and less often in a flight that would have more than ``MAX_STROKES``.
+        """
+        time_step = np.median(np.diff(self.time))
         count = len(self.time)
-        return np.arange(
-            0, count, max(round(1 / MIN_STREAM_RATE / step), ceil(count / MAX_STROKES))
-        )
+        stride = max(round(1 / MIN_STREAM_RATE / time_step), ceil(count / MAX_STROKES))
+        return np.arange(0, count, stride)
 
 
 def pose_of(motion: object, rotors: Sequence[Sequence[float]]) -> Pose:
-    """Returns what is shown of a simulated ``motion`` with ``rotors`` so far forward, and right, m."""
-    places = np.column_stack(rotors)
-    shown = {field.name: getattr(motion, field.name, places) for field in fields(Pose)}
-    return Pose(**shown)
+    """Returns what is shown of a simulated flight.
+
+    Args:
+        motion: has the attributes of ``Pose`` but for the rotors.
+        rotors: distances of the rotors forward of the centre of mass, and then right of it, m.
+    """
+    values = {"rotors": np.column_stack(rotors)}
+    for field in fields(Pose):
+        if field.name != "rotors":
+            values[field.name] = getattr(motion, field.name)
+    return Pose(**values)
 
 
 def write_pose(path: PathName, name: str, pose: Pose) -> None:
-    """Writes a flight, ``pose``, as an .rrd file ``path`` with its own blueprint; ``name`` is the recording's.
+    """Writes a simulated flight as an .rrd file with its own layout, completely or not at all.
 
-    It appears whole or not at all: ``OSError`` if it cannot be written there.
+    Args:
+        path: of the file.
+        name: of the recording.
+        pose: the flight.
+
+    Raises:
+        OSError: the file cannot be written.
     """
     span = float(pose.time[0]), float(pose.time[-1])
     with recorded(path, name) as recording:
-        # North, east, down are to a world what forward, right, down are to a body.
-        for frame in ("world", "world/here"):
+        # North, east and down are to the world what forward, right and down are to a body.
+        for frame in ("world", POSITION_FRAME):
             recording.log(frame, rr.ViewCoordinates.FRD, static=True)
-        _vehicle(recording, pose)
-        _surroundings(recording, pose)
-        views = [
-            drawn(recording, f"plots/{number}", row, span) for number, row in enumerate(_rows(pose))
-        ]
-        layout = rrb.Horizontal(_scene(pose), rrb.Vertical(*views), column_shares=[45, 55])
-        shown = blueprint(layout, play_state="playing", loop_mode="all")
-        recording.send_blueprint(shown, make_active=False)
+        log_vehicle(recording, pose)
+        log_wind_and_path(recording, pose)
+        plots = []
+        for number, chart in enumerate(motion_charts(pose)):
+            plots.append(draw_chart(recording, f"plots/{number}", chart, span))
+        layout = rrb.Horizontal(scene_view(pose), rrb.Vertical(*plots), column_shares=[45, 55])
+        layout_with_time = blueprint(layout, play_state="playing", loop_mode="all")
+        recording.send_blueprint(layout_with_time, make_active=False)
 
 
-def _rows(pose: Pose) -> list[Chart]:
-    """What was flown in the air."""
-    rows = np.flatnonzero(pose.carries())
-    *tilts, yaw = euler_angles(pose.attitude[rows])
-    motors = pose.outputs[rows] - pose.outputs[rows].mean(axis=1, keepdims=True)
-    tables = (
-        ("Angles", "°", AXES, np.degrees([*tilts, np.unwrap(yaw)])),
-        ("Rates", "°/s", AXES, np.degrees(pose.rates[rows].T)),
-        ("Motor outputs, deviation from their mean", "µs", pose.motors, motors.T),
-        ("Wind, where the air moves to", "m/s", ("north", "east", "down"), pose.wind[rows].T),
-        ("Disturbance moment", "mN m", AXES, 1e3 * pose.moment[rows].T),
-    )
+def motion_charts(pose: Pose) -> list[Chart]:
+    """Returns charts of angles, rates, motor outputs, wind and disturbance while the vehicle is airborne."""
+    rows = np.flatnonzero(pose.airborne_samples())
     time = pose.time[rows]
+    roll, pitch, yaw = euler_angles(pose.attitude[rows])
+    outputs = pose.outputs[rows]
+    output_deviations = outputs - outputs.mean(axis=1, keepdims=True)
+    angles = np.degrees([roll, pitch, np.unwrap(yaw)])
     return [
-        over_time(
-            title,
-            unit,
-            tuple(
-                Line(name, palette.distinct(number), time, values)
-                for number, (name, values) in enumerate(zip(names, series, strict=True))
-            ),
-        )
-        for title, unit, names, series in tables
+        _chart("Angles", "°", AXES, time, angles),
+        _chart("Rates", "°/s", AXES, time, np.degrees(pose.rates[rows].T)),
+        _chart(
+            "Motor outputs, deviation from their mean", "µs", pose.motors, time, output_deviations.T
+        ),
+        _chart(
+            "Wind, where the air moves to",
+            "m/s",
+            ("north", "east", "down"),
+            time,
+            pose.wind[rows].T,
+        ),
+        _chart("Disturbance moment", "mN m", AXES, time, 1e3 * pose.moment[rows].T),
     ]
 
 
-def _scene(pose: Pose) -> rrb.View:
-    """The view that the vehicle is seen in, with the scale of its arrows."""
-    wind = 100 * WIND_SCALE * pose.arm
-    said = (
-        f"Thrust arrows: an arm long at hover. Wind arrow: {wind:.2g} cm for 1 m/s. Green: the path"
+def _chart(title: str, unit: str, names: Names, time: Array, series: Array) -> Chart:
+    """Returns a chart of k series (k, N) over ``time`` (N,), s, in distinct colours."""
+    lines = []
+    for number, (name, values) in enumerate(zip(names, series, strict=True)):
+        lines.append(Line(name, palette.distinct(number), time, values))
+    return over_time(title, unit, tuple(lines))
+
+
+def scene_view(pose: Pose) -> rrb.View:
+    """Returns the view in which the vehicle is seen in 3D; its title has the scale of the arrows."""
+    centimetres = 100 * WIND_ARROW_SCALE * pose.arm
+    title = (
+        f"Thrust arrows: an arm long at hover. Wind arrow: {centimetres:.2g} cm for 1 m/s. "
+        "Green: the path"
     )
-    # North, east and down: from the south-east and above, on what leaves room for the wind in the east.
+    # The eye is in the south-east and above, and looks past the vehicle, which leaves room for the wind in the east.
     eye = pose.arm * np.array((-5.2, 2.2, -3.5))
     target = pose.arm * np.array((0.0, 0.9, -0.2))
     controls = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0, 0, -1)
     )
-    # What moves along with the vehicle but does not turn with it: the eye does too.
-    here: JsonValues = {"origin": "world/here", "contents": "world/**", "line_grid": False}
-    return rrb.Spatial3DView(name=said, eye_controls=controls, **here)
+    # The eye moves with the vehicle, but does not turn with it.
+    options: JsonValues = {"origin": POSITION_FRAME, "contents": "world/**", "line_grid": False}
+    return rrb.Spatial3DView(name=title, eye_controls=controls, **options)
 
 
-def _vehicle(recording: rr.RecordingStream, pose: Pose) -> None:
-    """A box with a nose on four arms, with an arrow for the thrust of each rotor."""
+def log_vehicle(recording: rr.RecordingStream, pose: Pose) -> None:
+    """Draws the vehicle with its attitude: a box with a nose on four arms, and the thrust of each rotor as an arrow."""
     arm = pose.arm
-    rows = pose.drawn()
+    rows = pose.drawn_samples()
     index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])]
-    moved = rr.Transform3D.columns(translation=pose.position[rows])
-    recording.send_columns("world/here", index, moved)
-    attitude = np.roll(pose.attitude[rows], -1, axis=1)  # Rerun has w last
-    recording.send_columns("world/here/vehicle", index, rr.Transform3D.columns(quaternion=attitude))
+    translations = rr.Transform3D.columns(translation=pose.position[rows])
+    recording.send_columns(POSITION_FRAME, index, translations)
+    # Rerun's quaternions have w last.
+    quaternions = np.roll(pose.attitude[rows], -1, axis=1)
+    rotations = rr.Transform3D.columns(quaternion=quaternions)
+    recording.send_columns(VEHICLE_FRAME, index, rotations)
+
+    # All sizes are in arms. The hubs of the rotors are above the body, where down is negative.
     count = len(pose.rotors)
     hubs = np.column_stack([pose.rotors, np.full(count, -0.12 * arm)])
     arms = [[[0, 0, 0], hub] for hub in hubs.tolist()]
-    forward: JsonValues = {"vectors": [[0.75 * arm, 0, 0]], "origins": [[0.3 * arm, 0, 0]]}
-    discs: JsonValues = {"lengths": [0.02 * arm] * count, "radii": [0.48 * arm] * count}
     parts = {
-        "body": rr.Boxes3D(half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY),
-        "arms": rr.LineStrips3D(arms, radii=0.03 * arm, colors=BODY),
-        "nose": rr.Arrows3D(radii=0.04 * arm, colors=NOSE, **forward),
-        "rotors": rr.Cylinders3D(centers=hubs, colors=BODY, fill_mode="solid", **discs),
+        "body": rr.Boxes3D(half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY_COLOUR),
+        "arms": rr.LineStrips3D(arms, radii=0.03 * arm, colors=BODY_COLOUR),
+        "nose": rr.Arrows3D(
+            vectors=[[0.75 * arm, 0, 0]],
+            origins=[[0.3 * arm, 0, 0]],
+            radii=0.04 * arm,
+            colors=NOSE_COLOUR,
+        ),
+        "rotors": rr.Cylinders3D(
+            lengths=[0.02 * arm] * count,
+            radii=[0.48 * arm] * count,
+            centers=hubs,
+            colors=BODY_COLOUR,
+            fill_mode="solid",
+        ),
         "thrust": rr.Arrows3D.from_fields(origins=hubs, radii=[0.025 * arm], labels=pose.motors),
     }
     for name, part in parts.items():
-        recording.log(f"world/here/vehicle/{name}", part, static=True)
-    hover = np.median(pose.rotor_speeds[pose.carries()])
+        recording.log(f"{VEHICLE_FRAME}/{name}", part, static=True)
+
+    # The thrust of a rotor is proportional to the square of its speed. An arrow is an arm long in hover.
+    hover_speed = np.median(pose.rotor_speeds[pose.airborne_samples()])
+    thrusts = (pose.rotor_speeds[rows] / max(hover_speed, SMALLEST_SPEED)) ** 2
     vectors = np.zeros((len(rows), count, 3))
-    # an arm long where it carries its share
-    vectors[:, :, 2] = -arm * (pose.rotor_speeds[rows] / max(hover, 1e-9)) ** 2
+    vectors[:, :, 2] = -arm * thrusts
     arrows = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3)).partition([count] * len(rows))
-    recording.send_columns("world/here/vehicle/thrust", index, arrows)
+    recording.send_columns(f"{VEHICLE_FRAME}/thrust", index, arrows)
 
 
-def _surroundings(recording: rr.RecordingStream, pose: Pose) -> None:
-    """The wind at the vehicle, and its path."""
+def log_wind_and_path(recording: rr.RecordingStream, pose: Pose) -> None:
+    """Draws an arrow of the wind that blows at the vehicle, with the wind's speed, and the path of the vehicle."""
     arm = pose.arm
-    rows = pose.drawn()
+    rows = pose.drawn_samples()
     wind = pose.wind[rows]
     speed = np.linalg.norm(wind, axis=1, keepdims=True)
-    vectors = WIND_SCALE * arm * wind
-    away = 1.4 * arm * wind / np.maximum(speed, 1e-9)  # its head stays out of the rotors
+    vectors = WIND_ARROW_SCALE * arm * wind
+    heads = -WIND_ARROW_DISTANCE * arm * wind / np.maximum(speed, SMALLEST_SPEED)
     colour = palette.channels(palette.DISTURBANCE)
     style = rr.Arrows3D.from_fields(radii=[0.05 * arm], colors=[colour], show_labels=True)
-    recording.log("world/here/wind", style, static=True)
-    labels = [f"wind {each:.1f} m/s" for each in speed[:, 0]]
-    columns = rr.Arrows3D.columns(vectors=vectors, origins=-away - vectors, labels=labels)
+    recording.log(f"{POSITION_FRAME}/wind", style, static=True)
+    labels = [f"wind {sample_speed:.1f} m/s" for sample_speed in speed[:, 0]]
+    columns = rr.Arrows3D.columns(vectors=vectors, origins=heads - vectors, labels=labels)
     index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])]
-    recording.send_columns("world/here/wind", index, columns)
-    path = rr.LineStrips3D([pose.position[rows]], radii=0.004 * arm, colors=[TRAIL])
+    recording.send_columns(f"{POSITION_FRAME}/wind", index, columns)
+    path = rr.LineStrips3D([pose.position[rows]], radii=0.004 * arm, colors=[PATH_COLOUR])
     recording.log("world/path", path, static=True)

@@ -1,4 +1,4 @@
-"""LiveView: shows a flight while it is learned from, by a thread for each place that it is sent to.
+"""The view of a live flight: a thread for each file, viewer or server that the flight is sent to.
 
 A slow or hanging viewer delays neither learning nor a file: rows wait for each sink in a bounded queue, which drops the
 oldest, and Rerun is called from the sinks' threads only.
@@ -24,51 +24,67 @@ from mavdem.live.display import DisplayRow
 from mavdem.live.link import RETRY_SECONDS
 from mavdem.live.samples import MAX_SAMPLES
 from mavdem.live.session_status import STATUS_PERIOD
-from mavdem.view.live_content import Channels, LiveWriter, figures, status_document
-from mavdem.view.plots import BOOT_CLOCK, log
+from mavdem.view.live_content import Channels, figures, status_document
+from mavdem.view.live_writer import LiveWriter
+from mavdem.view.plots import BOOT_CLOCK, log_event
 from mavdem.view.sinks import CLOSING_SECONDS, Sink
 
-FLUSH_SECONDS = 5.0  # time limit for sending a batch; a slower one is still under way
+FLUSH_SECONDS = 5.0
+"""Time limit for sending a batch, s; a slower one is still under way."""
 
 
 class SinkThread(threading.Thread):
-    """Sends rows, log lines and the status to a sink, a few times a second; one that cannot be opened gets nothing."""
+    """Sends rows, events and the status to a sink, a few times a second; one that cannot be opened gets nothing.
+
+    Attributes:
+        sink: where to.
+        dropped: number of rows that were dropped, since too many waited.
+        is_paused: whether rows wait until the sink is closed or this is unset.
+        status: the latest one of the session.
+        trouble: why nothing arrives, in one sentence; empty where all arrives.
+        closing: is set when the rest is to be sent and the thread is to end.
+    """
 
     def __init__(self, sink: Sink, recording_id: UUID) -> None:
+        """Takes a sink and the id of the recording, which is the same in all sinks."""
         super().__init__(name=f"to {sink.name}", daemon=True)
         self.sink = sink
-        self._id = recording_id
-        self._rows: deque[tuple[Channels, DisplayRow]] = deque(maxlen=MAX_SAMPLES)
-        self._lines: deque[Event] = deque(maxlen=MAX_SAMPLES)
-        self.dropped = 0  # rows
-        self.is_paused = False  # whether rows wait until it closes or is let go
+        self.dropped = 0
+        self.is_paused = False
         self.status = SessionStatus()
-        self.trouble = ""  # why nothing arrives, one sentence
-        self._writer: LiveWriter | None = None
+        self.trouble = ""
+        self.closing = threading.Event()
+        self._recording_id = recording_id
+        self._rows: deque[tuple[Channels, DisplayRow]] = deque(maxlen=MAX_SAMPLES)
+        self._events: deque[Event] = deque(maxlen=MAX_SAMPLES)
         self._recording: rr.RecordingStream | None = None
-        self._last: DisplayRow | None = None
-        # time of the last sample that the latest model was trained on, s
-        self._until: float | None = None
+        self._writer: LiveWriter | None = None
+        self._last_row: DisplayRow | None = None
+        # Time of the last sample that the latest model was trained on, s of the boot clock.
+        self._trained_until: float | None = None
         self._reported_drops = 0
+        # Times of the monotonic clock, s.
         self._next_status = 0.0
-        self._next_try = 0.0
-        self.closing = threading.Event()  # when it is set, the rest is sent
+        self._next_attempt = 0.0
 
     def put(self, channels: Channels, row: DisplayRow) -> None:
         """Adds a row; drops the oldest if too many wait."""
-        self.dropped += len(self._rows) == self._rows.maxlen
+        if len(self._rows) == self._rows.maxlen:
+            self.dropped += 1
         self._rows.append((channels, row))
 
     def log(self, event: Event) -> None:
-        """Adds a line of the log."""
-        self._lines.append(event)
+        """Adds an event, which is shown in the log."""
+        self._events.append(event)
 
     def run(self) -> None:
         """Sends what waits at the pace of the sink, until it closes."""
-        ending = False
-        while not ending:
-            ending = self.closing.wait(self.sink.period)
-            self._next_status *= not ending
+        is_ending = False
+        while not is_ending:
+            is_ending = self.closing.wait(self.sink.period)
+            if is_ending:
+                # The last status is sent without waiting for its turn.
+                self._next_status = 0.0
             self.turn()
         if self._recording is not None:
             self._recording.disconnect()
@@ -79,33 +95,39 @@ class SinkThread(threading.Thread):
         self._attempt(self._send)
 
     def _attempt(self, work: Callable[[], None]) -> None:
-        """Opens the sink or sends what waits; gives up a sink that fails, or retries it later."""
-        began = wall.monotonic()
+        """Does some ``work`` with the sink; where that fails ``trouble`` says why, and a later turn may try again."""
+        begin = wall.monotonic()
         try:
             work()
         except (RuntimeError, OSError) as error:
             # Rerun has one type of error for a sink that fails and for one that takes too long.
-            if wall.monotonic() - began >= FLUSH_SECONDS:
+            if wall.monotonic() - begin >= FLUSH_SECONDS:
                 self.trouble = f"{self.sink.name} does not respond"
-                return
-            self.trouble = f"{self.sink.name} {'cannot be written' if self._recording is None else 'failed'}: {error}"
-            if self._recording is not None:
-                # A failed recording disconnects without waiting, and writes nothing more.
-                self._recording.disconnect()
-                self._recording = None
-                with suppress(OSError):
-                    self.sink.delivered(arrived=False)
-        except (
-            Exception
-        ) as error:  # a row that cannot be drawn ends neither the view nor the flight
-            fact = Fact(Session.ROW_NOT_DRAWN, because=error)
-            self.log(Event(self._last.timeline_time if self._last else 0.0, fact))
+            else:
+                self._give_up_recording(error)
+        # A row that cannot be drawn ends neither the view nor the flight.
+        except Exception as error:
+            time = self._last_row.timeline_time if self._last_row else 0.0
+            self.log(Event(time, Fact(Session.ROW_NOT_DRAWN, because=error)))
+
+    def _give_up_recording(self, error: Exception) -> None:
+        """Notes that the sink failed, and disconnects the recording, which would write nothing more."""
+        failure = "cannot be written" if self._recording is None else "failed"
+        self.trouble = f"{self.sink.name} {failure}: {error}"
+        if self._recording is not None:
+            # A failed recording disconnects without waiting.
+            self._recording.disconnect()
+            self._recording = None
+            with suppress(OSError):
+                self.sink.delivered(arrived=False)
 
     def _open(self) -> None:
-        if self._recording is not None or not self._rows or wall.monotonic() < self._next_try:
+        """Opens the sink, if rows wait for it and an attempt is due."""
+        is_due = wall.monotonic() >= self._next_attempt
+        if self._recording is not None or not self._rows or not is_due:
             return
-        self._next_try = wall.monotonic() + RETRY_SECONDS if self.sink.retried else inf
-        recording = rr.RecordingStream("mavdem", recording_id=self._id)
+        self._next_attempt = wall.monotonic() + RETRY_SECONDS if self.sink.retried else inf
+        recording = rr.RecordingStream("mavdem", recording_id=self._recording_id)
         recording.set_log_time_enabled(False)
         recording.set_log_tick_enabled(False)
         if not self.sink.open(recording):
@@ -115,51 +137,75 @@ class SinkThread(threading.Thread):
         self._writer = None
 
     def _send(self) -> None:
-        if (recording := self._recording) is None:
+        """Sends the rows, events and status that wait, if the sink is open."""
+        if self._recording is None:
             return
-        # Of a deque each end may be used by another thread.
-        count = 0 if self.is_paused and not self.closing.is_set() else len(self._rows)
-        rows = [self._rows.popleft() for _ in range(count)]
-        lines = [self._lines.popleft() for _ in range(len(self._lines))]
-        for channels, batch in groupby(rows, key=itemgetter(0)):
-            if self._writer is None or channels != self._writer.channels:
-                self._writer = LiveWriter(channels, recording)
-            same = [row for _, row in batch]
-            self._last = same[-1]
-            if self._last.estimate is not None and self._last.estimate.model is not None:
-                self._until = self._last.estimate.until
-            self._writer.rows(same)
-        for line in lines:
-            log(recording, line.seconds, line.sentence, line.fact.level)
-            because = line.fact.figures.get("because", line.fact)
-            if self._writer is not None and isinstance(because, Fact):
-                if because.code in (InFlight.MOTOR_LOST_THRUST, InFlight.MOTOR_RECOVERED):
-                    self._writer.disown(line.since)
-                if line.is_alarm:
-                    self._writer.mark(line.since)
-        if self._last and self._writer and wall.monotonic() >= self._next_status:
+        recording = self._recording
+        # Other threads may add to the queues meanwhile, so that only what waits now is taken.
+        waits = self.is_paused and not self.closing.is_set()
+        row_count = 0 if waits else len(self._rows)
+        rows = [self._rows.popleft() for _ in range(row_count)]
+        events = [self._events.popleft() for _ in range(len(self._events))]
+        for channels, rows_of_channels in groupby(rows, key=itemgetter(0)):
+            self._send_rows(recording, channels, [row for _, row in rows_of_channels])
+        for event in events:
+            self._send_event(recording, event)
+        if self._last_row and self._writer and wall.monotonic() >= self._next_status:
             self._next_status = wall.monotonic() + STATUS_PERIOD
-            if new := self.dropped - self._reported_drops:
-                words = f"{new} rows are not shown here: this view is too slow"
-                log(recording, self._last.timeline_time, words, Level.WATCH)
-                self._reported_drops += new
-            about = self.status, self._last, self._writer.channels, self._until
-            documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
-            recording.set_time(BOOT_CLOCK, duration=self._last.timeline_time)
-            for path, text in {**documents, "status": status_document(*about)}.items():
-                recording.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+            self._send_status(recording, self._last_row, self._writer.channels)
         recording.flush(timeout_sec=FLUSH_SECONDS)
         self.sink.delivered()
         self.trouble = ""
 
+    def _send_rows(
+        self, recording: rr.RecordingStream, channels: Channels, rows: list[DisplayRow]
+    ) -> None:
+        """Draws rows of the same channels; other channels than before begin a new layout."""
+        if self._writer is None or channels != self._writer.channels:
+            self._writer = LiveWriter(channels, recording)
+        self._last_row = rows[-1]
+        estimate = self._last_row.estimate
+        if estimate is not None and estimate.model is not None:
+            self._trained_until = estimate.until
+        self._writer.write(rows)
+
+    def _send_event(self, recording: rr.RecordingStream, event: Event) -> None:
+        """Writes an event into the log, and marks it in the plots where it is an alarm."""
+        log_event(recording, event.seconds, event.sentence, event.fact.level)
+        cause = event.fact.figures.get("because", event.fact)
+        if self._writer is not None and isinstance(cause, Fact):
+            if cause.code in (InFlight.MOTOR_LOST_THRUST, InFlight.MOTOR_RECOVERED):
+                self._writer.mark_motor_torque(event.since)
+            if event.is_alarm:
+                self._writer.mark_alarm(event.since)
+
+    def _send_status(
+        self, recording: rr.RecordingStream, row: DisplayRow, channels: Channels
+    ) -> None:
+        """Writes the texts beside the plots, and how many rows this view has dropped since the last time."""
+        new_drops = self.dropped - self._reported_drops
+        if new_drops:
+            sentence = f"{new_drops} rows are not shown here: this view is too slow"
+            log_event(recording, row.timeline_time, sentence, Level.WATCH)
+            self._reported_drops += new_drops
+        documents = {
+            f"figures/{number}": text
+            for number, text in enumerate(figures(self.status, row, channels, self._trained_until))
+        }
+        documents["status"] = status_document(self.status, row, channels, self._trained_until)
+        recording.set_time(BOOT_CLOCK, duration=row.timeline_time)
+        for path, text in documents.items():
+            recording.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+
 
 class LiveView:
-    """Takes rows, log lines and statuses of a live flight; never makes their giver wait.
+    """Takes rows, events and statuses of a live flight, and never makes their sender wait.
 
     It opens its sinks with the first row; ``troubles`` reports those that cannot be written.
     """
 
     def __init__(self, sinks: Sequence[Sink]) -> None:
+        """Starts a thread for each sink."""
         self._channels: Channels | None = None
         self._closed = False
         recording_id = uuid4()
@@ -179,9 +225,11 @@ class LiveView:
             thread.put(self._channels, row)
 
     def log(self, event: Event) -> None:
-        """Shows an event in the log, at its time of the timeline."""
+        """Shows an event in the log, at its time of the timeline, or at 0 where that is not known."""
+        if self._closed:
+            return
         time = event.seconds if isfinite(event.seconds) else 0.0
-        for thread in () if self._closed else self._threads:
+        for thread in self._threads:
             thread.log(event._replace(seconds=time))
 
     def pause(self, is_paused: bool) -> None:
@@ -207,10 +255,11 @@ class LiveView:
         for thread in self._threads:
             thread.closing.set()
         deadline = wall.monotonic() + CLOSING_SECONDS
-        for each in self._threads:
-            each.join(max(0.0, deadline - wall.monotonic()))
-            if each.is_alive():
-                each.trouble = f"{each.sink.name} does not respond; the last rows may be missing"
-                # otherwise Rerun waits for the hanging viewer when Python ends
+        for thread in self._threads:
+            thread.join(max(0.0, deadline - wall.monotonic()))
+            if thread.is_alive():
+                name = thread.sink.name
+                thread.trouble = f"{name} does not respond; the last rows may be missing"
+                # Otherwise Rerun waits for the hanging viewer when Python ends.
                 rr.unregister_shutdown()
-            each.sink.close()
+            thread.sink.close()

@@ -1,11 +1,11 @@
-"""Plots: lines, bands and marks over the boot clock in Rerun, and where a recording goes."""
+"""Plots of a recording in Rerun: lines, bands and marks over the boot clock, and where the recording is written."""
 
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import ceil
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -13,133 +13,214 @@ import rerun.blueprint as rrb
 
 from mavdem.arrays import Array
 from mavdem.confidence import Interval
-from mavdem.containers import JsonValues, Names
+from mavdem.containers import Names
 from mavdem.facts import Level
 from mavdem.files import atomic_write
 from mavdem.fleet.row import utf8_text
 from mavdem.report import palette
-from mavdem.report.charts.chart import Chart
+from mavdem.report.charts.chart import Chart, Line
 from mavdem.report.numbers import rounded
 
 BOOT_CLOCK = "boot clock"
-"""Timeline of flights, s: the vehicle's boot clock; live that of its first boot, which goes on where another begins."""
+"""Timeline of flights, s: the vehicle's boot clock. A live flight continues that of its first boot."""
 
-LOG_LEVELS = {Level.BAD: "ERROR", Level.WATCH: "WARN"}  # all others are INFO
-# points: the viewer fills nothing, so an area is drawn as upright strokes that touch each other
-FILL_WIDTH = 2.5
-BEYOND = (
-    0.5  # how far forecasts and their bands are drawn beyond the measured values, in spans of these
-)
-MAX_STROKES = 20_000  # of an area, which is drawn at once, or of a path: the viewer draws every one
+LOG_LEVELS = {Level.BAD: "ERROR", Level.WATCH: "WARN"}
+"""Rerun's levels of the event log; facts of other levels are INFO."""
+
+STROKE_WIDTH = 2.5
+"""Width of the upright strokes that fill an area, points: the viewer fills nothing, and strokes of this width touch
+each other."""
+
+LINE_WIDTH = 1.2
+"""Width of the lines of a chart, points."""
+
+MARK_WIDTH = 2.0
+"""Width of the upright lines that mark events, points."""
+
+CLIP_SPANS = 0.5
+"""How far forecasts and their bands are drawn beyond the measured values, in spans of these: a forecast that diverges
+would decide the range of the axis."""
+
+MAX_STROKES = 20_000
+"""Points of an area or a path at most: the viewer draws every one at once."""
+
+AXIS_MARGIN = 0.05
+"""Space above and below the values of a plot, in spans of these."""
 
 
 @dataclass(frozen=True)
 class Lines:
-    """An entity of k lines over the same times, drawn in the order of the paths: one chunk a batch."""
+    """An entity of k lines over the same times. Entities are drawn in the order of their paths."""
 
-    path: str  # of the entity
-    names: Names  # of the lines, in the legend
-    colours: Names  # of the palette
-    width: float = 1.5  # points
-    # whether the values are the edges of an area, drawn as one line of upright strokes
+    path: str
+    """of the entity"""
+    names: Names
+    """(k,) of the lines, in the legend"""
+    colours: Names
+    """(k,) of the palette"""
+    width: float = 1.5
+    """points"""
     filled: bool = False
+    """whether the values are the edges of an area, which is drawn as one line of upright strokes"""
 
     def send_style(self, recording: rr.RecordingStream) -> None:
-        """Sends how the lines are drawn; once a recording."""
-        look: JsonValues = {
-            "names": self.names,
-            "colors": [palette.channels(colour) for colour in self.colours],
-        }
-        widths = [FILL_WIDTH if self.filled else self.width] * len(self.names)
-        # Averaging within a pixel would hide gusts, and make a point of a stroke.
+        """Sends how the lines are drawn; once in a recording."""
+        width = STROKE_WIDTH if self.filled else self.width
         style = rr.SeriesLines(
-            widths=widths, aggregation_policy=rr.components.AggregationPolicy.Off, **look
+            names=self.names,
+            colors=[palette.channels(colour) for colour in self.colours],
+            widths=[width] * len(self.names),
+            # Averaging within a pixel would hide gusts, and make a point of a stroke.
+            aggregation_policy=rr.components.AggregationPolicy.Off,
         )
         recording.log(self.path, style, static=True)
 
     def send(self, recording: rr.RecordingStream, time: Array, values: Array) -> None:
-        """Sends values (N, k), or edges (N, 2), at times (N,), s; NaN breaks a line."""
+        """Sends samples of the lines.
+
+        Args:
+            recording: where to.
+            time: (N,) s.
+            values: (N, k), or the edges (N, 2) of an area; NaN breaks a line.
+        """
         if not len(time):
             return
         if self.filled:
+            # An upright stroke is two points at one time.
             time = np.repeat(time, 2)
             values = values.reshape(-1, 1)
-        columns = rr.Scalars.columns(scalars=values.ravel()).partition(
-            [len(self.names)] * len(time)
-        )
-        recording.send_columns(self.path, [rr.TimeColumn(BOOT_CLOCK, duration=time)], columns)
+        columns = rr.Scalars.columns(scalars=values.ravel())
+        rows = columns.partition([len(self.names)] * len(time))
+        recording.send_columns(self.path, [rr.TimeColumn(BOOT_CLOCK, duration=time)], rows)
 
 
-Mark = tuple[str, str, Sequence[float]]
-"""Upright lines: name, colour, and times, s."""
+class EventMarks(NamedTuple):
+    """Upright lines across a plot, at the times of events."""
+
+    name: str
+    """in the legend"""
+    colour: str
+    """of the palette"""
+    times: Sequence[float]
+    """s"""
 
 
-def drawn(
+class _DrawnLine(NamedTuple):
+    """A line or a band of a plot."""
+
+    name: str
+    colour: str
+    width: float
+    time: Array
+    """(N,) s"""
+    values: Array
+    """(N,) of a line, or (N, 2) edges of a band"""
+
+
+def draw_chart(
     recording: rr.RecordingStream,
     origin: str,
     chart: Chart,
     span: Interval,
-    marks: Sequence[Mark] = (),
+    marks: Sequence[EventMarks] = (),
 ) -> rrb.View:
-    """Draws a ``chart`` over the boot clock at the entity ``origin``, later lines over earlier ones.
+    """Draws a chart over the boot clock, later lines over earlier ones.
+
+    Args:
+        recording: where to.
+        origin: the entity that its lines are below.
+        chart: the lines with their bands.
+        span: the first and the last time of the axis, s.
+        marks: events that are marked.
 
     Returns:
-        the view of it from the first to the last time of ``span``, s, with a legend where there is more than one line.
-        The range of values is in its title, since the viewer numbers hardly an axis of a low plot.
+        The view of the chart, with a legend where there is more than one line. The range of values is in its title,
+        since the viewer numbers hardly an axis of a low plot.
     """
-    ends = ((line.y, line.low, line.high) for line in chart.lines)
-    low, high = range_of(*(bound for parts in ends for bound in parts if bound is not None))
-    shown = []
+    value_range = range_of(*_finite_bounds(chart))
+    drawn_lines: list[_DrawnLine] = []
     for line in chart.lines:
-        if line.low is not None and line.high is not None:
-            # As far as it is in sight; opaque, since strokes that overlap add up.
-            edges = np.clip([line.low, line.high], 2 * low - high, 2 * high - low).T
-            step = ceil(len(line.x) / MAX_STROKES)
-            shade = faint(line.colour, palette.BAND_OPACITY)
-            shown.append(("90 % band", shade, 0.0, line.x[::step], edges[::step]))
-        shown.append((line.name, line.colour, 1.2, line.x, line.y))
-    for name, colour, times in marks:
-        upright = np.tile([low, high, np.nan], len(times))
-        shown += [(name, colour, 2.0, np.repeat(times, 3), upright)] * (len(times) > 0)
-    for number, (name, colour, width, time, values) in enumerate(shown):
-        path = f"{origin}/{rr.escape_entity_path_part(f'{number} {name}')}"
-        lines = Lines(path, (name,), (colour,), width, filled=values.ndim > 1)
+        drawn_lines += _band_and_line(line, value_range)
+    low, high = value_range
+    for mark in marks:
+        if len(mark.times):
+            # NaN separates one upright line from the next.
+            upright = np.tile([low, high, np.nan], len(mark.times))
+            time = np.repeat(mark.times, 3)
+            drawn_lines.append(_DrawnLine(mark.name, mark.colour, MARK_WIDTH, time, upright))
+    for number, drawn in enumerate(drawn_lines):
+        path = f"{origin}/{rr.escape_entity_path_part(f'{number} {drawn.name}')}"
+        is_band = drawn.values.ndim > 1
+        lines = Lines(path, (drawn.name,), (drawn.colour,), drawn.width, filled=is_band)
         lines.send_style(recording)
-        lines.send(recording, time, values)
-    margin = 0.05 * max(high - low, 1e-9 * max(abs(low), abs(high), 1.0))
-    start, end = (rr.TimeRangeBoundary.absolute(seconds=at) for at in span)
+        lines.send(recording, drawn.time, drawn.values)
+    # A constant has no span: its axis has some room all the same.
+    smallest_span = 1e-9 * max(abs(low), abs(high), 1.0)
+    margin = AXIS_MARGIN * max(high - low, smallest_span)
+    start, end = (rr.TimeRangeBoundary.absolute(seconds=seconds) for seconds in span)
     return rrb.TimeSeriesView(
         name=f"{chart.y.label} ({rounded(low, 3)} to {rounded(high, 3)})",
         origin=origin,
         axis_x=rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
         axis_y=rrb.ScalarAxis(range=(low - margin, high + margin)),
-        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=len(shown) > 1),
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=len(drawn_lines) > 1),
     )
 
 
-def faint(colour: str, opacity: float) -> str:
-    """Returns the colour of the palette that one with this opacity has on the viewer's dark ground."""
-    over = np.array(palette.channels(colour))
-    under = np.array(palette.channels(palette.PAPER_DARK))
-    return "#" + bytes(np.round(opacity * over + (1 - opacity) * under).astype(np.uint8)).hex()
+def _finite_bounds(chart: Chart) -> Iterator[Array]:
+    """Yields the lines and the edges of the bands of a chart."""
+    for line in chart.lines:
+        yield line.y
+        if line.low is not None:
+            yield line.low
+        if line.high is not None:
+            yield line.high
+
+
+def _band_and_line(line: Line, value_range: Interval) -> Iterator[_DrawnLine]:
+    """Yields the band of a line, where it has one, and the line over it."""
+    if line.low is not None and line.high is not None:
+        low, high = value_range
+        # Edges far beyond what is in sight are drawn as far as the viewer may be scrolled.
+        edges = np.clip([line.low, line.high], 2 * low - high, 2 * high - low).T
+        step = ceil(len(line.x) / MAX_STROKES)
+        # The colour is opaque, since the opacities of strokes that overlap would add up.
+        shade = colour_on_dark(line.colour, palette.BAND_OPACITY)
+        yield _DrawnLine("90 % band", shade, 0.0, line.x[::step], edges[::step])
+    yield _DrawnLine(line.name, line.colour, LINE_WIDTH, line.x, line.y)
+
+
+def colour_on_dark(colour: str, opacity: float) -> str:
+    """Returns the opaque colour that a transparent one has on the viewer's dark background."""
+    foreground = np.array(palette.channels(colour))
+    background = np.array(palette.channels(palette.PAPER_DARK))
+    mixed = np.round(opacity * foreground + (1 - opacity) * background)
+    return "#" + bytes(mixed.astype(np.uint8)).hex()
 
 
 def blueprint(view: rrb.Container, **options: Any) -> rrb.Blueprint:
-    """Returns a layout of one container with all panels beside it collapsed; ``options`` are of the time panel."""
-    time = rrb.TimePanel(state="collapsed", timeline=BOOT_CLOCK, **options)
-    left = rrb.BlueprintPanel(state="collapsed")
-    right = rrb.SelectionPanel(state="collapsed")
-    return rrb.Blueprint(view, time, left, right, auto_views=False, auto_layout=False)
+    """Returns the layout of a recording: one container, and all panels beside it collapsed.
+
+    Args:
+        view: the container.
+        options: of the time panel.
+    """
+    time_panel = rrb.TimePanel(state="collapsed", timeline=BOOT_CLOCK, **options)
+    left_panel = rrb.BlueprintPanel(state="collapsed")
+    right_panel = rrb.SelectionPanel(state="collapsed")
+    return rrb.Blueprint(
+        view, time_panel, left_panel, right_panel, auto_views=False, auto_layout=False
+    )
 
 
-def log(recording: rr.RecordingStream, time: float, sentence: str, level: Level) -> None:
-    """Writes a sentence into the log at a ``time`` on the timeline, s."""
+def log_event(recording: rr.RecordingStream, time: float, sentence: str, level: Level) -> None:
+    """Writes a sentence into the event log at a ``time`` on the timeline, s."""
     recording.set_time(BOOT_CLOCK, duration=time)
     recording.log("log", rr.TextLog(utf8_text(sentence), level=LOG_LEVELS.get(level, "INFO")))
 
 
 def events_view() -> rrb.View:
-    """Returns the view of that log."""
+    """Returns the view of the event log."""
     columns = rrb.archetypes.TextLogColumns(
         timeline_columns=[BOOT_CLOCK], text_log_columns=["LogLevel", "Body"]
     )
@@ -147,14 +228,16 @@ def events_view() -> rrb.View:
 
 
 Target = str | os.PathLike[str] | rr.RecordingStream
-"""Where a recording goes: a file, or one that is :func:`streamed`."""
+"""Where a recording goes: a file, or a stream that :func:`streamed` yields."""
 
 
 @contextmanager
 def streamed(name: str, application: str) -> Iterator[rr.RecordingStream]:
-    """Yields a recording called ``name`` that goes to standard output as it is made.
+    """Yields a recording that goes to standard output as it is made.
 
-    The viewer has one blueprint for each ``application``.
+    Args:
+        name: of the recording.
+        application: the viewer has one blueprint for each.
     """
     with rr.RecordingStream(application) as recording:
         recording.stdout()
@@ -164,7 +247,15 @@ def streamed(name: str, application: str) -> Iterator[rr.RecordingStream]:
 
 @contextmanager
 def recorded(target: Target, name: str) -> Iterator[rr.RecordingStream]:
-    """Yields a recording called ``name`` that is then written to a file, whole or not at all; ``OSError`` if not."""
+    """Yields a recording that is then written to a file, completely or not at all.
+
+    Args:
+        target: the file; a stream is only flushed.
+        name: of the recording.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     if isinstance(target, rr.RecordingStream):
         yield target
         target.flush()
@@ -173,13 +264,15 @@ def recorded(target: Target, name: str) -> Iterator[rr.RecordingStream]:
     memory = recording.memory_recording()
     recording.send_recording_name(utf8_text(name))
     yield recording
-    # Rerun does not report when a file it writes fails, as on a full disk; Python does.
+    # Rerun does not report that writing a file failed, as on a full disk; Python does.
     contents = memory.drain_as_bytes()
     with atomic_write(target) as file:
         file.write(contents)
 
 
-def range_of(*values: Array) -> Interval:
-    """Returns the least and the most of the finite ones of some values."""
-    finite = np.concatenate([series[np.isfinite(series)] for series in values])
-    return (float(finite.min()), float(finite.max())) if len(finite) else (-1.0, 1.0)
+def range_of(*series: Array) -> Interval:
+    """Returns the smallest and the largest finite value of several series; −1 and 1 if there is none."""
+    finite = np.concatenate([values[np.isfinite(values)] for values in series])
+    if not len(finite):
+        return -1.0, 1.0
+    return float(finite.min()), float(finite.max())

@@ -1,4 +1,4 @@
-"""Recording: one learned flight as a Rerun file, with the blueprint that shows it."""
+"""A learned flight as a Rerun recording with its layout: flight, wind, loops, forecasts, learning and report."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -10,7 +10,6 @@ import rerun.blueprint as rrb
 from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.findings import resolved_wind_torque
-from mavdem.dataset.axes import AXES
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.fleet.row import utf8_text
@@ -27,210 +26,284 @@ from mavdem.report.screen import analysis_blocks, detail_blocks, flight_title, m
 from mavdem.report.series import FREE_ENERGY, OUTPUTS, PROCESS_NOISE, Series, series_of
 from mavdem.report.templates import headline
 from mavdem.view.plots import (
-    BEYOND,
-    Mark,
+    CLIP_SPANS,
+    EventMarks,
     Target,
     blueprint,
-    drawn,
+    draw_chart,
     events_view,
-    log,
+    log_event,
     range_of,
     recorded,
 )
 
+BAR_WIDTH = 0.7
+"""Width of a bar, in distances between bars."""
+
+FIRST_ITERATION = 2
+"""Iteration from which F̄ is drawn: before it F̄ may be far from all later values."""
+
+SENSITIVITY_FREQUENCIES = np.linspace(0.5, 30.0, 60)
+"""Hz at which the sensitivity of a loop is drawn as bars: rate loops of multirotors cross over at 3 to 20 Hz."""
+
 
 def write_recording(target: Target, assessment: Assessment) -> None:
-    """Writes an ``assessment`` with a model, and forecasts of held-out windows, to a ``target``.
+    """Writes an assessment with a model, and forecasts of held-out windows, as a recording.
 
-    A file appears whole or not at all, ``OSError`` if it cannot be written. It opens with its own blueprint: the
-    flight as a whole, its wind and loops, forecasts, how the model was learned, and the report. Angles are in degrees;
-    alarms are marked in every plot.
+    It opens with its own layout: the flight as a whole, its wind and loops, forecasts, how the model was learned, and
+    the report. Angles are in degrees; alarms are marked in every plot.
+
+    Args:
+        target: a file, which appears completely or not at all, or a stream.
+        assessment: of a log, with a model.
+
+    Raises:
+        OSError: the file cannot be written.
     """
     analysis = assessment.analysis
     timeline = timeline_of(assessment)
     assert analysis is not None and timeline is not None
-    flights, learned, held_out = analysis.flights, analysis.learned, analysis.held_out
+    learned = analysis.learned
+    held_out = analysis.held_out
     assert learned is not None and held_out is not None
     with recorded(target, Path(assessment.log.source).name) as recording:
-        page = _Page(recording, assessment, timeline)
-        series = series_of(flights, learned)
-        words = [flight_title(flights, assessment.simulated), *analysis_blocks(assessment)]
-        tabs: list[rrb.Container | rrb.View] = [
-            page.flight(),
-            *page.air(learned, series[OUTPUTS].time),
-            *page.loops(),
-            page.forecasts(learned, held_out, series),
-            page.learning(learned),
-            _text(recording, "report", "Report", words),
+        tabs = RecordingTabs(recording, assessment, timeline)
+        series = series_of(analysis.flights, learned)
+        title = flight_title(analysis.flights, assessment.simulated)
+        report = [title, *analysis_blocks(assessment)]
+        views: list[rrb.Container | rrb.View] = [
+            tabs.flight(),
+            *tabs.wind(learned, series[OUTPUTS].time),
+            *tabs.loops(),
+            tabs.forecasts(learned, held_out, series),
+            tabs.learning(learned),
+            log_text(recording, "report", "Report", report),
         ]
         for event in timeline.events:
-            log(recording, event.seconds, event.fact.sentence, event.fact.level)
-        shown = blueprint(rrb.Tabs(*tabs, active_tab=0), play_state="paused")
-        recording.send_blueprint(shown, make_active=True)
+            log_event(recording, event.seconds, event.fact.sentence, event.fact.level)
+        layout = blueprint(rrb.Tabs(*views, active_tab=0), play_state="paused")
+        recording.send_blueprint(layout, make_active=True)
 
 
 def write_words(target: Target, name: str, blocks: Sequence[Block]) -> None:
-    """Writes ``blocks`` about the log ``name`` to a ``target``, in place of those before; ``OSError`` if it cannot."""
+    """Writes a recording of text alone, in place of the text before.
+
+    Args:
+        target: a file or a stream.
+        name: of the log.
+        blocks: the text.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     with recorded(target, name) as recording:
-        words = rrb.Vertical(_text(recording, "report", "Report", blocks))
-        recording.send_blueprint(blueprint(words), make_active=True)
+        text = rrb.Vertical(log_text(recording, "report", "Report", blocks))
+        recording.send_blueprint(blueprint(text), make_active=True)
 
 
-class _Page:
-    """The tabs of a recording of an ``assessment``, whose plots are of its ``timeline``."""
+class RecordingTabs:
+    """The tabs of a recording of one assessment: each method draws one, and returns its layout."""
 
     def __init__(
         self, recording: rr.RecordingStream, assessment: Assessment, timeline: Timeline
     ) -> None:
+        """Takes the assessment and the charts of its flight, ``timeline``, which share one axis of time."""
         self._recording = recording
         self._assessment = assessment
         self._timeline = timeline
         first, last = timeline.span
-        happened = [event for event in timeline.events if first < event.seconds < last]
-        self._alarms = [event.seconds for event in happened if event.is_alarm]
+        self._alarm_times = [
+            event.seconds
+            for event in timeline.events
+            if event.is_alarm and first < event.seconds < last
+        ]
 
     def flight(self) -> rrb.Container:
-        """Headline and next step above; axes, rates, motors and the rest on one axis of time; lights and events."""
-        axes = self._timeline.axis_charts.values()
-        rates = (chart.lines[0] for charts in axes for chart in charts[1:2])
-        lines = (
-            line._replace(name=axis, colour=palette.distinct(number))
-            for number, (axis, line) in enumerate(zip(AXES, rates, strict=False))
-        )
-        shown = [chart for charts in axes for chart in charts[:1]]
-        shown.append(over_time("Rates", "°/s", lines))
-        shown += self._timeline.flight_charts
+        """Draws headline and next step above the charts of the flight, with lights and events beside these."""
         judgement = self._assessment.judgement
-        said = f"**{headline(judgement.headline)}**\n\n**Next:** {judgement.next_step.advised}"
-        above = _text(self._recording, "headline", "", said)
+        conclusion = (
+            f"**{headline(judgement.headline)}**\n\n**Next:** {judgement.next_step.advised}"
+        )
+        top = log_text(self._recording, "headline", "", conclusion)
         lights = [
             Sentence(fact.advised, f"{name.capitalize()} – {fact.level}:")
             for name, fact in judgement.lights.items()
         ]
-        words = _text(self._recording, "lights", "Lights", lights)
-        beside = rrb.Vertical(words, events_view(), row_shares=[55, 45])
-        plots = rrb.Vertical(*self._drawn("flight", shown))
-        below = rrb.Horizontal(plots, beside, column_shares=[75, 25])
-        return rrb.Vertical(above, below, row_shares=[9, 91], name="Flight")
+        lights_view = log_text(self._recording, "lights", "Lights", lights)
+        side = rrb.Vertical(lights_view, events_view(), row_shares=[55, 45])
+        plots = rrb.Vertical(*self._draw_charts("flight", self._flight_charts()))
+        bottom = rrb.Horizontal(plots, side, column_shares=[75, 25])
+        return rrb.Vertical(top, bottom, row_shares=[9, 91], name="Flight")
 
-    def air(self, learned: Learned, clock: Array) -> list[rrb.Container]:
-        """The wind, and its torque, with marks where gusts begin; nothing where neither is known."""
+    def _flight_charts(self) -> list[Chart]:
+        """Returns a chart of each axis's angle, one chart of all rates, and the other charts of the timeline."""
+        angle_charts: list[Chart] = []
+        rate_lines = []
+        # Each axis has a chart of its angle, and where the rate was recorded a second one.
+        for number, (axis, charts) in enumerate(self._timeline.axis_charts.items()):
+            angle_charts += charts[:1]
+            if len(charts) > 1:
+                rate = charts[1].lines[0]
+                rate_lines.append(rate._replace(name=axis, colour=palette.distinct(number)))
+        return [*angle_charts, over_time("Rates", "°/s", rate_lines), *self._timeline.flight_charts]
+
+    def wind(self, learned: Learned, clock: Array) -> list[rrb.Container]:
+        """Draws the wind and its torque, with marks where gusts begin; nothing where neither is known.
+
+        Args:
+            learned: the model.
+            clock: (T,) times of the samples that it was trained on, s.
+        """
         if not self._timeline.wind_charts:
             return []
         torque = resolved_wind_torque(learned.wind_torque, learned.physical)
         gusts = torque.gusts if torque else ()
-        begins = [float(clock[gust.sample]) for gust in gusts]
-        marks = f"gust ({len(begins)})", palette.GUST, begins
-        return [rrb.Vertical(*self._drawn("air", self._timeline.wind_charts, marks), name="Wind")]
+        start_times = [float(clock[gust.sample]) for gust in gusts]
+        marks = EventMarks(f"gust ({len(start_times)})", palette.GUST, start_times)
+        views = self._draw_charts("air", self._timeline.wind_charts, marks)
+        return [rrb.Vertical(*views, name="Wind")]
 
     def loops(self) -> list[rrb.Container]:
-        """Measured steps by axis, and loops with their margins; nothing where none is known."""
-        steps = [
-            self._bars(f"steps/{axis}/{name}", f"{axis} {name}: step", each.time, each.step)
-            for axis, responses in self._assessment.responses.items()
-            for name, response in responses.items()
-            if isinstance(each := response.measured, StepResponse)
-        ]
-        identified = identified_loops(self._assessment.loops)
-        hertz = np.linspace(0.5, 30.0, 60)
-        pictures = [
-            self._bars(
-                f"loops/{axis}",
-                f"{axis} rate loop: sensitivity |S| over Hz",
-                hertz,
-                np.interp(hertz, loop.rate.frequency, 1 / abs(1 + loop.rate.response[0])),
+        """Draws measured step responses by axis, and loops with their margins; nothing where none is known."""
+        step_views = []
+        for axis, responses in self._assessment.responses.items():
+            for name, response in responses.items():
+                measured = response.measured
+                if isinstance(measured, StepResponse):
+                    step_views.append(
+                        self._draw_bars(
+                            f"steps/{axis}/{name}",
+                            f"{axis} {name}: step",
+                            measured.time,
+                            measured.step,
+                        )
+                    )
+        loops = identified_loops(self._assessment.loops)
+        sensitivity_views = []
+        for axis, loop in loops.items():
+            # The first response is that of the estimate; draws from the posterior follow.
+            sensitivity = 1 / abs(1 + loop.rate.response[0])
+            sensitivity_views.append(
+                self._draw_bars(
+                    f"loops/{axis}",
+                    f"{axis} rate loop: sensitivity |S| over Hz",
+                    SENSITIVITY_FREQUENCIES,
+                    np.interp(SENSITIVITY_FREQUENCIES, loop.rate.frequency, sensitivity),
+                )
             )
-            for axis, loop in identified.items()
-        ]
-        parts = list[rrb.View | rrb.Container]()
-        if steps:
-            parts.append(rrb.Grid(*steps, grid_columns=2))
-        if identified:
-            margins = _text(self._recording, "margins", "Margins", margin_tables(identified))
-            parts += [rrb.Tabs(*pictures, margins)]
+        parts: list[rrb.View | rrb.Container] = []
+        if step_views:
+            parts.append(rrb.Grid(*step_views, grid_columns=2))
+        if loops:
+            margins = log_text(self._recording, "margins", "Margins", margin_tables(loops))
+            parts.append(rrb.Tabs(*sensitivity_views, margins))
         return [rrb.Horizontal(*parts, name="Loops")] if parts else []
 
     def forecasts(
         self, learned: Learned, held_out: HeldOut, series: Mapping[str, Series]
     ) -> rrb.Container:
-        """Outputs with their forecasts in held-out windows, and what DEM makes of each sample."""
-        measured = series[OUTPUTS]
-        labels = Labels.of(learned)
-        charts = [
-            _forecast(i, held_out, measured, unit) for i, unit in enumerate(labels.output_units)
-        ]
-        samples, _, energy = series[FREE_ENERGY]
-        clock, names, noise = series[PROCESS_NOISE]
-        states = zip(names, np.degrees(noise).T, strict=True)
-        lines = [
-            Line(name, palette.distinct(i), clock, values)
-            for i, (name, values) in enumerate(states)
-        ]
-        bound = Line("F(t)", palette.BOUND, samples, energy[:, 0])
-        charts += [
-            over_time("Process noise w of DEM", "° and s", lines),
-            over_time("Free energy F(t) of each sample", "nats", (bound,)),
-        ]
-        return rrb.Vertical(*self._drawn("forecast", charts), name="Forecast")
+        """Draws outputs with their forecasts in held-out windows, and process noise and F(t) of DEM by sample.
+
+        Args:
+            learned: the model.
+            held_out: the forecasts.
+            series: of the flight and the model, by name.
+        """
+        charts = []
+        for output, unit in enumerate(Labels.of(learned).output_units):
+            charts.append(forecast_chart(output, held_out, series[OUTPUTS], unit))
+        process_noise = series[PROCESS_NOISE]
+        noise_lines = []
+        for state, name in enumerate(process_noise.names):
+            values = np.degrees(process_noise.values[:, state])
+            noise_lines.append(Line(name, palette.distinct(state), process_noise.time, values))
+        charts.append(over_time("Process noise w of DEM", "° and s", noise_lines))
+        free_energy = series[FREE_ENERGY]
+        line = Line("F(t)", palette.BOUND, free_energy.time, free_energy.values[:, 0])
+        charts.append(over_time("Free energy F(t) of each sample", "nats", (line,)))
+        return rrb.Vertical(*self._draw_charts("forecast", charts), name="Forecast")
 
     def learning(self, learned: Learned) -> rrb.Container:
-        """F̄ by iteration as bars, beside what was learned."""
+        """Draws F̄ by iteration as bars, and what was learned as text."""
         energy = learned.free_energy.total
-        first = min(2, len(energy) - 1)  # the first two may be far from all others
-        heading = f"F̄ below its maximum of {energy.max():,.0f} nats, by iteration"
-        at = np.arange(first, len(energy), dtype=np.float64)
-        bars = self._bars("learning/gap", heading, at, energy.max() - energy[first:])
+        first = min(FIRST_ITERATION, len(energy) - 1)
+        title = f"F̄ below its maximum of {energy.max():,.0f} nats, by iteration"
+        iterations = np.arange(first, len(energy), dtype=np.float64)
+        bars = self._draw_bars("learning/gap", title, iterations, energy.max() - energy[first:])
         blocks = [*motor_blocks(learned, None), *detail_blocks(learned)]
-        details = _text(
+        details = log_text(
             self._recording, "learning/details", "The model, and how it was learned", blocks
         )
         return rrb.Horizontal(bars, details, name="Learning")
 
-    def _drawn(self, folder: str, charts: Sequence[Chart], *marks: Mark) -> list[rrb.View]:
-        """The views of charts, each with ``marks`` and the alarms."""
-        all_marks = *marks, ("went wrong", palette.BAD, self._alarms)
-        return [
-            drawn(self._recording, f"{folder}/{number}", chart, self._timeline.span, all_marks)
-            for number, chart in enumerate(charts)
-        ]
+    def _draw_charts(
+        self, folder: str, charts: Sequence[Chart], *marks: EventMarks
+    ) -> list[rrb.View]:
+        """Draws charts with ``marks`` and the alarms, as entities of a ``folder``; returns their views."""
+        all_marks = *marks, EventMarks("went wrong", palette.BAD, self._alarm_times)
+        views = []
+        for number, chart in enumerate(charts):
+            origin = f"{folder}/{number}"
+            views.append(draw_chart(self._recording, origin, chart, self._timeline.span, all_marks))
+        return views
 
-    def _bars(self, origin: str, name: str, at: Array, values: Array) -> rrb.View:
-        """A view of bars at places ``at``, evenly apart."""
-        width = 0.7 * float(at[1] - at[0]) if len(at) > 1 else 0.7
-        colour = palette.channels(palette.PREDICTED)
-        widths = np.full(len(values), width)
-        bars = rr.BarChart(values, abscissa=at - width / 2, widths=widths, color=colour)
+    def _draw_bars(self, origin: str, name: str, positions: Array, values: Array) -> rrb.View:
+        """Draws bars and returns their view.
+
+        Args:
+            origin: the entity.
+            name: title of the view.
+            positions: (N,) centres of the bars, at even distances.
+            values: (N,) their heights.
+        """
+        distance = float(positions[1] - positions[0]) if len(positions) > 1 else 1.0
+        width = BAR_WIDTH * distance
+        bars = rr.BarChart(
+            values,
+            # Rerun places bars by their left edges.
+            abscissa=positions - width / 2,
+            widths=np.full(len(values), width),
+            color=palette.channels(palette.PREDICTED),
+        )
         self._recording.log(origin, bars, static=True)
         return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
 
 
-def _text(
-    recording: rr.RecordingStream, origin: str, name: str, words: str | Iterable[Block]
+def log_text(
+    recording: rr.RecordingStream, origin: str, name: str, content: str | Iterable[Block]
 ) -> rrb.View:
-    """A view of Markdown, without a title bar if it has no name."""
-    text = utf8_text(words if isinstance(words, str) else markdown(words))
+    """Writes a text, Markdown or blocks, and returns its view, which has no title bar if the ``name`` is empty."""
+    text = utf8_text(content if isinstance(content, str) else markdown(content))
     recording.log(origin, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
     return rrb.TextDocumentView(origin=origin, name=name or origin, titlebar=bool(name))
 
 
-def _forecast(i: int, held_out: HeldOut, measured: Series, label: str) -> Chart:
-    """The output number ``i`` as measured, and its forecasts in held-out windows with their bands."""
+def forecast_chart(output: int, held_out: HeldOut, measured: Series, label: str) -> Chart:
+    """Returns a chart of one output as measured, and its forecasts in held-out windows with their bands.
+
+    Args:
+        output: its index.
+        held_out: W windows of H samples.
+        measured: the outputs of the whole flight.
+        label: unit of the output, which is shown in a unit that people read.
+    """
     unit = display_unit(label)
-    name = measured.names[i].capitalize()
-    values = unit.scale * measured.values[:, i]
+    name = measured.names[output].capitalize()
+    values = unit.scale * measured.values[:, output]
+    # A NaN after each window keeps a line from being drawn to the next one.
+    gap = ((0, 0), (0, 1))
+    forecasts = np.pad(held_out.forecasts[FORECAST][:, :, output], gap, constant_values=np.nan)
+    bands = np.pad(held_out.band[:, :, output], gap, constant_values=np.nan)
+    time = np.pad(held_out.time, gap, mode="edge").ravel()
+    forecast = unit.scale * forecasts.ravel()
+    half_width = unit.scale * bands.ravel()
+    # The forecast of an unstable model may overflow.
     low, high = range_of(values)
-    beyond = BEYOND * (high - low)
-    windows = held_out.forecasts[FORECAST], held_out.band
-    parts = ((0, 0), (0, 1))  # no line is drawn from one window to the next
-    forecast, half = (
-        unit.scale * np.pad(each[:, :, i], parts, constant_values=np.nan).ravel()
-        for each in windows
-    )
-    curves = np.array([forecast, forecast - half, forecast + half])
-    inside = np.clip(curves, low - beyond, high + beyond)  # it may overflow
-    time = np.pad(held_out.time, parts, mode="edge").ravel()
+    clip = CLIP_SPANS * (high - low)
+    curves = np.array([forecast, forecast - half_width, forecast + half_width])
+    forecast, lower_edge, upper_edge = np.clip(curves, low - clip, high + clip)
     lines = (
         Line("measured", palette.MEASURED, measured.time, values),
-        Line("forecast", palette.PREDICTED, time, *inside),
+        Line("forecast", palette.PREDICTED, time, forecast, lower_edge, upper_edge),
     )
     return over_time(f"{name}, and its forecast for {held_out.seconds:.2g} s", unit.name, lines)

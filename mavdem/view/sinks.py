@@ -22,12 +22,33 @@ import rerun as rr
 from mavdem.files import PathName, atomic_writes
 from mavdem.machine import LOOPBACK, free_port, has_screen
 
-CLOSING_SECONDS = 3.0  # how long a file, or any sink, that is closed may still be written
-SERVER_MEMORY = "256MB"  # the server keeps data for later viewers; the oldest go first
-STREAM_HEADER = 12  # bytes before the first message of an .rrd file
-MESSAGE_HEADER = struct.Struct(
-    "<QQ"
-)  # kind of message, bytes of what follows; source: Rerun's re_log_encoding
+CLOSING_SECONDS = 3.0
+"""s for which a file, or any sink, that is closed may still be written."""
+
+COMPLETION_SECONDS = 10 * CLOSING_SECONDS
+"""s that completing a file may take: an hour of 100 Hz takes 9 s."""
+
+CONNECTION_TIMEOUT = 0.3
+"""s in which a viewer on this machine or its network must accept a connection."""
+
+VIEWER_URL = re.compile(r"rerun(?:\+https?)?://\[?(?P<host>[^/@\]]+?)\]?:(?P<port>\d{1,5})/proxy")
+"""The address of a Rerun viewer or server: rerun+http://HOST:PORT/proxy."""
+
+MAX_PORT = 65535
+"""The largest TCP port."""
+
+SERVER_MEMORY = "256MB"
+"""Memory in which the server keeps data for later viewers; the oldest go first."""
+
+VIEWER_MEMORY = "1GB"
+"""Memory in which a window keeps data."""
+
+STREAM_HEADER_BYTES = 12
+"""Bytes before the first message of an .rrd file (Rerun's re_log_encoding)."""
+
+MESSAGE_HEADER = struct.Struct("<QQ")
+"""Header of a message of an .rrd file: its kind, and the number of bytes that follow (Rerun's re_log_encoding)."""
+
 WATCHDOG = """
 import os, signal, subprocess, sys, threading
 def kill_at_end_of_input():
@@ -37,36 +58,46 @@ with subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL) as running:
     threading.Thread(target=kill_at_end_of_input, daemon=True).start()
     sys.exit(running.wait())
 """
-"""Runs a program until its standard input ends, whose other end is closed when the process that holds it ends for any
-reason, even if it is killed. It runs in a session of its own."""
+"""A program that runs another one until its standard input ends. The other end of that is closed when the process that
+holds it ends for any reason, even if it is killed. It runs in a session of its own."""
 
 
 def show(path: PathName) -> str:
-    """Opens the recording at ``path`` in the Rerun viewer; returns "" at once, or in one sentence why it cannot."""
+    """Opens a recording in the Rerun viewer, and returns at once.
+
+    Returns:
+        Why it cannot be opened, in one sentence; empty if it can.
+    """
     if not has_screen():
         program = ["rerun"] if shutil.which("rerun") else [sys.executable, "-m", "rerun"]
         command = shlex.join([*program, os.fspath(path)])
         return f"There is no screen here; open the recording where there is one, with `{command}`."
     if not Path(path).is_file():
         return f"There is no recording {path}."
-    _start(os.fspath(path))
+    start_rerun(os.fspath(path))
     return ""
 
 
-def _start(*options: str, watched: bool = False) -> subprocess.Popen[bytes]:
-    """Starts the program that belongs to the package; if ``watched``, it ends with this process.
+def start_rerun(*options: str, ends_with_process: bool = False) -> subprocess.Popen[bytes]:
+    """Starts the program that belongs to the package rerun, without reports of its use.
 
-    ``rerun analytics disable`` would decide for its user for good. What it does not report is what runs where ``CI`` is
-    set, unless it is forced to. Source: https://github.com/rerun-io/rerun/tree/main/crates/utils/re_analytics.
+    ``rerun analytics disable`` would decide for its user for good. Rerun does not report where ``CI`` is set, unless it
+    is forced to. Source: https://github.com/rerun-io/rerun/tree/main/crates/utils/re_analytics.
+
+    Args:
+        options: of the program.
+        ends_with_process: whether it ends with this process, for whatever reason this ends.
     """
     command = [sys.executable, "-m", "rerun", "--bind", LOOPBACK, *options]
+    if ends_with_process:
+        command = [sys.executable, "-I", "-c", WATCHDOG, *command]
     environment = os.environ | {"CI": "1"}
     environment.pop("FORCE_RERUN_ANALYTICS", None)
-    # A session of its own, so that Ctrl-C ends the flight and not its picture.
     return subprocess.Popen(
-        [sys.executable, "-I", "-c", WATCHDOG, *command] if watched else command,
+        command,
+        # A session of its own, so that Ctrl-C ends the flight and not its picture.
         start_new_session=True,
-        stdin=subprocess.PIPE if watched else subprocess.DEVNULL,
+        stdin=subprocess.PIPE if ends_with_process else subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         env=environment,
@@ -74,41 +105,56 @@ def _start(*options: str, watched: bool = False) -> subprocess.Popen[bytes]:
 
 
 class Sink:
-    """A destination of a live flight."""
+    """A destination of a live flight: a file, a viewer or a server.
 
-    name: str  # as a user calls it
-    period = 0.1  # seconds between batches
-    retried = True  # whether one that fails, or is not there yet, is tried again
+    Attributes:
+        name: what a user calls it.
+        period: s between batches.
+        retried: whether one that fails, or does not exist yet, is tried again.
+    """
+
+    name: str
+    period = 0.1
+    retried = True
 
     def open(self, recording: rr.RecordingStream) -> bool:
-        """Directs the recording to the sink; returns whether it could; ``RuntimeError`` if it never can."""
+        """Directs the recording to the sink, and returns whether that was possible now.
+
+        Raises:
+            RuntimeError: it will never be possible.
+        """
         raise NotImplementedError
 
     def delivered(self, arrived: bool = True) -> None:
-        """Notes whether all that was sent has arrived."""
+        """Is called after each batch, with whether all of it has arrived."""
 
     def close(self) -> None:
-        """Ends what was started for it, after the recording is disconnected."""
+        """Ends what was started for the sink, after the recording is disconnected."""
 
 
 class RecordingFile(Sink):
     """A new .rrd file.
 
     Each batch is passed to the operating system at once: if the process ends, only the last second is missing. If the
-    disk is full, the file is cut to whole messages, since the viewer opens no other. If the process is killed while
+    disk is full, the file is cut to complete messages, since the viewer opens no other. If the process is killed while
     it writes, the end of the file is torn; ``rerun rrd optimize`` repairs it. The table of its chunks would grow in
-    memory by a megabyte a minute, so it is made at the end, where that takes no longer than ten times
-    ``CLOSING_SECONDS``: an hour of 100 Hz takes 9 s.
+    memory by a megabyte a minute, so it is made at the end, within ``COMPLETION_SECONDS``.
+
+    Attributes:
+        path: of the file.
+        broken: whether something could not be written.
+        complete_bytes: bytes up to the end of the last complete message.
     """
 
-    period = 1.0  # each chunk has a kilobyte of overhead
+    # Each chunk has a kilobyte of overhead, so that a file has one a second.
+    period = 1.0
     retried = False
 
     def __init__(self, path: PathName) -> None:
         self.path = Path(path)
         self.name = str(self.path)
-        self.broken = False  # whether something could not be written
-        self.whole = 0  # bytes, up to the end of the last whole message
+        self.broken = False
+        self.complete_bytes = 0
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Writes the recording into the file."""
@@ -116,46 +162,52 @@ class RecordingFile(Sink):
         return True
 
     def delivered(self, arrived: bool = True) -> None:
-        """Keeps what has arrived; see :class:`Sink`."""
-        self.whole = self.path.stat().st_size
+        """Remembers how much has arrived, and cuts the file where not all did; see :class:`Sink`."""
+        self.complete_bytes = self.path.stat().st_size
         if not arrived:
             self.broken = True
-            self._cut()
+            self._cut_to_complete_messages()
 
     def close(self) -> None:
-        """Completes the file, or cuts what could not be written whole; see :class:`Sink`."""
+        """Adds the table of chunks to the file, or cuts it to what could be written completely; see :class:`Sink`."""
         with suppress(OSError, subprocess.TimeoutExpired):
-            # What fails while it is flushed, Rerun reports with a later flush only.
-            self.broken |= self._cut()
+            # Rerun reports a failure while it flushes with a later flush only.
+            was_cut = self._cut_to_complete_messages()
+            self.broken = self.broken or was_cut
             if not self.broken:
-                self._complete()
+                self._add_chunk_table()
 
-    def _complete(self) -> None:
-        """Writes the file anew, with the table of its chunks; OSError, or TimeoutExpired: it stays as it is."""
+    def _add_chunk_table(self) -> None:
+        """Writes the file anew, with the table of its chunks.
+
+        Raises:
+            OSError, subprocess.TimeoutExpired: it could not; the file stays as it is.
+        """
         with atomic_writes(self.path) as (completed,):
-            with _start("rrd", "optimize", str(self.path), "-o", str(completed)) as process:
+            options = ("rrd", "optimize", str(self.path), "-o", str(completed))
+            with start_rerun(*options) as process:
                 try:
-                    failed = process.wait(10 * CLOSING_SECONDS)
+                    exit_code = process.wait(COMPLETION_SECONDS)
                 finally:
                     process.kill()
-            if failed:
-                raise OSError(failed, "not completed", str(self.path))
+            if exit_code:
+                raise OSError(exit_code, "not completed", str(self.path))
 
-    def _cut(self) -> bool:
-        """Cuts the file after its last whole message; returns whether there was more."""
+    def _cut_to_complete_messages(self) -> bool:
+        """Cuts the file after its last complete message; returns whether there was more."""
         size = self.path.stat().st_size
         with self.path.open("rb") as file:
-            end = STREAM_HEADER
-            while end <= size:
-                self.whole = end
-                file.seek(end)
+            message_start = STREAM_HEADER_BYTES
+            while message_start <= size:
+                self.complete_bytes = message_start
+                file.seek(message_start)
                 header = file.read(MESSAGE_HEADER.size)
                 if len(header) < MESSAGE_HEADER.size:
                     break
-                _, length = MESSAGE_HEADER.unpack(header)
-                end += MESSAGE_HEADER.size + length
-        os.truncate(self.path, self.whole)
-        return self.whole < size
+                _, content_bytes = MESSAGE_HEADER.unpack(header)
+                message_start += MESSAGE_HEADER.size + content_bytes
+        os.truncate(self.path, self.complete_bytes)
+        return self.complete_bytes < size
 
 
 class Viewer(Sink):
@@ -163,23 +215,27 @@ class Viewer(Sink):
 
     It connects only where a viewer accepts connections: without one, Rerun's client keeps everything, blocks its caller
     at some size, and delays the end of the process by ten seconds. A client that has lost its connection does not.
-    A ``url`` that is not of the form rerun+http://HOST:PORT/proxy is a ``ValueError``.
     """
 
     def __init__(self, url: str = f"rerun+http://{LOOPBACK}:9876/proxy") -> None:
+        """Takes the address of the viewer, rerun+http://HOST:PORT/proxy.
+
+        Raises:
+            ValueError: ``url`` is not of that form.
+        """
         self.url = self.name = url
-        address = re.fullmatch(r"rerun(?:\+https?)?://\[?([^/@\]]+?)\]?:(\d{1,5})/proxy", url)
-        if address is None or not 0 < int(address[2]) < 65536:
+        address = VIEWER_URL.fullmatch(url)
+        if address is None or not 0 < int(address["port"]) <= MAX_PORT:
             raise ValueError(
                 f"{url!r} is not the address of a Rerun viewer, which looks like "
                 "rerun+http://127.0.0.1:9876/proxy"
             )
-        self._address = address[1], int(address[2])
+        self._address = address["host"], int(address["port"])
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Sends the recording to the viewer, if it is there; see :class:`Sink`."""
         try:
-            socket.create_connection(self._address, timeout=0.3).close()
+            socket.create_connection(self._address, timeout=CONNECTION_TIMEOUT).close()
         except OSError:
             return False
         recording.connect_grpc(self.url)
@@ -187,13 +243,24 @@ class Viewer(Sink):
 
 
 class WebServer(Viewer):
-    """A server that shows the flight in browsers of this machine at its ``page``, until it is closed.
+    """A server that shows the flight in browsers of this machine, until it is closed.
 
-    It takes recordings at ``port`` and browsers at ``page_port``; ``OSError`` if one is taken. A ``recording`` that is
-    named is shown at once.
+    Attributes:
+        page: the address for browsers.
+        process: the server's.
     """
 
     def __init__(self, port: int = 9876, page_port: int = 9090, recording: str = "") -> None:
+        """Starts the server.
+
+        Args:
+            port: where it receives recordings.
+            page_port: where it serves browsers.
+            recording: path or address of a recording that is shown at once; none unless given.
+
+        Raises:
+            OSError: a port is taken.
+        """
         super().__init__(f"rerun+http://{LOOPBACK}:{port}/proxy")
         for number in (port, page_port):
             try:
@@ -204,22 +271,15 @@ class WebServer(Viewer):
                 ) from error
         # Rerun's page reports its use to Rerun, unless it is in a notebook: https://github.com/rerun-io/rerun/pull/3166.
         self.page = f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}&notebook=1"
-        self.process = _start(
-            "--server-memory-limit",
-            SERVER_MEMORY,
-            "--serve-web",
-            "--port",
-            str(port),
-            "--web-viewer-port",
-            str(page_port),
-            *filter(None, [recording]),
-            watched=True,
-        )
+        options = ["--server-memory-limit", SERVER_MEMORY, "--serve-web"]
+        options += ["--port", str(port), "--web-viewer-port", str(page_port)]
+        if recording:
+            options.append(recording)
+        self.process = start_rerun(*options, ends_with_process=True)
 
     def close(self) -> None:
-        """Ends it."""
+        """Ends the server, also one that hangs, together with its watchdog."""
         with suppress(ProcessLookupError):
-            # The watchdog and the server, also one that hangs.
             os.killpg(self.process.pid, signal.SIGKILL)
         with self.process:
             self.process.wait()
@@ -230,27 +290,43 @@ def sinks_for(
 ) -> list[Sink]:
     """Returns the sinks that a user asked for; with a screen and none of these, a window.
 
-    ``rrd`` is a file to record in, ``serve`` a wish for browsers of this machine, ``connect`` the URL of a viewer or
-    server, which may start later. The view that they are given to closes them. ``OSError`` if a port is taken,
-    ``ValueError``, one sentence, for an invalid URL; empty if there is nowhere to show the flight.
+    The view that they are given to closes them.
+
+    Args:
+        rrd: a file to record in.
+        serve: whether to show the flight in browsers of this machine.
+        connect: address of a viewer or server, which may start later.
+
+    Returns:
+        The sinks; empty if there is nowhere to show the flight.
+
+    Raises:
+        OSError: a port is taken.
+        ValueError: ``connect`` is not the address of a viewer.
     """
-    sinks: list[Sink] = [] if rrd is None else [RecordingFile(rrd)]
+    sinks: list[Sink] = []
+    if rrd is not None:
+        sinks.append(RecordingFile(rrd))
     if connect is not None:
         sinks.append(Viewer(connect))
     if serve:
         sinks.append(WebServer())
     if not sinks and has_screen():
-        # A window, which stays open after the process ends.
-        port = free_port()
-        _start(
-            "--server-memory-limit",
-            SERVER_MEMORY,
-            "--memory-limit",
-            "1GB",
-            "--port",
-            str(port),
-            "--expect-data-soon",
-            "--hide-welcome-screen",
-        )
-        sinks.append(Viewer(f"rerun+http://{LOOPBACK}:{port}/proxy"))
+        sinks.append(open_window())
     return sinks
+
+
+def open_window() -> Viewer:
+    """Opens a window of the viewer, which stays open after the process ends."""
+    port = free_port()
+    start_rerun(
+        "--server-memory-limit",
+        SERVER_MEMORY,
+        "--memory-limit",
+        VIEWER_MEMORY,
+        "--port",
+        str(port),
+        "--expect-data-soon",
+        "--hide-welcome-screen",
+    )
+    return Viewer(f"rerun+http://{LOOPBACK}:{port}/proxy")

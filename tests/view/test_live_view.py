@@ -313,7 +313,7 @@ def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothin
         thread = view._threads[1]
         odd = estimate(20, 50.0)._replace(ahead=np.zeros((0, 2)))
         view.put(ROW._replace(estimate=odd))
-        until(lambda: thread._lines)
+        until(lambda: thread._events)
         view.put(ROW._replace(time=50.1))
     size = path.stat().st_size
     view.put(ROW)  # closed, it shows nothing more
@@ -339,7 +339,7 @@ with closing(LiveView([sink])) as view:
     for i in range(500):
         view.put(ROW._replace(time=50.0 + DT * i))
     sink.go.set()
-    until(lambda: sink.whole)
+    until(lambda: sink.complete_bytes)
     shutil.copy(sink.path, sys.argv[2])  # as a process that is killed leaves it
     resource.setrlimit(resource.RLIMIT_FSIZE, (sink.path.stat().st_size + 3000,) * 2)
     # What fails while it is flushed is noticed by a later flush, or Rerun no longer answers.

@@ -21,7 +21,7 @@ from mavdem.report.screen import analysis_blocks, flight_title
 from mavdem.report.series import Series
 from mavdem.view import write_recording
 from mavdem.view.flown import Pose, write_pose
-from mavdem.view.recording import _forecast
+from mavdem.view.recording import forecast_chart
 
 SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, iterations=5)
 
@@ -82,7 +82,7 @@ def test_forecasts_that_run_away_are_cut_off(assessed):
     series = Series(held_out.time[0], ("roll",), held_out.measured[0])
     away = np.full_like(held_out.band, 1e9)
     diverging = replace(held_out, forecasts={"forecast": away}, band=away)
-    _, line = _forecast(0, diverging, series, "rad").lines
+    _, line = forecast_chart(0, diverging, series, "rad").lines
     assert np.nanmax(line.high) <= 5 * np.ptp(np.degrees(held_out.measured[0, :, 0]))
 
 

@@ -1,0 +1,305 @@
+"""Rows of a live flight as lines of a Rerun recording: motors, angles, rates, wind, wind torque and free energy."""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import rerun as rr
+
+from mavdem.arrays import Array
+from mavdem.confidence import Interval
+from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dem import Estimate
+from mavdem.live.display import DisplayRow
+from mavdem.live.history import REPORTED_HORIZON
+from mavdem.live.samples import MAX_SAMPLES
+from mavdem.report.numbers import TORQUE_UNIT, display_unit, motor_position
+from mavdem.report.palette import (
+    BAD,
+    BAND_OPACITY,
+    BOUND,
+    DISTINCT,
+    DISTURBANCE,
+    MEASURED,
+    PREDICTED,
+    TRUTH,
+)
+from mavdem.view.live_content import Channels, live_blueprint
+from mavdem.view.plots import CLIP_SPANS, Lines, colour_on_dark
+
+WIND_INTERVAL_OPACITY = 0.5
+"""Opacity of the lines at the ends of the wind's interval."""
+
+MARK_SECONDS = 1e-3
+"""s before an alarm at which the line of its mark breaks."""
+
+
+class Sample(NamedTuple):
+    """What is drawn at one time."""
+
+    segment: int
+    """number of the segment, which changes where samples are missing"""
+    time: float
+    """s on the timeline"""
+    values: Sequence[float] | Array
+    """(k,) one for each line"""
+
+
+class EstimateWithBand(NamedTuple):
+    """An estimated value at one time."""
+
+    segment: int
+    """number of the segment"""
+    time: float
+    """s on the timeline"""
+    value: float
+    """in the unit of data"""
+    half_width: float
+    """of its 90 % band"""
+
+
+class LatestSample(NamedTuple):
+    """The last sample of some lines that was drawn."""
+
+    segment: int
+    time: float
+
+
+class LiveWriter:
+    """Writes rows of one set of channels into one recording, to which it sends their layout.
+
+    Attributes:
+        channels: of the rows.
+    """
+
+    def __init__(self, channels: Channels, recording: rr.RecordingStream) -> None:
+        """Sends the name and the layout of the recording."""
+        recording.send_recording_name(channels.title)
+        recording.send_blueprint(live_blueprint(channels))
+        self.channels = channels
+        self._recording = recording
+        # By plot, the smallest and the largest value that was drawn without clipping.
+        self._plot_ranges: dict[str, Interval] = {}
+        self._latest_samples: dict[Lines, LatestSample] = {}
+        # The latest samples of the wind torque: the alarm of a motor is about the last seconds.
+        self._torque_samples = deque[Sample](maxlen=MAX_SAMPLES)
+
+    def write(self, rows: list[DisplayRow]) -> None:
+        """Draws rows, which come in the order of their times."""
+        motor_names = tuple(motor_position(name) for name in self.channels.input_names)
+        motors = Lines("motors", motor_names, DISTINCT[: len(motor_names)])
+        self._draw(motors, [Sample(row.segment, row.timeline_time, row.inputs) for row in rows])
+        self._draw_predicted_angle(rows)
+        self._draw_attitude(rows)
+        self._draw_wind(rows)
+        estimates = [(row, row.estimate) for row in rows if row.estimate is not None]
+        self._draw_wind_torque(estimates)
+        self._draw_free_energy(estimates)
+
+    def mark_motor_torque(self, start_time: float) -> None:
+        """Marks the wind torque from ``start_time``, s, until now: it was the torque of a motor that changed."""
+        samples = []
+        for sample in self._torque_samples:
+            if sample.time >= start_time:
+                # Each alarm begins a segment of its own.
+                samples.append(Sample(int(start_time), sample.time, sample.values))
+        self._draw(Lines("wind/2_motor", ("of a motor",), (BAD,), 3.0), samples)
+
+    def mark_alarm(self, time: float) -> None:
+        """Marks an alarm at a ``time``, s, in every plot; NaN marks nothing."""
+        if not np.isfinite(time):
+            return
+        for plot, (low, high) in self._plot_ranges.items():
+            line = Lines(f"{plot}/9_alarms", ("alarm",), (BAD,), filled=True)
+            line.send_style(self._recording)
+            edges = np.array([[np.nan, np.nan], [low, high]])
+            line.send(self._recording, np.array([time - MARK_SECONDS, time]), edges)
+
+    def _draw(self, lines: Lines, samples: Sequence[Sample], clip: bool = False) -> None:
+        """Draws the samples that are later than those before; lines break between segments.
+
+        Args:
+            lines: the entity.
+            samples: in the order of their times.
+            clip: whether to clip values far beyond what was measured so far, which would decide the range of the axis.
+        """
+        latest = self._latest_samples.get(lines, LatestSample(0, -np.inf))
+        # Of several samples at one time the last one counts.
+        new_samples = {sample.time: sample for sample in samples if sample.time > latest.time}
+        if not new_samples:
+            return
+        values = np.array([sample.values for sample in new_samples.values()], np.float64)
+        finite_values = values[np.isfinite(values)]
+        is_first = lines not in self._latest_samples
+        # Nothing is drawn of what the vehicle does not send, such as a setpoint.
+        if is_first and not len(finite_values):
+            return
+        if is_first:
+            lines.send_style(self._recording)
+        time = np.array(list(new_samples))
+        segments = [latest.segment, *(sample.segment for sample in new_samples.values())]
+        self._latest_samples[lines] = LatestSample(segments[-1], time[-1])
+        values = self._clipped_to_plot(lines, values, finite_values, clip)
+        # A NaN half a step before a new segment breaks the line.
+        breaks = np.flatnonzero(np.diff(segments))
+        values = np.insert(values, breaks, np.nan, axis=0)
+        time = np.insert(time, breaks, time[breaks] - self.channels.dt / 2)
+        lines.send(self._recording, time, values)
+
+    def _clipped_to_plot(
+        self, lines: Lines, values: Array, finite_values: Array, clip: bool
+    ) -> Array:
+        """Returns values clipped to the range of their plot, or extends the range by them.
+
+        Args:
+            lines: the entity, whose path begins with that of the plot.
+            values: (N, k).
+            finite_values: those that are finite.
+            clip: whether to clip. In a plot without a range nothing is clipped.
+        """
+        plot = lines.path.rpartition("/")[0] or lines.path
+        plot_range = self._plot_ranges.get(plot)
+        if clip and plot_range is not None:
+            low, high = plot_range
+            margin = CLIP_SPANS * (high - low)
+            return np.clip(values, low - margin, high + margin)
+        if len(finite_values):
+            low, high = float(finite_values.min()), float(finite_values.max())
+            if plot_range is not None:
+                low, high = min(plot_range[0], low), max(plot_range[1], high)
+            self._plot_ranges[plot] = low, high
+        return values
+
+    def _draw_predicted_angle(self, rows: list[DisplayRow]) -> None:
+        """Draws the angle of the model, and its prediction at the horizon nearest to ``REPORTED_HORIZON``, s."""
+        horizon_seconds = np.array(self.channels.horizons) * self.channels.dt
+        horizon = abs(horizon_seconds - REPORTED_HORIZON).argmin()
+        seconds = horizon_seconds[horizon]
+        scale = display_unit(self.channels.output_units[0]).scale
+        plot = f"axes/{self.channels.output_names[0]}"
+        measured = Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2)
+        self._draw(
+            measured,
+            [Sample(row.segment, row.timeline_time, scale * row.outputs[:1]) for row in rows],
+        )
+        predictions = []
+        for row in rows:
+            estimate = row.estimate
+            if estimate is None:
+                time = row.timeline_time + seconds
+                prediction = EstimateWithBand(row.segment, time, np.nan, np.nan)
+            else:
+                prediction = EstimateWithBand(
+                    row.segment,
+                    estimate.ahead_times[horizon] + row.timeline_offset,
+                    estimate.ahead[horizon, 0],
+                    estimate.ahead_band[horizon, 0],
+                )
+            predictions.append(prediction)
+        predicted = Lines(f"{plot}/2_predicted", (f"{seconds:.2g} s ahead",), (PREDICTED,), 1.8)
+        self._draw_with_band(f"{plot}/0_band", predicted, predictions, scale, clip=True)
+
+    def _draw_with_band(
+        self,
+        band_path: str,
+        line: Lines,
+        estimates: list[EstimateWithBand],
+        scale: float,
+        clip: bool = False,
+    ) -> list[Sample]:
+        """Draws a line with its 90 % band.
+
+        Args:
+            band_path: entity of the band.
+            line: entity of the line.
+            estimates: in the order of their times.
+            scale: from the unit of data to the unit that is shown.
+            clip: as for :meth:`_draw`.
+
+        Returns:
+            The samples of the line.
+        """
+        edges = []
+        values = []
+        for segment, time, value, half_width in estimates:
+            edge_values = [scale * (value - half_width), scale * (value + half_width)]
+            edges.append(Sample(segment, time, edge_values))
+            values.append(Sample(segment, time, [scale * value]))
+        shade = colour_on_dark(line.colours[0], BAND_OPACITY)
+        self._draw(Lines(band_path, ("90 % band",), (shade,), filled=True), edges, clip)
+        self._draw(line, values, clip)
+        return values
+
+    def _draw_attitude(self, rows: list[DisplayRow]) -> None:
+        """Draws the angles that the model does not have, the setpoints of roll and pitch, and the rates."""
+        poses = []
+        for row in rows:
+            if row.pose is not None:
+                poses.append((row.segment, row.pose.time + row.timeline_offset, row.pose))
+        for number, axis in enumerate(AXES):
+            if axis not in self.channels.output_names:
+                angle = Lines(f"axes/{axis}/1_measured", (axis,), (MEASURED,))
+                samples = [
+                    Sample(segment, time, [np.degrees(pose.angles[number])])
+                    for segment, time, pose in poses
+                ]
+                self._draw(angle, samples)
+        for number, axis in enumerate(TILT_AXES):
+            setpoint = Lines(f"axes/{axis}/0_asked", ("setpoint",), (TRUTH,))
+            samples = [
+                Sample(segment, time, [np.degrees(pose.setpoint[number])])
+                for segment, time, pose in poses
+            ]
+            self._draw(setpoint, samples, clip=True)
+        rates = Lines("rates", AXES, DISTINCT[: len(AXES)])
+        samples = [Sample(segment, time, np.degrees(pose.rates)) for segment, time, pose in poses]
+        self._draw(rates, samples)
+
+    def _draw_wind(self, rows: list[DisplayRow]) -> None:
+        """Draws the wind speed with the ends of its interval, m/s."""
+        interval_colour = colour_on_dark(DISTURBANCE, WIND_INTERVAL_OPACITY)
+        speed = Lines(
+            "air/speed",
+            ("wind", "90 % from", "to"),
+            (DISTURBANCE, interval_colour, interval_colour),
+        )
+        samples = []
+        for row in rows:
+            if row.wind is not None:
+                time = row.wind.time + row.timeline_offset
+                # The first three values are the speed and its interval; the direction follows.
+                samples.append(Sample(0, time, row.wind.compass[:3]))
+        self._draw(speed, samples)
+
+    def _draw_wind_torque(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
+        """Draws the wind torque with its band, at the times that it acted at."""
+        torques = []
+        for row, estimate in estimates:
+            if np.isfinite(estimate.wind_time):
+                torques.append(
+                    EstimateWithBand(
+                        0,
+                        estimate.wind_time + row.timeline_offset,
+                        estimate.wind_torque,
+                        estimate.wind_torque_band,
+                    )
+                )
+        line = Lines("wind/1_torque", ("torque",), (DISTURBANCE,))
+        self._torque_samples += self._draw_with_band(
+            "wind/0_band", line, torques, TORQUE_UNIT.scale
+        )
+
+    def _draw_free_energy(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
+        """Draws F(t) and the surprise at the centres of their windows of samples."""
+        energies = []
+        surprises = []
+        for row, estimate in estimates:
+            if np.isfinite(estimate.seen):
+                time = estimate.seen + row.timeline_offset
+                energies.append(Sample(0, time, [estimate.free_energy]))
+                # A surprise of 1 is the worst of twenty samples.
+                surprises.append(Sample(0, time, [1.0, estimate.surprise]))
+        self._draw(Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)), energies)
+        lines = Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED))
+        self._draw(lines, surprises)
