@@ -212,25 +212,25 @@ def _outputs_in_message(telemetry: Telemetry, message: str) -> MotorOutputs | Fa
     name = telemetry.name_in_source(message)
     banks = _output_banks(message, telemetry.messages[message])
     bank_of_channel = {channel: bank for bank in banks for channel in bank.channels}
-    moving = [
+    moving_channels = [
         channel for channel, bank in bank_of_channel.items() if _is_moving(bank.outputs(channel))
     ]
     # Parameters of before a change count too, so a motor that is disabled in flight keeps its channel.
     parameters = {**telemetry.parameters, **telemetry.initial_parameters}
     geometry = motor_geometry(
-        telemetry.vehicle, telemetry.autopilot, parameters, moving, len(banks[0].channels)
+        telemetry.vehicle, telemetry.autopilot, parameters, moving_channels, len(banks[0].channels)
     )
-    if geometry is None or not moving:
+    if geometry is None or not moving_channels:
         return Fact(MotorObstacle.MOTORS_CONSTANT, name=name, remedy=RECORD_A_FLIGHT)
-    missing = sorted(set(geometry.channels) - bank_of_channel.keys())
-    if missing or not set(geometry.channels) & set(moving):
+    missing_channels = sorted(set(geometry.channels) - bank_of_channel.keys())
+    if missing_channels or not set(geometry.channels) & set(moving_channels):
         return Fact(
-            MotorObstacle.CHANNELS_MISSING if missing else MotorObstacle.CHANNELS_CONSTANT,
+            MotorObstacle.CHANNELS_MISSING if missing_channels else MotorObstacle.CHANNELS_CONSTANT,
             name=name,
             basis=geometry.basis,
             channels=sorted(geometry.channels),
-            missing=missing,
-            moving=sorted(moving),
+            missing=missing_channels,
+            moving=sorted(moving_channels),
             remedy=RECORD_A_FLIGHT,
         )
     return _combined_outputs(

@@ -77,6 +77,9 @@ def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     Args:
         flight: A flight that lacks nothing (``HealthFigures.missing``).
         healthy: Healthy flights that lack nothing, without that flight.
+
+    Returns:
+        The deviation, with the Student's t distribution that it would have, were the flight healthy.
     """
     balances = [flight.known_balance, *[other.known_balance for other in healthy]]
     level = level_balances(balances)
@@ -86,6 +89,7 @@ def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     count = len(healthy)
     centre = healthy_balances.mean(axis=0)
     squares = ((healthy_balances - centre) ** 2).sum(axis=0)
+    # The prior counts like ``PRIOR_BALANCE_FREEDOM`` further flights.
     freedom = PRIOR_BALANCE_FREEDOM + count - 1
     variance_between = (PRIOR_BALANCE_FREEDOM * PRIOR_BALANCE_SD**2 + squares) / freedom
     variance_of_healthy = variance_between + level.variances[1:].mean(axis=0)

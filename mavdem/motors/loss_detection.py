@@ -269,6 +269,7 @@ class MotorLossDetector:
         thrust = commands.mean()
         if not thrust > 0:
             return
+        # The balance is relative to the thrust, so that neither battery nor climb changes it.
         self._times.append(time)
         self._blocks.append(self._torque_rows @ (commands / thrust))
         turn = _heading_change(heading, self._block_heading)
@@ -278,9 +279,11 @@ class MotorLossDetector:
             self._steady_blocks += 1
         self._keep_last_blocks(round(KEPT_SECONDS / BLOCK_SECONDS))
 
+        # With too many blocks missing, as after lost messages, the variances would be wrong.
         expected_blocks = (self._times[-1] - self._times[0]) / BLOCK_SECONDS + 1
         if len(self._blocks) < MIN_PRESENT_SHARE * expected_blocks:
             return
+        # After a change the noise is known, and a shorter reference is enough.
         has_changed_before = self._freedom > PRIOR_FREEDOM
         reference_seconds = NEXT_REFERENCE_SECONDS if has_changed_before else REFERENCE_SECONDS
         reference_blocks = reference_seconds / BLOCK_SECONDS
