@@ -30,12 +30,22 @@ from sitl_scenarios.files import (
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.mavlink.transmitter import recorded
+from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import seconds
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 from sitl_scenarios.simulation import fly as fly_through
 from sitl_scenarios.truth import write_truth
 from sitl_scenarios.vehicles import airframe
+
+HOST_AND_PORT = re.compile(r"\[?(?P<host>[^]]+)\]?:(?P<port>\d{1,5})", re.ASCII)
+"""Address of a ground station: HOST:PORT, with an IPv6 address in brackets."""
+
+MAX_PORT = 65535
+"""Largest port number of UDP."""
+
+MIN_SPEED_RATIO = 0.95
+"""A live flight that reaches less than this fraction of the chosen speed is reported as too slow; a choice."""
 
 
 @click.command("fly")
@@ -117,146 +127,238 @@ def fly_command(
     Without --streamrate=-1 MAVProxy requests 4 Hz from ArduPilot, which is too slow to learn from.
     """
     if as_list:
-        scenarios = [{"name": name, "description": load(name).description} for name in names()]
-        if as_json:
-            return print_json({"scenarios": scenarios})
-        width = max(map(len, names()))
-        return print_to_stdout(
-            "\n".join(
-                f"{scenario['name']:{width}}  {scenario['description']}" for scenario in scenarios
-            )
-        )
+        _list_scenarios(as_json)
+        return
     if scenario is None:
         raise click.UsageError(
             "Missing argument 'SCENARIO': one of `mavdem fly --list`, or a .toml file."
         )
-    given = {} if params is None else read_parameters(params)
-    changes = [*(f"{name}={value}" for name, value in given.items()), *changed]
-    chosen = _chosen(scenario, seed, duration, vehicle, changes)
+    assignments = []
+    if params is not None:
+        for parameter, value in read_parameters(params).items():
+            assignments.append(f"{parameter}={value}")
+    assignments += changed
+    chosen = _chosen_scenario(scenario, seed, duration, vehicle, assignments)
     if describe:
-        if as_json:
-            return print_json({"scenario": scenario, "values": chosen.model_dump(mode="json")})
-        return print_to_stdout(in_toml(chosen))
-    if (udp is None) == (out is None and rrd is None):
+        _describe_scenario(scenario, chosen, as_json)
+        return
+    writes_files = out is not None or rrd is not None
+    flies_live = udp is not None
+    if writes_files == flies_live:
         raise click.UsageError(
             "Name files with --out and --rrd, or a ground station to fly live with --udp: choose one."
         )
     name = Path(scenario).stem
-    report = _to_files(name, chosen, out, rrd) if udp is None else _live(name, chosen, udp, speed)
+    if udp is not None:
+        report = _fly_live(name, chosen, udp, speed)
+    else:
+        report = _fly_into_files(name, chosen, out, rrd)
     if as_json:
         print_json(
             {"scenario": scenario, "seed": chosen.seed, "duration": chosen.duration, **report}
         )
 
 
+def _list_scenarios(as_json: bool) -> None:
+    """Prints name and description of each scenario that mavdem brings, one a line or as a JSON document."""
+    descriptions = {name: load(name).description for name in names()}
+    if as_json:
+        scenarios = [
+            {"name": name, "description": description} for name, description in descriptions.items()
+        ]
+        print_json({"scenarios": scenarios})
+        return
+    width = max(len(name) for name in descriptions)
+    for name, description in descriptions.items():
+        print_to_stdout(f"{name:{width}}  {description}")
+
+
+def _describe_scenario(name: str, scenario: Scenario, as_json: bool) -> None:
+    """Prints all values of a scenario, as a .toml file with comments or as a JSON document.
+
+    Args:
+        name: Name or path by which the user has chosen the scenario.
+        scenario: The scenario, with the values that options have changed.
+        as_json: Whether to print the JSON document.
+    """
+    if as_json:
+        print_json({"scenario": name, "values": scenario.model_dump(mode="json")})
+    else:
+        print_to_stdout(in_toml(scenario))
+
+
 @contextmanager
-def _refusing(hint: str = "", before: str = "") -> Iterator[None]:
-    """What is refused with a ``ValueError`` is bad usage: of the argument in ``hint``, or else in a sentence."""
+def _usage_errors(argument: str = "", prefix: str = "") -> Iterator[None]:
+    """Turns a ``ValueError`` of the block into an error of Click's, which is reported as bad usage.
+
+    Args:
+        argument: Name of the argument or option whose value is wrong; empty if it is none in particular.
+        prefix: Text before the error's own, if there is an argument.
+
+    Raises:
+        click.UsageError: The block has raised a ``ValueError``.
+    """
     try:
         yield
     except ValueError as error:
-        if hint:
-            raise click.BadParameter(f"{before}{error}.", param_hint=hint) from error
-        raise click.UsageError(f"{str(error)[:1].upper()}{str(error)[1:]}.") from error
+        text = str(error)
+        if argument:
+            raise click.BadParameter(f"{prefix}{text}.", param_hint=argument) from error
+        raise click.UsageError(f"{text[:1].upper()}{text[1:]}.") from error
 
 
-def _chosen(
-    named: str,
+def _chosen_scenario(
+    name: str,
     seed: int | None,
     duration: float | None,
     vehicle: Path | None,
-    changed: Sequence[str],
+    assignments: Sequence[str],
 ) -> Scenario:
-    with _refusing("SCENARIO"):
-        scenario = load(named)
+    """Loads a scenario, and changes what options of the command change.
+
+    Args:
+        name: Name of a scenario that mavdem brings, or the path of a .toml file.
+        seed: Random seed; None for the scenario's.
+        duration: Time from arming to disarming, s; None for the scenario's.
+        vehicle: File with the vehicle to fly; None for the scenario's.
+        assignments: Parameters of the autopilot to set, such as "MC_ROLLRATE_P=0.3".
+
+    Raises:
+        click.BadParameter: There is no such scenario, or a value is not possible.
+    """
+    with _usage_errors("SCENARIO"):
+        scenario = load(name)
     if scenario == Scenario():
-        print_to_stderr(f"{Path(named).name} sets no value: every value is the default.")
+        print_to_stderr(f"{Path(name).name} sets no value: every value is the default.")
     for key, value in {"seed": seed, "duration": duration}.items():
         if value is not None:
-            with _refusing(f"--{key}"):
+            with _usage_errors(f"--{key}"):
                 scenario = scenario_of(scenario.model_dump(mode="json") | {key: value})
     if vehicle is not None:
-        with _refusing("--vehicle"):
+        with _usage_errors("--vehicle"):
             scenario = with_vehicle(scenario, load(vehicle))
-    if changed:
-        with _refusing("--params, --set"):
-            scenario = with_parameters(scenario, changed)
-    with _refusing("SCENARIO", f"{Path(named).name}: "):  # not after a long flight
-        AUTOPILOTS[scenario.stream.autopilot].rates(scenario.stream.rate, scenario.stream.rates)
+    if assignments:
+        with _usage_errors("--params, --set"):
+            scenario = with_parameters(scenario, assignments)
+    # The rates of messages are checked here, since otherwise they would be refused only after a long flight.
+    stream = scenario.stream
+    with _usage_errors("SCENARIO", prefix=f"{Path(name).name}: "):
+        AUTOPILOTS[stream.autopilot].rates(stream.rate, stream.rates)
     return scenario
 
 
-def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None) -> JsonValues:
+def _fly_into_files(
+    name: str, scenario: Scenario, out: Path | None, rrd: Path | None
+) -> JsonValues:
+    """Flies a scenario as fast as the machine can, and writes the files of the flight.
+
+    Args:
+        name: Name of the scenario, for progress and for the recording.
+        scenario: The scenario.
+        out: Log to write, with the true states in a file beside it; None for none.
+        rrd: Recording for Rerun to write; None for none.
+
+    Returns:
+        Values of the command's document: the files, the number of frames, and the time that it took, s.
+
+    Raises:
+        Unreadable: A file cannot be written; then none is.
+    """
     check_output_file(out, "--out", tuple(STREAM_WRITERS))
     truth = None if out is None else out.with_suffix(".truth.npz")
     check_output_file(truth, "--out", (".npz",))
     check_output_file(rrd, "--rrd", (".rrd",))
     if rrd is not None:
         require_extra("view", "--rrd")
-    # The log appears last, with its companions in place.
-    files = list(filter(None, (truth, rrd, out)))
-    began = perf_counter()
-    with _refusing(), progress(f"Flying {name}") as done:
-        motion = fly_through(scenario, done)
+    # The log is the last to appear, so that the other files are there when a program waits for it.
+    files = [path for path in (truth, rrd, out) if path is not None]
+    start_time = perf_counter()
+    with _usage_errors(), progress(f"Flying {name}") as show_fraction:
+        motion = fly_through(scenario, show_fraction)
     report: JsonValues = {}
     with (
         reporting_write_errors(*files),
-        atomic_writes(*files) as unfinished,
+        atomic_writes(*files) as temporary_paths,
         progress("Writing", measured=False),
     ):
-        unfinished_of = dict(zip(files, unfinished, strict=True))
+        temporary_path_of = dict(zip(files, temporary_paths, strict=True))
         if out is not None and truth is not None:
-            stream = recorded(scenario, motion)
-            with unfinished_of[out].open("wb") as file:
-                report |= {
-                    "out": str(out),
-                    "frames": STREAM_WRITERS[out.suffix.lower()](file, stream),
-                    "truth": str(truth),
-                }
-            write_truth(unfinished_of[truth], scenario, motion)
+            write_frames = STREAM_WRITERS[out.suffix.lower()]
+            with temporary_path_of[out].open("wb") as file:
+                frame_count = write_frames(file, recorded(scenario, motion))
+            write_truth(temporary_path_of[truth], scenario, motion)
+            report |= {"out": str(out), "frames": frame_count, "truth": str(truth)}
         if rrd is not None:
-            # Rerun takes a second to load
-            from mavdem.view import pose_of, write_pose
-
-            rotors = frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
-            pose = pose_of(motion, (rotors.forward, rotors.right))
-            write_pose(unfinished_of[rrd], name, pose)
-            report |= {"rrd": str(rrd)}
-    report["took"] = round(perf_counter() - began, 3)
+            _write_recording(temporary_path_of[rrd], name, scenario, motion)
+            report["rrd"] = str(rrd)
+    report["took"] = round(perf_counter() - start_time, 3)
     print_to_stderr(f"Flew {motion.time[-1]:.1f} s in {report['took']:.1f} s.")
     if out is not None:
         print_to_stderr(
             f"Wrote {report['frames']} frames to {out}, and the true states to {truth}."
         )
-        print_to_stderr(
-            f"Learn: {shlex.join(['mavdem', 'learn', str(out), '--truth', str(truth)])}"
-        )
+        learn_command = shlex.join(["mavdem", "learn", str(out), "--truth", str(truth)])
+        print_to_stderr(f"Learn: {learn_command}")
     if rrd is not None:
         print_to_stderr(f"Wrote {rrd}; open it with `rerun {rrd}`.")
     return report
 
 
-def _live(name: str, scenario: Scenario, udp: str, speed: float) -> JsonValues:
-    match = re.fullmatch(r"\[?([^]]+)\]?:(\d{1,5})", udp, re.ASCII)
-    if match is None or not 0 < int(match[2]) < 1 << 16:
+def _write_recording(path: Path, name: str, scenario: Scenario, motion: Motion) -> None:
+    """Writes the Rerun recording of a simulated flight, which shows the vehicle's pose in 3D.
+
+    Args:
+        path: Path of the .rrd file.
+        name: Name of the scenario.
+        scenario: The scenario, whose vehicle has the rotors to show.
+        motion: The true motion of the vehicle.
+    """
+    # Rerun takes a second to import.
+    from mavdem.view import pose_of, write_pose
+
+    rotors = frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
+    write_pose(path, name, pose_of(motion, (rotors.forward, rotors.right)))
+
+
+def _fly_live(name: str, scenario: Scenario, udp: str, speed: float) -> JsonValues:
+    """Flies a scenario in real time, or a multiple of it, and sends MAVLink to a ground station.
+
+    Args:
+        name: Name of the scenario, for messages.
+        scenario: The scenario.
+        udp: HOST:PORT of the ground station.
+        speed: Speed of the simulation, as a multiple of real time.
+
+    Returns:
+        Values of the command's document: frames sent, commands received, simulated and real time in s, and whether the
+        user has stopped the flight.
+
+    Raises:
+        click.BadParameter: ``udp`` is no host and port.
+        click.UsageError: Nothing can be sent there.
+    """
+    match = HOST_AND_PORT.fullmatch(udp)
+    if match is None or not 1 <= int(match["port"]) <= MAX_PORT:
         raise click.BadParameter(
             f"{udp} must be HOST:PORT, such as 127.0.0.1:14550.", param_hint="--udp"
         )
-    whole = seconds(scenario)
-    with _refusing(), closing(Ground(match[1], int(match[2]))) as ground:
-        print_to_stderr(f"Flying {name} for {whole:g} s, sending to {udp}; Ctrl-C ends it.")
-        with progress(f"Flying {name}") as done:
-            simulation = Simulation(scenario)
-            outcome = fly_live(
-                scenario, simulation, ground, speed, lambda now: done(min(now / whole, 1.0))
-            )
+    duration = seconds(scenario)
+    with _usage_errors(), closing(Ground(match["host"], int(match["port"]))) as ground:
+        print_to_stderr(f"Flying {name} for {duration:g} s, sending to {udp}; Ctrl-C ends it.")
+        with progress(f"Flying {name}") as show_fraction:
+
+            def show_time(time: float) -> None:
+                show_fraction(min(time / duration, 1.0))
+
+            outcome = fly_live(scenario, Simulation(scenario), ground, speed, show_time)
     ended = "Stopped after" if outcome.stopped else "Flew"
     print_to_stderr(
         f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames."
     )
-    if (ran := outcome.flown / outcome.took if outcome.took else speed) < 0.95 * speed:
+    reached_speed = outcome.flown / outcome.took if outcome.took else speed
+    if reached_speed < MIN_SPEED_RATIO * speed:
         print_to_stderr(
-            f"This machine is too slow: it ran at {ran:.2g} times real time, not {speed:g}."
+            f"This machine is too slow: it ran at {reached_speed:.2g} times real time, not {speed:g}."
         )
     return {
         "udp": udp,
