@@ -106,7 +106,7 @@ def serve_command(
         processes=jobs or available_workers(),
         limits=READER_LIMITS,
         scheduler=scheduler,
-        sample=SAMPLE_LOG,
+        sample_log=SAMPLE_LOG,
         link=link,
     )
 
@@ -117,4 +117,4 @@ def serve_command(
         print_to_stderr(f"mavdem: {fact.advised}")
 
     opens_browser = has_screen() and not no_browser
-    serve(options, report_address, report_warning, is_shown=opens_browser)
+    serve(options, report_address, report_warning, opens_browser=opens_browser)

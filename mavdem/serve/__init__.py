@@ -1,1 +1,1 @@
-"""Serve: logs dropped in a browser, their pages, and the library of flights, over HTTP."""
+"""The HTTP server of ``mavdem serve``: uploads, the library of flights, who may see them, and the pages of results."""

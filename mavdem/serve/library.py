@@ -1,9 +1,12 @@
-"""The library: which logs the server has, how far each is and who sees it, in the store of the fleet.
+"""The library: the logs that the server keeps with their results, and the index of them in the fleet's SQLite file.
 
-The table ``entries`` of ``FOLDER/fleet.sqlite`` is the index; what logs say is in the tables of ``mavdem.fleet.store``.
-A log is ``logs/DIGEST/NAME``, by the SHA-256 of its content, and ``results/DIGEST/`` is what was made of it. Each is
-there whole or not at all, and an entry is acknowledged when both log and index are on the disk. Several processes may
-share a folder: each holds a lock on a file of its own, and what a dead one was doing is given to another.
+The table ``entries`` of ``FOLDER/fleet.sqlite`` is the index; the figures of flights are in the tables of
+``mavdem.fleet.store``. A log is the file ``logs/DIGEST/NAME``, where DIGEST is the SHA-256 of its content, and
+``results/DIGEST/`` has its result files. Both are moved to their place complete, and an upload is acknowledged when log
+and index are safely on the disk.
+
+Several servers may share a folder. Each holds a lock on a file of its own in ``servers/``; when the lock is free the
+server has died, and the others read the logs that it had claimed.
 """
 
 import errno
@@ -18,203 +21,150 @@ import sqlite3
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 from mavdem.containers import JsonValues, group_by
 from mavdem.errors import Refusal, Unreadable, error_message
 from mavdem.facts import Fact
-from mavdem.facts.lights import Light
 from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.fleet.row import FlightRows, utf8_text
-from mavdem.fleet.sources import LogSource, source_of
+from mavdem.fleet.sources import UNKNOWN_SIZE, LogSource, source_of
 from mavdem.fleet.store import Store
 from mavdem.fleet.workers import JobLimits, JobOutcome
 from mavdem.results import PAGE_FILE
+from mavdem.serve.index import (
+    COLUMNS,
+    DIGEST_GLOB,
+    Entry,
+    create_or_update_table,
+    entry_from_row,
+    entry_of_fleet_log,
+    find_by_digest,
+    insert_entry,
+    new_id,
+)
 
-EARLIER = "library.sqlite"  # where earlier versions have the index
 LOGS = "logs"
+"""Folder of the logs, with a folder for each digest."""
+
 RESULTS = "results"
+"""Folder of the results, with a folder for each digest."""
+
 INCOMING = "incoming"
+"""Folder of uploads and recordings that are being written."""
+
 SERVERS = "servers"
+"""Folder of the lock files of running servers."""
+
 PROGRESS = "progress.json"
-INDEXES = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
-# left free, so that flights can still be deleted, which SQLite writes down
+"""File in a folder of results with the columns of the index that are known while the log is read."""
+
+FORMER_INDEX = "library.sqlite"
+"""Name of the SQLite file in which earlier versions had the index."""
+
+SERVER_NAME_BYTES = 8
+"""Random bytes in the name of a server and of an upload, written as hexadecimal digits."""
+
 RESERVED_BYTES = 64 << 20
-DIGEST = "[0-9a-f]" * len(hashlib.sha256().hexdigest())  # as a pattern of file names
-MAX_NAME = 150  # bytes, of 255 that file systems allow
+"""Bytes of the disk that uploads leave free: deleting flights needs some, since SQLite writes a journal."""
 
-
-@dataclass(frozen=True)
-class Entry:
-    """A log of the library: what is listed of it. Lights are levels; ``modes`` and ``tags`` words between commas."""
-
-    id: str
-    name: str
-    digest: str = ""
-    path: str = ""  # relative to the folder, or absolute for a log that the fleet has elsewhere
-    size: int = 0  # of the log, bytes
-    kept: int = 0  # of its results, bytes
-    keep: int = 1  # whether a log that cannot be read is kept
-    received: float = 0.0  # UNIX time, s
-    stage: str = Stage.WAITING
-    claimed: str = ""
-    problem: str = ""
-    sharing: str = Sharing.PRIVATE
-    log_shared: int = 0
-    note: str = ""
-    tags: str = ""
-    vehicle: str = ""
-    date: str = ""
-    duration: float | None = None
-    headline: str = ""
-    level: str = ""
-    next_step: str = ""
-    motors: str = ""
-    vibration: str = ""
-    tracking: str = ""
-    margins: str = ""
-    power: str = ""
-    estimator: str = ""
-    wind: str = ""
-    log: str = ""
-    modes: str = ""
-    motor: int | None = None
-    wind_speed: float | None = None
-    gains: str = "{}"
-    files: str = ""  # of the results, by commas
-    sorted_by: str = ""  # its date or, where that is not known, when it was received
-
-    @property
-    def lights(self) -> dict[str, str]:
-        """The level of each light; empty before the log is judged."""
-        return {str(light): getattr(self, light) for light in Light} if self.level else {}
-
-    @property
-    def file_names(self) -> list[str]:
-        """Names of the files that were made of it."""
-        return self.files.split(",") if self.files else []
-
-    @property
-    def is_done(self) -> bool:
-        """Whether nothing more will become of it."""
-        return self.stage in (Stage.DONE, Stage.FAILED)
-
-
-COLUMNS = tuple(column.name for column in fields(Entry))
+MAX_FILE_NAME_BYTES = 150
+"""Bytes of the name of a stored log. File systems allow 255, and names beside it are longer."""
 
 
 class Library:
-    """The library in a ``folder``, of at most ``quota`` bytes.
+    """The logs of one folder with their index, for all threads of one server.
 
     Attributes:
-        is_unpublished: set where the fleet's rows have changed, and its table has not.
-
-    Raises:
-        Unreadable: the folder cannot be written to.
+        folder: absolute path of the folder.
+        quota: bytes that all logs and results may take; None for no limit.
+        name: random name of this server among those that share the folder.
+        table_is_outdated: set when rows of the fleet have changed since its table of flights was written.
     """
 
     def __init__(self, folder: Path, quota: int | None = None) -> None:
+        """Opens or creates the library, and takes over what servers that died have left.
+
+        Raises:
+            Unreadable: the folder cannot be written to.
+        """
         self.folder = folder.absolute()
         self.quota = quota
-        self.name = secrets.token_hex(8)
-        self._local = threading.local()
-        self.is_unpublished = threading.Event()
+        self.name = secrets.token_hex(SERVER_NAME_BYTES)
+        self.table_is_outdated = threading.Event()
+        self._thread_state = threading.local()
         try:
-            self._make_folders()
-            # locked before others see it
-            self._lock = (self.folder / INCOMING / self.name).open("w")
-            fcntl.flock(self._lock, fcntl.LOCK_EX)
-            os.rename(self._lock.name, self.folder / SERVERS / self.name)
-            self._migrate()
+            self._create_folders()
+            # The file is locked before it gets its place: other servers must not see it without a lock.
+            self._lock_file = (self.folder / INCOMING / self.name).open("w")
+            fcntl.flock(self._lock_file, fcntl.LOCK_EX)
+            os.rename(self._lock_file.name, self.folder / SERVERS / self.name)
+            create_or_update_table(self._db)
+            self._import_former_index()
         except (OSError, sqlite3.Error) as error:
-            wrong = Fact(Start.FOLDER_NOT_WRITABLE, path=folder, because=error_message(error))
-            raise Unreadable(wrong) from None
+            reason = Fact(Start.FOLDER_NOT_WRITABLE, path=folder, because=error_message(error))
+            raise Unreadable(reason) from None
         self.recover()
 
-    def _make_folders(self) -> None:
-        for part in (LOGS, RESULTS, INCOMING, SERVERS):
-            (self.folder / part).mkdir(parents=True, exist_ok=True)
-
-    def _migrate(self) -> None:
-        """Makes the table, or adds the columns that an earlier version had not, and takes over an earlier index."""
-        db = self._db
-        columns = {name: f"{name} default ''" for name in COLUMNS}
-        db.execute(f"create table if not exists entries ({', '.join(columns.values())})")
-        for row in db.execute("pragma table_info(entries)"):
-            del columns[row["name"]]
-        for column in columns.values():
-            db.execute(f"alter table entries add column {column}")
-        db.executescript(INDEXES)
-        earlier = self.folder / EARLIER
-        if earlier.is_file():
-            db.execute("attach ? as earlier", [str(earlier)])
-            there = db.execute("pragma earlier.table_info(entries)")
-            names = ", ".join(row["name"] for row in there)
-            with self._transaction():
-                db.execute(
-                    f"""insert into entries ({names}) select {names} from earlier.entries
-                    where id not in (select id from entries)"""
-                )
-            db.execute("detach earlier")
-            earlier.unlink(missing_ok=True)
-
     def close(self) -> None:
-        """Gives back what it was doing."""
+        """Gives the logs that this server was reading back to the queue, and releases its lock."""
         with self._transaction() as db:
-            self._release(db, self.name)
+            self._release_claims(db, self.name)
         (self.folder / SERVERS / self.name).unlink(missing_ok=True)
-        self._lock.close()
+        self._lock_file.close()
 
     @property
     def store(self) -> Store:
-        """The store, by a connection of this thread."""
-        if not hasattr(self._local, "store"):
-            self._local.store = Store(self.folder)
-            self._local.adopted = None
-        return self._local.store
+        """The fleet's store, by a connection that belongs to the calling thread."""
+        if not hasattr(self._thread_state, "store"):
+            self._thread_state.store = Store(self.folder)
+            self._thread_state.fleet_version = None
+        return self._thread_state.store
 
-    @property
-    def _db(self) -> sqlite3.Connection:
-        return self.store.db
+    # Paths and space on the disk
 
-    @contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Connection]:
-        """All or nothing; raises ``Refusal`` where the disk is full."""
-        with full_disk_refused(), self.store.transaction():
-            yield self._db
+    def log_path(self, entry: Entry) -> Path:
+        """Returns the path of a log.
 
-    def path_of(self, entry: Entry) -> Path:
-        """Returns where the log is; the server's own are always in its folder, whatever path the index has."""
+        A log with a digest is always taken from the library's own folder, whatever path an altered index has.
+        """
         if entry.digest:
             return self.folder / LOGS / entry.digest / Path(entry.path).name
         return self.folder / entry.path
 
-    def results_of(self, entry: Entry) -> Path:
-        """Returns the folder of what was made of a log."""
+    def results_folder(self, entry: Entry) -> Path:
+        """Returns the folder with the result files of a log."""
         return self.folder / RESULTS / entry.digest
 
-    def told(self, entry: Entry) -> JsonValues:
-        """Returns the columns that the process that reads a log has said of it so far."""
-        for name in (entry.digest, f".{entry.digest}"):
+    def progress_columns(self, entry: Entry) -> JsonValues:
+        """Returns the columns that the reading process has written into the progress file of a log so far.
+
+        The file is in the final folder of results or, while the log is read, in a hidden folder beside it.
+        """
+        for folder_name in (entry.digest, f".{entry.digest}"):
             with suppress(OSError, ValueError):
-                told = json.loads((self.folder / RESULTS / name / PROGRESS).read_bytes())
-                return {column: told[column] for column in COLUMNS if column in told}
+                path = self.folder / RESULTS / folder_name / PROGRESS
+                progress = json.loads(path.read_bytes())
+                return {column: progress[column] for column in COLUMNS if column in progress}
         return {}
 
     @property
-    def used(self) -> int:
+    def used_bytes(self) -> int:
         """Bytes of all logs and results."""
         (total,) = self._db.execute("select total(size + kept) from entries").fetchone()
         return int(total)
 
-    def room_for(self, size: int) -> None:
-        """Raises ``Refusal`` where a log of this ``size`` has no room."""
-        self._make_folders()  # somebody may have removed them meanwhile
-        used = self.used
+    def check_space(self, size: int) -> None:
+        """Checks that the quota and the disk have room for a log of ``size`` bytes.
+
+        Raises:
+            Refusal: there is no room.
+        """
+        # Somebody may have removed the folders while the server runs.
+        self._create_folders()
+        used = self.used_bytes
         for path in (self.folder / INCOMING).iterdir():
             with suppress(FileNotFoundError):
                 used += path.stat().st_size
@@ -223,346 +173,433 @@ class Library:
         if shutil.disk_usage(self.folder).free < size + RESERVED_BYTES:
             raise Refusal(Request.DISK_FULL)
 
-    def new_part(self, recording: str = "") -> Path:
-        """Returns where an upload may be written, or a ``recording`` of that name.
+    def new_incoming_path(self, recording_name: str = "") -> Path:
+        """Returns the path of a new file for an upload or a recording that is to be written.
 
-        Of what a dead server leaves there, uploads are swept, and recordings entered.
+        Args:
+            recording_name: name of the recording of a live session; empty for an upload. If this server dies, another
+                one adds its recordings to the library and removes its uploads.
         """
-        return self.folder / INCOMING / f"{self.name}-{recording or secrets.token_hex(8)}"
+        return self.folder / INCOMING / f"{self.name}-{recording_name or _random_name()}"
 
-    def receive(self, part: Path, digest: str, name: str, **columns: Any) -> Entry:
-        """Takes a whole upload, ``part``, and returns its entry.
+    def _create_folders(self) -> None:
+        """Creates the folders of the library that do not exist."""
+        for name in (LOGS, RESULTS, INCOMING, SERVERS):
+            (self.folder / name).mkdir(parents=True, exist_ok=True)
 
-        When it returns, neither the end of the process nor of its machine loses the log. Of a log that is known
-        already the entry is the one there was, unless that could not be read.
+    # Adding logs
+
+    def add(self, incoming: Path, name: str, **columns: Any) -> Entry:
+        """Moves a complete file into the library, as :meth:`add_with_digest` does, after computing its digest."""
+        with refuse_full_disk(), incoming.open("rb") as file:
+            os.fsync(file.fileno())
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return self.add_with_digest(incoming, digest, name, **columns)
+
+    def add_with_digest(self, incoming: Path, digest: str, name: str, **columns: Any) -> Entry:
+        """Moves a complete file into the library.
+
+        When it returns, neither the end of the process nor a power failure loses the log. If the library has a log
+        of the same content already, the file is removed, unless that log could not be read: then it is read again.
+
+        Args:
+            incoming: path of the file, in the folder for incoming files.
+            digest: SHA-256 of its content.
+            name: name of the log that users see.
+            **columns: further columns of its entry.
+
+        Returns:
+            The new entry, or that of the log with the same content.
+
+        Raises:
+            Refusal: the disk is full.
         """
-        path = Path(LOGS, digest, file_name(name))
+        stored_path = Path(LOGS, digest, stored_file_name(name))
         with self._transaction() as db:
-            former = _known(db, digest)
-            if former is not None:
-                if former["stage"] != Stage.FAILED:
-                    part.unlink()
-                    return _entry(former)
+            former_entry = find_by_digest(db, digest)
+            if former_entry is not None:
+                if former_entry.stage != Stage.FAILED:
+                    incoming.unlink()
+                    return former_entry
                 db.execute("delete from entries where digest = ?", [digest])
             now = datetime.now(UTC)
             entry = Entry(
-                former["id"] if former else new_id(),
+                new_id() if former_entry is None else former_entry.id,
                 name,
                 digest,
-                str(path),
-                part.stat().st_size,
+                str(stored_path),
+                incoming.stat().st_size,
                 received=now.timestamp(),
                 sorted_by=now.isoformat(),
                 **columns,
             )
-            insert(db, entry)
-            (self.folder / path).parent.mkdir(exist_ok=True)
-            os.replace(part, self.folder / path)
-            _sync((self.folder / path).parent)
-            _sync(self.folder / LOGS)
+            insert_entry(db, entry)
+            # The file is moved before the transaction ends: an entry without its log would be worse than a log without
+            # its entry, which the next start adds again.
+            folder = (self.folder / stored_path).parent
+            folder.mkdir(exist_ok=True)
+            os.replace(incoming, self.folder / stored_path)
+            _sync_folder(folder)
+            _sync_folder(self.folder / LOGS)
         return entry
 
-    def entered(self, part: Path, name: str, **columns: Any) -> Entry:
-        """Takes a whole log that this server has written, ``part``, and returns its entry, with these ``columns``."""
-        with full_disk_refused(), part.open("rb") as file:
-            os.fsync(file.fileno())
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-        return self.receive(part, digest, name, **columns)
+    def add_fleet_logs(self) -> None:
+        """Adds entries of logs that ``mavdem track`` has read, if the SQLite file changed since the last call.
 
-    def set_baseline(self, ids: Iterable[str]) -> None:
-        """Makes these flights those that all others of their vehicles are compared with."""
-        rows = self.rows_of([self.entry(id) for id in ids])
-        with full_disk_refused():
-            self.store.healthy = [row for row in rows if row.is_read]
-        self.is_unpublished.set()
+        A log is left out that the index has by its path, or by another path of the same content.
+        """
+        (version,) = self._db.execute("pragma data_version").fetchone()
+        if version == self._thread_state.fleet_version:
+            return
+        # Paths in the index may be relative to the library's folder, those of the fleet are absolute.
+        indexed_logs = "select logs.log from entries join logs on logs.path in (entries.path, ? || entries.path)"
+        query = f"""select row, file from flights where file is not null and log not in ({indexed_logs})
+        and not exists (select 1 from entries where path = file) order by rowid"""
+        with self._transaction() as db:
+            rows = self.store.sound_rows(query, [utf8_text(f"{self.folder}/")])
+            for file, rows_of_file in group_by(rows, lambda row: row.file).items():
+                insert_entry(db, entry_of_fleet_log(file, rows_of_file))
+        self._thread_state.fleet_version = version
+
+    # Looking up and changing entries
 
     def entry(self, id: str) -> Entry:
-        """Returns the entry of a link; raises ``Refusal`` if there is none."""
+        """Returns the entry with this id.
+
+        Raises:
+            Refusal: there is none.
+        """
         row = self._db.execute("select * from entries where id = ?", [id]).fetchone()
         if row is None:
             raise Refusal(Request.NO_SUCH_FLIGHT)
-        return _entry(row)
+        return entry_from_row(row)
 
     def find(
         self, where: str, values: Iterable[Any], limit: int, offset: int = 0
     ) -> tuple[list[Entry], int]:
-        """Returns the entries ``where`` a condition with ``values`` holds, the newest first, and their number."""
-        values = [*values]
+        """Finds the entries for which a condition holds.
+
+        Args:
+            where: SQL expression on the table ``entries``, with a ``?`` for each value.
+            values: values of the condition.
+            limit: number of entries that are returned, at most.
+            offset: number of entries that are skipped.
+
+        Returns:
+            The entries, the newest first, and the number of all for which the condition holds.
+        """
+        values = list(values)
         rows = self._db.execute(
             f"select * from entries where {where} order by sorted_by desc limit ? offset ?",
             [*values, limit, offset],
         ).fetchall()
-        (total,) = self._db.execute(
-            f"select count(*) from entries where {where}", values
-        ).fetchone()
-        return [_entry(row) for row in rows], total
+        count_query = f"select count(*) from entries where {where}"
+        (total,) = self._db.execute(count_query, values).fetchone()
+        return [entry_from_row(row) for row in rows], total
 
-    def vehicles(self) -> list[str]:
-        """Returns the names of all vehicles."""
-        return [
-            name
-            for (name,) in self._db.execute(
-                "select distinct vehicle from entries where vehicle <> '' order by vehicle"
-            )
-        ]
+    def vehicle_names(self) -> list[str]:
+        """Returns the names of all vehicles, in alphabetical order."""
+        query = "select distinct vehicle from entries where vehicle <> '' order by vehicle"
+        return [name for (name,) in self._db.execute(query)]
+
+    def flight_rows(self, entries: Iterable[Entry]) -> FlightRows:
+        """Returns the fleet's rows of these logs: one for each axis of each vehicle."""
+        sources = (
+            LogSource(str(self.log_path(entry)), size=UNKNOWN_SIZE, version="") for entry in entries
+        )
+        return self.store.rows_of(sources)
 
     def change(self, id: str, **columns: Any) -> Entry:
-        """Sets columns of an entry."""
+        """Sets columns of an entry, and returns the changed entry.
+
+        Raises:
+            Refusal: there is no entry with this id.
+        """
         with self._transaction() as db:
-            changed = ", ".join(f"{name} = :{name}" for name in ("id", *columns))
+            assignments = ", ".join(f"{name} = :{name}" for name in ("id", *columns))
             row = db.execute(
-                f"update entries set {changed} where id = :id returning *", {**columns, "id": id}
+                f"update entries set {assignments} where id = :id returning *",
+                {**columns, "id": id},
             ).fetchone()
         if row is None:
             raise Refusal(Request.NO_SUCH_FLIGHT)
-        return _entry(row)
+        return entry_from_row(row)
 
-    def widened(self, entry: Entry, columns: JsonValues) -> Entry:
-        """Gives an entry the sharing of these ``columns`` where that is wider, and their note if it has none."""
-        widest = max(entry.sharing, columns.get("sharing", Sharing.PRIVATE), key=[*Sharing].index)
-        return self.change(entry.id, sharing=widest, note=entry.note or columns["note"])
+    def widen_sharing(self, entry: Entry, sharing: str, note: str) -> Entry:
+        """Shares a flight with more people and completes its note, when its log is uploaded again.
+
+        Args:
+            entry: the flight.
+            sharing: whom the new upload shares it with; it counts only if that is wider than before.
+            note: note of the new upload; it counts only if there is none yet.
+        """
+        # The members of Sharing are in the order of how many people see the flight.
+        narrow_to_wide = [str(member) for member in Sharing]
+        widest = max(entry.sharing, sharing, key=narrow_to_wide.index)
+        return self.change(entry.id, sharing=widest, note=entry.note or note)
+
+    def set_baseline(self, ids: Iterable[str]) -> None:
+        """Makes these flights the healthy ones with which the other flights of their vehicles are compared."""
+        rows = self.flight_rows([self.entry(id) for id in ids])
+        with refuse_full_disk():
+            self.store.healthy = [row for row in rows if row.is_read]
+        self.table_is_outdated.set()
+
+    def delete(self, id: str) -> None:
+        """Deletes a flight: its entry, log, results and rows. A log outside the library's folder stays on the disk."""
+        entry = self.entry(id)
+        source = source_of(str(self.log_path(entry)))
+        with self._transaction() as db:
+            db.execute("delete from entries where id = ?", [id])
+            self.store.remove(source)
+            self._remove_files_of_deleted_log(db, entry)
+        self.table_is_outdated.set()
+
+    # Reading logs
 
     def claim(self) -> Entry | None:
-        """Returns a log to read, the one that waits longest; None if there is none."""
+        """Marks the log that has waited longest as being read by this server.
+
+        Returns:
+            Its entry; None if no log waits.
+        """
         with self._transaction() as db:
             row = db.execute(
                 """update entries set stage = ?, claimed = ? where id =
                 (select id from entries where stage = ? and digest glob ? order by received limit 1)
                 returning *""",
-                [Stage.READING, self.name, Stage.WAITING, DIGEST],
+                [Stage.READING, self.name, Stage.WAITING, DIGEST_GLOB],
             ).fetchone()
-        return row and _entry(row)
+        return None if row is None else entry_from_row(row)
 
-    def finish(self, entry: Entry, outcome: JobOutcome, limits: JobLimits) -> None:
-        """Enters what became of a log: its rows into the fleet, and what is known of it into the index.
+    def finish_reading(self, entry: Entry, outcome: JobOutcome, limits: JobLimits) -> None:
+        """Stores the outcome of a log that was read: its rows in the fleet's store, its columns in the index.
 
-        A log that cannot be read goes, unless its entry says that it is to be kept.
+        A log that cannot be read is removed, unless its entry says that it is to be kept. If the entry was deleted
+        while the log was read, the results are removed.
+
+        Args:
+            entry: the log, as it was claimed.
+            outcome: what came of reading it.
+            limits: the limits within which it was read.
         """
-        results = self.results_of(entry)
-        columns = self.told(entry) | {"claimed": ""}
-        if columns.get("date"):
-            columns["sorted_by"] = columns["date"]
-        if (results / PAGE_FILE).is_file():
-            (results / PROGRESS).unlink(missing_ok=True)
-            files = sorted(results.iterdir())
-            columns |= {"stage": Stage.DONE, "problem": ""}
-            columns["kept"] = sum(path.stat().st_size for path in files)
-            columns["files"] = ",".join(path.name for path in files)
-        else:
-            columns |= {"stage": Stage.FAILED, "problem": outcome.rows[0].status}
-        is_kept = bool(entry.keep) or columns["stage"] == Stage.DONE
-        if not is_kept:
+        columns = self._columns_of_outcome(entry, outcome)
+        removes_log = columns["stage"] == Stage.FAILED and not entry.keep
+        if removes_log:
+            # The log has no path any more. The id takes its place, since paths in the index are unique.
             columns |= {"size": 0, "path": entry.id}
-        source = source_of(str(self.path_of(entry)))
+        source = source_of(str(self.log_path(entry)))
         try:
             with self._transaction():
                 self.change(entry.id, **columns)
                 self.store.add(source, outcome, limits)
                 self.store.track([source])
-                if not is_kept:
+                if removes_log:
                     self.store.remove(source)
                     self._remove_log(entry)
         except Refusal as error:
             if error.fact.code is not Request.NO_SUCH_FLIGHT:
                 raise
-            with self._transaction() as db:  # it was deleted meanwhile
-                self._remove_files(db, entry)
+            with self._transaction() as db:
+                self._remove_files_of_deleted_log(db, entry)
             return
-        self.is_unpublished.set()
+        self.table_is_outdated.set()
 
-    def delete(self, id: str) -> None:
-        """Removes log, results and row; a log that is not the server's stays on the disk."""
-        entry = self.entry(id)
-        path = self.path_of(entry)
+    def _columns_of_outcome(self, entry: Entry, outcome: JobOutcome) -> JsonValues:
+        """Returns the columns of the index that reading a log has changed, and removes its progress file."""
+        results = self.results_folder(entry)
+        columns = self.progress_columns(entry) | {"claimed": ""}
+        if columns.get("date"):
+            columns["sorted_by"] = columns["date"]
+        if not (results / PAGE_FILE).is_file():
+            return columns | {"stage": Stage.FAILED, "problem": outcome.rows[0].status}
+        (results / PROGRESS).unlink(missing_ok=True)
+        paths = sorted(results.iterdir())
+        return columns | {
+            "stage": Stage.DONE,
+            "problem": "",
+            "kept": sum(path.stat().st_size for path in paths),
+            "files": ",".join(path.name for path in paths),
+        }
+
+    # Recovery after a server has died
+
+    def dead_servers(self) -> list[str]:
+        """Returns the names of servers of this folder that have ended without releasing their claims."""
+        dead_servers = []
+        for path in (self.folder / SERVERS).glob("[0-9a-f]" * 2 * SERVER_NAME_BYTES):
+            if path.name != self.name and not _is_locked(path):
+                dead_servers.append(path.name)
+        return dead_servers
+
+    def recover(self) -> None:
+        """Takes over the work of servers that died, and makes the index and the folders agree again.
+
+        Logs that the index lacks are added: their upload was not acknowledged yet, or the index is lost.
+        """
+        # The list is made once: if a server dies meanwhile, its recordings would be removed instead of added.
+        dead_servers = self.dead_servers()
+        for server in dead_servers:
+            self._add_recordings(server)
         with self._transaction() as db:
-            db.execute("delete from entries where id = ?", [id])
-            self.store.remove(source_of(str(path)))
-            self._remove_files(db, entry)
-        self.is_unpublished.set()
+            for server in dead_servers:
+                self._release_claims(db, server)
+                for path in (self.folder / INCOMING).glob(f"{server}-*"):
+                    path.unlink(missing_ok=True)
+                (self.folder / SERVERS / server).unlink(missing_ok=True)
+            _restore_digests(db)
+            query = "select digest from entries union select '.' || digest from entries where claimed <> ''"
+            used_names = {name for (name,) in db.execute(query)}
+            self._remove_orphaned_results(used_names)
+            self._add_unindexed_logs(db, used_names)
 
-    def _remove_files(self, db: sqlite3.Connection, entry: Entry) -> None:
-        """Removes the server's files of a log within a transaction, unless it was received again meanwhile."""
-        if entry.digest and _known(db, entry.digest) is None:
-            shutil.rmtree(self.results_of(entry), ignore_errors=True)
+    def _add_recordings(self, server: str) -> None:
+        """Adds the recordings of live sessions of a dead server to the library."""
+        for path in (self.folder / INCOMING).glob(f"{server}-*.tlog"):
+            # Another server that recovers at the same time may take the file.
+            with suppress(FileNotFoundError):
+                if path.stat().st_size:
+                    self.add(path, path.name.removeprefix(f"{server}-"))
+
+    def _release_claims(self, db: sqlite3.Connection, server: str) -> None:
+        """Gives the logs that a server has claimed back to the queue."""
+        db.execute(
+            "update entries set stage = ?, claimed = '' where claimed = ?", [Stage.WAITING, server]
+        )
+
+    def _remove_orphaned_results(self, used_names: set[str]) -> None:
+        """Removes the folders of results, also unfinished ones, that no entry of the index uses.
+
+        Args:
+            used_names: names of the folders that entries use. Folders whose names are no digest are left alone: others
+                have put them there.
+        """
+        for pattern in (DIGEST_GLOB, f".{DIGEST_GLOB}"):
+            for path in (self.folder / RESULTS).glob(pattern):
+                if path.name not in used_names:
+                    shutil.rmtree(path, ignore_errors=True)
+
+    def _add_unindexed_logs(self, db: sqlite3.Connection, indexed_digests: set[str]) -> None:
+        """Adds entries of logs that are in the folder and not in the index."""
+        for path in (self.folder / LOGS).glob(f"{DIGEST_GLOB}/*"):
+            digest = path.parent.name
+            if digest in indexed_digests:
+                continue
+            status = path.stat()
+            modified = datetime.fromtimestamp(status.st_mtime, UTC)
+            entry = Entry(
+                new_id(),
+                path.name,
+                digest,
+                f"{LOGS}/{digest}/{path.name}",
+                status.st_size,
+                received=status.st_mtime,
+                sorted_by=modified.isoformat(),
+            )
+            insert_entry(db, entry)
+
+    # Files and SQL
+
+    def _remove_files_of_deleted_log(self, db: sqlite3.Connection, entry: Entry) -> None:
+        """Removes the log and the results of a deleted entry, unless the same log was uploaded again meanwhile.
+
+        It must be called within a transaction, which keeps such an upload waiting.
+        """
+        if entry.digest and find_by_digest(db, entry.digest) is None:
+            shutil.rmtree(self.results_folder(entry), ignore_errors=True)
             self._remove_log(entry)
 
     def _remove_log(self, entry: Entry) -> None:
-        """Removes a log of the server's own.
+        """Removes a log from the library's folder.
 
-        What cannot be removed keeps its row: the next start would enter it again.
+        Errors are raised, so that the transaction fails and the entry stays: without it the next start would add the
+        log again.
         """
         if entry.digest:
             with suppress(FileNotFoundError):
                 shutil.rmtree(self.folder / LOGS / entry.digest)
 
-    def rows_of(self, entries: Iterable[Entry]) -> FlightRows:
-        """Returns the fleet's rows of these logs."""
-        return self.store.rows_of(LogSource(str(self.path_of(entry)), -1, "") for entry in entries)
-
-    def dead_servers(self) -> list[str]:
-        """Returns the names of servers of this folder that have ended without saying so."""
-        places = (self.folder / SERVERS).glob("[0-9a-f]" * 16)
-        return [path.name for path in places if path.name != self.name and not _is_held(path)]
-
-    def recover(self) -> None:
-        """Gives what dead servers were doing to others, and removes what they left half done, but no recording.
-
-        Logs that the index lacks are entered again: their upload was not acknowledged yet, or the index is lost.
-        """
-        # Once: of one that dies meanwhile the recording would be swept and not entered.
-        dead = self.dead_servers()
-        for server in dead:
-            for part in (self.folder / INCOMING).glob(f"{server}-*.tlog"):
-                with suppress(FileNotFoundError):  # another server has taken it
-                    if part.stat().st_size:
-                        self.entered(part, part.name.removeprefix(f"{server}-"))
-        with self._transaction() as db:
-            for server in dead:
-                self._release(db, server)
-                for part in (self.folder / INCOMING).glob(f"{server}-*"):
-                    part.unlink(missing_ok=True)
-                (self.folder / SERVERS / server).unlink(missing_ok=True)
-            # A log's folder tells its digest, whatever the index has.
-            db.execute(
-                """update entries set digest = substr(path, 6, 64)
-                where path glob ? and digest is not substr(path, 6, 64)""",
-                [f"{LOGS}/{DIGEST}/*"],
-            )
-            query = "select digest from entries union select '.' || digest from entries where claimed <> ''"
-            used = {name for (name,) in db.execute(query)}
-            # What others have put into the folder stays.
-            for name in (DIGEST, f".{DIGEST}"):
-                for path in (self.folder / RESULTS).glob(name):
-                    if path.name not in used:  # of a log that is deleted
-                        shutil.rmtree(path, ignore_errors=True)
-            for path in (self.folder / LOGS).glob(f"{DIGEST}/*"):
-                digest = path.parent.name
-                if digest not in used:
-                    stored_name = f"{LOGS}/{digest}/{path.name}"
-                    there = path.stat()
-                    insert(
-                        db,
-                        Entry(
-                            new_id(),
-                            path.name,
-                            digest,
-                            stored_name,
-                            there.st_size,
-                            received=there.st_mtime,
-                            sorted_by=datetime.fromtimestamp(there.st_mtime, UTC).isoformat(),
-                        ),
-                    )
-
-    def _release(self, db: sqlite3.Connection, server: str) -> None:
-        db.execute(
-            "update entries set stage = ?, claimed = '' where claimed = ?", [Stage.WAITING, server]
-        )
-
-    def adopt(self) -> None:
-        """Enters the flights that `mavdem track` has put into the fleet, if others have written since the last call."""
-        (version,) = self._db.execute("pragma data_version").fetchone()
-        if version == self._local.adopted:
+    def _import_former_index(self) -> None:
+        """Copies the entries of an earlier version's index into this one, and removes its file."""
+        former_index = self.folder / FORMER_INDEX
+        if not former_index.is_file():
             return
-        entered = "select logs.log from entries join logs on logs.path in (entries.path, ? || entries.path)"
-        query = f"""select row, file from flights where file is not null and log not in ({entered})
-        and not exists (select 1 from entries where path = file) order by rowid"""
-        with self._transaction() as db:
-            rows_of_folder = self.store.sound_rows(query, [utf8_text(f"{self.folder}/")])
-            for file, rows in group_by(rows_of_folder, lambda row: row.file).items():
-                insert(db, _of_rows(file, rows))
-        self._local.adopted = version
+        db = self._db
+        db.execute("attach ? as earlier", [str(former_index)])
+        columns = db.execute("pragma earlier.table_info(entries)")
+        names = ", ".join(row["name"] for row in columns)
+        with self._transaction():
+            db.execute(
+                f"""insert into entries ({names}) select {names} from earlier.entries
+                where id not in (select id from entries)"""
+            )
+        db.execute("detach earlier")
+        former_index.unlink(missing_ok=True)
+
+    @property
+    def _db(self) -> sqlite3.Connection:
+        """The connection of the calling thread to the SQLite file."""
+        return self.store.db
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        """Makes all changes of its block or none, while other threads and servers wait.
+
+        Raises:
+            Refusal: the disk is full.
+        """
+        with refuse_full_disk(), self.store.transaction():
+            yield self._db
 
 
-def new_id() -> str:
-    """Returns the name that a link has, of 128 bits, which cannot be guessed."""
-    return secrets.token_urlsafe(16)
-
-
-def file_name(name: str) -> str:
-    """Returns the name that a log has on the disk: nothing in it leads elsewhere."""
-    plain = re.sub(r"[^\w.()-]", "_", name).lstrip(".")
-    return plain.encode()[-MAX_NAME:].decode(errors="ignore").lstrip(".") or "log"
-
-
-def _of_rows(file: str, rows: FlightRows) -> Entry:
-    """The entry of a log of a fleet."""
-    first = rows[0]
-    is_sound = first.has_flight
-    columns = columns_of(rows)
-    size = first.key.rpartition("-")[2]
-    return Entry(
-        new_id(),
-        Path(file).name,
-        path=file,
-        size=int(size) if size.isdecimal() else 0,
-        received=0.0 if first.date is None else first.date.timestamp(),
-        stage=Stage.DONE if is_sound else Stage.FAILED,
-        problem="" if is_sound else first.status,
-        sorted_by=columns["date"],
-        files=first.page or "",
-        **columns,
-    )
-
-
-def columns_of(rows: FlightRows) -> JsonValues:
-    """Returns what the index has of a log's rows."""
-    first = rows[0]
-    lights = {str(light): getattr(first, f"light_{light}") or "" for light in Light}
-    suspects = (row.suspect_motor for row in rows if row.suspect_motor is not None)
-    return {
-        "vehicle": first.vehicle,
-        "date": "" if first.date is None else first.date.isoformat(timespec="seconds"),
-        "duration": first.duration,
-        "headline": first.headline or "",
-        "level": first.headline_level or "",
-        "motor": next(suspects, None),
-        "wind_speed": first.wind_speed,
-        **lights,
-    }
+def stored_file_name(name: str) -> str:
+    """Returns the name that a log has on the disk: its own name, without characters that could form a path."""
+    plain_name = re.sub(r"[^\w.()-]", "_", name).lstrip(".")
+    # Cutting bytes may leave a part of a character at the beginning, which is dropped.
+    short_name = plain_name.encode()[-MAX_FILE_NAME_BYTES:].decode(errors="ignore").lstrip(".")
+    return short_name or "log"
 
 
 @contextmanager
-def full_disk_refused() -> Iterator[None]:
-    """Raises ``Refusal`` where the disk is full."""
+def refuse_full_disk() -> Iterator[None]:
+    """Raises ``Refusal`` in place of an error of SQLite or the operating system that the disk or a quota is full."""
     try:
         yield
     except (sqlite3.OperationalError, OSError) as error:
-        number = getattr(error, "errno", None)
-        code = getattr(error, "sqlite_errorcode", None)
-        if number in (errno.ENOSPC, errno.EDQUOT) or code == sqlite3.SQLITE_FULL:
+        error_number = getattr(error, "errno", None)
+        sqlite_code = getattr(error, "sqlite_errorcode", None)
+        if error_number in (errno.ENOSPC, errno.EDQUOT) or sqlite_code == sqlite3.SQLITE_FULL:
             raise Refusal(Request.DISK_FULL) from None
         raise
 
 
-def _known(db: sqlite3.Connection, digest: str) -> Any:
-    """The row of a log, or None."""
-    return db.execute("select * from entries where digest = ?", [digest]).fetchone()
+def _restore_digests(db: sqlite3.Connection) -> None:
+    """Sets the digest of each entry to that in the path of its log, in case somebody has altered the index."""
+    # In the path logs/DIGEST/NAME the digest has 64 characters, from the sixth.
+    db.execute(
+        """update entries set digest = substr(path, 6, 64)
+        where path glob ? and digest is not substr(path, 6, 64)""",
+        [f"{LOGS}/{DIGEST_GLOB}/*"],
+    )
 
 
-def _entry(row: sqlite3.Row) -> Entry:
-    """An entry; empty columns have their defaults, as has a digest that is none."""
-    entry = Entry(**{name: row[name] for name in COLUMNS if row[name] not in (None, "")})
-    return entry if fnmatchcase(str(entry.digest), DIGEST) else replace(entry, digest="")
+def _random_name() -> str:
+    """Returns a random name for a file of an upload."""
+    return secrets.token_hex(SERVER_NAME_BYTES)
 
 
-def insert(db: sqlite3.Connection, entry: Entry) -> None:
-    """Enters a row."""
-    names = ", ".join(COLUMNS)
-    places = ", ".join(f":{name}" for name in COLUMNS)
-    db.execute(f"insert into entries ({names}) values ({places})", vars(entry))
-
-
-def _is_held(path: Path) -> bool:
+def _is_locked(path: Path) -> bool:
+    """Returns whether the lock file of a server exists and its process, which lives, holds the lock."""
     with suppress(OSError), path.open() as file:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         return False
     return path.exists()
 
 
-def _sync(folder: Path) -> None:
-    """Puts the names in a folder on the disk."""
-    handle = os.open(folder, os.O_RDONLY)
+def _sync_folder(folder: Path) -> None:
+    """Makes the names of files in a folder survive a power failure."""
+    descriptor = os.open(folder, os.O_RDONLY)
     try:
-        os.fsync(handle)
+        os.fsync(descriptor)
     finally:
-        os.close(handle)
+        os.close(descriptor)

@@ -1,16 +1,17 @@
-"""Reading a log for the library, in a worker process: its rows for the fleet, and the folder of results.
+"""Reading one log for the library, in a worker process: its rows for the fleet, and its folder of result files.
 
-The folder is made beside its place and moved there whole. Meanwhile a file in it says how far the work is, and what is
-known of the log so far, for those who watch.
+The folder is made under a hidden name and renamed when it is complete. Meanwhile a progress file in it has the stage of
+the work and what is known of the log so far, for the pages of those who wait.
 """
 
 import json
 import os
 import shutil
+from collections.abc import Sequence
 from contextlib import chdir
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
@@ -30,63 +31,145 @@ from mavdem.fleet.store import open_store
 from mavdem.fleet.tracking import assess_rows
 from mavdem.fleet.workers import LogRows
 from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import Log
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.pages.flight_page import review_page
 from mavdem.results import PAGE_FILE, result_files, write_result_files
-from mavdem.serve.library import PROGRESS, RESULTS, columns_of
+from mavdem.serve.index import columns_of_flight
+from mavdem.serve.library import PROGRESS, RESULTS
+
+LOWER_PRIORITY = 5
+"""Nice value of the worker processes: the server, which answers users, goes first (0 is normal, 19 the lowest)."""
+
+ADDITIONAL_AXIS = "pitch"
+"""Axis that is assessed besides roll, which every assessment has."""
+
+
+class AssessedVehicle(NamedTuple):
+    """One vehicle of a log with its results."""
+
+    assessment: Assessment
+    """assessment of its flight"""
+    rows: FlightRows
+    """its rows for the fleet, one for each axis"""
+
+    @property
+    def severity(self) -> tuple[bool, int]:
+        """Sorts vehicles: those that flew above the others, then those with worse headlines above better ones."""
+        level = self.assessment.headline.level
+        return self.rows[0].has_flight, LEVELS_BY_SEVERITY.index(level)
+
+
+class ProgressFile:
+    """The file in which a worker process reports how far the reading of a log is."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._columns = JsonValues()
+
+    def report(self, stage: Stage, **columns: Any) -> None:
+        """Writes the stage of the work, and adds columns of the index that are known now."""
+        self._columns.update(columns, stage=stage)
+        with atomic_write(self._path) as file:
+            file.write(json.dumps(self._columns).encode())
 
 
 def read_for_library(path: Path, key: str, page: object) -> LogRows:
-    """Returns the rows of a log, whose results are then in their folder; raises ``Unreadable``."""
-    os.setpriority(os.PRIO_PROCESS, 0, 5)  # pages come first
+    """Reads a log of the library and writes its folder of results; a ``ReadLog`` function for worker processes.
+
+    If the log has several vehicles, the main page and the document are those of the worst that flew, and each other
+    vehicle has a page ``vehicle_SYSTEM_COMPONENT.html``.
+
+    Args:
+        path: path of the log, ``FOLDER/logs/DIGEST/NAME``.
+        key: key of its content, which is not used.
+        page: maker of a page, which is not used.
+
+    Returns:
+        The rows of all vehicles, and no pages, since they are in the folder of results.
+
+    Raises:
+        Unreadable: the log cannot be read, or has no vehicle.
+    """
+    os.setpriority(os.PRIO_PROCESS, 0, LOWER_PRIORITY)
     results = path.parents[2] / RESULTS
     digest = path.parent.name
-    made = results / f".{digest}"
-    shutil.rmtree(made, ignore_errors=True)
-    made.mkdir()
-    told = JsonValues()
-
-    def tell(stage: Stage, **columns: Any) -> None:
-        told.update(columns, stage=stage)
-        with atomic_write(made / PROGRESS) as file:
-            file.write(json.dumps(told).encode())
-
-    tell(Stage.READING)
-    with chdir(path.parent):  # where the server has its logs is nobody's business
+    unfinished_folder = results / f".{digest}"
+    shutil.rmtree(unfinished_folder, ignore_errors=True)
+    unfinished_folder.mkdir()
+    progress = ProgressFile(unfinished_folder / PROGRESS)
+    progress.report(Stage.READING)
+    # The log is read by its name alone, since results show that: the server's folders are nobody's business.
+    with chdir(path.parent):
         log = read_log(path.name)
     if not log.vehicles:
         raise Unreadable(Reading.NO_VEHICLE)
-    judged = []
+    vehicles = _assessed_vehicles(log, progress)
+    rows = [row for vehicle in vehicles for row in vehicle.rows]
+    progress.report(Stage.DRAWING, **_index_columns(vehicles[0].assessment, rows))
+    _write_results(vehicles, unfinished_folder)
+    # Results of an earlier reading of the same log may be there.
+    shutil.rmtree(results / digest, ignore_errors=True)
+    os.replace(unfinished_folder, results / digest)
+    page_path = f"{RESULTS}/{digest}/{PAGE_FILE}"
+    return [replace(row, page=page_path) for row in rows], {}
+
+
+def publish_table(path: Path, key: str, page: object) -> LogRows:
+    """Judges the vehicles of the library anew and writes the fleet's table; a ``ReadLog`` function that reads no log.
+
+    Args:
+        path: path of the lock file of the server, ``FOLDER/servers/NAME``.
+        key: not used.
+        page: not used.
+
+    Returns:
+        No rows and no pages.
+    """
+    with open_store(path.parents[1]) as store:
+        store.publish(assess_rows)
+    return [], {}
+
+
+def _assessed_vehicles(log: Log, progress: ProgressFile) -> list[AssessedVehicle]:
+    """Assesses each vehicle of a log and reports the progress.
+
+    Returns:
+        The vehicles, the worst that flew first.
+    """
+    vehicles = []
     for telemetry in log.vehicles:
-        tell(Stage.JUDGING)
+        progress.report(Stage.JUDGING)
         assessment = assess_signals(log, Signals(telemetry))
-        tell(Stage.LEARNING, **_judgement(assessment))
-        flown = rows_of_assessment(assessment.with_axis("pitch"), log.source)
-        judged.append((assessment, flown))
-    # Of several vehicles the page is of the worst that flew; those of the others are beside it.
-    judged.sort(
-        key=lambda both: (both[1][0].has_flight, LEVELS_BY_SEVERITY.index(both[0].headline.level)),
-        reverse=True,
-    )
-    (assessment, _), *others = judged
-    rows = [row for _, rows_of_vehicle in judged for row in rows_of_vehicle]
-    page_name = f"{RESULTS}/{digest}/{PAGE_FILE}"
-    tell(Stage.DRAWING, **_told(assessment, rows))
+        progress.report(Stage.LEARNING, **_assessment_columns(assessment))
+        rows = rows_of_assessment(assessment.with_axis(ADDITIONAL_AXIS), log.source)
+        vehicles.append(AssessedVehicle(assessment, rows))
+    return sorted(vehicles, key=lambda vehicle: vehicle.severity, reverse=True)
+
+
+def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> None:
+    """Writes the result files of a log into a folder.
+
+    Args:
+        vehicles: the vehicles of the log. The files are those of the first one, with a page for each other.
+        folder: the folder.
+    """
+    assessment = vehicles[0].assessment
     names = result_files(assessment)
     files = {name: name for name in names}
-    for other, (row, *_) in others:
-        name = f"vehicle_{row.system}_{row.component}.html"
-        files[name] = name
-        (made / name).write_text(review_page(other), "utf-8", "replace")
+    for vehicle in vehicles[1:]:
+        first_row = vehicle.rows[0]
+        page_name = f"vehicle_{first_row.system}_{first_row.component}.html"
+        files[page_name] = page_name
+        html = review_page(vehicle.assessment)
+        (folder / page_name).write_text(html, "utf-8", "replace")
     document = whole("review", review_document(assessment) | {"files": files})
-    places = {name: made / name for name in names}
-    write_result_files(places, json.dumps(document, indent=1, allow_nan=False), assessment)
-    shutil.rmtree(results / digest, ignore_errors=True)  # of an earlier time
-    os.replace(made, results / digest)
-    return [replace(row, page=page_name) for row in rows], {}
+    paths = {name: folder / name for name in names}
+    write_result_files(paths, json.dumps(document, indent=1, allow_nan=False), assessment)
 
 
-def _judgement(assessment: Assessment) -> dict[str, str]:
+def _assessment_columns(assessment: Assessment) -> dict[str, str]:
+    """Returns the columns of the index that an assessment has: its sentences and the levels of its lights."""
     return {
         "headline": str(assessment.headline),
         "level": str(assessment.headline.level),
@@ -95,24 +178,24 @@ def _judgement(assessment: Assessment) -> dict[str, str]:
     }
 
 
-def _told(assessment: Assessment, rows: FlightRows) -> JsonValues:
-    """What the index has of a log."""
+def _index_columns(assessment: Assessment, rows: FlightRows) -> JsonValues:
+    """Returns all columns of the index that follow from the content of a log.
+
+    Args:
+        assessment: the assessment that stands for the log.
+        rows: the fleet's rows of the log, those of this assessment first.
+    """
     assert assessment.evidence is not None
-    signals = assessment.evidence.signals
-    parameters = signals.telemetry.parameters
+    parameters = assessment.evidence.signals.telemetry.parameters
     gains = {name: value for name, value in parameters.items() if CONTROL_PARAMETERS.match(name)}
-    changes = (event for event in assessment.events if event.code is Reported.MODE_CHANGED)
-    modes = dict.fromkeys(event.subject for event in changes)
+    # A dictionary keeps the order of the first use of each mode.
+    modes = dict[str, None]()
+    for event in assessment.events:
+        if event.code is Reported.MODE_CHANGED:
+            modes[event.subject] = None
     return {
-        **columns_of(rows),
-        **_judgement(assessment),
+        **columns_of_flight(rows),
+        **_assessment_columns(assessment),
         "modes": ",".join(modes),
         "gains": json.dumps(gains),
     }
-
-
-def publish(path: Path, key: str, page: object) -> LogRows:
-    """Judges the vehicles of the library of a server, whose lock is at ``path``, anew, and writes the fleet's table."""
-    with open_store(path.parents[1]) as store:
-        store.publish(assess_rows)
-    return [], {}

@@ -1,8 +1,8 @@
-"""Rights: who may read, upload and change, by one token; and which sites a browser may ask from.
+"""Access rights: who may read, upload and change flights, by one secret token, and from which sites browsers may ask.
 
 Without a token the server listens on this machine only, or a proxy has checked who comes in, and everybody who reaches
-it owns all flights. With one, derived keys do less than the token itself: a browser's cookie reads, the key within a
-page changes, and the upload key, which stands in an address given to QGroundControl, uploads.
+it owns all flights. With a token, keys derived from it allow less than the token itself: the cookie of a browser only
+reads, the key in the address that QGroundControl is given only uploads, and the key within a page also changes flights.
 """
 
 import hashlib
@@ -14,81 +14,123 @@ from starlette.requests import HTTPConnection
 
 from mavdem.errors import Refusal, Unreadable
 from mavdem.facts.serve import Request, Sharing, Start, Use
-from mavdem.serve.library import Entry
+from mavdem.serve.index import Entry
 
-COOKIE = "mavdem"
-FEWEST_LETTERS = 16  # of a token: 64 bits in hexadecimal digits
-LOOPBACK = ("127.0.0.1", "localhost", "::1", "[::1]")
+COOKIE_NAME = "mavdem"
+"""Name of the cookie with the key for reading."""
+
+MIN_TOKEN_LETTERS = 16
+"""Letters of a token, at least: as many hexadecimal digits have 64 random bits."""
+
+KEY_DIGITS = 32
+"""Hexadecimal digits of a derived key: 128 bits, which cannot be guessed."""
+
+LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "::1", "[::1]")
+"""Names of this machine as a host to listen on, and in the Host header of requests."""
+
 SAME_SITE = ("same-origin", "none")
-"""Values of Sec-Fetch-Site of what a page of this server, or the user by a typed address, asks for."""
+"""Values of the header Sec-Fetch-Site for requests by pages of this server, and by users who type an address."""
 
 
 @dataclass(frozen=True)
 class Rights:
-    """Who may do what.
-
-    Attributes:
-        token: the secret of the owner; empty where everybody who reaches the server is one.
-        is_local: only names of this machine are answered to, whatever a name server says of others.
-    """
+    """The access rights on one server."""
 
     token: str = ""
+    """Secret of the owner; empty where everybody who reaches the server is the owner."""
     is_local: bool = True
+    """Whether only requests to the names of this machine are answered.
 
-    def key(self, use: Use) -> str:
-        """Returns the key for one ``use``; empty without a token."""
+    This prevents DNS rebinding, where another site's name is made to point to this machine.
+    """
+
+    def derived_key(self, use: Use) -> str:
+        """Returns the key for one use, an HMAC of its name with the token; empty without a token."""
         if not self.token:
             return ""
-        return hmac.new(self.token.encode(), use.encode(), hashlib.sha256).hexdigest()[:32]
+        return hmac.new(self.token.encode(), use.encode(), hashlib.sha256).hexdigest()[:KEY_DIGITS]
 
-    def may(self, request: HTTPConnection, use: Use) -> bool:
-        """Returns whether the one who asks has the right to this ``use`` of all flights."""
-        if self._holds(_bearer(request), Use.WRITE):
+    def allows(self, request: HTTPConnection, use: Use) -> bool:
+        """Returns whether the sender of a request may use all flights of the library in this way.
+
+        The token, or the key for writing, in the header Authorization allows every use. The cookie allows reading
+        only, and the key in the path of an upload's address allows uploading only.
+        """
+        if self._secret_allows(_bearer_secret(request), Use.WRITE):
             return True
-        # A cookie reads and no more, and so does the key in the address upload.
-        weak = {Use.READ: request.cookies.get(COOKIE), Use.UPLOAD: request.path_params.get("key")}
-        return self._holds(weak.get(use) or "", use)
+        if use is Use.READ:
+            secret = request.cookies.get(COOKIE_NAME)
+        elif use is Use.UPLOAD:
+            secret = request.path_params.get("key")
+        else:
+            secret = None
+        return self._secret_allows(secret or "", use)
 
-    def need(self, request: HTTPConnection, use: Use) -> None:
-        """Raises ``Refusal`` where the one who asks has no right to this ``use``."""
-        if not self.may(request, use):
+    def require(self, request: HTTPConnection, use: Use) -> None:
+        """Checks that the sender of a request has the right to a use.
+
+        Raises:
+            Refusal: he has not.
+        """
+        if not self.allows(request, use):
             raise Refusal(Request.NO_RIGHT, name=use)
 
-    def may_see(self, request: HTTPConnection, entry: Entry) -> bool:
-        """Returns whether the one who asks, and has its link, may see a flight."""
-        return entry.sharing in (Sharing.LINK, Sharing.PUBLIC) or self.may(request, Use.READ)
+    def allows_viewing(self, request: HTTPConnection, entry: Entry) -> bool:
+        """Returns whether the sender of a request, who has the flight's link, may see this flight."""
+        return entry.sharing in (Sharing.LINK, Sharing.PUBLIC) or self.allows(request, Use.READ)
 
-    def is_token(self, token: str) -> bool:
-        """Returns whether this is the token."""
-        return hmac.compare_digest(token.encode(), self.token.encode())
+    def is_token(self, secret: str) -> bool:
+        """Returns whether a secret is the token, in a time that does not depend on how much of it agrees."""
+        return hmac.compare_digest(secret.encode(), self.token.encode())
 
-    def _holds(self, secret: str, use: Use) -> bool:
+    def _secret_allows(self, secret: str, use: Use) -> bool:
+        """Returns whether a secret is the token or the key for this use; without a token any secret is."""
         if not self.token:
             return True
-        return self.is_token(secret) or hmac.compare_digest(secret.encode(), self.key(use).encode())
+        key = self.derived_key(use)
+        return self.is_token(secret) or hmac.compare_digest(secret.encode(), key.encode())
 
-    def check_site(self, request: HTTPConnection) -> None:
-        """Raises ``Refusal`` for what another site's page asks for, or under a name that is not this machine's."""
+    def check_origin(self, request: HTTPConnection) -> None:
+        """Checks that a request is addressed to this machine, and is not made by a page of another site.
+
+        Requests that only read (GET, HEAD) may come from other sites, since browsers do not show them the answer.
+
+        Raises:
+            Refusal: the request is for another host, or would change something on behalf of another site.
+        """
         host = request.headers.get("host", "")
-        if self.is_local and re.sub(r":\d*$", "", host).lower() not in LOOPBACK:
+        host_without_port = re.sub(r":\d*$", "", host).lower()
+        if self.is_local and host_without_port not in LOOPBACK_HOSTS:
             raise Refusal(Request.OTHER_SITE, address=host)
         if request.scope["method"] in ("GET", "HEAD"):
             return
         origin = request.headers.get("origin")
-        site = request.headers.get("sec-fetch-site", SAME_SITE[0])
-        if site not in SAME_SITE or (origin is not None and origin.partition("://")[2] != host):
-            raise Refusal(Request.OTHER_SITE, address=origin or site)
+        # Programs and old browsers do not send the header.
+        fetch_site = request.headers.get("sec-fetch-site", SAME_SITE[0])
+        is_other_origin = origin is not None and origin.partition("://")[2] != host
+        if fetch_site not in SAME_SITE or is_other_origin:
+            raise Refusal(Request.OTHER_SITE, address=origin or fetch_site)
 
 
-def rights_of(host: str, token: str, is_behind_proxy: bool) -> Rights:
-    """Returns the rights on a server that listens on ``host``; raises ``Unreadable`` where that is not safe."""
-    if token and len(token) < FEWEST_LETTERS:
-        raise Unreadable(Start.TOKEN_TOO_SHORT, count=len(token), needed=FEWEST_LETTERS)
-    if not token and not is_behind_proxy and host not in LOOPBACK:
+def rights_for_host(host: str, token: str, is_behind_proxy: bool) -> Rights:
+    """Returns the access rights on a server, after checking that they suffice for its address.
+
+    Args:
+        host: name or address that the server listens on.
+        token: secret of the owner; empty for none.
+        is_behind_proxy: whether a reverse proxy checks who comes in.
+
+    Raises:
+        Unreadable: the token is too short, or other machines could reach the server and it has no token.
+    """
+    if token and len(token) < MIN_TOKEN_LETTERS:
+        raise Unreadable(Start.TOKEN_TOO_SHORT, count=len(token), needed=MIN_TOKEN_LETTERS)
+    if not token and not is_behind_proxy and host not in LOOPBACK_HOSTS:
         raise Unreadable(Start.TOKEN_NEEDED, address=host)
     return Rights(token, is_local=not token and not is_behind_proxy)
 
 
-def _bearer(request: HTTPConnection) -> str:
-    kind, _, secret = request.headers.get("authorization", "").partition(" ")
-    return secret.strip() if kind.lower() == "bearer" else ""
+def _bearer_secret(request: HTTPConnection) -> str:
+    """Returns the secret in the header ``Authorization: Bearer SECRET``; empty without one."""
+    scheme, _, secret = request.headers.get("authorization", "").partition(" ")
+    return secret.strip() if scheme.lower() == "bearer" else ""

@@ -1,4 +1,4 @@
-"""Running the server: its address, its workers, and the end of both."""
+"""Running the server: its socket, its connections, the threads around it, and its end."""
 
 import asyncio
 import resource
@@ -7,8 +7,8 @@ import threading
 import webbrowser
 from collections.abc import Callable
 from contextlib import closing, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import h11
 import uvicorn
@@ -21,116 +21,167 @@ from mavdem.facts.serve import Start
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import JobLimits
 from mavdem.serve.app import Server
-from mavdem.serve.attached import Attached
 from mavdem.serve.library import Library
+from mavdem.serve.link_monitor import LinkMonitor
 from mavdem.serve.reading import read_for_library
-from mavdem.serve.rights import LOOPBACK, rights_of
-from mavdem.serve.uploads import PATIENCE_SECONDS
-from mavdem.serve.viewers import Viewers
-from mavdem.serve.work import Work
+from mavdem.serve.reading_threads import ReadingThreads
+from mavdem.serve.rights import LOOPBACK_HOSTS, rights_for_host
+from mavdem.serve.uploads import MAX_CHUNK_DELAY
+from mavdem.serve.viewers import RecordingViewer
 
-MOST_CONNECTIONS = 1000  # open at once; further ones are refused
-REQUEST_SECONDS = 10  # until a request of a connection is there
+MAX_CONNECTIONS = 1000
+"""Connections that are open at once, at most; further ones are closed."""
 
+MAX_REQUEST_DELAY = 10
+"""Seconds until the next complete request of a connection must come."""
 
-class Connection(H11Protocol):
-    """One of a client, which ends if it is one too many or its next request does not come: uvicorn would keep both."""
+LISTEN_QUEUE_LENGTH = 512
+"""Connections that the operating system holds until the server accepts them."""
 
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begins it, and its time."""
-        super().connection_made(transport)
-        if len(self.connections) > _most_connections():
-            transport.close()
-        self.loop.call_later(REQUEST_SECONDS, self._end_unasked, None)
+ACCEPTED_AT_ONCE = 100
+"""Connections that uvicorn accepts in one step, before any of them can be closed again."""
 
-    def on_response_complete(self) -> None:
-        """Gives the next request as much time; uvicorn would wait for ever for one that is incomplete."""
-        last = self.cycle
-        super().on_response_complete()
-        # Who still sends a body that is refused already should read why.
-        is_read = self.conn.their_state is not h11.SEND_BODY
-        patience = REQUEST_SECONDS if is_read else PATIENCE_SECONDS
-        self.loop.call_later(patience, self._end_unasked, last)
-
-    def _end_unasked(self, last: RequestResponseCycle | None) -> None:
-        """Closes it if no request has come since the ``last``."""
-        if self.cycle is last:
-            self.transport.close()
+MAX_SHUTDOWN_SECONDS = 3
+"""Seconds that answers which are being sent may take after the server was asked to end."""
 
 
-def _most_connections() -> int:
-    """Returns as many as leave half of the process's descriptors to other files."""
-    return min(MOST_CONNECTIONS, resource.getrlimit(resource.RLIMIT_NOFILE)[0] // 2)
-
-
-class ServerOptions(NamedTuple):
-    """How a server runs.
-
-    ``processes`` read logs, each within ``limits``, or the Dask cluster at ``scheduler`` does. ``quota`` is in bytes.
-    A server may be attached to a ``link``.
-    """
+@dataclass(frozen=True)
+class ServerOptions:
+    """How a server runs."""
 
     folder: Path
+    """Folder of the library."""
     host: str
+    """Name or address to listen on."""
     port: int
+    """Port to listen on; 0 for any free one."""
     token: str
+    """Secret of the owner; empty for none."""
     is_behind_proxy: bool
+    """Whether a reverse proxy checks who comes in."""
     quota: int | None
+    """Bytes that logs and results may take; None for no limit."""
     processes: int
+    """Worker processes that read logs."""
     limits: JobLimits
+    """Time and memory for each log."""
     scheduler: str | None
-    sample: Path | None
+    """Address of a Dask cluster that reads the logs instead."""
+    sample_log: Path | None
+    """A log that visitors may try the server with."""
     link: str | None = None
+    """Address of a MAVLink link to monitor."""
 
 
 def serve(
-    options: ServerOptions, say: Callable[[str], None], warn: Callable[[Fact], None], is_shown: bool
+    options: ServerOptions,
+    report_address: Callable[[str], None],
+    warn: Callable[[Fact], None],
+    opens_browser: bool,
 ) -> None:
     """Runs a server until it is asked to end.
 
-    ``say`` is called with the server's own address when it listens, ``warn`` with what its owner must know, and
-    ``is_shown`` opens it in a browser. Raises ``Unreadable``: it cannot listen, or that is not safe, or the folder
-    cannot be written to.
+    Args:
+        options: how it runs.
+        report_address: called with the server's URL when it listens.
+        warn: called with problems that its owner should know.
+        opens_browser: whether to open the URL in a browser of this machine.
+
+    Raises:
+        Unreadable: the server cannot listen, or that would not be safe; or the folder cannot be written to.
     """
-    rights = rights_of(options.host, options.token, options.is_behind_proxy)
-    listening = _listening(options.host, options.port)
+    rights = rights_for_host(options.host, options.token, options.is_behind_proxy)
+    listener = _listening_socket(options.host, options.port)
     library = Library(options.folder, options.quota)
-    library.adopt()
-    cluster = (
-        Cluster(options.scheduler, options.limits, read_for_library) if options.scheduler else None
+    library.add_fleet_logs()
+    cluster = None
+    if options.scheduler:
+        cluster = Cluster(options.scheduler, options.limits, read_for_library)
+    reading_threads = ReadingThreads(library, options.processes, options.limits, cluster)
+    monitor = None
+    if options.link:
+        monitor = LinkMonitor(options.link, library, reading_threads.notify, warn)
+    viewer = RecordingViewer()
+    # The viewer opens on this machine only, so it is offered only where all visitors sit at this machine.
+    is_on_this_machine = options.host in LOOPBACK_HOSTS and not options.is_behind_proxy
+    can_open_recordings = is_on_this_machine and not missing_modules("view")
+    server = Server(
+        library,
+        rights,
+        reading_threads,
+        options.sample_log,
+        viewer.open if can_open_recordings else None,
+        monitor,
     )
-    work = Work(library, options.processes, options.limits, cluster)
-    viewers = Viewers()
-    # A viewer listens on this machine only, so whoever opens one must sit there.
-    can_show = (
-        options.host in LOOPBACK and not options.is_behind_proxy and not missing_modules("view")
-    )
-    show = viewers.show if can_show else None
-    live = Attached(options.link, library, work.notify, warn) if options.link else None
-    app = Server(library, rights, work, options.sample, show, live).app
     config = uvicorn.Config(
-        app,
+        server.app,
         log_level="warning",
         server_header=False,
         date_header=False,
         http=Connection,
-        backlog=100,  # accepted at a time, before any of them can be ended
-        timeout_graceful_shutdown=3,  # s, for answers that are on their way
+        backlog=ACCEPTED_AT_ONCE,
+        timeout_graceful_shutdown=MAX_SHUTDOWN_SECONDS,
         proxy_headers=options.is_behind_proxy,
     )
-    name = f"[{options.host}]" if ":" in options.host else options.host
-    address = f"http://{name}:{listening.getsockname()[1]}"
-    say(address)
-    if is_shown:
-        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
-    with closing(viewers), suppress(KeyboardInterrupt):
-        uvicorn.Server(config).run(sockets=[listening])
+    url = _url(options.host, listener)
+    report_address(url)
+    if opens_browser:
+        threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+    with closing(viewer), suppress(KeyboardInterrupt):
+        uvicorn.Server(config).run(sockets=[listener])
 
 
-def _listening(host: str, port: int) -> socket.socket:
+class Connection(H11Protocol):
+    """The connection of one client, closed if there are too many, or if its next request does not come in time.
+
+    uvicorn alone would keep such connections open for ever, and a few clients could take all of them.
+    """
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Begins the connection and the time in which the first request must come; called by asyncio."""
+        super().connection_made(transport)
+        if len(self.connections) > _max_connections():
+            transport.close()
+        self.loop.call_later(MAX_REQUEST_DELAY, self._close_if_idle_since, None)
+
+    def on_response_complete(self) -> None:
+        """Begins the time in which the next request must come; called by uvicorn after each answer."""
+        answered_request = self.cycle
+        super().on_response_complete()
+        # A client that still sends the body of a refused request gets longer: it reads the reason only afterwards.
+        is_sending_body = self.conn.their_state is h11.SEND_BODY
+        delay = MAX_CHUNK_DELAY if is_sending_body else MAX_REQUEST_DELAY
+        self.loop.call_later(delay, self._close_if_idle_since, answered_request)
+
+    def _close_if_idle_since(self, last_request: RequestResponseCycle | None) -> None:
+        """Closes the connection if no request has come after ``last_request``, where None means no request at all."""
+        if self.cycle is last_request:
+            self.transport.close()
+
+
+def _max_connections() -> int:
+    """Returns how many connections may be open: half of the files that the process may open, at most."""
+    max_open_files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    return min(MAX_CONNECTIONS, max_open_files // 2)
+
+
+def _url(host: str, listener: socket.socket) -> str:
+    """Returns the URL of the server; an IPv6 address stands in brackets (RFC 3986, sec. 3.2.2)."""
+    url_host = f"[{host}]" if ":" in host else host
+    port = listener.getsockname()[1]
+    return f"http://{url_host}:{port}"
+
+
+def _listening_socket(host: str, port: int) -> socket.socket:
+    """Opens a socket that listens on an address, by IPv4 or IPv6.
+
+    Raises:
+        Unreadable: the address is taken, or is none of this machine.
+    """
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        return socket.create_server((host, port), family=family, backlog=512)
+        return socket.create_server((host, port), family=family, backlog=LISTEN_QUEUE_LENGTH)
     except OSError as error:
-        busy = Fact(Start.ADDRESS_NOT_FREE, address=f"{host}:{port}", because=error_message(error))
-        raise Unreadable(busy) from None
+        reason = error_message(error)
+        address = f"{host}:{port}"
+        raise Unreadable(Start.ADDRESS_NOT_FREE, address=address, because=reason) from None

@@ -1,4 +1,4 @@
-"""Search: a line such as ``quad-7 motors:bad wind>5 ATC_RAT_RLL_P>0.1`` as a condition of SQL."""
+"""Search in the library: a line such as ``quad-7 motors:bad wind>5 ATC_RAT_RLL_P>0.1`` becomes a condition of SQL."""
 
 import re
 from contextlib import suppress
@@ -7,58 +7,94 @@ from typing import Any, NamedTuple
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import Stage
 
-TERM = re.compile(r"(\w+)(<=|>=|[:=<>])(.+)")
-TEXTS = {"vehicle", "date", "level", "sharing", "stage", *map(str, Light)}
-NUMBERS = {"wind": "wind_speed", "duration": "duration", "motor": "motor"}
-LISTS = {"mode": "modes", "tag": "tags"}
-SAID = " || ' ' || ".join(
+MAX_SEARCH_WORDS = 20
+"""Words of a search that are used; further ones are ignored, so that the SQL stays short."""
+
+TERM_PATTERN = re.compile(r"(\w+)(<=|>=|[:=<>])(.+)")
+"""A word of a search that compares a property: its name, the operator and the value."""
+
+TEXT_COLUMNS = {"vehicle", "date", "level", "sharing", "stage", *map(str, Light)}
+"""Columns that are compared as texts, by their own names."""
+
+NUMBER_COLUMNS = {"wind": "wind_speed", "duration": "duration", "motor": "motor"}
+"""Columns that are compared as numbers, by the names that a search has for them."""
+
+LIST_COLUMNS = {"mode": "modes", "tag": "tags"}
+"""Columns with lists separated by commas, by the name that a search has for one item."""
+
+SEARCHED_TEXT_SQL = " || ' ' || ".join(
     ("name", "vehicle", "date", "headline", "problem", "note", "tags", "modes")
 )
-"""Columns that a word is looked for in."""
-WORKING = f"stage not in ('{Stage.DONE}', '{Stage.FAILED}')"
+"""SQL expression of the text of an entry in which a plain word is searched for."""
+
+UNFINISHED_SQL = f"stage not in ('{Stage.DONE}', '{Stage.FAILED}')"
+"""SQL condition of logs that are still to be read, or are being read."""
 
 
 class SqlCondition(NamedTuple):
-    """A condition of SQL, and its values."""
+    """A condition of SQL on the table ``entries``."""
 
     where: str
+    """the expression after ``where``, with a ``?`` for each value"""
     values: tuple[Any, ...] = ()
+    """the values, in order"""
 
 
-def condition_of(text: str) -> SqlCondition:
-    """Returns the condition that all words of a search hold; a word that is no term is found in what is said."""
-    parts = [SqlCondition("1")]
-    for word in text.split()[:20]:
-        term = TERM.fullmatch(word)
-        parts.append((term and _term(*term.groups())) or _contains(SAID, word))
-    values = tuple(value for part in parts for value in part.values)
-    return SqlCondition(" and ".join(part.where for part in parts), values)
+def search_condition(text: str) -> SqlCondition:
+    """Translates a search to SQL: an entry must match every word of it.
+
+    Args:
+        text: words separated by spaces. A word such as ``wind>5`` compares a property; any other word must occur in the
+            texts of the entry, as must one that looks like a comparison of an unknown property.
+    """
+    conditions = [SqlCondition("1")]
+    for word in text.split()[:MAX_SEARCH_WORDS]:
+        term = TERM_PATTERN.fullmatch(word)
+        condition = None if term is None else _comparison(*term.groups())
+        if condition is None:
+            condition = _contains(SEARCHED_TEXT_SQL, word)
+        conditions.append(condition)
+    values = tuple(value for condition in conditions for value in condition.values)
+    return SqlCondition(" and ".join(condition.where for condition in conditions), values)
 
 
-def _term(name: str, sign: str, value: str) -> SqlCondition | None:
+def _comparison(name: str, operator: str, value: str) -> SqlCondition | None:
+    """Translates the comparison of one property to SQL.
+
+    Args:
+        name: the property: a column's name in a search, or an autopilot's parameter in capitals.
+        operator: ``<``, ``>``, ``<=``, ``>=``, ``=`` or ``:``, which means ``=``.
+        value: what the property is compared with.
+
+    Returns:
+        The condition; None if there is no such property, or the value is no number where one is needed.
+    """
     column = name.lower()
-    sign = sign.replace(":", "=")
-    if column in LISTS:
-        return _contains(f"',' || {LISTS[column]} || ','", f",{value},")
+    operator = operator.replace(":", "=")
+    if column in LIST_COLUMNS:
+        # With commas around list and item, only whole items match.
+        return _contains(f"',' || {LIST_COLUMNS[column]} || ','", f",{value},")
     with suppress(ValueError):
         number = float(value)
-        if (column, sign) == ("motor", "="):
-            # the one that is suspect, and those that the headline names
-            named = f"*motor {number:g}[^0-9]*"
-            return SqlCondition("((motor=?)or(lower(headline)glob(?)))", (number, named))
-        if column in NUMBERS:
-            return SqlCondition(f"{NUMBERS[column]} {sign} ?", (number,))
+        if column == "motor" and operator == "=":
+            # A headline may name further motors than the one that is suspected.
+            named_motor = f"*motor {number:g}[^0-9]*"
+            return SqlCondition("((motor=?)or(lower(headline)glob(?)))", (number, named_motor))
+        if column in NUMBER_COLUMNS:
+            return SqlCondition(f"{NUMBER_COLUMNS[column]} {operator} ?", (number,))
         if name.isupper():
-            # an autopilot's parameter; \w has no quote in it
+            # The name of a parameter matched \w+, so it cannot contain the quote that would end the JSON path.
             return SqlCondition(
-                f"json_extract(iif(json_valid(gains),gains,'{{}}'), ?) {sign} ?",
+                f"json_extract(iif(json_valid(gains),gains,'{{}}'), ?) {operator} ?",
                 (f'$."{name}"', number),
             )
-    if column in TEXTS:
-        return SqlCondition(f"{column} {sign} ? collate nocase", (value,))
+    if column in TEXT_COLUMNS:
+        return SqlCondition(f"{column} {operator} ? collate nocase", (value,))
     return None
 
 
-def _contains(column: str, text: str) -> SqlCondition:
+def _contains(expression: str, text: str) -> SqlCondition:
+    """Returns the condition that the text of an SQL expression contains ``text``, regardless of case."""
+    # LIKE has wildcards, which a backslash makes plain characters.
     escaped = re.sub(r"([\\%_])", r"\\\1", text)
-    return SqlCondition(f"{column} like ? escape '\\'", (f"%{escaped}%",))
+    return SqlCondition(f"{expression} like ? escape '\\'", (f"%{escaped}%",))

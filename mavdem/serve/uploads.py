@@ -1,4 +1,4 @@
-"""Uploads: logs within a request, written to the disk as they come."""
+"""Uploads: multipart forms whose files are written to the library's disk while they are received."""
 
 import asyncio
 from collections.abc import AsyncGenerator
@@ -13,123 +13,147 @@ from starlette.requests import Request as HttpRequest
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Request
 from mavdem.ingest.contents import MAX_LOG_BYTES
-from mavdem.serve.library import Library, full_disk_refused
+from mavdem.serve.library import Library, refuse_full_disk
 
-PATIENCE_SECONDS = (
-    30.0  # for the next bytes, as a field's telephone has gaps; for a viewer to start
-)
-MOST_FILES = 1000  # of one request, in it or in its answer
-MOST_TEXT = 1 << 16  # bytes of a field of a form
-CHECKED_BYTES = 1 << 24  # after which the room is looked at again: others upload too
+MAX_CHUNK_DELAY = 30.0
+"""Seconds until the next bytes of a request's body must come. A telephone on a field loses its network for a while."""
 
+MAX_FILES = 1000
+"""Files in one form, and flights in one answer, at most."""
 
-class _UploadedFile:
-    """A file on the disk at ``path`` that is open only while it is written to: a form may have many."""
+MAX_FIELD_BYTES = 1 << 16
+"""Bytes of a form's field, and of the body of a request that is no upload, at most."""
 
-    def __init__(self, path: Path) -> None:
-        path.open("xb").close()
-        self._path = path
-
-    def write(self, piece: bytes) -> int:
-        with self._path.open("ab") as file:
-            return file.write(piece)
-
-    def seek(self, offset: int) -> int:
-        return offset
-
-    def close(self) -> None:
-        pass
+SPACE_CHECK_BYTES = 1 << 24
+"""Bytes of an upload after which the free space is checked again, since others upload at the same time."""
 
 
-class Form(MultiPartParser):
-    """The form of a ``request``, whose files are written to parts of the ``library``.
+class UploadForm(MultiPartParser):
+    """The multipart form of one request, whose files are written to new incoming files of a library.
 
     Attributes:
-        files: the files by where they are.
+        files: the received files by the paths where their contents are.
+        is_complete: whether the last line of the form has come.
     """
 
     def __init__(self, request: HttpRequest, library: Library) -> None:
         super().__init__(
             request.headers,
-            _pieces(request, library),
-            max_files=MOST_FILES,
-            max_fields=MOST_FILES,
-            max_part_size=MOST_TEXT,
+            _upload_chunks(request, library),
+            max_files=MAX_FILES,
+            max_fields=MAX_FILES,
+            max_part_size=MAX_FIELD_BYTES,
         )
-        self.files = dict[Path, UploadFile]()
-        self.is_whole = False
+        self.files: dict[Path, UploadFile] = {}
+        self.is_complete = False
         self._library = library
 
     @property
     def fields(self) -> dict[str, str]:
-        """The fields that are no files, by name."""
+        """Values of the fields that are no files, by name."""
         return {name: value for name, value in self.items if isinstance(value, str)}
 
     def on_headers_finished(self) -> None:
-        """Begins a file on the library's disk, not in memory or elsewhere."""
+        """Replaces the temporary file that Starlette makes for a new part of the form by one of the library."""
         super().on_headers_finished()
         file = self._current_part.file
         if file is not None:
             file.file.close()
-            path = self._library.new_part()
-            file.file = cast(BinaryIO, _UploadedFile(path))
+            path = self._library.new_incoming_path()
+            file.file = cast(BinaryIO, _AppendedFile(path))
             self.files[path] = file
 
     def on_end(self) -> None:
-        """Notes that the form has its last line."""
-        self.is_whole = True
+        """Notes that the last line of the form has come; without it the connection broke off."""
+        self.is_complete = True
 
-    def drop(self) -> None:
-        """Removes what is not taken."""
+    def remove_files(self) -> None:
+        """Removes the received files that were not moved into the library."""
         for path in self.files:
             path.unlink(missing_ok=True)
 
 
-async def received(request: HttpRequest, library: Library) -> Form:
-    """Returns the form of a request, whole and on the disk; raises ``Refusal``, and leaves nothing behind."""
+class _AppendedFile:
+    """A file that is opened anew for each write: a form may have more files than a process may open at once."""
+
+    def __init__(self, path: Path) -> None:
+        path.open("xb").close()
+        self._path = path
+
+    def write(self, chunk: bytes) -> int:
+        with self._path.open("ab") as file:
+            return file.write(chunk)
+
+    def seek(self, offset: int) -> int:
+        """Does nothing: Starlette goes back to the beginning of a received file, which is not read from here."""
+        return offset
+
+    def close(self) -> None:
+        """Does nothing, since the file is open during writes only."""
+
+
+async def receive_form(request: HttpRequest, library: Library) -> UploadForm:
+    """Receives the form of an upload, with at least one file that is not empty.
+
+    Returns:
+        The complete form, whose files are on the disk.
+
+    Raises:
+        Refusal: the request has no valid form or no file, is too large or too slow, or there is no room for it. No
+            file is left on the disk then.
+    """
     if not request.headers.get("content-type", "").startswith("multipart/form-data"):
         raise Refusal(Request.UPLOAD_WITHOUT_LOG)
-    announced = request.headers.get("content-length", "")
-    library.room_for(int(announced) if announced.isdecimal() else 0)
-    form = Form(request, library)
+    content_length = request.headers.get("content-length", "")
+    library.check_space(int(content_length) if content_length.isdecimal() else 0)
+    form = UploadForm(request, library)
     try:
-        with full_disk_refused():
+        with refuse_full_disk():
             await form.parse()
-        if not form.is_whole:
+        if not form.is_complete:
             raise Refusal(Request.UPLOAD_BROKEN)
         if not any(file.size for file in form.files.values()):
             raise Refusal(Request.UPLOAD_WITHOUT_LOG)
     except BaseException as error:
-        form.drop()
+        form.remove_files()
         if isinstance(error, MultiPartException | UnicodeError):
             raise Refusal(Request.BAD_REQUEST, because=str(error)) from None
         raise
     return form
 
 
-async def pieces(request: HttpRequest) -> AsyncGenerator[bytes]:
-    """Yields the body of a request while it comes; raises ``Refusal`` where it stops."""
+async def body_chunks(request: HttpRequest) -> AsyncGenerator[bytes]:
+    """Yields the body of a request chunk by chunk while it is received.
+
+    Raises:
+        Refusal: no chunk has come for ``MAX_CHUNK_DELAY``, or the connection broke off.
+    """
     stream = request.stream()
     while True:
         try:
-            yield await asyncio.wait_for(anext(stream), PATIENCE_SECONDS)
+            yield await asyncio.wait_for(anext(stream), MAX_CHUNK_DELAY)
         except StopAsyncIteration:
             return
         except TimeoutError:
-            raise Refusal(Request.UPLOAD_TOO_SLOW, time_limit=PATIENCE_SECONDS) from None
+            raise Refusal(Request.UPLOAD_TOO_SLOW, time_limit=MAX_CHUNK_DELAY) from None
         except ClientDisconnect:
             raise Refusal(Request.UPLOAD_BROKEN) from None
 
 
-async def _pieces(request: HttpRequest, library: Library) -> AsyncGenerator[bytes]:
-    """The body of an upload, while it is not too large, and has room."""
-    size = 0
-    checked = 0
-    async for chunk in pieces(request):
-        size += len(chunk)
-        if size > MAX_LOG_BYTES:
+async def _upload_chunks(request: HttpRequest, library: Library) -> AsyncGenerator[bytes]:
+    """Yields the body of an upload chunk by chunk, while it is not too large and the library has room for it.
+
+    Raises:
+        Refusal: the upload is larger than the largest log that can be read, or there is no room any more.
+    """
+    received_bytes = 0
+    bytes_at_last_check = 0
+    async for chunk in body_chunks(request):
+        received_bytes += len(chunk)
+        if received_bytes > MAX_LOG_BYTES:
             raise Refusal(Request.UPLOAD_TOO_LARGE, size_limit=MAX_LOG_BYTES)
-        if size - checked > CHECKED_BYTES:
-            checked = size
-            library.room_for(0)
+        if received_bytes - bytes_at_last_check > SPACE_CHECK_BYTES:
+            bytes_at_last_check = received_bytes
+            # What has been received is on the disk and counted already.
+            library.check_space(0)
         yield chunk

@@ -1,4 +1,4 @@
-"""Viewers: recordings of flights in Rerun, in a browser of this machine, by the viewer that Rerun's package has."""
+"""The Rerun viewer that shows recordings of flights in a browser of this machine."""
 
 from __future__ import annotations
 
@@ -13,54 +13,71 @@ from mavdem.errors import Refusal
 from mavdem.facts.serve import Request
 from mavdem.machine import LOOPBACK, free_port
 from mavdem.results import RECORDING_FILE
-from mavdem.serve.uploads import PATIENCE_SECONDS
 
 if TYPE_CHECKING:
     from mavdem.view import WebServer
 
+MAX_START_SECONDS = 30.0
+"""Seconds in which a viewer must answer after its start; on a busy machine loading Rerun takes long."""
 
-class Viewers:
-    """The viewer that is open, of the recording that was asked for last: it holds it in memory, up to a gigabyte."""
+POLL_SECONDS = 0.05
+"""Seconds between attempts to connect to a viewer that is starting."""
+
+
+class RecordingViewer:
+    """Shows one recording at a time, the last one that was opened: a viewer holds up to a gigabyte of it in memory."""
 
     def __init__(self) -> None:
         self._recording = Path()
-        self._viewer: WebServer | None = None
+        self._server: WebServer | None = None
         self._lock = threading.Lock()
 
-    def show(self, recording: Path) -> str:
-        """Returns the address of a page that shows a ``recording``; raises ``Refusal`` where none can be started."""
+    def open(self, recording: Path) -> str:
+        """Starts a viewer for a recording, in place of the one for another recording, unless it runs already.
+
+        Returns:
+            The address of its page.
+
+        Raises:
+            Refusal: the viewer cannot be started.
+        """
         with self._lock:
-            viewer = self._viewer
-            if viewer is None or self._recording != recording or viewer.process.poll() is not None:
+            server = self._server
+            is_running = server is not None and server.process.poll() is None
+            if server is None or not is_running or self._recording != recording:
                 self.close()
-                viewer = _started(recording)
-                self._viewer = viewer
+                server = _start_viewer(recording)
+                self._server = server
                 self._recording = recording
-            return viewer.page
+            return server.page
 
     def close(self) -> None:
-        """Closes it."""
-        if self._viewer is not None:
-            self._viewer.close()
-            self._viewer = None
+        """Ends the viewer if one runs."""
+        if self._server is not None:
+            self._server.close()
+            self._server = None
 
 
-def _started(recording: Path) -> WebServer:
-    """A viewer that answers already."""
-    # Rerun takes a second to load.
+def _start_viewer(recording: Path) -> WebServer:
+    """Starts a viewer and waits until it accepts connections.
+
+    Raises:
+        Refusal: it ended, or did not answer within ``MAX_START_SECONDS``.
+    """
+    # Importing Rerun takes a second, which the start of the server should not.
     from mavdem.view import WebServer
 
     port = free_port()
     try:
-        viewer = WebServer(free_port(), port, str(recording))
-        ends = time.monotonic() + PATIENCE_SECONDS
-        while viewer.process.poll() is None and time.monotonic() < ends:
+        server = WebServer(free_port(), port, str(recording))
+        deadline = time.monotonic() + MAX_START_SECONDS
+        while server.process.poll() is None and time.monotonic() < deadline:
             with suppress(ConnectionError):
                 socket.create_connection((LOOPBACK, port)).close()
-                return viewer
-            time.sleep(0.05)
-        viewer.close()
-        because = str(viewer.process.returncode)
+                return server
+            time.sleep(POLL_SECONDS)
+        server.close()
+        reason = str(server.process.returncode)
     except OSError as error:
-        because = str(error)
-    raise Refusal(Request.NOT_STARTED, name=RECORDING_FILE, because=because)
+        reason = str(error)
+    raise Refusal(Request.NOT_STARTED, name=RECORDING_FILE, because=reason)

@@ -18,7 +18,8 @@ from mavdem.report.blocks import Sentence
 from mavdem.report.pages.page import render_document
 from mavdem.results import PAGE_FILE, REPORT_FILE
 from mavdem.serve.app import Server
-from mavdem.serve.library import PROGRESS, RESULTS, Library, columns_of
+from mavdem.serve.index import columns_of_flight
+from mavdem.serve.library import PROGRESS, RESULTS, Library
 from mavdem.serve.rights import Rights
 from mavdem.serve.run import Connection
 
@@ -49,7 +50,7 @@ def read_made_up(path, key, page):
         FlightRow(file=str(path), axis=axis, tier="a", duration=60.0, **known, **lights)
         for axis in ("roll", "pitch")
     ]
-    told = columns_of(rows) | {"date": "2026-11-20T10:00:00", "gains": '{"MC_ROLL_P": 6.5}'}
+    told = columns_of_flight(rows) | {"date": "2026-11-20T10:00:00", "gains": '{"MC_ROLL_P": 6.5}'}
     (made / PROGRESS).write_text(json.dumps(told | {"modes": "Loiter,Land"}))
     (made / PAGE_FILE).write_text(render_document(path.name, "", [Sentence("", said)]))
     (made / REPORT_FILE).write_text(json.dumps({"headline": said}))
@@ -75,8 +76,8 @@ class AtOnce:
 
     def run(self):
         while (entry := self.library.claim()) is not None:
-            job = Job(str(self.library.path_of(entry)))
-            self.library.finish(entry, outcome_of(job, read_made_up), LIMITS)
+            job = Job(str(self.library.log_path(entry)))
+            self.library.finish_reading(entry, outcome_of(job, read_made_up), LIMITS)
 
 
 class Answer(namedtuple("Answer", "status headers text")):
@@ -144,7 +145,7 @@ def form(files, fields=None):
 def serving(folder, token="", quota=None, is_eager=True, sample=None, **more):
     """Serves a folder in a thread."""
     library = Library(folder, quota)
-    library.adopt()
+    library.add_fleet_logs()
     work = AtOnce(library, is_eager)
     rights = Rights(token, is_local=not token)
     server = Server(library, rights, work, sample, **more)

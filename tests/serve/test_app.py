@@ -25,10 +25,10 @@ from mavdem.errors import Refusal
 from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.facts.sources import Source
 from mavdem.report.pages.library_page import interface_words
-from mavdem.serve import app, run, uploads
-from mavdem.serve.library import full_disk_refused
-from mavdem.serve.rights import rights_of
-from mavdem.serve.viewers import Viewers
+from mavdem.serve import api, run, uploads
+from mavdem.serve.library import refuse_full_disk
+from mavdem.serve.rights import rights_for_host
+from mavdem.serve.viewers import RecordingViewer
 
 
 @fixture
@@ -81,7 +81,7 @@ def test_an_uploaded_log_is_listed_with_its_review(served):
 
 def test_the_same_log_again_has_the_same_link_which_only_who_may_write_opens(guarded):
     id = guarded.add("a.ulg", "Same.", token=TOKEN)
-    key = rights_of("", TOKEN, False).key("upload")
+    key = rights_for_host("", TOKEN, False).derived_key("upload")
     for path, token, known in (
         (f"/{key}/upload", "", ("private", "")),
         ("/upload", TOKEN, ("link", "A walk")),
@@ -102,7 +102,7 @@ def test_a_log_that_cannot_be_read_says_why_and_is_kept_as_asked(served):
     entries = [served.library.entry(id) for id in (kept, gone)]
     assert [entry.stage for entry in entries] == [Stage.FAILED] * 2
     assert all(entry.problem for entry in entries)
-    assert served.library.path_of(entries[0]).is_file() and entries[1].size == 0
+    assert served.library.log_path(entries[0]).is_file() and entries[1].size == 0
     assert [served.get(f"/f/{id}/log").status for id in (kept, gone)] == [200, 404]
     assert len(list((served.library.folder / "logs").iterdir())) == 1
     assert entries[1].problem in served.get(f"/f/{gone}").text
@@ -123,11 +123,11 @@ def test_progress_is_told_until_all_is_done(tmp_path, monkeypatch):
         id = server.add("a.ulg", "One.")
         assert interface_words()["stages"][Stage.WAITING] in server.get(f"/f/{id}").text
         with monkeypatch.context() as patch:
-            patch.setattr(app, "MOST_WATCHERS", 0)
+            patch.setattr(api, "MAX_PROGRESS_STREAMS", 0)
             full = server.get(f"/api/progress?id={id}")
             assert full.refusal == (503, Request.UPLOADS_TOO_MANY)
         server.work.run()
-        monkeypatch.setattr(app, "MOST_WATCHERS", 1)
+        monkeypatch.setattr(api, "MAX_PROGRESS_STREAMS", 1)
         for _ in range(2):
             told = server.get(f"/api/progress?id={id}")
         assert told.headers["Content-Type"].startswith("text/event-stream")
@@ -194,7 +194,7 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
 
 def test_damaged_results_are_said_to_be_and_odd_values_are_as_if_not_there(served):
     a, b = served.add("a.ulg"), served.add("b.ulg")
-    results = served.library.results_of(served.library.entry(a))
+    results = served.library.results_folder(served.library.entry(a))
     for place, name, content in (
         (f"/api/flights/{a}", "report.json", b"[1]"),
         (f"/compare?a={a}&b={b}", "report.json", b"[" * 100_000),
@@ -354,12 +354,12 @@ def numbered(count):
 
 def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
     monkeypatch.setattr(uploads, "MAX_LOG_BYTES", 1000)
-    monkeypatch.setattr(uploads, "MOST_FILES", 2)
-    monkeypatch.setattr(uploads, "CHECKED_BYTES", 200)
+    monkeypatch.setattr(uploads, "MAX_FILES", 2)
+    monkeypatch.setattr(uploads, "SPACE_CHECK_BYTES", 200)
     looked = []
-    monkeypatch.setattr(uploads, "PATIENCE_SECONDS", 0.2)
-    monkeypatch.setattr(app, "MOST_WAITING", 1)
-    monkeypatch.setattr(app, "MOST_UPLOADS", 1)
+    monkeypatch.setattr(uploads, "MAX_CHUNK_DELAY", 0.2)
+    monkeypatch.setattr(api, "MAX_WAITING_LOGS", 1)
+    monkeypatch.setattr(api, "MAX_UPLOADS", 1)
     with serving(tmp_path, is_eager=False) as server:
         large = server.upload(("a.ulg", log(size=1001)))
         assert large.refusal == (413, Request.UPLOAD_TOO_LARGE)
@@ -370,20 +370,20 @@ def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
             head += f"Content-Type: multipart/form-data; boundary={BOUNDARY}\r\n\r\n"
             line.sendall(head.encode() + form([("a.ulg", log())])[:100])
             assert b" 408 " in line.recv(100)
-        monkeypatch.setattr(server.library, "room_for", looked.append)
+        monkeypatch.setattr(server.library, "check_space", looked.append)
         server.add(size=1000)
         assert looked[-1] == 0
         full = server.upload(("b.ulg", log("b")))
         assert full.code == Request.UPLOADS_TOO_MANY and full.headers["Retry-After"]
-        monkeypatch.setattr(app, "MOST_WAITING", 2)
-        monkeypatch.setattr(app, "MOST_UPLOADS", 0)
+        monkeypatch.setattr(api, "MAX_WAITING_LOGS", 2)
+        monkeypatch.setattr(api, "MAX_UPLOADS", 0)
         assert server.upload(("b.ulg", log("b"))).code == Request.UPLOADS_TOO_MANY
         assert list((tmp_path / "incoming").iterdir()) == []
 
 
 def test_who_asks_nothing_and_who_is_one_too_many_is_hung_up_on(tmp_path, monkeypatch):
-    monkeypatch.setattr(run, "MOST_CONNECTIONS", 2)
-    monkeypatch.setattr(run, "REQUEST_SECONDS", 0.2)
+    monkeypatch.setattr(run, "MAX_CONNECTIONS", 2)
+    monkeypatch.setattr(run, "MAX_REQUEST_DELAY", 0.2)
     with serving(tmp_path) as server, ExitStack() as lines:
         place = ("127.0.0.1", server.port)
         idle, slow, late = (
@@ -426,13 +426,13 @@ def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkey
             refused = server.upload(("b.ulg", log("Two.")))
             left = SimpleNamespace(free=64 << 20)
             patch.setattr("mavdem.serve.library.shutil.disk_usage", lambda folder: left)
-            server.library.room_for(0)
+            server.library.check_space(0)
             with raises(Refusal):
-                server.library.room_for(1)
+                server.library.check_space(1)
         assert refused.refusal == (507, Request.DISK_FULL)
-        with raises(PermissionError), full_disk_refused():
+        with raises(PermissionError), refuse_full_disk():
             raise PermissionError(errno.EACCES, "another trouble")
-        with raises(sqlite3.OperationalError), full_disk_refused():
+        with raises(sqlite3.OperationalError), refuse_full_disk():
             server.library.store.db.execute("no SQL")
         assert server.get("/api/flights").json["total"] == 1
         assert list((tmp_path / "incoming").iterdir()) == []
@@ -441,13 +441,13 @@ def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkey
 
 
 def test_only_loopback_needs_no_token():
-    assert rights_of("127.0.0.1", "", False).is_local
-    assert not rights_of("0.0.0.0", "", True).is_local
+    assert rights_for_host("127.0.0.1", "", False).is_local
+    assert not rights_for_host("0.0.0.0", "", True).is_local
     for host, token, code in (
         ("0.0.0.0", "", Start.TOKEN_NEEDED),
         ("127.0.0.1", "short", Start.TOKEN_TOO_SHORT),
     ):
-        assert unreadable(rights_of, host, token, False).code is code
+        assert unreadable(rights_for_host, host, token, False).code is code
 
 
 def test_the_interface_describes_itself(served):
@@ -473,7 +473,7 @@ def test_the_first_visit_explains_itself_and_offers_a_sample(tmp_path):
 
 
 def test_a_recording_opens_in_a_viewer(tmp_path):
-    with serving(tmp_path, show=lambda path: f"http://viewer/{path.name}") as server:
+    with serving(tmp_path, open_recording=lambda path: f"http://viewer/{path.name}") as server:
         id = server.add("a.ulg", "One.")
         assert server.ask("POST", f"/api/flights/{id}/viewer", {}).status == 404
         server.library.change(id, files="flight.rrd,report.html")
@@ -488,7 +488,7 @@ def test_a_viewer_that_cannot_be_started_is_refused(tmp_path, monkeypatch):
         raise OSError("port 9876 is taken")
 
     monkeypatch.setattr("mavdem.view.WebServer", taken)
-    with serving(tmp_path, show=Viewers().show) as server:
+    with serving(tmp_path, open_recording=RecordingViewer().open) as server:
         id = server.add("a.ulg", "One.")
         server.library.change(id, files="flight.rrd")
         refused = server.ask("POST", f"/api/flights/{id}/viewer", {})
@@ -496,14 +496,14 @@ def test_a_viewer_that_cannot_be_started_is_refused(tmp_path, monkeypatch):
 
 
 def test_a_viewer_that_answers_is_shown_until_another_recording_is_asked_for(monkeypatch):
-    viewers = Viewers()
+    viewers = RecordingViewer()
     with socket.create_server(("127.0.0.1", 0)) as answers:
         port = answers.getsockname()[1]
         monkeypatch.setattr("mavdem.serve.viewers.free_port", lambda: port)
         viewer = Mock(page="http://viewer", **{"process.poll.return_value": None})
         monkeypatch.setattr("mavdem.view.WebServer", begun := Mock(return_value=viewer))
         for name, count in (("a.rrd", 1), ("a.rrd", 1), ("b.rrd", 2)):
-            assert viewers.show(Path(name)) == "http://viewer" and begun.call_count == count
+            assert viewers.open(Path(name)) == "http://viewer" and begun.call_count == count
 
 
 def test_the_command_serves_as_it_is_told(tmp_path, monkeypatch):
@@ -511,5 +511,5 @@ def test_the_command_serves_as_it_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr("mavdem.cli.serve.has_screen", lambda: True)
     assert command_line.run("serve", tmp_path, "--quota", "1.5") == 0
     (options, *_), known = served.call_args
-    assert options.quota == 1_500_000_000 and options.sample.is_file()
-    assert options.limits.megabytes == 1000 and known == {"is_shown": True}
+    assert options.quota == 1_500_000_000 and options.sample_log.is_file()
+    assert options.limits.megabytes == 1000 and known == {"opens_browser": True}

@@ -23,19 +23,19 @@ from mavdem.fleet.store import read_rows
 from mavdem.fleet.workers import Job, JobLimits, outcome_of
 from mavdem.ingest import read_log
 from mavdem.results import PAGE_FILE, REPORT_FILE
-from mavdem.serve.library import Library, file_name
+from mavdem.serve.library import Library, stored_file_name
 from mavdem.serve.reading import read_for_library
+from mavdem.serve.reading_threads import ReadingThreads
 from mavdem.serve.run import ServerOptions, serve
-from mavdem.serve.search import condition_of
-from mavdem.serve.work import Work
+from mavdem.serve.search import search_condition
 
-ALL = condition_of("")
+ALL = search_condition("")
 
 
 def received(library, said="One.", name="a.ulg", **columns):
-    part = library.new_part()
+    part = library.new_incoming_path()
     part.write_bytes(log(said))
-    return library.receive(part, said.encode().hex().zfill(64), name, **columns)
+    return library.add_with_digest(part, said.encode().hex().zfill(64), name, **columns)
 
 
 @fixture
@@ -46,15 +46,15 @@ def library(tmp_path):
 
 def killed(library):
     """Leaves a library as a process does that was killed: its lock is gone, and nothing else."""
-    library._lock.close()
+    library._lock_file.close()
 
 
 def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(library, tmp_path):
     waiting, working = received(library), received(library, "Two.")
     library.change(waiting.id, stage=Stage.READING, claimed=library.name)
-    library.new_part().write_bytes(b"half of a log")
-    library.new_part("session.tlog").write_bytes(log("Three."))
-    library.new_part("empty.tlog").touch()
+    library.new_incoming_path().write_bytes(b"half of a log")
+    library.new_incoming_path("session.tlog").write_bytes(log("Three."))
+    library.new_incoming_path("empty.tlog").touch()
     for folder in (
         "logs/mine",
         "results/mine",
@@ -70,7 +70,7 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
     entries, total = again.find(*ALL, 10)
     assert total == 3 and {entry.stage for entry in entries} == {Stage.WAITING}
     assert "session.tlog" in {entry.name for entry in entries}
-    assert all(again.path_of(entry).is_file() for entry in entries)
+    assert all(again.log_path(entry).is_file() for entry in entries)
     left = {
         part: len(list((tmp_path / part).iterdir()))
         for part in ("incoming", "logs", "results", "servers")
@@ -80,11 +80,11 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
     assert {entry.stage for entry in again.find(*ALL, 10)[0]} == {Stage.DONE}
 
 
-@mark.parametrize("moment", ["os.replace", "_sync", "insert"])
+@mark.parametrize("moment", ["os.replace", "_sync_folder", "insert_entry"])
 def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
     library, tmp_path, monkeypatch, moment
 ):
-    part = library.new_part()
+    part = library.new_incoming_path()
     part.write_bytes(log())
 
     def end(*_):
@@ -93,12 +93,12 @@ def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
     with monkeypatch.context() as patch:
         patch.setattr(f"mavdem.serve.library.{moment}", end)
         with raises(KeyboardInterrupt):
-            library.receive(part, 64 * "d", "a.ulg")
+            library.add_with_digest(part, 64 * "d", "a.ulg")
     killed(library)
     again = Library(tmp_path)
     there = [*(tmp_path / "logs").rglob("*.ulg")]
-    assert [again.path_of(entry) for entry in again.find(*ALL, 1)[0]] == there
-    assert len(there) == (moment == "_sync")
+    assert [again.log_path(entry) for entry in again.find(*ALL, 1)[0]] == there
+    assert len(there) == (moment == "_sync_folder")
 
 
 def test_logs_outlive_a_lost_index(tmp_path):
@@ -116,7 +116,7 @@ def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
     for library, entry in zip((one, other, one, other), entries, strict=True):
         assert library.claim().id == entry.id
     assert one.claim() is None
-    part = one.new_part()
+    part = one.new_incoming_path()
     part.write_bytes(b"half of a log")
     other.recover()
     assert part.is_file() and other.claim() is None
@@ -130,7 +130,7 @@ def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
 def test_a_log_that_comes_again_while_it_is_deleted_stays(library, monkeypatch):
     first = received(library)
     claimed = library.claim()
-    outcome = outcome_of(Job(str(library.path_of(claimed))), read_made_up)
+    outcome = outcome_of(Job(str(library.log_path(claimed))), read_made_up)
     again = threading.Thread(target=received, args=(library,))
     remove = shutil.rmtree
 
@@ -144,10 +144,10 @@ def test_a_log_that_comes_again_while_it_is_deleted_stays(library, monkeypatch):
     library.delete(first.id)
     again.join()
     (entry,), _ = library.find(*ALL, 10)
-    assert library.path_of(entry).is_file()
+    assert library.log_path(entry).is_file()
     AtOnce(library).run()
-    library.finish(claimed, outcome, LIMITS)
-    assert (library.results_of(entry) / PAGE_FILE).is_file()
+    library.finish_reading(claimed, outcome, LIMITS)
+    assert (library.results_folder(entry) / PAGE_FILE).is_file()
 
 
 def test_a_fleet_is_shown_as_it_is(tmp_path):
@@ -155,22 +155,22 @@ def test_a_fleet_is_shown_as_it_is(tmp_path):
     rows = [FlightRow(file=f"/logs/{name}.bin", vehicle=name, axis="roll") for name in "abc"]
     fleet_of(tmp_path, rows[:2])
     library = Library(tmp_path)
-    library.adopt()
+    library.add_fleet_logs()
     fleet_of(tmp_path, rows[1:])
-    library.adopt()
+    library.add_fleet_logs()
     entries, total = library.find(*ALL, 100)
     assert total == 3 and {entry.name for entry in entries} == {"a.bin", "b.bin", "c.bin"}
-    (one,), _ = library.find(*condition_of("vehicle:b"), 100)
-    assert [row.vehicle for row in library.rows_of([one])] == ["b"]
+    (one,), _ = library.find(*search_condition("vehicle:b"), 100)
+    assert [row.vehicle for row in library.flight_rows([one])] == ["b"]
     library.delete(one.id)
-    library.adopt()
+    library.add_fleet_logs()
     assert library.find(*ALL, 100)[1] == 2 and len(read_rows(tmp_path)) == 2
     library.change(entries[0].id, note="mine")
     # as while `mavdem track` reads a log that has changed
     for change in ("update flights set log = 'other'", "delete from logs"):
         library._db.execute(change)
-    library._local.adopted = None
-    library.adopt()
+    library._thread_state.fleet_version = None
+    library.add_fleet_logs()
     assert library.entry(entries[0].id).note == "mine"
     library._db.execute("update flights set row = '['")
     with serving(tmp_path) as server:
@@ -195,7 +195,7 @@ def test_an_altered_index_removes_and_shows_nothing_outside(tmp_path):
     library.delete(away.id)
     library.delete(beside.id)
     for entry in (claimed[0], library.entry(unkept.id)):
-        library.finish(entry, outcome_of(Job("none.ulg"), read_made_up), LIMITS)
+        library.finish_reading(entry, outcome_of(Job("none.ulg"), read_made_up), LIMITS)
     assert (tmp_path / "photos" / "mine").is_dir()
     left = {path.name for path in (library.folder / "logs").iterdir()}
     assert left == {entry.digest for entry in (unkept, page, lost)}
@@ -251,10 +251,10 @@ def test_names_of_logs_lead_nowhere():
         "CON",
         ".hidden",
     ):
-        plain = file_name(name)
+        plain = stored_file_name(name)
         assert plain not in ("", ".", "..") and not set(plain) & set("/\\\0")
         assert len(plain.encode()) <= 150
-    assert file_name("Flug über (2).ulg") == "Flug_über_(2).ulg"
+    assert stored_file_name("Flug über (2).ulg") == "Flug_über_(2).ulg"
 
 
 def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):
@@ -267,7 +267,7 @@ def test_an_address_that_is_taken_is_refused(tmp_path):
         given = ServerOptions(
             tmp_path / "two", "127.0.0.1", server.port, "", False, None, 1, LIMITS, None, None
         )
-        serve(given, print, print, is_shown=False)
+        serve(given, print, print, opens_browser=False)
     assert refused.value.fact.code is Start.ADDRESS_NOT_FREE
     assert not (tmp_path / "two").exists()
 
@@ -275,30 +275,32 @@ def test_an_address_that_is_taken_is_refused(tmp_path):
 def test_a_log_is_read_with_its_page_rows_and_index(library, tmp_path, monkeypatch):
     """A real one, in this process."""
     monkeypatch.setattr("os.setpriority", lambda *_: None)
-    entry = library.entered(Path(shutil.copy(SLOW, library.new_part())), SLOW.name)
+    entry = library.add(Path(shutil.copy(SLOW, library.new_incoming_path())), SLOW.name)
     one = read_log(SLOW)
     other = replace(one.vehicles[0], system=2)
     both = replace(one, source=SLOW.name, vehicles=(*one.vehicles, other))
     monkeypatch.setattr("mavdem.serve.reading.read_log", lambda _: both)
-    outcome = outcome_of(Job(str(library.path_of(entry))), read_for_library)
-    library.finish(library.claim(), outcome, LIMITS)
+    outcome = outcome_of(Job(str(library.log_path(entry))), read_for_library)
+    library.finish_reading(library.claim(), outcome, LIMITS)
     entry = library.entry(entry.id)
     assert entry.file_names == [PAGE_FILE, REPORT_FILE, "vehicle_2_1.html"]
     assert entry.headline and entry.lights["log"] == "watch" and entry.next_step
-    rows = library.rows_of([entry])
+    rows = library.flight_rows([entry])
     assert [(row.system, row.axis) for row in rows[1:3]] == [(1, "pitch"), (2, "roll")]
-    assert "ehicle 1:1, one of 2 in the log" in (library.results_of(entry) / PAGE_FILE).read_text()
+    assert (
+        "ehicle 1:1, one of 2 in the log" in (library.results_folder(entry) / PAGE_FILE).read_text()
+    )
     assert rows[0].headline == entry.headline and rows[0].page.endswith(
         f"{entry.digest}/{PAGE_FILE}"
     )
-    for path in library.results_of(entry).iterdir():
+    for path in library.results_folder(entry).iterdir():
         assert str(tmp_path).encode() not in path.read_bytes()
-    assert f"<h1>{SLOW.name}</h1>" in (library.results_of(entry) / PAGE_FILE).read_text()
-    assert library.told(entry) == {}
+    assert f"<h1>{SLOW.name}</h1>" in (library.results_folder(entry) / PAGE_FILE).read_text()
+    assert library.progress_columns(entry) == {}
 
 
 def test_a_log_waits_for_a_cluster_that_has_gone(library, tmp_path, monkeypatch):
-    monkeypatch.setattr("mavdem.serve.work.RETRY_SECONDS", 0.01)
+    monkeypatch.setattr("mavdem.serve.reading_threads.RETRY_SECONDS", 0.01)
     received(library)
     tries = []
 
@@ -310,13 +312,13 @@ def test_a_log_waits_for_a_cluster_that_has_gone(library, tmp_path, monkeypatch)
             raise OSError(errno.EMFILE, "Too many open files")
         return outcome_of(job, read_made_up)
 
-    work = Work(library, 1, LIMITS, cluster=Mock(read=read))
+    work = ReadingThreads(library, 1, LIMITS, cluster=Mock(read=read))
     work.start()
-    while not library.find(*condition_of("stage:done"), 1)[1]:
+    while not library.find(*search_condition("stage:done"), 1)[1]:
         time.sleep(0.01)
     work.stop()
     assert {*tries} == {read_for_library}
-    work._publish(None)
+    work._publish_table(None)
     assert [*tmp_path.rglob("*.parquet")]
 
 
@@ -325,10 +327,10 @@ def test_processes_read_logs_within_limits_and_go_on_after_a_hostile_one(library
     names = ("crash.ulg", "sound.ulg")
     for name in names:
         received(library, name, name, keep=1)
-    work = Work(library, 1, JobLimits(1, 600), read=rows_of_log)
+    work = ReadingThreads(library, 1, JobLimits(1, 600), read=rows_of_log)
     work.start()
     work.notify()
-    while library.find(*condition_of("stage:failed"), 10)[1] < len(names):
+    while library.find(*search_condition("stage:failed"), 10)[1] < len(names):
         time.sleep(0.05)
     work.stop()
     entries, _ = library.find(*ALL, 10)

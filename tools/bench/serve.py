@@ -27,7 +27,8 @@ import requests
 from mavdem.facts.serve import Stage
 from mavdem.machine import free_port
 from mavdem.report.blocks import Table, markdown
-from mavdem.serve.library import Entry, Library, insert
+from mavdem.serve.index import Entry, insert_entry
+from mavdem.serve.library import Library
 
 PATIENCE_SECONDS = 600.0  # s, in which a log that was dropped must have its page
 get = partial(requests.get, timeout=60)
@@ -130,7 +131,7 @@ def list_command() -> None:
                     motors=chance.choice(("good", "watch", "bad")),
                     headline="little margin",
                 )
-                insert(db, entry)
+                insert_entry(db, entry)
         library.close()
         figures = []
         with served(folder) as server:

@@ -1,4 +1,4 @@
--- Of the table whose columns are those of Entry.
+-- Indexes of the table "entries", whose columns are the fields of the class Entry.
 create unique index if not exists by_id on entries (id);
 create unique index if not exists by_path on entries (path);
 create index if not exists by_order on entries (sorted_by desc);

@@ -13,9 +13,9 @@ from serving import serving
 from mavdem.facts.serve import Request
 from mavdem.ingest import read_log
 from mavdem.live.raw_recording import RawRecording
-from mavdem.serve import attached
-from mavdem.serve.attached import Attached
+from mavdem.serve import link_monitor
 from mavdem.serve.library import Library
+from mavdem.serve.link_monitor import LinkMonitor
 
 FRAMES = FLIGHT.read_bytes()[:200_000]
 
@@ -23,13 +23,13 @@ FRAMES = FLIGHT.read_bytes()[:200_000]
 @fixture
 def heard(tmp_path, monkeypatch):
     """What begins a session that hears a vehicle; and its library, what it warns of, and the logs that came."""
-    monkeypatch.setattr(attached, "PAGE_SECONDS", 0.1)
-    monkeypatch.setattr(attached, "SILENT_PAGES", 5)
+    monkeypatch.setattr(link_monitor, "PAGE_SECONDS", 0.1)
+    monkeypatch.setattr(link_monitor, "MAX_SILENT_PAGES", 5)
     library = Library(tmp_path)
     come = []
     warned = []
     port = free_port()
-    live = Attached(f"udpin:127.0.0.1:{port}", library, lambda: come.append(True), warned.append)
+    live = LinkMonitor(f"udpin:127.0.0.1:{port}", library, lambda: come.append(True), warned.append)
 
     def begin():
         live.start()
@@ -52,7 +52,7 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
     assert "udpin:127.0.0.1:" in live.page and "1:1" in live.page and not warned
     assert '<a href="/">← Flights</a>' in live.page and "the last 0 s" not in live.page
     (entry,), _ = library.find("1", [], 10)
-    (telemetry,) = read_log(library.path_of(entry)).vehicles
+    (telemetry,) = read_log(library.log_path(entry)).vehicles
     assert entry.name.endswith(".tlog") and (telemetry.system, telemetry.component) == (1, 1)
     with serving(tmp_path / "other") as server:
         assert server.get("/live").status == 404 and "/live" not in server.get("/").text
@@ -61,13 +61,13 @@ def test_a_session_has_a_page_and_leaves_its_log(tmp_path, heard):
 def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(attached, "live_page", Mock(return_value=""))
-    live = Attached(f"udpin:127.0.0.1:{free_port()}", Library(tmp_path), Mock(), Mock())
+    monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
+    live = LinkMonitor(f"udpin:127.0.0.1:{free_port()}", Library(tmp_path), Mock(), Mock())
     session = Mock()
-    seconds = -20 * attached.PAGE_SECONDS
+    seconds = -20 * link_monitor.PAGE_SECONDS
     for session.intake.recording.frame_count in [0] * 20 + [7] * 20:
-        live._show(session)
-        seconds += attached.PAGE_SECONDS * (not live._is_over())
+        live._update_page(session)
+        seconds += link_monitor.PAGE_SECONDS * (not live._is_over())
     live._link.close()
     assert seconds == 60
 
@@ -91,6 +91,6 @@ def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, 
     assert warned[0].code is Request.SESSION_FAILED and "No space left" in warned[0].sentence
     assert come and library.find("1", [], 10)[1] == 1
     monkeypatch.setattr(live, "start", lambda: None)
-    with serving(tmp_path / "other", live=live) as server:
+    with serving(tmp_path / "other", monitor=live) as server:
         answer = server.get("/live")
         assert answer.status == 503 and "No space left" in answer.text

@@ -1,0 +1,287 @@
+"""Endpoints of the server for programs: uploads, the list of flights and changes to it as JSON, progress as events."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable
+from dataclasses import replace
+from pathlib import Path, PureWindowsPath
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request as HttpRequest
+from starlette.responses import JSONResponse, RedirectResponse, Response, StreamingResponse
+
+from mavdem.containers import JsonValues
+from mavdem.documents.document import Document
+from mavdem.documents.library import Added, Baseline, Change, Flight, Flights, Progress, Viewer
+from mavdem.errors import Refusal
+from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
+from mavdem.fleet.workers import POLL_SECONDS
+from mavdem.ingest.formats import detect_format
+from mavdem.report.pages.library_page import interface_words
+from mavdem.results import RECORDING_FILE
+from mavdem.serve.index import Entry
+from mavdem.serve.openapi import openapi
+from mavdem.serve.pages import FLIGHTS_PER_PAGE
+from mavdem.serve.requests import error_values, query_number, read_document, valid_unicode
+from mavdem.serve.search import UNFINISHED_SQL, SqlCondition
+from mavdem.serve.uploads import MAX_FILES, UploadForm, receive_form
+from mavdem.serve.visible_library import VisibleLibrary
+
+MAX_UPLOADS = 32
+"""Uploads that are received at a time: each has a file open."""
+
+MAX_PROGRESS_STREAMS = 100
+"""Clients that watch the progress at a time: for each the index is asked twice a second."""
+
+MAX_WAITING_LOGS = 5000
+"""Logs that wait to be read, at most: hours of work."""
+
+MAX_NOTE_LETTERS = 4000
+"""Letters of a note, as the model ``Change`` allows; further ones of an upload's description are dropped."""
+
+MAX_NAME_LETTERS = 200
+"""Letters of the name of an uploaded log that are kept."""
+
+
+class Api:
+    """Endpoints that answer programs and the JavaScript of the pages.
+
+    Each takes a request and returns the answer. Each raises ``Refusal`` where the sender has no right to it, or what is
+    asked for does not exist.
+    """
+
+    def __init__(
+        self,
+        visible: VisibleLibrary,
+        log_added: Callable[[], None],
+        open_recording: Callable[[Path], str] | None,
+    ) -> None:
+        """Takes what the endpoints work on.
+
+        Args:
+            visible: the library, with the access rights.
+            log_added: called after logs were added to the library.
+            open_recording: opens a recording in a viewer and returns its address; None where that is not possible.
+        """
+        self._visible = visible
+        self._library = visible.library
+        self._rights = visible.rights
+        self._log_added = log_added
+        self._open_recording = open_recording
+        self._uploads = 0
+        self._progress_streams = 0
+
+    # Uploads
+
+    async def upload(self, request: HttpRequest) -> Response:
+        """Takes an upload as Flight Review does: the answer redirects to the page of the flight, and has no body."""
+        added = await self._receive_logs(request)
+        return RedirectResponse(f"/f/{added.flights[0].id}", 302)
+
+    async def add_logs(self, request: HttpRequest) -> Response:
+        """Takes an upload, and answers with the flights that were added and the files that were refused."""
+        added = await self._receive_logs(request)
+        return JSONResponse(added.as_dict(), 201)
+
+    async def _receive_logs(self, request: HttpRequest) -> Added:
+        """Receives the logs of an upload and adds them to the library.
+
+        Raises:
+            Refusal: the sender may not upload, the server is busy, or the upload has no log that can be added.
+        """
+        self._rights.require(request, Use.UPLOAD)
+        _, waiting_logs = await run_in_threadpool(
+            self._library.find, "stage = ?", [Stage.WAITING], 0
+        )
+        if self._uploads >= MAX_UPLOADS:
+            raise Refusal(Request.UPLOADS_TOO_MANY, count=self._uploads, name=Crowd.UPLOADS)
+        if waiting_logs >= MAX_WAITING_LOGS:
+            raise Refusal(Request.UPLOADS_TOO_MANY, count=waiting_logs, name=Crowd.LOGS)
+        self._uploads += 1
+        try:
+            form = await receive_form(request, self._library)
+        finally:
+            self._uploads -= 1
+        return await run_in_threadpool(self._add_logs_of_form, form, request)
+
+    def _add_logs_of_form(self, form: UploadForm, request: HttpRequest) -> Added:
+        """Moves the logs of a received form into the library, and removes its other files.
+
+        If the library has a log already, its sharing is widened and a missing note is added, provided that the sender
+        may change flights.
+
+        Returns:
+            The flights, and the files that are no logs with the reasons.
+
+        Raises:
+            Refusal: none of the files is a log, or there is no room.
+        """
+        columns = _columns_of_form(form.fields, request.url.path)
+        flights = []
+        refused = []
+        try:
+            for path, file in form.files.items():
+                if not file.size:
+                    continue
+                # Some browsers send the whole path of the file on their machine.
+                file_name = PureWindowsPath(valid_unicode(file.filename or "")).name
+                name = file_name[:MAX_NAME_LETTERS] or "log"
+                try:
+                    detect_format(path)
+                    entry = self._library.add(path, name, **columns)
+                    if self._rights.allows(request, Use.WRITE):
+                        sharing = columns.get("sharing", Sharing.PRIVATE)
+                        entry = self._library.widen_sharing(entry, sharing, columns["note"])
+                    flights.append(entry)
+                except Refusal as error:
+                    # A full disk or a deleted flight concerns the whole request, not this file.
+                    if isinstance(error.fact.code, Request):
+                        raise
+                    refused.append((name, error.fact.but(path=name)))
+        finally:
+            form.remove_files()
+        if not flights:
+            first_reason = refused[0][1]
+            raise Refusal(first_reason)
+        self._log_added()
+        refused_logs = [{"name": name, "error": error_values(fact)} for name, fact in refused]
+        return Added.model_validate({"flights": flights, "refused": refused_logs})
+
+    # Flights
+
+    def list_flights(self, request: HttpRequest) -> Response:
+        """Answers with the flights that a search finds, ``limit`` of them from ``offset``."""
+        limit = min(query_number(request, "limit", FLIGHTS_PER_PAGE), MAX_FILES)
+        result = self._visible.search(request, limit)
+        return _json(Flights.model_validate({"total": result.total, "flights": result.entries}))
+
+    def flight(self, request: HttpRequest) -> Response:
+        """Answers with a flight and the document of its review."""
+        entry = self._visible.entry(request, request.path_params["id"])
+        flight = Flight.model_validate(entry).as_dict()
+        return JSONResponse({"flight": flight, "review": self._visible.review(entry)})
+
+    async def change_flight(self, request: HttpRequest) -> Response:
+        """Changes the sharing, note or tags of a flight, and answers with the changed flight."""
+        self._rights.require(request, Use.WRITE)
+        change = await read_document(request, Change)
+        columns = change.model_dump(mode="json", exclude_unset=True)
+        if "tags" in columns:
+            columns["tags"] = ",".join(columns["tags"])
+        entry = await run_in_threadpool(self._library.change, request.path_params["id"], **columns)
+        return _json(Flight.model_validate(entry))
+
+    def delete_flight(self, request: HttpRequest) -> Response:
+        """Deletes a flight with its log and results; the answer has no body."""
+        self._rights.require(request, Use.WRITE)
+        self._library.delete(request.path_params["id"])
+        return Response(status_code=204)
+
+    def open_viewer(self, request: HttpRequest) -> Response:
+        """Opens the recording of a flight in a viewer on this machine, and answers with the viewer's address."""
+        self._rights.require(request, Use.WRITE)
+        entry = self._visible.entry(request, request.path_params["id"])
+        if self._open_recording is None or RECORDING_FILE not in entry.file_names:
+            raise Refusal(Request.NO_SUCH_FLIGHT)
+        recording = self._library.results_folder(entry) / RECORDING_FILE
+        return _json(Viewer(address=self._open_recording(recording)))
+
+    async def set_baseline(self, request: HttpRequest) -> Response:
+        """Sets the healthy flights with which others are compared, and answers with the same document."""
+        self._rights.require(request, Use.WRITE)
+        baseline = await read_document(request, Baseline)
+        await run_in_threadpool(self._library.set_baseline, baseline.flights)
+        return _json(baseline)
+
+    def describe(self, request: HttpRequest) -> Response:
+        """Answers with the OpenAPI description of these endpoints."""
+        return JSONResponse(openapi())
+
+    # Progress
+
+    async def progress(self, request: HttpRequest) -> Response:
+        """Answers with a stream of server-sent events about one flight, by its ``id``, or about all unfinished ones."""
+        id = request.query_params.get("id")
+        if id is None:
+            self._rights.require(request, Use.READ)
+            condition = SqlCondition(UNFINISHED_SQL)
+        else:
+            # This also checks that the sender may see the flight.
+            entry = await run_in_threadpool(self._visible.entry, request, id)
+            condition = SqlCondition("id = ?", (entry.id,))
+        if self._progress_streams >= MAX_PROGRESS_STREAMS:
+            count = self._progress_streams
+            raise Refusal(Request.UPLOADS_TOO_MANY, count=count, name=Crowd.WATCHERS)
+        events = self._progress_events(request, condition)
+        return StreamingResponse(events, media_type="text/event-stream")
+
+    async def _progress_events(
+        self, request: HttpRequest, condition: SqlCondition
+    ) -> AsyncIterator[str]:
+        """Yields an event whenever the progress of flights has changed, until all of them are done.
+
+        Args:
+            request: the stream ends when its client disconnects.
+            condition: condition of the flights. A flight is followed until it is done, even if the condition, such as
+                being unfinished, does not hold any more.
+
+        Yields:
+            Events with a JSON list of the changed ``Progress`` documents; at the end the event ``end``.
+        """
+        unfinished_ids = list[str]()
+        previous_progress = list[Progress]()
+        where = f"{condition.where} or id in (select value from json_each(?))"
+        self._progress_streams += 1
+        try:
+            while not await request.is_disconnected():
+                values = (*condition.values, json.dumps(unfinished_ids))
+                entries, _ = await run_in_threadpool(self._library.find, where, values, MAX_FILES)
+                current_progress = [self._progress_of(entry) for entry in entries]
+                unfinished_ids = [entry.id for entry in entries if not entry.is_done]
+                changes = [
+                    progress.as_dict()
+                    for progress in current_progress
+                    if progress not in previous_progress
+                ]
+                previous_progress = current_progress
+                if changes:
+                    yield f"data: {json.dumps(changes)}\n\n"
+                if not unfinished_ids:
+                    break
+                await asyncio.sleep(POLL_SECONDS)
+        except asyncio.CancelledError:
+            # The server is ending.
+            return
+        finally:
+            self._progress_streams -= 1
+        yield "event: end\ndata: \n\n"
+
+    def _progress_of(self, entry: Entry) -> Progress:
+        """Returns the progress of a flight, with what the process that reads its log has reported."""
+        if not entry.is_done:
+            entry = replace(entry, **self._library.progress_columns(entry))
+        return Progress.gather(entry, words=interface_words()["stages"][entry.stage])
+
+
+def _columns_of_form(fields: dict[str, str], path: str) -> JsonValues:
+    """Returns the columns of the index that an upload sets for its logs.
+
+    Args:
+        fields: fields of the form, as Flight Review has them: ``description`` and ``public``; and ``keep``, which says
+            whether a log that cannot be read is kept.
+        path: path of the URL. Logs that are sent to Flight Review's address ``…/upload`` can be seen by everyone with
+            the link, or are public, as there; other logs are private.
+    """
+    columns: JsonValues = {
+        "note": valid_unicode(fields.get("description", ""))[:MAX_NOTE_LETTERS],
+        "keep": int(fields.get("keep", "true").lower() != "false"),
+    }
+    if path.endswith("/upload"):
+        is_public = fields.get("public", "").lower() in ("true", "1", "on")
+        columns["sharing"] = Sharing.PUBLIC if is_public else Sharing.LINK
+    return columns
+
+
+def _json(document: Document) -> Response:
+    """Returns the answer with a JSON document."""
+    return JSONResponse(document.as_dict())

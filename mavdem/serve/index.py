@@ -1,0 +1,223 @@
+"""The index of the library: the SQLite table ``entries`` with one row per log, and the class of its rows."""
+
+import hashlib
+import secrets
+import sqlite3
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from mavdem.containers import JsonValues
+from mavdem.facts.lights import Light
+from mavdem.facts.serve import Sharing, Stage
+from mavdem.fleet.row import FlightRow, FlightRows
+
+DIGEST_GLOB = "[0-9a-f]" * len(hashlib.sha256().hexdigest())
+"""Pattern of a SHA-256 in hexadecimal digits, for file names and for GLOB in SQLite."""
+
+LINK_BYTES = 16
+"""Random bytes in the id of an entry. The id is its link, and 128 bits cannot be guessed."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One row of the index: a log of the library, how far it is read, and what lists and searches need of it.
+
+    The names of the fields are those of the columns. A value that is not known is empty or None.
+    """
+
+    id: str
+    """Random id, which is the last part of the flight's link ``/f/ID``."""
+    name: str
+    """File name of the log, as it was uploaded."""
+    digest: str = ""
+    """SHA-256 of the log in hexadecimal digits; empty for a log outside the library, which `mavdem track` has read."""
+    path: str = ""
+    """Path of the log, relative to the library's folder, or absolute for a log outside the library."""
+    size: int = 0
+    """Size of the log in bytes; 0 if the log is not kept."""
+    kept: int = 0
+    """Size of all its result files in bytes."""
+    keep: int = 1
+    """Whether the log is kept where it cannot be read, 0 or 1."""
+    received: float = 0.0
+    """UNIX time at which the log was received, s."""
+    stage: str = Stage.WAITING
+    """How far the log is read, a value of ``Stage``."""
+    claimed: str = ""
+    """Name of the server that reads the log now; empty if none does."""
+    problem: str = ""
+    """Why the log cannot be read, one sentence; empty where it can."""
+    sharing: str = Sharing.PRIVATE
+    """Who may see the flight, a value of ``Sharing``."""
+    log_shared: int = 0
+    """Whether those who may see the flight may also download the log, 0 or 1."""
+    note: str = ""
+    """The owner's note."""
+    tags: str = ""
+    """The owner's tags, separated by commas."""
+    vehicle: str = ""
+    """Name of the vehicle."""
+    date: str = ""
+    """When the flight began, ISO 8601, UTC."""
+    duration: float | None = None
+    """Duration of settled flight, s."""
+    headline: str = ""
+    """The most important result of the flight, one sentence."""
+    level: str = ""
+    """Level of the headline: good, watch, bad or unknown; empty before the log is judged."""
+    next_step: str = ""
+    """What the pilot should do next, one sentence."""
+    motors: str = ""
+    """Level of the light "motors"; so for the seven lights that follow."""
+    vibration: str = ""
+    """Level of the light "vibration"."""
+    tracking: str = ""
+    """Level of the light "tracking"."""
+    margins: str = ""
+    """Level of the light "margins"."""
+    power: str = ""
+    """Level of the light "power"."""
+    estimator: str = ""
+    """Level of the light "estimator"."""
+    wind: str = ""
+    """Level of the light "wind"."""
+    log: str = ""
+    """Level of the light "log"."""
+    modes: str = ""
+    """Flight modes in order of their first use, separated by commas."""
+    motor: int | None = None
+    """Number of the motor that is suspected of a fault, from 1."""
+    wind_speed: float | None = None
+    """Speed of the mean wind, m/s."""
+    gains: str = "{}"
+    """JSON object of the autopilot's control parameters: value by name."""
+    files: str = ""
+    """Names of the result files, separated by commas; for a log outside the library, the path of its page."""
+    sorted_by: str = ""
+    """ISO 8601 time by which lists are sorted: the flight's date or, where that is unknown, the time of reception."""
+
+    @property
+    def lights(self) -> dict[str, str]:
+        """The level of each light by its name; empty before the log is judged."""
+        if not self.level:
+            return {}
+        return {str(light): getattr(self, light) for light in Light}
+
+    @property
+    def file_names(self) -> list[str]:
+        """Names of the result files."""
+        return self.files.split(",") if self.files else []
+
+    @property
+    def is_done(self) -> bool:
+        """Whether reading has ended, with results or without."""
+        return self.stage in (Stage.DONE, Stage.FAILED)
+
+
+COLUMNS = tuple(field.name for field in fields(Entry))
+"""Names of the columns of the table ``entries``."""
+
+INDEXES_SQL = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
+"""SQL that creates the table's indexes."""
+
+
+def create_or_update_table(db: sqlite3.Connection) -> None:
+    """Creates the table ``entries`` with its indexes, or adds the columns that an earlier version did not have."""
+    missing_columns = {name: f"{name} default ''" for name in COLUMNS}
+    db.execute(f"create table if not exists entries ({', '.join(missing_columns.values())})")
+    for row in db.execute("pragma table_info(entries)"):
+        del missing_columns[row["name"]]
+    for definition in missing_columns.values():
+        db.execute(f"alter table entries add column {definition}")
+    db.executescript(INDEXES_SQL)
+
+
+def insert_entry(db: sqlite3.Connection, entry: Entry) -> None:
+    """Adds the row of an entry to the table."""
+    names = ", ".join(COLUMNS)
+    placeholders = ", ".join(f":{name}" for name in COLUMNS)
+    db.execute(f"insert into entries ({names}) values ({placeholders})", vars(entry))
+
+
+def find_by_digest(db: sqlite3.Connection, digest: str) -> Entry | None:
+    """Returns the entry of the log with this SHA-256, or None if the library has no such log."""
+    row = db.execute("select * from entries where digest = ?", [digest]).fetchone()
+    return None if row is None else entry_from_row(row)
+
+
+def entry_from_row(row: sqlite3.Row) -> Entry:
+    """Converts a row of the table to an entry.
+
+    Empty columns get the defaults of the fields. A digest that is no SHA-256 is dropped: it becomes part of paths, and
+    must not lead out of the library's folder even if somebody has altered the index.
+    """
+    values = {name: row[name] for name in COLUMNS if row[name] not in (None, "")}
+    entry = Entry(**values)
+    if fnmatchcase(str(entry.digest), DIGEST_GLOB):
+        return entry
+    return replace(entry, digest="")
+
+
+def new_id() -> str:
+    """Returns a new random id for an entry, which cannot be guessed and may stand in a URL."""
+    return secrets.token_urlsafe(LINK_BYTES)
+
+
+def entry_of_fleet_log(file: str, rows: FlightRows) -> Entry:
+    """Makes the entry of a log that ``mavdem track`` has read.
+
+    Args:
+        file: path of the log, as the fleet's rows have it.
+        rows: the fleet's rows of this log, at least one.
+    """
+    first_row = rows[0]
+    columns = columns_of_flight(rows)
+    return Entry(
+        new_id(),
+        Path(file).name,
+        path=file,
+        size=_size_of_log(first_row),
+        received=0.0 if first_row.date is None else first_row.date.timestamp(),
+        stage=Stage.DONE if first_row.has_flight else Stage.FAILED,
+        problem="" if first_row.has_flight else first_row.status,
+        sorted_by=columns["date"],
+        files=first_row.page or "",
+        **columns,
+    )
+
+
+def _size_of_log(row: FlightRow) -> int:
+    """Returns the size of a row's log in bytes, with which the key of its content ends; 0 if it is not known."""
+    size = row.key.rpartition("-")[2]
+    return int(size) if size.isdecimal() else 0
+
+
+def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
+    """Returns the columns of the index that follow from the fleet's rows of a log.
+
+    Args:
+        rows: rows of the log, at least one. The first stands for the flight; the suspected motor is the first that
+            any of them has.
+
+    Returns:
+        Values by the names of the columns.
+    """
+    first_row = rows[0]
+    suspect_motor = None
+    for row in rows:
+        if row.suspect_motor is not None:
+            suspect_motor = row.suspect_motor
+            break
+    lights = {str(light): getattr(first_row, f"light_{light}") or "" for light in Light}
+    return {
+        "vehicle": first_row.vehicle,
+        "date": "" if first_row.date is None else first_row.date.isoformat(timespec="seconds"),
+        "duration": first_row.duration,
+        "headline": first_row.headline or "",
+        "level": first_row.headline_level or "",
+        "motor": suspect_motor,
+        "wind_speed": first_row.wind_speed,
+        **lights,
+    }

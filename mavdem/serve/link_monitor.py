@@ -1,0 +1,185 @@
+"""Live sessions on a link that the server monitors: a page while the vehicle flies, then its log in the library."""
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from threading import Event, Thread
+
+from mavdem.dem import Settings
+from mavdem.dem.parallel import LearningProcess
+from mavdem.errors import Refusal, fact_from_error
+from mavdem.facts import Fact
+from mavdem.facts.serve import Request
+from mavdem.facts.session import LinkFact
+from mavdem.live import LiveStream
+from mavdem.live.link import Link
+from mavdem.live.raw_recording import RawRecording
+from mavdem.live.session import LiveSession
+from mavdem.live.session_loop import run_session
+from mavdem.report.pages.flight_page import live_page
+from mavdem.report.pages.page import PageLink
+from mavdem.serve.library import Library
+
+PAGE_SECONDS = 5.0
+"""Seconds between two pages of a session."""
+
+MAX_SILENT_PAGES = 12
+"""Pages in a row during which nothing is received, a minute in all, after which the session of a vehicle is over."""
+
+MODEL_AXIS = "roll"
+"""Axis whose model a session learns."""
+
+
+class LinkMonitor:
+    """Runs live sessions on a link, one after the other, in a thread; nothing is ever sent to the vehicle.
+
+    A session ends when a vehicle that was received is silent for a minute, or when the server ends. After an error,
+    such as a full disk, no further session begins; what was recorded until then is kept.
+
+    Attributes:
+        problem: why no session runs any more; None while one does.
+    """
+
+    def __init__(
+        self,
+        link: str,
+        library: Library,
+        log_added: Callable[[], None],
+        warn: Callable[[Fact], None],
+    ) -> None:
+        """Opens the link; sessions begin with :meth:`start`.
+
+        Args:
+            link: address of the link, such as ``udpin:127.0.0.1:14550``.
+            library: where recordings of sessions are added.
+            log_added: called after a recording was added.
+            warn: called with the reason where no session runs any more.
+
+        Raises:
+            Unreadable: the link cannot be opened.
+        """
+        self.problem: Fact | None = None
+        self._page = ""
+        self._link = Link(link)
+        self._library = library
+        self._log_added = log_added
+        self._warn = warn
+        self._is_stopping = Event()
+        self._silent_pages = 0
+        self._frames_at_last_page = 0
+        self._thread = Thread(target=self._run, daemon=True)
+
+    def start(self) -> None:
+        """Starts the thread with the first session."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ends the session, adds its recording to the library, and closes the link."""
+        self._is_stopping.set()
+        self._thread.join()
+        self._link.close()
+
+    @property
+    def page(self) -> str:
+        """The HTML of the running session, of a few seconds ago.
+
+        Raises:
+            Refusal: no session runs any more.
+        """
+        if self.problem is not None:
+            raise Refusal(self.problem)
+        return self._page
+
+    def _run(self) -> None:
+        """Is the thread: runs sessions until the server ends or one of them fails."""
+        try:
+            with LearningProcess() as executor:
+                while not self._is_stopping.is_set():
+                    self._run_one_session(executor)
+        except Exception as error:
+            # No caller would see the error in this thread, so any kind of it is reported.
+            reason = fact_from_error(error)
+            self.problem = Fact(Request.SESSION_FAILED, name=self._link.name, because=reason)
+            self._warn(self.problem)
+
+    def _run_one_session(self, executor: LearningProcess) -> None:
+        """Runs one session, and adds its recording to the library unless nothing was received.
+
+        Args:
+            executor: the process in which models are learned.
+
+        Raises:
+            OSError: the recording cannot be written any more.
+            Refusal: the library has no room.
+        """
+        name = f"{datetime.now(UTC):%Y-%m-%d_%H-%M-%S}.tlog"
+        path = self._library.new_incoming_path(name)
+        recording = RawRecording(path)
+        session = LiveSession(
+            self._link,
+            LiveStream(MODEL_AXIS),
+            Settings(),
+            _ignore,
+            _ignore,
+            _raise_when_recording_ended,
+            executor,
+            recording,
+            # An empty name: the user finds the recording in the library when the session has ended.
+            recording_name="",
+        )
+        self._silent_pages = 0
+        self._frames_at_last_page = 0
+        try:
+            try:
+                self._update_page(session)
+                run_session(session, self._is_over, None, PAGE_SECONDS, self._update_page)
+            finally:
+                session.end()
+        finally:
+            if recording.frame_count:
+                self._library.add(path, name)
+                self._log_added()
+            else:
+                path.unlink()
+
+    def _is_over(self) -> bool:
+        """Returns whether the session is to end."""
+        return self._is_stopping.is_set() or self._silent_pages >= MAX_SILENT_PAGES
+
+    def _update_page(self, session: LiveSession) -> None:
+        """Makes the page of a session anew, and counts the pages without anything received.
+
+        Raises:
+            Refusal: the library has no room, so that the session should end while its recording can still be kept.
+        """
+        self._library.check_space(0)
+        recording = session.intake.recording
+        # A recording that fails ends the session before its next page.
+        assert recording is not None
+        frames = recording.frame_count
+        # Before the first frame the session waits for a vehicle, for as long as it takes.
+        is_silent = frames > 0 and frames == self._frames_at_last_page
+        self._silent_pages = self._silent_pages + 1 if is_silent else 0
+        self._frames_at_last_page = frames
+        self._page = live_page(
+            session.link.name,
+            MODEL_AXIS,
+            session.history,
+            session.status,
+            session.time_account(),
+            None,
+            PageLink("Flights", "/"),
+        )
+
+
+def _ignore(_: object) -> None:
+    """Takes the reports of a session that the server does not show elsewhere than on the page."""
+
+
+def _raise_when_recording_ended(fact: Fact) -> None:
+    """Ends the session by an error when its recording cannot be written any more.
+
+    Raises:
+        OSError: the fact says so.
+    """
+    if fact.code is LinkFact.STREAM_RECORDING_ENDED:
+        raise OSError(fact.figures["error"])

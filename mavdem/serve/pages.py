@@ -1,0 +1,252 @@
+"""Endpoints of the server for browsers: the HTML pages, the files of flights, and signing in and out."""
+
+import asyncio
+import json
+from collections.abc import Callable
+from pathlib import Path
+from stat import S_ISREG
+from urllib.parse import parse_qs
+
+from starlette.requests import Request as HttpRequest
+from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
+
+from mavdem.errors import Refusal
+from mavdem.facts.serve import Request, Stage, Use
+from mavdem.fleet.difference import (
+    baseline_differences,
+    changed_parameters,
+    states_without_gains,
+    vehicle_difference,
+)
+from mavdem.fleet.flights import vehicles_of
+from mavdem.fleet.row import FlightRows
+from mavdem.fleet.workers import PAGES
+from mavdem.ingest.formats import detect_format
+from mavdem.report.difference import baseline_blocks
+from mavdem.report.pages.difference_page import comparison_page
+from mavdem.report.pages.library_page import (
+    render_server_page,
+    script,
+    vehicle_page,
+    with_bar,
+    without_policy,
+)
+from mavdem.report.pages.page import PageLink
+from mavdem.results import PAGE_FILE, RECORDING_FILE
+from mavdem.serve.index import Entry
+from mavdem.serve.link_monitor import PAGE_SECONDS, LinkMonitor
+from mavdem.serve.requests import read_body
+from mavdem.serve.rights import COOKIE_NAME
+from mavdem.serve.uploads import MAX_FILES
+from mavdem.serve.visible_library import VisibleLibrary, refuse_missing_file
+
+FLIGHTS_PER_PAGE = 100
+"""Flights on one page of the list."""
+
+WRONG_TOKEN_DELAY = 1.0
+"""Seconds until a wrong token is refused, so that guessing takes long."""
+
+
+class Pages:
+    """Endpoints that answer with pages for a browser, or with files.
+
+    Each takes a request and returns the answer. Each raises ``Refusal`` where the visitor has no right to it, or what
+    is asked for does not exist.
+    """
+
+    def __init__(
+        self,
+        visible: VisibleLibrary,
+        sample_log: Path | None,
+        open_recording: Callable[[Path], str] | None,
+        monitor: LinkMonitor | None,
+    ) -> None:
+        """Takes what the pages show.
+
+        Args:
+            visible: the library, with the access rights.
+            sample_log: a log that visitors may try the server with; None for no offer.
+            open_recording: opens a recording in a viewer on this machine; None where that is not possible.
+            monitor: monitor of a live link; None without one.
+        """
+        self._visible = visible
+        self._library = visible.library
+        self._rights = visible.rights
+        self._sample_log = sample_log
+        self._open_recording = open_recording
+        self._monitor = monitor
+
+    def list_flights(self, request: HttpRequest) -> Response:
+        """Answers with the list of flights, or with those that a search finds."""
+        result = self._visible.search(request, FLIGHTS_PER_PAGE)
+        visitor = self._visible.visitor_values(request)
+        may_read = visitor["may_read"]
+        return HTMLResponse(
+            render_server_page(
+                "library",
+                entries=result.entries,
+                total=result.total,
+                query=result.query,
+                offset=result.offset,
+                page=FLIGHTS_PER_PAGE,
+                is_empty=not result.entries and not result.query and not result.offset,
+                sample=self._sample_log,
+                is_live=self._monitor is not None,
+                vehicles=self._library.vehicle_names() if may_read else [],
+                troubles=self._visible.rows_with_trouble(result.entries) if may_read else {},
+                **visitor,
+            )
+        )
+
+    def flight(self, request: HttpRequest) -> Response:
+        """Answers with the page of a flight below a bar with its downloads and settings.
+
+        While the log is being read, or where it cannot be read, the page says so instead. The query ``vehicle`` chooses
+        another vehicle of the log.
+        """
+        entry = self._visible.entry(request, request.path_params["id"])
+        values = self._visible.visitor_values(request) | {"flight": entry}
+        vehicle = request.query_params.get("vehicle", "")
+        path = self._page_path(entry, vehicle)
+        # The page of a log that `mavdem track` has read may be missing; then the page for unread logs is shown.
+        if entry.stage != Stage.DONE or not (entry.digest or path.is_file()):
+            return HTMLResponse(render_server_page("flight", **values))
+        if values["may_read"] and not vehicle:
+            values["trouble"] = self._visible.rows_with_trouble([entry]).get(entry.id)
+        has_recording = RECORDING_FILE in entry.file_names
+        can_open = self._open_recording is not None and has_recording and values["may_read"]
+        with refuse_missing_file():
+            html = path.read_text("utf-8")
+        files = entry.file_names if entry.digest else []
+        return HTMLResponse(with_bar(html, files=files, can_open=can_open, **values))
+
+    def _page_path(self, entry: Entry, vehicle: str) -> Path:
+        """Returns the path of a flight's page.
+
+        Args:
+            entry: the flight.
+            vehicle: ``SYSTEM_COMPONENT`` of another vehicle of its log; if it has no page, that of the log is returned.
+        """
+        if not entry.digest:
+            # Only the name is used: an altered index must not lead to other folders.
+            return self._library.folder / PAGES / Path(entry.files).name
+        page_name = f"vehicle_{vehicle}.html"
+        if page_name not in entry.file_names:
+            page_name = PAGE_FILE
+        return self._library.results_folder(entry) / page_name
+
+    def file(self, request: HttpRequest) -> Response:
+        """Answers with a result file of a flight by its name, or with its log, by the name ``log``."""
+        entry = self._visible.entry(request, request.path_params["id"])
+        name = request.path_params["name"]
+        if name == "log":
+            if not entry.log_shared and not self._rights.allows(request, Use.READ):
+                raise Refusal(Request.NO_RIGHT, name=Use.DOWNLOAD)
+            path = self._library.log_path(entry)
+            if not entry.digest and path.is_file():
+                # A path outside the library may be altered in the index. Whatever it is, only logs are given out.
+                detect_format(path)
+            name = entry.name
+        elif entry.digest and name in entry.file_names:
+            path = self._library.results_folder(entry) / name
+        else:
+            raise Refusal(Request.NO_SUCH_FLIGHT)
+        with refuse_missing_file():
+            status = path.stat()
+        if not S_ISREG(status.st_mode):
+            raise Refusal(Request.NO_SUCH_FLIGHT)
+        return FileResponse(
+            path, media_type="application/octet-stream", filename=name, stat_result=status
+        )
+
+    def live_session(self, request: HttpRequest) -> Response:
+        """Answers with the page of the live session, which the browser loads again every few seconds."""
+        self._rights.require(request, Use.READ)
+        if self._monitor is None:
+            raise Refusal(Request.NO_SUCH_FLIGHT)
+        return HTMLResponse(self._monitor.page, headers={"Refresh": f"{PAGE_SECONDS:g}"})
+
+    def vehicle(self, request: HttpRequest) -> Response:
+        """Answers with the page of a vehicle: its flights over time, and how the latest differs from the baseline."""
+        self._rights.require(request, Use.READ)
+        name = request.query_params.get("name", "")
+        entries, _ = self._library.find("vehicle = ?", [name], MAX_FILES)
+        if not entries:
+            raise Refusal(Request.NO_SUCH_FLIGHT)
+        rows = [row for row in self._library.flight_rows(entries) if row.vehicle == name]
+        healthy_rows = [row for row in self._library.store.healthy if row.vehicle == name]
+        difference = None
+        if healthy_rows:
+            difference = baseline_differences(rows, healthy_rows).get(name)
+        return HTMLResponse(
+            vehicle_page(
+                vehicles_of(rows).get(name, []),
+                () if difference is None else baseline_blocks(*difference),
+                name=name,
+                entries=entries,
+                baseline=len({row.key for row in healthy_rows}),
+                troubles=self._visible.rows_with_trouble(entries),
+                **self._visible.visitor_values(request),
+            )
+        )
+
+    def compare(self, request: HttpRequest) -> Response:
+        """Answers with the comparison of two flights, whose ids are ``a`` and ``b`` in the query."""
+        self._rights.require(request, Use.READ)
+        before = self._library.entry(request.query_params.get("a", ""))
+        after = self._library.entry(request.query_params.get("b", ""))
+        difference = vehicle_difference(
+            self._rows_of_listed_vehicle(before), self._rows_of_listed_vehicle(after)
+        )
+        gains_before = json.loads(before.gains)
+        gains_after = json.loads(after.gains)
+        html = comparison_page(
+            (before.name, after.name),
+            (self._visible.review(before) or {}, self._visible.review(after) or {}),
+            difference,
+            changed_parameters(gains_before, gains_after),
+            states_without_gains(gains_before, gains_after),
+            PageLink("Flights", "/"),
+        )
+        return HTMLResponse(without_policy(html, **self._visible.visitor_values(request)))
+
+    def _rows_of_listed_vehicle(self, entry: Entry) -> FlightRows:
+        """Returns the fleet's rows of a log, of the vehicle under which it is listed."""
+        return [row for row in self._library.flight_rows([entry]) if row.vehicle == entry.vehicle]
+
+    def sign_in_form(self, request: HttpRequest) -> Response:
+        """Refuses the request: the page of that refusal has the form that asks for the token."""
+        raise Refusal(Request.NO_RIGHT, name=Use.READ)
+
+    async def sign_in(self, request: HttpRequest) -> Response:
+        """Checks the token of a form, and gives the browser the cookie for reading."""
+        fields = parse_qs((await read_body(request)).decode(errors="replace"))
+        token = fields.get("token", [""])[0].strip()
+        if not self._rights.is_token(token):
+            await asyncio.sleep(WRONG_TOKEN_DELAY)
+            raise Refusal(Request.NO_RIGHT, name=Use.READ)
+        response = RedirectResponse("/", 303)
+        response.set_cookie(
+            COOKIE_NAME,
+            self._rights.derived_key(Use.READ),
+            httponly=True,
+            samesite="lax",
+            secure=request.url.scheme == "https",
+        )
+        return response
+
+    def sign_out(self, request: HttpRequest) -> Response:
+        """Removes the cookie from the browser."""
+        response = RedirectResponse("/", 303)
+        response.delete_cookie(COOKIE_NAME)
+        return response
+
+    def script(self, request: HttpRequest) -> Response:
+        """Answers with the JavaScript of the pages."""
+        return Response(script(), media_type="text/javascript")
+
+    def sample_log(self, request: HttpRequest) -> Response:
+        """Answers with the sample log."""
+        if self._sample_log is None:
+            raise Refusal(Request.NO_SUCH_FLIGHT)
+        return FileResponse(self._sample_log)

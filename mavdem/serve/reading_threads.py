@@ -1,0 +1,127 @@
+"""Threads that take waiting logs from the library and have each read, by a worker process or by a Dask cluster."""
+
+import sqlite3
+import threading
+
+from mavdem.errors import Refusal
+from mavdem.facts.serve import Stage
+from mavdem.fleet.cluster import Cluster
+from mavdem.fleet.workers import Job, JobLimits, LogReader, ReadLog, outcome_of
+from mavdem.live.link import RETRY_SECONDS
+from mavdem.serve.index import Entry
+from mavdem.serve.library import SERVERS, Library
+from mavdem.serve.reading import publish_table, read_for_library
+
+MAX_CLUSTER_JOBS = 32
+"""Logs that are given to a cluster at a time, at most."""
+
+TEMPORARY_ERRORS = (Refusal, OSError, sqlite3.Error)
+"""Errors that may pass, after which another attempt is made: the disk is full, the cluster does not answer, or the
+process has too many open files."""
+
+
+class ReadingThreads:
+    """Reads the logs that wait in a library, several at a time, until it is stopped."""
+
+    def __init__(
+        self,
+        library: Library,
+        processes: int,
+        limits: JobLimits,
+        cluster: Cluster | None = None,
+        read: ReadLog = read_for_library,
+    ) -> None:
+        """Prepares the threads, which begin with :meth:`start`.
+
+        Args:
+            library: the library.
+            processes: number of worker processes on this machine; without effect where there is a cluster.
+            limits: time and memory for each log.
+            cluster: Dask cluster that reads the logs; None for this machine.
+            read: the function that reads one log.
+        """
+        self._library = library
+        self._limits = limits
+        self._cluster = cluster
+        self._read = read
+        self._is_stopping = threading.Event()
+        self._log_added = threading.Condition()
+        count = MAX_CLUSTER_JOBS if cluster else processes
+        self._threads = [threading.Thread(target=self._run, daemon=True) for _ in range(count)]
+
+    def start(self) -> None:
+        """Starts the threads."""
+        for thread in self._threads:
+            thread.start()
+
+    def notify(self) -> None:
+        """Wakes a thread, after a log was added to the library."""
+        with self._log_added:
+            self._log_added.notify()
+
+    def stop(self) -> None:
+        """Ends the threads and kills their processes, whatever they do; returns when all have ended."""
+        self._is_stopping.set()
+        with self._log_added:
+            self._log_added.notify_all()
+        if self._cluster is not None:
+            self._cluster.stop()
+        for thread in self._threads:
+            thread.join()
+
+    def _run(self) -> None:
+        """Is one thread: reads waiting logs one after the other, and writes the fleet's table when none waits."""
+        reader = self._cluster or LogReader(self._is_stopping.is_set)
+        # A worker process imports its modules when it writes the table for the first time. That is done at once, so
+        # that the first log need not wait for it.
+        needs_warm_up = self._cluster is None
+        while not self._is_stopping.is_set():
+            try:
+                entry = self._library.claim()
+                if entry is not None:
+                    self._read_log(reader, entry)
+                elif needs_warm_up or self._library.table_is_outdated.is_set():
+                    needs_warm_up = False
+                    self._library.table_is_outdated.clear()
+                    self._publish_table(reader)
+                else:
+                    self._wait_for_log()
+            except TEMPORARY_ERRORS:
+                self._is_stopping.wait(RETRY_SECONDS)
+        reader.stop()
+
+    def _wait_for_log(self) -> None:
+        """Waits until a log is added, for a second at most.
+
+        Before, it takes over the logs of servers that have died, and adds those that ``mavdem track`` has read.
+        """
+        if self._library.dead_servers():
+            self._library.recover()
+        self._library.add_fleet_logs()
+        with self._log_added:
+            self._log_added.wait(RETRY_SECONDS)
+
+    def _read_log(self, reader: LogReader | Cluster, entry: Entry) -> None:
+        """Has a claimed log read, and stores its outcome; without an outcome the server is ending.
+
+        Raises:
+            Refusal, OSError, sqlite3.Error: the log cannot be read now, and waits again.
+        """
+        job = Job(str(self._library.log_path(entry)))
+        try:
+            outcome = reader.read(job, self._limits, self._read)
+        except TEMPORARY_ERRORS:
+            self._library.change(entry.id, stage=Stage.WAITING, claimed="")
+            raise
+        if outcome is not None:
+            self._library.finish_reading(entry, outcome, self._limits)
+
+    def _publish_table(self, reader: LogReader | Cluster) -> None:
+        """Has the fleet's table of flights written anew, on this machine also where a cluster reads the logs."""
+        # A job opens and closes its file. When a process closes SQLite's file, POSIX drops its locks on it, so the job
+        # names the server's lock file instead.
+        job = Job(str(self._library.folder / SERVERS / self._library.name))
+        if self._cluster is None:
+            reader.read(job, self._limits, publish_table)
+        else:
+            outcome_of(job, publish_table)

@@ -1,0 +1,71 @@
+"""Parts of HTTP requests and answers: bodies, numbers and texts that clients send, and the document of an error."""
+
+from typing import TypeVar
+
+from pydantic import ValidationError
+from starlette.requests import Request as HttpRequest
+
+from mavdem.containers import JsonValues
+from mavdem.documents.document import Document
+from mavdem.errors import Refusal
+from mavdem.facts import Fact
+from mavdem.facts.serve import Request
+from mavdem.serve.uploads import MAX_FIELD_BYTES, body_chunks
+
+MAX_NUMBER_DIGITS = 9
+"""Digits of a number in a query, at most: larger ones would not fit into the integers of SQLite."""
+
+Model = TypeVar("Model", bound=Document)
+
+
+async def read_body(request: HttpRequest) -> bytes:
+    """Receives the body of a request that is no upload.
+
+    Raises:
+        Refusal: it is larger than ``MAX_FIELD_BYTES``, comes too slowly or breaks off.
+    """
+    body = bytearray()
+    async for chunk in body_chunks(request):
+        body += chunk
+        if len(body) > MAX_FIELD_BYTES:
+            raise Refusal(Request.UPLOAD_TOO_LARGE, size_limit=MAX_FIELD_BYTES)
+    return bytes(body)
+
+
+async def read_document(request: HttpRequest, model: type[Model]) -> Model:
+    """Receives the JSON document in the body of a request.
+
+    Args:
+        request: the request.
+        model: model of the document, by which it is checked.
+
+    Raises:
+        Refusal: the body is no such document.
+    """
+    body = await read_body(request)
+    try:
+        return model.model_validate_json(body)
+    except ValidationError as error:
+        reason = error.errors()[0]["msg"]
+        raise Refusal(Request.BAD_REQUEST, because=reason) from None
+
+
+def query_number(request: HttpRequest, name: str, default: int) -> int:
+    """Returns a number from 0 in the query of a URL; the default where there is none, or it is too long."""
+    text = request.query_params.get(name, "")
+    if text.isdecimal() and len(text) <= MAX_NUMBER_DIGITS:
+        return int(text)
+    return default
+
+
+def valid_unicode(text: str) -> str:
+    """Replaces lone surrogates, which are no characters, by question marks.
+
+    A form may name a charset that decodes to such surrogates, and they cannot be written to a file as UTF-8.
+    """
+    return text.encode(errors="replace").decode()
+
+
+def error_values(fact: Fact) -> JsonValues:
+    """Returns the values of the document ``Error`` for the reason of a refusal."""
+    return {"reason": fact, "remedy": fact.remedy, "fact": fact}

@@ -1,0 +1,128 @@
+"""The library as the sender of a request may see it: flights by their links, lists, and what all pages show of him."""
+
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from starlette.requests import Request as HttpRequest
+
+from mavdem.containers import JsonValues, group_by
+from mavdem.errors import Refusal
+from mavdem.facts.serve import Request, Sharing, Use
+from mavdem.fleet.flights import worst_row
+from mavdem.fleet.row import FlightRow
+from mavdem.report.fleet import TROUBLED_HEALTHS
+from mavdem.results import REPORT_FILE
+from mavdem.serve.index import Entry
+from mavdem.serve.library import Library
+from mavdem.serve.requests import query_number
+from mavdem.serve.rights import Rights
+from mavdem.serve.search import search_condition
+
+MAX_SEARCH_LETTERS = 500
+"""Letters of a search that are used; further ones are ignored."""
+
+
+class SearchResult(NamedTuple):
+    """What a search in the library found."""
+
+    entries: list[Entry]
+    """the flights of one page of the result, the newest first"""
+    total: int
+    """number of all flights that match"""
+    query: str
+    """the search"""
+    offset: int
+    """number of matching flights that come before the page"""
+
+
+@dataclass(frozen=True)
+class VisibleLibrary:
+    """A library with the access rights of those who send requests."""
+
+    library: Library
+    """The library."""
+    rights: Rights
+    """The access rights."""
+
+    def entry(self, request: HttpRequest, id: str) -> Entry:
+        """Returns the flight with this id.
+
+        Raises:
+            Refusal: there is none, or the sender may not see it. The reason is the same, so that nobody can find out
+                which flights there are.
+        """
+        entry = self.library.entry(id)
+        if not self.rights.allows_viewing(request, entry):
+            raise Refusal(Request.NO_SUCH_FLIGHT)
+        return entry
+
+    def search(self, request: HttpRequest, limit: int) -> SearchResult:
+        """Searches the flights that the sender of a request may list.
+
+        Args:
+            request: its query has the search as ``q``, and the number of flights to skip as ``offset``.
+            limit: number of flights that are returned, at most.
+        """
+        query = request.query_params.get("q", "")[:MAX_SEARCH_LETTERS]
+        offset = query_number(request, "offset", 0)
+        where, values = search_condition(query)
+        if not self.rights.allows(request, Use.READ):
+            where = f"sharing = '{Sharing.PUBLIC}' and {where}"
+        entries, total = self.library.find(where, values, limit, offset)
+        return SearchResult(entries, total, query, offset)
+
+    def rows_with_trouble(self, entries: Sequence[Entry]) -> dict[str, FlightRow]:
+        """Finds the flights whose motors differ from those of the other flights of their vehicle.
+
+        Returns:
+            The row of the worst axis of each such flight, by the flight's id.
+        """
+        entry_by_path = {str(self.library.log_path(entry)): entry for entry in entries}
+        rows = []
+        for row in self.library.flight_rows(entries):
+            # An entry is listed under one vehicle; a log may have rows of others.
+            if row.health in TROUBLED_HEALTHS and row.vehicle == entry_by_path[row.file].vehicle:
+                rows.append(row)
+        rows_by_file = group_by(rows, lambda row: row.file)
+        return {entry_by_path[file].id: worst_row(rows) for file, rows in rows_by_file.items()}
+
+    def review(self, entry: Entry) -> JsonValues | None:
+        """Returns the document of a flight's review; None before it is done, and for flights of ``mavdem track``.
+
+        Raises:
+            Refusal: the flight is being deleted.
+        """
+        path = self.library.results_folder(entry) / REPORT_FILE
+        if not path.is_file():
+            return None
+        with refuse_missing_file():
+            return dict(json.loads(path.read_bytes()))
+
+    def visitor_values(self, request: HttpRequest) -> JsonValues:
+        """Returns the values that the templates of all pages need: what the visitor may do, and the server's URL."""
+        may_read = self.rights.allows(request, Use.READ)
+        address = str(request.base_url).rstrip("/")
+        upload_address = ""
+        if may_read:
+            upload_key = self.rights.derived_key(Use.UPLOAD)
+            upload_path = f"/{upload_key}/upload" if upload_key else "/upload"
+            upload_address = address + upload_path
+        return {
+            "may_read": may_read,
+            "key": self.rights.derived_key(Use.WRITE) if may_read else "",
+            "has_token": bool(self.rights.token),
+            "address": address,
+            "upload": upload_address,
+        }
+
+
+@contextmanager
+def refuse_missing_file() -> Iterator[None]:
+    """Raises ``Refusal`` in place of the error that a file does not exist: its flight is being deleted."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise Refusal(Request.NO_SUCH_FLIGHT) from None
