@@ -80,7 +80,7 @@ def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, 
     does = getattr(RawRecording, fails)
 
     def full(recording, *given):
-        if recording.frames or fails == "close":
+        if recording.frame_count or fails == "close":
             raise OSError(errno.ENOSPC, "No space left on device")
         does(recording, *given)
 
