@@ -11,7 +11,7 @@ from pytest import mark, raises
 from recorded_flights import short_flight
 
 from mavdem.cli.commands import main
-from mavdem.cli.live import Dashboard
+from mavdem.cli.live_dashboard import Dashboard
 from mavdem.cli.open import load
 from mavdem.extras import EXTRAS, MissingExtra, Package, require_extra
 from mavdem.facts import Fact

@@ -1,117 +1,60 @@
-"""``mavdem live``: attaches to a link, learns while the vehicle flies, and shows it."""
+"""``mavdem live``: attaches to a MAVLink link, learns while the vehicle flies, and writes model and page at the end."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, nullcontext, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
-from rich.console import Group
-from rich.live import Live as Place
-from rich.text import Text
+from rich.live import Live
 
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR, EXIT_UNSUPPORTED
+from mavdem.cli.live_dashboard import Dashboard
+from mavdem.cli.live_status import StatusLines, print_fact
 from mavdem.cli.options import NumberRange, file_option, json_option, model_options, vehicle_option
 from mavdem.cli.output import print_json
 from mavdem.cli.output_files import check_output_file
-from mavdem.cli.streams import STDERR, escape_unprintable, print_to_stderr
+from mavdem.cli.streams import STDERR, print_to_stderr
 from mavdem.cli.termination import termination_requests
-from mavdem.dataset.axes import TILT_AXES, output_names_and_units
-from mavdem.dem import Settings
+from mavdem.containers import JsonValues
+from mavdem.dataset.axes import TILT_AXES
+from mavdem.dem import Learned, Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.documents.session import live_document
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAM_WRITERS
-from mavdem.extras import missing_extra_fact, require_extra
-from mavdem.facts import Fact, NamedFacts
-from mavdem.facts.session import Session
 from mavdem.files import write_text_atomically
 from mavdem.fleet.priors import earlier_drag, earlier_flight
-from mavdem.live import LiveStream, RowFormat, SessionStatus
+from mavdem.live import LiveStream
 from mavdem.live.gain_advice import GainAdviser
-from mavdem.live.history import horizon_steps
 from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import STATUS_PERIOD
-from mavdem.report.live import watched_quantities
 from mavdem.report.pages.flight_page import live_page
-from mavdem.report.templates import as_clause, headline, render_section
+from mavdem.report.templates import as_clause, headline
 
-STATUS_SECONDS = 5.0  # between two status lines that are not in one place
-
-if TYPE_CHECKING:
-    from mavdem.view.live_view import LiveView
-    from mavdem.view.sinks import RecordingFile
+PRINTED_STATUS_PERIOD = 5.0
+"""Time between two reports of the status where they are printed below each other, s; a choice."""
 
 
-class Dashboard:
-    """Shows a live flight in a viewer, browsers and an .rrd file; without Rerun, or a screen and these, nowhere.
+@dataclass(frozen=True)
+class OutputPaths:
+    """Files that a live session writes, by the options that name them; None for each that is not written."""
 
-    ``advice``: how to open it, unless it opens by itself. ``file``: the recording, if there is one. Raises Unreadable:
-    a port is taken; BadParameter: an invalid URL; MissingExtra: Rerun is asked for and not installed.
-    """
+    rrd: Path | None
+    """Recording for Rerun."""
 
-    def __init__(
-        self, link: str, axis: str, rrd: Path | None, serve: bool, connect: str | None
-    ) -> None:
-        self._link = link
-        self._axis = axis
-        self.view: LiveView | None = None
-        self._said: set[str] = set()
-        self.file: RecordingFile | None = None
-        self.advice = str(missing_extra_fact("view", "The dashboard") or "")
-        if self.advice:
-            if rrd is not None or serve or connect is not None:
-                require_extra("view", "The dashboard")
-            return
-        # Rerun takes a second to load.
-        from mavdem.view.live_view import LiveView
-        from mavdem.view.sinks import RecordingFile, WebServer, sinks_for
+    record: Path | None
+    """Recording of the raw stream."""
 
-        try:
-            sinks = sinks_for(rrd, serve, connect)
-        except ValueError as error:
-            raise click.BadParameter(f"{error}.", param_hint="--connect") from error
-        except OSError as error:
-            raise Unreadable(Session.DASHBOARD_NOT_OPENED, because=error) from None
-        if not sinks:
-            self.advice = "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
-            return
-        self.view = LiveView(sinks)
-        for sink in sinks:
-            if isinstance(sink, WebServer):
-                self.advice = f"Open {sink.page} in a browser."
-            elif isinstance(sink, RecordingFile):
-                self.file = sink
+    model: Path | None
+    """Model at the end of the session."""
 
-    def open(self, row_format: RowFormat) -> LiveView | None:
-        """Shows the rows of a format from now on; None where nothing can be shown."""
-        if self.view is None:
-            return None
-        from mavdem.view.live_content import Channels
-
-        (outputs, units) = zip(*output_names_and_units(self._axis), strict=True)
-        motors = row_format.geometry.names, outputs, row_format.input_units, units
-        self.view.change(Channels(self._link, row_format.dt, horizon_steps(row_format.dt), *motors))
-        return self.view
-
-    def report(self, status: SessionStatus) -> None:
-        """Shows the status, and prints what is wrong with the view."""
-        if self.view is not None:
-            self.view.status(status)
-            for trouble in set(self.view.troubles) - self._said:
-                print_to_stderr(trouble)
-                self._said.add(trouble)
-
-    def close(self) -> None:
-        """Ends the view."""
-        if self.view is not None:
-            self.view.close()
+    page: Path | None
+    """Page on what happened."""
 
 
 @click.command("live")
@@ -204,72 +147,68 @@ def live_command(
       mavdem live udpin:127.0.0.1:14550 --rrd flight.rrd
       mavdem fly iris_multisine --udp 127.0.0.1:14550
     """
-    model, html = _at_end(rrd, record, model, html)
-    earlier = None if prior is None else earlier_flight(prior, axis)
+    paths = _output_paths(rrd, record, model, html)
+    earlier_model = None if prior is None else earlier_flight(prior, axis)
     stream = LiveStream(axis, vehicle, rates_requested=request_rate is not None)
-    with suppress(Unreadable):  # a model without its report knows no drag
-        stream.wind.earlier_drag = None if prior is None else earlier_drag(prior)
-    with ExitStack() as signals, ExitStack() as ends:
-        opened = Link(link)
-        ends.callback(opened.close)
-        if opened.awaits_greeting and request_rate is None:
-            silent = f"{link} sends only after it has received something, and nothing is sent without --request-rate"
+    if prior is not None:
+        # A model without its report beside it has no drag.
+        with suppress(Unreadable):
+            stream.wind.earlier_drag = earlier_drag(prior)
+    # The handlers of signals outlast the resources, so that Ctrl-C cannot prevent the files from being completed.
+    with ExitStack() as signal_handlers, ExitStack() as resources:
+        opened_link = Link(link)
+        resources.callback(opened_link.close)
+        if opened_link.awaits_greeting and request_rate is None:
             raise click.BadParameter(
-                f"{silent}: add that, or listen with udpin:HOST:PORT.", param_hint="LINK"
+                f"{link} sends only after it has received something, and nothing is sent without --request-rate: "
+                "add that, or listen with udpin:HOST:PORT.",
+                param_hint="LINK",
             )
-        dashboard = ends.enter_context(closing(Dashboard(link, axis, rrd, serve, connect)))
+        dashboard = resources.enter_context(closing(Dashboard(link, axis, rrd, serve, connect)))
         recording = None if record is None else RawRecording(record)
-        executor = ends.enter_context(LearningProcess())
-        shown = dashboard.open, dashboard.report, _say
+        executor = resources.enter_context(LearningProcess())
         session = LiveSession(
-            opened,
-            stream,
-            settings,
-            *shown,
-            executor,
-            recording,
-            request_rate,
-            earlier,
+            link=opened_link,
+            stream=stream,
+            settings=settings,
+            open_display=dashboard.open,
+            report_status=dashboard.report,
+            report_fact=print_fact,
+            executor=executor,
+            recording=recording,
+            requested_rate=request_rate,
+            prior=earlier_model,
             recording_name=None if record is None else str(record),
         )
         if request_rate is not None and record is not None:
-            session.gain_adviser = ends.enter_context(closing(GainAdviser(record, LearningProcess)))
+            session.gain_adviser = resources.enter_context(
+                closing(GainAdviser(record, LearningProcess))
+            )
         elif request_rate is not None:
             print_to_stderr("No gains will be advised: record the stream with --record FILE.tlog.")
-        restored = ends.enter_context(ExitStack())
-        restored.callback(session.end)
+        # Its end restores the vehicle's message rates, and has to come even if something fails before.
+        session_end = resources.enter_context(ExitStack())
+        session_end.callback(session.end)
         if dashboard.advice:
             print_to_stderr(dashboard.advice)
         print_to_stderr(f"Listening on {link}; Ctrl-C ends it.")
-        place = None
-        if STDERR.is_terminal and not plain:
-            place = Place(console=STDERR, auto_refresh=False, transient=True)
-        if model is None:
+        if paths.model is None:
             print_to_stderr(
                 "The model will not be written: name a file with --model, --rrd or --record."
             )
-        asked = signals.enter_context(termination_requests())
-        with place or nullcontext():
-            every = STATUS_SECONDS if place is None else STATUS_PERIOD
-            run_session(session, asked, duration, every, StatusLines(place).show)
+        is_end_requested = signal_handlers.enter_context(termination_requests())
+        _run_and_show_status(session, is_end_requested, duration, plain)
         account = session.time_account()
         status = session.status
         print_to_stderr("Ending takes some seconds: model, message rates and files are completed.")
-        # The model first, since what follows may fail or take its time; the vehicle's rates are restored meanwhile.
-        with ThreadPoolExecutor(1) as fitter:
-            fitting = fitter.submit(session.final_model)
-            restored.close()
-        learned = None
+        learned = _final_model(session, session_end)
+        # The model is written first, since what follows may fail or take its time.
         code = EXIT_UNSUPPORTED
-        try:
-            learned = fitting.result()
-        except ValueError as error:
-            print_to_stderr(f"There is no model: {as_clause(error)}.")
-        else:
-            text = learned.to_json() + "\n"
-            code = EXIT_DONE if _written(model, text, "model") else EXIT_ERROR
+        if learned is not None:
+            is_model_kept = _write_text(paths.model, learned.to_json() + "\n", "model")
+            code = EXIT_DONE if is_model_kept else EXIT_ERROR
         executor.shutdown()
-        learned = session.judge_final_model(learned)
+        judged_model = session.judge_final_model(learned)
         session.report_gain_advice(is_at_end=True)
         status = replace(
             status,
@@ -278,102 +217,126 @@ def live_command(
         )
         dashboard.report(status)
         print_to_stderr(headline(status.overall_judgement.headline))
-        ends.close()
-        file = dashboard.file
-        if file is not None and not file.complete_bytes and not file.broken:
+        resources.close()
+        has_recorded = dashboard.has_recording
+        is_recording_broken = dashboard.is_recording_broken
+        if dashboard.file is not None and not has_recorded and not is_recording_broken:
             print_to_stderr(f"There was nothing to show, so {rrd} was not written.")
-        has_page = html is None
-        if html is not None:
-            shown_of_flight = session.link.name, axis, session.history, status, account, learned
-            has_page = _written(html, live_page(*shown_of_flight), "page")
+        is_page_lost = False
+        if paths.page is not None:
+            page = live_page(
+                session.link.name, axis, session.history, status, account, judged_model
+            )
+            is_page_lost = not _write_text(paths.page, page, "page")
         if as_json:
-            written = {
-                "rrd": str(rrd) if file is not None and file.complete_bytes else None,
-                "record": recording and {"file": str(record), "frames": recording.frame_count},
-                "model": str(model) if code == EXIT_DONE and model is not None else None,
-                "html": str(html) if html and has_page else None,
+            has_model = code == EXIT_DONE and paths.model is not None
+            has_page = paths.page is not None and not is_page_lost
+            files: JsonValues = {
+                "rrd": str(rrd) if has_recorded else None,
+                "record": None,
+                "model": str(paths.model) if has_model else None,
+                "html": str(paths.page) if has_page else None,
             }
-            print_json(live_document(session, status, account, written))
-    lost = (
-        session.intake.recording is not recording
-        or not has_page
-        or (file is not None and file.broken)
-    )
-    click.get_current_context().exit(EXIT_ERROR if lost else code)
+            if recording is not None:
+                files["record"] = {"file": str(record), "frames": recording.frame_count}
+            print_json(live_document(session, status, account, files))
+    # The session gives up a recording of the stream that it cannot write.
+    is_stream_lost = session.intake.recording is not recording
+    if is_stream_lost or is_page_lost or is_recording_broken:
+        code = EXIT_ERROR
+    click.get_current_context().exit(code)
 
 
-def _at_end(
+def _output_paths(
     rrd: Path | None, record: Path | None, model: Path | None, page: Path | None
-) -> tuple[Path | None, Path | None]:
-    """Returns where model and page are to be written, and refuses before the flight what could not be after it."""
+) -> OutputPaths:
+    """Chooses the files that a session writes, and checks before the flight that they can be written.
+
+    A model or page that is not named is put beside a file that is.
+
+    Args:
+        rrd: Path that --rrd names.
+        record: Path that --record names.
+        model: Path that --model names.
+        page: Path that --html names.
+
+    Raises:
+        click.BadParameter: The ending of a name is wrong.
+        Unreadable: A file cannot be written.
+    """
     check_output_file(rrd, "--rrd", (".rrd",))
     check_output_file(record, "--record", tuple(STREAM_WRITERS))
-    beside = rrd or record or model
-    page = page or (beside and beside.with_suffix(".html"))
-    model = model or (beside and beside.with_suffix(".model.json"))
+    named_file = rrd or record or model
+    if named_file is not None:
+        page = page or named_file.with_suffix(".html")
+        model = model or named_file.with_suffix(".model.json")
     check_output_file(model, "--model", (".json",))
     check_output_file(page, "--html", (".html",))
-    return model, page
+    return OutputPaths(rrd, record, model, page)
 
 
-def _written(path: Path | None, text: str, document: str) -> bool:
-    """Writes the model or the page; returns whether nothing was lost."""
+def _run_and_show_status(
+    session: LiveSession,
+    is_end_requested: Callable[[], bool],
+    duration: float | None,
+    plain: bool,
+) -> None:
+    """Runs a session until its end, and shows its status on standard error.
+
+    Args:
+        session: The session.
+        is_end_requested: Returns whether the user has requested the end.
+        duration: Seconds until the end; None for no limit.
+        plain: Whether the status is printed as lines below each other even on a terminal.
+    """
+    terminal_text = None
+    period = PRINTED_STATUS_PERIOD
+    if STDERR.is_terminal and not plain:
+        terminal_text = Live(console=STDERR, auto_refresh=False, transient=True)
+        period = STATUS_PERIOD
+    with terminal_text or nullcontext():
+        show_status = StatusLines(terminal_text).show
+        run_session(session, is_end_requested, duration, period, show_status)
+
+
+def _final_model(session: LiveSession, session_end: ExitStack) -> Learned | None:
+    """Learns the model of the whole session while the vehicle's message rates are restored.
+
+    Args:
+        session: The session, whose flight is over.
+        session_end: Restores the rates, and ends the recording of the stream, when it is closed.
+
+    Returns:
+        The model; None if there is none, which is reported on standard error.
+    """
+    with ThreadPoolExecutor(max_workers=1) as learning_thread:
+        learning = learning_thread.submit(session.final_model)
+        session_end.close()
+    try:
+        return learning.result()
+    except ValueError as error:
+        print_to_stderr(f"There is no model: {as_clause(error)}.")
+        return None
+
+
+def _write_text(path: Path | None, text: str, subject: str) -> bool:
+    """Writes the model or the page, and reports on standard error what has become of it.
+
+    Args:
+        path: Path of the file; None if it is not to be written.
+        text: Content of the file.
+        subject: What it is, "model" or "page".
+
+    Returns:
+        False if the file was to be written and could not be.
+    """
     if path is None:
-        print_to_stderr(f"The {document} was not written.")
+        print_to_stderr(f"The {subject} was not written.")
         return True
     try:
         write_text_atomically(path, text)
     except Unreadable as error:
-        print_to_stderr(f"The {document} is lost: {error}")
+        print_to_stderr(f"The {subject} is lost: {error}")
         return False
-    print_to_stderr(f"Wrote the {document} to {path}.")
+    print_to_stderr(f"Wrote the {subject} to {path}.")
     return True
-
-
-def _style(*facts: Fact) -> str:
-    """Red where any is bad."""
-    return "bold red" if any(fact.is_bad for fact in facts) else ""
-
-
-def _say(fact: Fact) -> None:
-    """Prints a fact; where it is no terminal, as a line."""
-    said = Text(escape_unprintable(fact.advised), _style(fact))
-    with suppress(OSError):
-        STDERR.print(said, soft_wrap=not STDERR.is_terminal)
-
-
-class StatusLines:
-    """Shows the status: in its ``place`` on a terminal, or else, in lines below each other, what is new of it.
-
-    What is watched, or no longer is, is printed once.
-    """
-
-    def __init__(self, place: Place | None) -> None:
-        self._place = place
-        self._said: list[str] = []
-        self._watched: NamedFacts = {}
-
-    def show(self, session: LiveSession) -> None:
-        """Shows the status of a ``session``."""
-        status = session.status
-        before = self._watched
-        self._watched = {watched_quantities([fact]): fact for fact in status.watch_facts}
-        changed = [fact for said, fact in self._watched.items() if said not in before]
-        if changed:
-            print_to_stderr(watched_quantities(changed))
-        sentences = [
-            escape_unprintable(said.text) for said in render_section("live_status", status=status)
-        ]
-        if self._place is None:
-            new = [said for said in sentences if said not in self._said]
-            self._said = sentences
-            if new:
-                print_to_stderr(" ".join(new))
-            return
-        line, *wrong = sentences
-        rest = Text(
-            " ".join([*wrong, watched_quantities(status.watch_facts)]),
-            _style(*status.active_alarms),
-        )
-        rest.truncate(STDERR.width, overflow="ellipsis")
-        self._place.update(Group(line, rest), refresh=True)

@@ -11,8 +11,9 @@ from live_hover import Flight, by_time, replay
 from mavlink_streams import message
 from pytest import approx, fixture, mark
 from rich.console import Console
+from rich.live import Live
 
-from mavdem.cli.live import Place, StatusLines
+from mavdem.cli.live_status import StatusLines
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.events import Reported
@@ -167,7 +168,7 @@ def test_the_status_stands_in_its_place_on_a_terminal():
         "rates": {"ATTITUDE": 99.6},
         "latency": Latency(0.01, 0.02),
     }
-    with Place(console=console, auto_refresh=False, transient=True) as place:
+    with Live(console=console, auto_refresh=False, transient=True) as place:
         lines = StatusLines(place)
         lines.show(Mock(status=SessionStatus(vehicle="1:1")))
         assert "1:1: learning" in shown.getvalue()

@@ -84,7 +84,7 @@ class Dashboard:
     @property
     def has_recording(self) -> bool:
         """Whether there is a recording that holds at least one whole message."""
-        return self.file is not None and self.file.whole > 0
+        return self.file is not None and self.file.complete_bytes > 0
 
     @property
     def is_recording_broken(self) -> bool:
@@ -109,9 +109,9 @@ class Dashboard:
             title=self._link,
             dt=row_format.dt,
             horizons=horizon_steps(row_format.dt),
-            input_names=row_format.layout.names,
+            input_names=row_format.geometry.names,
             output_names=output_names,
-            input_units=row_format.units,
+            input_units=row_format.input_units,
             output_units=output_units,
         )
         self.view.change(channels)

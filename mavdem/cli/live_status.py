@@ -3,7 +3,7 @@
 from contextlib import suppress
 
 from rich.console import Group
-from rich.live import Live as UpdatedText
+from rich.live import Live
 from rich.text import Text
 
 from mavdem.cli.streams import STDERR, escape_unprintable, print_to_stderr
@@ -20,13 +20,13 @@ class StatusLines:
     Which quantities are watched, or no longer are, is printed when it changes.
     """
 
-    def __init__(self, updated_text: UpdatedText | None) -> None:
+    def __init__(self, terminal_text: Live | None) -> None:
         """Shows nothing yet.
 
         Args:
-            updated_text: The text on the terminal that is updated; None to print lines below each other.
+            terminal_text: The text on the terminal that is updated; None to print lines below each other.
         """
-        self._updated_text = updated_text
+        self._terminal_text = terminal_text
         self._printed_sentences: list[str] = []
         self._watch_facts: NamedFacts = {}
 
@@ -38,16 +38,14 @@ class StatusLines:
             escape_unprintable(sentence.text)
             for sentence in render_section("live_status", status=status)
         ]
-        if self._updated_text is None:
+        if self._terminal_text is None:
             self._print_new(sentences)
             return
-        progress_line, *problems = sentences
-        problem_line = Text(
-            " ".join([*problems, watched_quantities(status.watch_facts)]),
-            _style(*status.active_alarms),
-        )
-        problem_line.truncate(STDERR.width, overflow="ellipsis")
-        self._updated_text.update(Group(progress_line, problem_line), refresh=True)
+        # The first sentence is on the learning. The others, on problems and on what is watched, share a line.
+        remarks = [*sentences[1:], watched_quantities(status.watch_facts)]
+        remark_line = Text(" ".join(remarks), _style(*status.active_alarms))
+        remark_line.truncate(STDERR.width, overflow="ellipsis")
+        self._terminal_text.update(Group(sentences[0], remark_line), refresh=True)
 
     def _report_watch_changes(self, watch_facts: Facts) -> None:
         """Prints for which quantities it has changed whether and since when they are watched.
