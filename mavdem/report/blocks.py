@@ -1,4 +1,4 @@
-"""Blocks: the sentences and tables that every report is made of, and their layout as text and Markdown."""
+"""Blocks: the sentences and tables that every report is made of, and their layout as plain text and Markdown."""
 
 from __future__ import annotations
 
@@ -10,46 +10,66 @@ from typing import NamedTuple
 from mavdem.facts import Fact, Level
 
 SCREEN_LINES = 15
-"""Of a screen without ``--verbose``: with what is being read, and where the page is."""
+"""Lines of a report on the terminal without ``--verbose``: a choice, so that it is read without scrolling."""
+
+_COMMAND_SENTENCE = re.compile(r" `(mavdem [^`]*)`\. ?")
+"""A command of mavdem at the end of a sentence, such as "Run `mavdem info LOG`."."""
+
+_BRACKETS = re.compile(r" \([^()]*\)")
+"""A remark in brackets."""
 
 
 class Sentence(NamedTuple):
-    """A sentence; ``lead`` is set off at its beginning, if there is one; without ``text`` it is a headline."""
+    """A sentence of a report; without ``text`` its ``lead`` is a headline."""
 
     text: str
+    """The sentence itself."""
+
     lead: str = ""
+    """What is set off before the sentence, such as "Next:"; empty without."""
+
     level: Level | None = None
+    """Level by which a page colours it; None without a colour."""
 
 
 def caution(text: object) -> Sentence:
-    """Returns a sentence that limits what is shown."""
-    said = text.advised if isinstance(text, Fact) else str(text)
-    return Sentence(said, "Caution:", Level.WATCH)
+    """Returns a sentence that limits what is shown; a fact stands with its advice."""
+    sentence = text.advised if isinstance(text, Fact) else str(text)
+    return Sentence(sentence, "Caution:", Level.WATCH)
 
 
 def warning(text: object) -> Sentence:
-    """Returns a sentence that must be known before what is shown is used."""
+    """Returns a sentence that a user must know before using what is shown."""
     return Sentence(str(text), "Warning:", Level.WATCH)
 
 
 class Rated(str):
-    """The text of a cell that rates something, and the ``level``, by which a page colours it."""
+    """The text of a table's cell that rates something.
+
+    Attributes:
+        level: level by which a page colours the cell.
+    """
 
     level: Level
 
     def __new__(cls, text: str, level: Level) -> Rated:
-        """Returns a cell of a ``level``."""
+        """Returns a cell with a text and its level."""
         cell = super().__new__(cls, text)
         cell.level = level
         return cell
 
 
 class Table(NamedTuple):
-    """Formatted cells: the first column names the rows, the others are numbers or, with ``words``, are read as text."""
+    """A table of formatted cells, whose first column names the rows."""
 
     header: list[str]
+    """Header of each column."""
+
     rows: list[list[str]]
+    """Cells of each row, as many as the header has."""
+
     words: bool = False
+    """Whether the cells are words, aligned on the left; otherwise they are numbers, aligned on the right."""
 
 
 Block = Sentence | Table
@@ -57,46 +77,56 @@ Blocks = list[Block]
 
 
 def plain_text(blocks: Iterable[Block]) -> str:
-    """Returns ``blocks`` as plain text: columns aligned, an empty line between blocks."""
-    return "\n\n".join(map(_text, blocks))
+    """Returns blocks as plain text, with an empty line between them and aligned columns of tables."""
+    return "\n\n".join(_block_as_text(block) for block in blocks)
 
 
-def _text(block: Block) -> str:
+def _block_as_text(block: Block) -> str:
+    """Returns a sentence after its lead, or a table with columns as wide as their widest cells."""
     if isinstance(block, Sentence):
         return f"{block.lead} {block.text}".strip()
     columns = []
-    for number, column in enumerate(zip(block.header, *block.rows, strict=True)):
-        aligned = str.ljust if block.words or not number else str.rjust
-        width = max(map(len, column))
-        columns.append([aligned(cell, width) for cell in column])
-    return "\n".join("  ".join(row).rstrip() for row in zip(*columns, strict=True))
+    for number, cells in enumerate(zip(block.header, *block.rows, strict=True)):
+        is_left_aligned = block.words or number == 0
+        width = max(len(cell) for cell in cells)
+        columns.append(
+            [cell.ljust(width) if is_left_aligned else cell.rjust(width) for cell in cells]
+        )
+    lines = zip(*columns, strict=True)
+    return "\n".join("  ".join(line).rstrip() for line in lines)
 
 
 def markdown(blocks: Iterable[Block]) -> str:
-    """Returns ``blocks`` as Markdown, an empty line between blocks."""
-    return "\n\n".join(map(_markdown, blocks))
+    """Returns blocks as Markdown, with an empty line between them."""
+    return "\n\n".join(_block_as_markdown(block) for block in blocks)
 
 
-def _markdown(block: Block) -> str:
+def _block_as_markdown(block: Block) -> str:
+    """Returns a sentence with its lead in bold, or a table, as Markdown."""
     if isinstance(block, Sentence):
-        # A viewer breaks no path within a line, and hides what stands around it.
-        text = re.sub(r" `(mavdem [^`]*)`\. ?", r"\n\n```\n\1\n```\n\n", block.text)
+        # A command has a code block of its own, because the Rerun Viewer does not break a path within a line.
+        text = _COMMAND_SENTENCE.sub(r"\n\n```\n\1\n```\n\n", block.text)
         lead = f"**{block.lead}** " if block.lead else ""
         return f"{lead}{text}".rstrip()
-    rule = ["---", *["---" if block.words else "---:"] * (len(block.header) - 1)]
+    alignment = "---" if block.words else "---:"
+    rule = ["---", *[alignment] * (len(block.header) - 1)]
     return "\n".join("| " + " | ".join(row) + " |" for row in [block.header, rule, *block.rows])
 
 
 def shortened(text: str, columns: int) -> str:
-    """Returns a ``text`` in so many ``columns``: what is in brackets goes first, then clauses from its end.
+    """Returns a text in at most so many columns, at the cost of its details.
 
-    Where clauses that are left fill less than half of the columns, it is what fits and "…".
+    Remarks in brackets are dropped first, then clauses from the end. Where the clauses that fit would fill less than
+    half of the columns, the text is cut after a word, with "…".
     """
     if len(text) > columns:
-        text = re.sub(r" \([^()]*\)", "", text)
+        text = _BRACKETS.sub("", text)
     if len(text) <= columns:
         return text
-    ends = (match.start() for match in re.finditer("[;.] ", text))
-    whole = [text[:end] for end in ends if columns / 2 <= end < columns]
-    stop = "." * text.endswith(".")
-    return whole[-1] + stop if whole else shorten(text, columns, placeholder=" …")
+    longest_beginning = ""
+    for clause_end in re.finditer("[;.] ", text):
+        if columns / 2 <= clause_end.start() < columns:
+            longest_beginning = text[: clause_end.start()]
+    if not longest_beginning:
+        return shorten(text, columns, placeholder=" …")
+    return f"{longest_beginning}." if text.endswith(".") else longest_beginning

@@ -1,8 +1,4 @@
-"""Labels: names and units of a model's channels and states, and one command for all motors.
-
-States that are outputs have the outputs' names. ``AxisCommand`` is one number for all motors: by how much those that
-turn the vehicle one way run above those that turn it back.
-"""
+"""Labels: names and units of a model's inputs, outputs and states, and one command for all motors of an axis."""
 
 from __future__ import annotations
 
@@ -16,66 +12,87 @@ from mavdem.dem import Learned
 
 
 class Labels(NamedTuple):
-    """Names and units of channels; a unit that is not known is empty."""
+    """Names and units of the channels of a model."""
 
     input_names: Names
+    """Names of the r inputs, such as the motors."""
+
     output_names: Names
+    """Names of the m outputs, angle and rate."""
+
     input_units: Names
+    """Units of the inputs; empty where not known."""
+
     output_units: Names
+    """Units of the outputs; empty where not known."""
 
     @classmethod
     def of(cls, learned: Learned) -> Labels:
-        """Returns those of the training data of ``learned``; numbers where it has no names."""
+        """Returns the labels of a model's training data; numbered names where these have none."""
         record = learned.record
-        inputs = record.inputs.shape[1]
-        outputs = record.outputs.shape[1]
+        input_count = record.inputs.shape[1]
+        output_count = record.outputs.shape[1]
         return cls(
-            record.input_names or tuple(f"input {i + 1}" for i in range(inputs)),
-            record.output_names or tuple(f"output {i + 1}" for i in range(outputs)),
-            record.input_units or ("",) * inputs,
-            record.output_units or ("",) * outputs,
+            record.input_names or tuple(f"input {i + 1}" for i in range(input_count)),
+            record.output_names or tuple(f"output {i + 1}" for i in range(output_count)),
+            record.input_units or ("",) * input_count,
+            record.output_units or ("",) * output_count,
         )
 
 
 def states_are_outputs(learned: Learned) -> bool:
-    """Returns whether the first states of ``learned`` are the outputs: C is fixed to [I 0], not free."""
-    return bool(learned.known[-learned.model.C.size :].all())
+    """Returns whether the first states of a model are its outputs: its C was fixed to [I 0] and not learned."""
+    # The elements of C are the last ones of θ.
+    is_element_of_C_fixed = learned.known[-learned.model.C.size :]
+    return bool(is_element_of_C_fixed.all())
 
 
 def state_names(outputs: Sequence[str], learned: Learned) -> list[str]:
-    """Returns names of the n states: those of the ``outputs``, then the hidden ones; or numbers."""
+    """Returns the names of a model's n states.
+
+    Args:
+        outputs: names of the outputs, which name the first states where these are the outputs.
+        learned: the model. Its other states are "hidden 1", "hidden 2", …; of a free C all are "state 1", ….
+    """
     order = learned.model.A.shape[0]
     if not states_are_outputs(learned):
         return [f"state {i + 1}" for i in range(order)]
-    return [*outputs, *(f"hidden {i + 1}" for i in range(order - len(outputs)))][:order]
+    hidden = [f"hidden {i + 1}" for i in range(order - len(outputs))]
+    return [*outputs, *hidden][:order]
 
 
 class AxisCommand(NamedTuple):
-    """One number for r inputs: c = ``weights`` · (u − trim), in the ``unit`` of the inputs.
+    """One number for r motors: by how much those that turn the vehicle one way run above those that turn it back.
 
-    The ``weights`` (r,) of motors that turn the vehicle up the axis sum to 1, of the others to -1; ``motors`` (r,) is
-    what the motors do for a command of 1 and for nothing else.
+    It is c = w · (u − trim), with the weights w and the inputs u.
     """
 
     name: str
+    """Name of the command, such as "roll command"."""
+
     unit: str
+    """Unit of the command, which is that of the inputs."""
+
     weights: Array
+    """Weights w (r,): they sum to 1 over motors that turn the vehicle up the axis, and to −1 over the others."""
+
     motors: Array
+    """Inputs (r,) for a command of 1 and for nothing else."""
 
     @classmethod
     def of(cls, learned: Learned) -> AxisCommand:
-        """Returns that of the axis of ``learned``, by the mixer geometry or else by each motor's effectiveness."""
+        """Returns the command of a model's axis, by the mixer geometry or else by each motor's effectiveness."""
         labels = Labels.of(learned)
-        turning = input_directions(learned)
-        motors = turning / (command_weights(turning) @ turning)
+        directions = input_directions(learned)
+        weights = command_weights(directions)
         return cls(
-            f"{labels.output_names[0]} command",
-            labels.input_units[0],
-            command_weights(turning),
-            motors,
+            name=f"{labels.output_names[0]} command",
+            unit=labels.input_units[0],
+            weights=weights,
+            motors=directions / (weights @ directions),
         )
 
     def series(self, inputs: Array) -> Array:
-        """Returns the command (T,) over ``inputs`` (T, r), about its mean."""
+        """Returns the command (T,) for inputs (T, r), minus its mean."""
         command = inputs @ self.weights
         return command - command.mean()

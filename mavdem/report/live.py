@@ -1,4 +1,4 @@
-"""What is said of a live flight: how well it was predicted, and what the link brought."""
+"""The report of a live flight: how well it was predicted, what was learned from, and what the link delivered."""
 
 from collections.abc import Mapping, Sequence
 from math import sqrt
@@ -13,12 +13,14 @@ from mavdem.report.numbers import display_unit, name_with_unit
 from mavdem.report.templates import as_clause, capitalize_first, render_section
 
 
-def watched_quantities(watched: Sequence[Fact]) -> str:
-    """Returns what is ``watched`` without a model since when, and why the rest is not, in one line."""
-    return "".join(
-        f"{capitalize_first(said.text)}."
-        for said in render_section("live_watched", watched=watched)
-    )
+def watched_quantities(watch_facts: Sequence[Fact]) -> str:
+    """Returns in one line what is watched without a model and since when, and why the rest is not watched.
+
+    Args:
+        watch_facts: a fact for each quantity that is watched or cannot be.
+    """
+    sentences = render_section("live_watched", watched=watch_facts)
+    return "".join(f"{capitalize_first(sentence.text)}." for sentence in sentences)
 
 
 def live_report(
@@ -26,46 +28,58 @@ def live_report(
     status: SessionStatus,
     account: Mapping[Spent, float],
     axis: str,
-    seconds: float = 0.0,
+    learned_seconds: float = 0.0,
 ) -> Blocks:
-    """Returns the errors of what was predicted on an ``axis``, and the parts trained on, by the vehicle's clock.
+    """Returns the report of a live flight in sentences and tables.
 
-    ``history`` was collected in flight, ``status`` is that at its end; ``account`` are seconds by what they
-    were; ``seconds`` of the last ones are in the model.
+    Args:
+        history: what was collected in flight.
+        status: of the session at its end.
+        account: seconds of the flight by what they were used for.
+        axis: that was learned.
+        learned_seconds: length of the latest part of the flight that the model is of, s.
     """
     errors = history.errors()
-    best = min(errors, key=lambda error: abs(error.seconds - REPORTED_HORIZON), default=None)
-    headline, *state = render_section(
-        "live_state", best=best, axis=axis, status=status, false_alarms=FALSE_ALARMS
+    reported_errors = min(
+        errors, key=lambda error: abs(error.seconds - REPORTED_HORIZON), default=None
     )
-    whole = {kind: round(seconds) for kind, seconds in account.items()}
-    spent = [
-        [capitalize_first(Fact(Session.SECONDS_SPENT, kind=kind)), f"{whole[kind]} s"]
-        for kind in Spent
-        if whole[kind]
-    ]
-    return [
-        headline,
-        *(Sentence(f"{as_clause(alarm.fact)}.", "Motors:") for alarm in status.motor_alarms),
-        *state,
-        *([_errors(errors, axis)] if errors else []),
-        *render_section(
-            "live_learned", errors=errors, parts=history.learned_intervals, seconds=seconds
-        ),
-        Table([f"of {sum(whole.values())} s", "time"], spent),
-        *render_section("live_link", status=status),
-    ]
+    headline, *state = render_section(
+        "live_state", best=reported_errors, axis=axis, status=status, false_alarms=FALSE_ALARMS
+    )
+    alarms = [Sentence(f"{as_clause(alarm.fact)}.", "Motors:") for alarm in status.motor_alarms]
+    error_tables = [_error_table(errors, axis)] if errors else []
+    learned = render_section(
+        "live_learned", errors=errors, parts=history.learned_intervals, seconds=learned_seconds
+    )
+    link = render_section("live_link", status=status)
+    return [headline, *alarms, *state, *error_tables, *learned, _time_table(account), *link]
 
 
-def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
+def _time_table(account: Mapping[Spent, float]) -> Table:
+    """Returns a table of the whole seconds of a flight by what they were used for, without rows of 0 s."""
+    whole_seconds = {kind: round(seconds) for kind, seconds in account.items()}
+    rows = []
+    for kind in Spent:
+        if whole_seconds[kind]:
+            name = capitalize_first(Fact(Session.SECONDS_SPENT, kind=kind))
+            rows.append([name, f"{whole_seconds[kind]} s"])
+    return Table([f"of {sum(whole_seconds.values())} s", "time"], rows)
+
+
+def _error_table(errors: Sequence[HorizonErrors], axis: str) -> Table:
+    """Returns a table of prediction errors: a row for each horizon, three columns each for angle and rate.
+
+    The columns are the RMSE, that of the baseline, and the share of the measurements in the 90 % band.
+    """
     header = ["RMSE of predictions"]
     rows = [[f"{error.seconds:.2g} s ahead"] for error in errors]
-    for i, (name, radians) in enumerate(((axis, "rad"), (f"{axis} rate", "rad/s"))):
-        unit = display_unit(radians)
+    outputs = {axis: display_unit("rad"), f"{axis} rate": display_unit("rad/s")}
+    for output, (name, unit) in enumerate(outputs.items()):
         header += [name_with_unit(name, unit.name), "baseline", "in its 90 % band"]
         for row, error in zip(rows, errors, strict=True):
             row += [
-                f"{unit.scale * sqrt(square[i]):.2g}" for square in (error.mse, error.baseline_mse)
+                f"{unit.scale * sqrt(error.mse[output]):.2g}",
+                f"{unit.scale * sqrt(error.baseline_mse[output]):.2g}",
+                f"{100 * error.coverage[output]:.0f} %",
             ]
-            row.append(f"{100 * error.coverage[i]:.0f} %")
     return Table(header, rows)

@@ -1,7 +1,8 @@
-"""Loops in words: their rating, the margins with their intervals, and the gains to set."""
+"""Control loops in sentences and tables: margins with their intervals, ratings, and advised gains."""
 
 from collections.abc import Iterator
 from operator import attrgetter
+from typing import NamedTuple
 
 from mavdem.assessment.axis.tuning import AdviceByAxis, Tuning
 from mavdem.facts import Fact
@@ -13,118 +14,154 @@ from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.numbers import rounded
 from mavdem.report.templates import render_section, sentences_by_axes
 
-LOOP_FIGURES = {  # header, and what makes the unit shown, by name of the figure
-    "crossover": ("crossover (Hz)", 1.0),
-    "phase_margin": ("phase margin (°)", 1.0),
-    "gain_margin": ("gain margin (dB)", 1.0),
-    "delay_margin": ("delay margin (ms)", 1e3),
-    "ms": ("maximum sensitivity Ms", 1.0),
-    "bandwidth": ("bandwidth, -3 dB (Hz)", 1.0),
-    "rejection": ("motion per 100 °/s² torque (°/s, °)", 100.0),
+
+class LoopFigure(NamedTuple):
+    """A figure of a loop as a table shows it."""
+
+    header: str
+    """Its name with the shown unit."""
+
+    scale: float
+    """Factor from its own unit to the shown one."""
+
+
+LOOP_FIGURES = {
+    "crossover": LoopFigure("crossover (Hz)", 1.0),
+    "phase_margin": LoopFigure("phase margin (°)", 1.0),
+    "gain_margin": LoopFigure("gain margin (dB)", 1.0),
+    "delay_margin": LoopFigure("delay margin (ms)", 1e3),
+    "ms": LoopFigure("maximum sensitivity Ms", 1.0),
+    "bandwidth": LoopFigure("bandwidth, -3 dB (Hz)", 1.0),
+    "rejection": LoopFigure("motion per 100 °/s² torque (°/s, °)", 100.0),
 }
-# of the log's rate: the crossover up to which delay and time constant are known well enough
-KNOWN_CROSSOVER_SHARE = 0.15
+"""Figures in the table of a loop, by the attribute of ``OpenLoop``."""
+
+MAX_CROSSOVER_FRACTION = 0.15
+"""Highest crossover, as a fraction of the log's rate, up to which delay and time constant are known well enough."""
+
+STEP_LIMIT_TOLERANCE = 0.999
+"""Fraction of ``MAX_GAIN_STEP`` from which on a gain counts as limited by it: rounding lies in between."""
 
 
-def tune_blocks(tuning: Tuning, whole: bool = True) -> Blocks:
-    """Returns what is said of the loops by axis; a fact is why nothing is known of them.
+def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
+    """Returns the report of ``mavdem tune``: for each axis its rating and advice, margins, and the gains to set.
 
-    Unless ``whole``, that is a sentence each, the gains to set, and what for and what limits them. What to do is said
-    once, and not where the next step says it, which stands beside.
+    Each remedy is given once, and not at all where the next step, which stands beside the report, gives it.
+
+    Args:
+        tuning: advice for each axis, or the fact why there is none.
+        is_full: whether margins and all about the gains are included; otherwise only a sentence, the gains to set, what
+            they are for and what limits them.
     """
     blocks = Blocks()
-    is_advised = False
-    advised = tuning.axes
-    following = tuning.judgement.next_step
-    asked = [following.figures.get("because"), *following.figures.get("also", ())]
-    said = {"", following.sentence, *(fact.remedy for fact in asked if fact)}
-    for axis, advice in advised.items():
+    given_remedies = _texts_of_next_step(tuning)
+    for axis, advice in tuning.axes.items():
         facts = [advice] if isinstance(advice, Fact) else [advice.rating, advice.sentence]
-        remedies = {facts[-1].remedy} - said
-        said |= remedies
-        blocks.append(Sentence(" ".join([*map(str, facts), *remedies]), f"{axis.capitalize()}:"))
-        if isinstance(advice, Fact):
-            continue
-        is_advised |= bool(advice.gains)
-        if whole:
-            blocks += [*_loop_blocks(advice), *gain_blocks(advice)]
-        else:
-            blocks += gain_blocks(advice)[:2]
-    if not whole:
-        blocks += gain_limits(advised)
-    return [*blocks, *render_section("loop_not_checked", named=is_advised and whole)]
+        sentences = [str(fact) for fact in facts]
+        remedy = facts[-1].remedy
+        if remedy not in given_remedies:
+            given_remedies.add(remedy)
+            sentences.append(remedy)
+        blocks.append(Sentence(" ".join(sentences), f"{axis.capitalize()}:"))
+        if isinstance(advice, Advice):
+            if is_full:
+                blocks += [*_margin_blocks(advice), *gain_blocks(advice)]
+            else:
+                # The table of gains and what they are for.
+                blocks += gain_blocks(advice)[:2]
+    if not is_full:
+        blocks += gain_limits(tuning.axes)
+    has_gains = any(
+        isinstance(advice, Advice) and bool(advice.gains) for advice in tuning.axes.values()
+    )
+    return [*blocks, *render_section("loop_not_checked", named=has_gains and is_full)]
 
 
-def gain_limits(advised: AdviceByAxis) -> Blocks:
-    """Returns what limits gains that change, of the loops that they were found by."""
-    cautions = [
-        (axis, caution)
-        for axis, advice in advised.items()
-        if isinstance(advice, Advice) and advice.parameters
-        for caution in advice.before.cautions
-    ]
-    return [*sentences_by_axes(cautions, attrgetter("advised"))]
+def _texts_of_next_step(tuning: Tuning) -> set[str]:
+    """Returns what the next step of a tuning says already: its sentence and the remedies of its reasons, or nothing."""
+    next_step = tuning.judgement.next_step
+    reasons = [next_step.figures.get("because"), *next_step.figures.get("also", ())]
+    remedies = {reason.remedy for reason in reasons if reason}
+    return {"", next_step.sentence, *remedies}
+
+
+def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:
+    """Returns what limits gains that change: the cautions about the loops by which they were found."""
+    axes_and_cautions = []
+    for axis, advice in advice_by_axis.items():
+        if isinstance(advice, Advice) and advice.parameters:
+            for fact in advice.before.cautions:
+                axes_and_cautions.append((axis, fact))
+    return [*sentences_by_axes(axes_and_cautions, attrgetter("advised"))]
 
 
 def compared_loops(advice: Advice) -> LoopsByAxis:
-    """Returns the loop now and, where gains are advised, with these."""
-    after = {"advised": advice.after} if advice.parameters else {}
-    return {"now": advice.before, **after}
+    """Returns the loop now and, where gains are advised, the loop with these, by "now" and "advised"."""
+    loops = {"now": advice.before}
+    if advice.parameters:
+        loops["advised"] = advice.after
+    return loops
 
 
-def _loop_blocks(advice: Advice) -> Blocks:
-    """The margins, now and as advised, and what they rest on."""
+def _margin_blocks(advice: Advice) -> Blocks:
+    """Returns tables of the margins now and as advised, and sentences on filters, measurements and cautions."""
     loop = advice.before
     blocks: Blocks = [*margin_tables(compared_loops(advice))]
-    if loop.crossover * loop.record.dt > KNOWN_CROSSOVER_SHARE:
-        (slow,) = render_section("loop_too_fast", crossover=loop.crossover, rate=1 / loop.record.dt)
-        blocks.append(caution(slow.text))
+    if loop.crossover * loop.record.dt > MAX_CROSSOVER_FRACTION:
+        (too_fast,) = render_section(
+            "loop_too_fast", crossover=loop.crossover, rate=1 / loop.record.dt
+        )
+        blocks.append(caution(too_fast.text))
     filters = gyro_filters(loop.controller, loop.crossover)
     blocks += render_section("loop_filters", filters=filters, crossover=loop.crossover)
-    return [*blocks, *render_section("loop_measured", loop=loop), *map(caution, loop.cautions)]
+    blocks += render_section("loop_measured", loop=loop)
+    return blocks + [caution(fact) for fact in loop.cautions]
 
 
 def margin_tables(loops: LoopsByAxis) -> Iterator[Table]:
-    """Yields a table of the rate loop and one of the attitude loop, a column for each of ``loops``."""
-    for which in ("rate", "attitude"):
-        values = [getattr(loop, which) for loop in loops.values()]
-        rows = [
-            [name, *(_interval(value, key, unit) for value in values)]
-            for key, (name, unit) in LOOP_FIGURES.items()
-        ]
-        yield Table([f"{which} loop (90 % interval)", *loops], rows)
+    """Yields a table of the rate loops and one of the attitude loops, with a column for each of ``loops``."""
+    for loop_name in ("rate", "attitude"):
+        open_loops = [getattr(loop, loop_name) for loop in loops.values()]
+        rows = []
+        for attribute, figure in LOOP_FIGURES.items():
+            cells = [_figure_text(open_loop, attribute, figure.scale) for open_loop in open_loops]
+            rows.append([figure.header, *cells])
+        yield Table([f"{loop_name} loop (90 % interval)", *loops], rows)
 
 
-def _interval(loop: OpenLoop, name: str, scale: float) -> str:
-    value = getattr(loop, name)
-    ends = [rounded(scale * end) for end in getattr(loop, f"{name}_interval")]
-    shown = rounded(scale * value)
-    return shown if "-" in ends else f"{shown} ({ends[0]} to {ends[1]})"
+def _figure_text(loop: OpenLoop, attribute: str, scale: float) -> str:
+    """Returns a figure of a loop with its interval, such as "57 (50 to 63)"; without the interval if an end is NaN."""
+    value = rounded(scale * getattr(loop, attribute))
+    low, high = (rounded(scale * end) for end in getattr(loop, f"{attribute}_interval"))
+    if "-" in (low, high):
+        return value
+    return f"{value} ({low} to {high})"
 
 
 def gain_blocks(advice: Advice) -> Blocks:
-    """Returns the gains to set, where they change, and what to expect of them."""
+    """Returns a table of the gains that change, if any, and sentences on what to expect of them."""
     factors = {
         name: gain.set / gain.now
         for name, gain in advice.gains.items()
         if f"{gain.now:.4g}" != f"{gain.set:.4g}"
     }
-    rows = [
-        [name, *(f"{value:.4g}" for value in advice.gains[name]), f"{factor:.2f}"]
-        for name, factor in factors.items()
-    ]
+    rows = []
+    for name, factor in factors.items():
+        gain = advice.gains[name]
+        rows.append([name, *(f"{value:.4g}" for value in gain), f"{factor:.2f}"])
     tables = [Table(["gain", "now", "set", "times"], rows)] if rows else []
-    why = render_section(
+    limited = [
+        name
+        for name, factor in factors.items()
+        if max(factor, 1 / factor) > STEP_LIMIT_TOLERANCE * MAX_GAIN_STEP
+    ]
+    sentences = render_section(
         "loop_gains",
         advice=advice,
         names=advice.before.controller.parameter_names,
         falling=[name for name, factor in factors.items() if factor < 1],
         rising=[name for name, factor in factors.items() if factor > 1],
-        farthest=[
-            name
-            for name, factor in factors.items()
-            if max(factor, 1 / factor) > 0.999 * MAX_GAIN_STEP
-        ],
+        farthest=limited,
         largest=MAX_ANGLE_GAIN[advice.before.axis],
     )
-    return [*tables, *why]
+    return [*tables, *sentences]

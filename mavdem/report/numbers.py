@@ -1,112 +1,162 @@
-"""Numbers and names for people: degrees for angles, as many digits as an interval bears, names with their units."""
+"""Numbers and names as people read them: degrees for radians, the digits that an interval bears, and lists in words."""
 
 from collections.abc import Iterable, Sequence
 from math import degrees, floor, isfinite, log10
 from typing import NamedTuple
 
+MAX_LISTED_NAMES = 4
+"""Names that a sentence lists before it says how many more there are: a choice."""
+
+SMALL_LEADING_DIGIT = 3.0
+"""A half width whose leading digit is below this has two digits, because rounding to one would change it by a third."""
+
+MAX_PLAIN_DIGIT = 2
+"""Largest power of ten of a half width's last digit that is written without a common power of ten."""
+
+MIN_PLAIN_DIGIT = -6
+"""Smallest power of ten of a half width's last digit that is written without a common power of ten."""
+
+PLAIN_SIZES = (1e-4, 1e6)
+"""Sizes from which and up to which a number is written without an exponent."""
+
 
 class DisplayUnit(NamedTuple):
-    """A unit to show values in: what is shown is ``scale`` times the value."""
+    """A unit in which values are shown."""
 
     name: str
+    """Symbol of the unit, such as "°/s"."""
+
     scale: float
+    """Factor from the value in its own unit to the shown number."""
 
 
 def display_unit(unit: str) -> DisplayUnit:
-    """Returns degrees for a ``unit`` with radians, and any other as it is."""
+    """Returns the unit in which values of a ``unit`` are shown: degrees for radians, otherwise the unit itself."""
     if unit == "rad" or unit.startswith("rad/"):
         return DisplayUnit("°" + unit.removeprefix("rad"), degrees(1.0))
     return DisplayUnit(unit, 1.0)
 
 
-TORQUE_UNIT = display_unit("rad/s²")  # of torques and of effects, by the axis's inertia
+TORQUE_UNIT = display_unit("rad/s²")
+"""Unit in which torques and control effectiveness are shown, both divided by the inertia of the axis: °/s²."""
 
 
-def unit_per_input(unit: DisplayUnit, of: str) -> str:
-    """Returns the unit of what one unit ``of`` the input does: "°/s per µs"."""
-    return f"{unit.name or '1'} per {of or 'unit of input'}"
+def unit_per_input(unit: DisplayUnit, input_unit: str) -> str:
+    """Returns the unit of an effect per unit of the input, such as "°/s per µs"."""
+    return f"{unit.name or '1'} per {input_unit or 'unit of input'}"
 
 
 def name_with_unit(name: str, unit: str) -> str:
-    """Returns the ``name`` with its ``unit``, where it has one."""
+    """Returns a name and its unit as a header, such as "roll, °"; the name alone without a unit."""
     return f"{name}, {unit}" if unit else name
 
 
 def without_remark(name: str) -> str:
-    """Returns a ``name`` without the remark in brackets after it: "motor 1" for "motor 1 (front right)"."""
+    """Returns a name without the remark in brackets after it: "motor 1" for "motor 1 (front right)"."""
     return name.split(" (")[0]
 
 
 def motor_position(name: str) -> str:
-    """Returns where a motor is: "front right" for "motor 1 (front right)"; the ``name`` where that is not known."""
-    _, bracket, where = name.partition(" (")
-    return where.removesuffix(")") if bracket else name
+    """Returns the position in a motor's name: "front right" for "motor 1 (front right)"; the name if it has none."""
+    _, bracket, position = name.partition(" (")
+    return position.removesuffix(")") if bracket else name
 
 
 def listed(names: Iterable[object]) -> str:
-    """Returns ``names`` as "a, b and c"; empty where there are none."""
-    *before, last = [*map(str, names)] or [""]
-    return f"{', '.join(before)} and {last}" if before else last
-
-
-MAX_LISTED_NAMES = 4  # in a sentence
+    """Returns names as a list in words, such as "a, b and c"; an empty text for no names."""
+    texts = [str(name) for name in names]
+    if len(texts) < 2:
+        return "".join(texts)
+    return f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 
 def abbreviated_list(names: Sequence[str]) -> str:
-    """Returns the first ``names`` as in a sentence, and how many more there are: a single one is named, too."""
+    """Returns the first names as a list in words, and how many more there are, such as "a, b, c, d and 2 more".
+
+    A single name beyond ``MAX_LISTED_NAMES`` is listed, too, because "1 more" is not shorter.
+    """
     more = len(names) - MAX_LISTED_NAMES
-    return listed([*names[:MAX_LISTED_NAMES], f"{more} more"] if more > 1 else names)
+    if more <= 1:
+        return listed(names)
+    return listed([*names[:MAX_LISTED_NAMES], f"{more} more"])
 
 
 def counted(number: int, noun: str) -> str:
-    """Returns "1 flight" or "2 flights"."""
+    """Returns a number with its noun in singular or plural: "1 flight" or "2 flights"."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def one_line_list(names: Iterable[str], most: int = 5, longest: int = 80) -> str:
-    """Returns the first ``most`` of ``names`` in order, each in one line however ``longest`` it is in the file."""
-    *shown, rest = [*sorted(names), ""][: most + 1]
-    cut = [name if len(name) <= longest else f"{name[:longest]}…" for name in shown]
-    plain = [
-        "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in name)
-        for name in cut
-    ]
-    return ", ".join([*plain, *["…"] * bool(rest)])
+def one_line_list(names: Iterable[str], max_names: int = 5, max_length: int = 80) -> str:
+    """Returns the first names, sorted and separated by commas, on one line that is safe to print.
+
+    Args:
+        names: names from a file, which may be long or contain control characters.
+        max_names: names that are listed; "…" stands for the others.
+        max_length: characters of a name that are shown; "…" stands for the rest.
+    """
+    ordered = sorted(names)
+    shown = []
+    for name in ordered[:max_names]:
+        short_name = name if len(name) <= max_length else f"{name[:max_length]}…"
+        shown.append(
+            "".join(
+                letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}"
+                for letter in short_name
+            )
+        )
+    if len(ordered) > max_names:
+        shown.append("…")
+    return ", ".join(shown)
 
 
-def plus_minus(value: float, half: float) -> str:
-    """Returns an estimate and the ``half`` width of its interval, with the digits that it bears; a dash without one.
+def plus_minus(value: float, half_width: float) -> str:
+    """Returns an estimate with the half width of its interval, both with the digits that the half width bears.
+
+    A value or a half width that is not finite gives a dash; without a half width, the value has three digits.
 
     >>> plus_minus(3.5123, 1.149), plus_minus(1234.0, 32.0)
     ('3.5 ± 1.1', '1230 ± 30')
     """
-    if not (isfinite(value) and isfinite(half)):
+    if not (isfinite(value) and isfinite(half_width)):
         return "-"
-    if half <= 0:
+    if half_width <= 0:
         return f"{value:.3g}"
-    digit = floor(log10(half))
-    # A half width that begins with 1 or 2 has two digits, lest rounding changes it by a third.
-    digit -= half < 3 * 10.0**digit
-    # Decimals where they are few, else one power of ten for both.
-    power = 0 if -6 <= digit <= 2 else 3 * (max(digit, floor(log10(abs(value) or half))) // 3)
-    decimals = max(power - digit, 0)
-    mean, width = (
-        f"{round(number / 10.0**power, power - digit) + 0.0:.{decimals}f}"
-        for number in (float(value), float(half))
-    )
-    return f"({mean} ± {width})e{power}" if power else f"{mean} ± {width}"
+    last_digit = floor(log10(half_width))
+    if half_width < SMALL_LEADING_DIGIT * 10.0**last_digit:
+        last_digit -= 1
+    if MIN_PLAIN_DIGIT <= last_digit <= MAX_PLAIN_DIGIT:
+        power = 0
+    else:
+        # Both numbers share one power of ten, a multiple of three as in engineering notation.
+        first_digit = floor(log10(abs(value) or half_width))
+        power = 3 * (max(last_digit, first_digit) // 3)
+    decimals = max(power - last_digit, 0)
+
+    def text(number: float) -> str:
+        # Adding 0.0 turns -0.0 into 0.0, which is shown without a sign.
+        scaled = round(float(number) / 10.0**power, power - last_digit) + 0.0
+        return f"{scaled:.{decimals}f}"
+
+    if power:
+        return f"({text(value)} ± {text(half_width)})e{power}"
+    return f"{text(value)} ± {text(half_width)}"
 
 
 def with_unit(value: float, unit: DisplayUnit) -> str:
-    """Returns a ``value`` in the ``unit`` it is shown in, with two digits: "3.9°", "3.7 °/s"."""
+    """Returns a value in the unit in which it is shown, with two digits: "3.9°" or "3.7 °/s"."""
     space = "" if unit.name in ("", "°") else " "
     return f"{rounded(unit.scale * value)}{space}{unit.name}"
 
 
 def rounded(value: float, digits: int = 2) -> str:
-    """Returns so many significant ``digits``, and those before the decimal point; no exponent for everyday sizes."""
+    """Returns a number with so many significant digits, and all digits before the decimal point.
+
+    Numbers outside of ``PLAIN_SIZES`` have an exponent. NaN and −∞ give a dash, ∞ gives "infinite".
+    """
     if not isfinite(value):
         return "infinite" if value > 0 else "-"
-    if value == 0 or not 1e-4 <= abs(value) < 1e6:
+    smallest, largest = PLAIN_SIZES
+    if value == 0 or not smallest <= abs(value) < largest:
         return f"{value:.{digits}g}"
-    return f"{value:.{max(digits - 1 - floor(log10(abs(value))), 0)}f}"
+    decimals = max(digits - 1 - floor(log10(abs(value))), 0)
+    return f"{value:.{decimals}f}"

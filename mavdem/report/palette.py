@@ -1,23 +1,41 @@
-"""The palette: one colour a meaning, in every picture, page and dashboard, as sRGB "#rrggbb".
+"""The palette: one colour for each meaning in all charts, pages and dashboards, as sRGB "#rrggbb".
 
-Each has a contrast of 3 or more with white and with a dark background (WCAG 2.2, 1.4.11), and those that meet in one
-picture differ also to people with two kinds of cones (Machado, Oliveira and Fernandes, 2009).
+Each colour has a contrast of at least 3 with white and with a dark background (WCAG 2.2, 1.4.11). Those that meet in one
+chart can be told apart by people with two kinds of cones, too (Machado, Oliveira and Fernandes, 2009).
 """
 
-MEASURED = "#7d8694"  # what sensors recorded: thin and neutral, what is computed lies over it
-# one-step predictions, forecasts and the model itself; their bands with ``BAND_OPACITY``
-PREDICTED = "#1f7ad6"
-BASELINE = "#b5852a"  # forecasts without a model
-DISTURBANCE = "#9461d1"  # the wind's torque
-GUST = "#b5852a"  # behind the disturbance
-COMMAND = "#12997a"  # the roll command: the motors' difference
-PHYSICAL = "#12997a"  # the physical parameters, beside the learned model
-TRUTH = "#dd5a2f"  # of a simulated flight
-BOUND = "#7d8694"  # what chance alone would reach, 0, limits
+MEASURED = "#7d8694"
+"""What sensors recorded: thin and neutral, because what is computed lies over it."""
 
-# of a level or grade; beside a word, never instead of one
+PREDICTED = "#1f7ad6"
+"""One-step predictions, forecasts, and the model itself."""
+
+BASELINE = "#b5852a"
+"""Forecasts without a model."""
+
+DISTURBANCE = "#9461d1"
+"""The torque of the wind, and the wind."""
+
+GUST = "#b5852a"
+"""Gusts, behind the disturbance."""
+
+COMMAND = "#12997a"
+"""The command of an axis: the difference between the motors."""
+
+PHYSICAL = "#12997a"
+"""The physical parameters, beside the learned model."""
+
+TRUTH = "#dd5a2f"
+"""The truth of a simulated flight, and setpoints."""
+
+BOUND = "#7d8694"
+"""What chance alone would reach, zero, and limits."""
+
 LIMITED = "#b5852a"
+"""Level "watch": always beside a word, never instead of one."""
+
 BAD = "#d6453d"
+"""Level "bad", and alarms: always beside a word, never instead of one."""
 
 DISTINCT = (
     "#1f7ad6",
@@ -30,22 +48,27 @@ DISTINCT = (
     "#c94f6d",
     "#4f8f3f",
 )
-"""For motors and other series without a meaning of their own, used cyclically; the names stand beside them."""
+"""Colours of motors and other series without a meaning of their own, used in turn; their names stand beside them."""
 
 INK_ON_LIGHT = "#24292f"
-"""Of text and axes; a page puts another in its place where its theme is dark."""
-PAPER_LIGHT = "#ffffff"
-PAPER_DARK = "#0d1117"
+"""Text and axes; a page replaces it where its theme is dark."""
 
-BAND_OPACITY = 0.22  # also of ``MEASURED`` behind what is held out
+PAPER_LIGHT = "#ffffff"
+"""Background of the light theme."""
+
+PAPER_DARK = "#0d1117"
+"""Background of the dark theme."""
+
+BAND_OPACITY = 0.22
+"""Opacity of bands around a line, and of the shade behind held-out windows."""
 
 
 def distinct(index: int) -> str:
-    """Returns the ``index``-th of the distinct colours."""
+    """Returns the colour of the series with this number; colours repeat after the last one."""
     return DISTINCT[index % len(DISTINCT)]
 
 
 def channels(colour: str) -> tuple[int, int, int]:
-    """Returns red, green and blue of a ``colour`` of this palette, 0 to 255."""
+    """Returns red, green and blue of a colour of this palette, 0 to 255 each."""
     red, green, blue = bytes.fromhex(colour.removeprefix("#"))
     return red, green, blue

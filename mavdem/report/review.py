@@ -1,4 +1,4 @@
-"""Review of a log on one screen: what it is of, the headline, eight lights, what happened, and what to do next."""
+"""The review of a log on one terminal screen: title, eight lights, alarms, the headline, and what to do next."""
 
 import re
 from collections.abc import Iterator
@@ -11,53 +11,65 @@ from mavdem.report.blocks import SCREEN_LINES, Sentence, shortened
 from mavdem.report.templates import headline, render_section
 
 SCREEN_COLUMNS = 80
-"""Of a terminal that nobody has widened."""
-HARD_SPACE = "\xa0"
+"""Columns of a terminal that nobody has widened."""
+
+MAX_HEADLINE_LINES = 2
+"""Lines of the headline on the screen; a longer one is cut."""
+
+RESERVED_LINES = 3
+"""Lines of a screen that the review leaves free: for the title, and the progress and the path of the page."""
+
+HARD_SPACE = "\N{NO-BREAK SPACE}"
+"""A space at which no line is broken."""
 
 
 def review_screen(assessment: Assessment) -> str:
-    """Returns the screen of an ``assessment``: of ``SCREEN_COLUMNS``, ``LINES``; a long next step takes more."""
-    lead = review_title(assessment)
-    first = shorten(f"{lead.lead} {lead.text}", SCREEN_COLUMNS, placeholder=" …")
+    """Returns the review as text of ``SCREEN_COLUMNS`` and at most ``SCREEN_LINES``, unless the next step is long.
+
+    As many alarms are shown as there is room for. The most important lines are last, where somebody looks when all has
+    scrolled by.
+    """
+    title = review_title(assessment)
+    title_line = shorten(f"{title.lead} {title.text}", SCREEN_COLUMNS, placeholder=" …")
     lights = [_row(name, fact) for name, fact in assessment.lights.items()]
-    # What somebody reads when all has scrolled by is last.
-    headlines = wrap(headline(assessment.headline), SCREEN_COLUMNS, max_lines=2, placeholder=" …")
-    last = [*headlines, *_wrapped(f"Next: {assessment.next_step}")]
-    room = max(SCREEN_LINES - 3 - len(lights) - len(last), 0)
-    alarms = [*_alarms(assessment)][:room]
-    return "\n".join([first, *lights, *alarms, *last])
+    headline_lines = wrap(
+        headline(assessment.headline),
+        SCREEN_COLUMNS,
+        max_lines=MAX_HEADLINE_LINES,
+        placeholder=" …",
+    )
+    conclusion = [*headline_lines, *_wrapped(f"Next: {assessment.next_step}")]
+    room = max(SCREEN_LINES - RESERVED_LINES - len(lights) - len(conclusion), 0)
+    alarms = [*_alarm_rows(assessment)][:room]
+    return "\n".join([title_line, *lights, *alarms, *conclusion])
 
 
 def review_title(assessment: Assessment) -> Sentence:
-    """Returns which log it is, and of what."""
-    analysis = assessment.analysis
-    name = f"{Path(assessment.log.source).name}:"
-    if analysis is None:
-        return Sentence("no vehicle judged.", name)
-    sentences = render_section(
-        "review",
-        analysis.identity,
-        assessment=assessment,
-    )
-    return Sentence(" ".join(sentence.text for sentence in sentences), name)
+    """Returns the title of a review: name of the log, vehicle, duration and date."""
+    lead = f"{Path(assessment.log.source).name}:"
+    if assessment.analysis is None:
+        return Sentence("no vehicle judged.", lead)
+    sentences = render_section("review", assessment.analysis.identity, assessment=assessment)
+    return Sentence(" ".join(sentence.text for sentence in sentences), lead)
 
 
 def _wrapped(text: str) -> Iterator[str]:
-    """The lines of a ``text``, with each command, as "`mavdem tune LOG`", whole on one, to be pasted."""
-    whole = re.sub("`.*?`", lambda command: command[0].replace(" ", HARD_SPACE), text)
-    for line in wrap(whole, SCREEN_COLUMNS, break_long_words=False, break_on_hyphens=False):
+    """Yields the lines of a text; a command between backquotes stays on one line, so that it can be copied."""
+    unbroken = re.sub("`.*?`", lambda command: command[0].replace(" ", HARD_SPACE), text)
+    for line in wrap(unbroken, SCREEN_COLUMNS, break_long_words=False, break_on_hyphens=False):
         yield line.replace(HARD_SPACE, " ")
 
 
-def _row(name: str, fact: Fact) -> str:
-    """A light by its name, or an event by its time."""
-    mark = fact.level.upper() if fact.is_bad else fact.level
-    beginning = f"{name:<11}{mark:<9}"
-    return f"{beginning}{shortened(headline(fact), SCREEN_COLUMNS - len(beginning))}"
-
-
-def _alarms(assessment: Assessment) -> Iterator[str]:
-    """What happened that may have lost the vehicle, but for what the headline says."""
+def _alarm_rows(assessment: Assessment) -> Iterator[str]:
+    """Yields a row for each event that may have lost the vehicle, except the one of the headline."""
     for event in assessment.events:
         if event.is_bad and event.time != assessment.headline.time:
-            yield _row("event" if event.time is None else f"{event.time:.0f} s", event)
+            name = "event" if event.time is None else f"{event.time:.0f} s"
+            yield _row(name, event)
+
+
+def _row(name: str, fact: Fact) -> str:
+    """Returns the line of a light or an event: its name or time, its level, and its sentence as far as it fits."""
+    level = fact.level.upper() if fact.is_bad else fact.level
+    beginning = f"{name:<11}{level:<9}"
+    return f"{beginning}{shortened(headline(fact), SCREEN_COLUMNS - len(beginning))}"

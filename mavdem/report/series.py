@@ -1,6 +1,7 @@
-"""Series of a learned flight: what the model was learned from and makes of it, on its samples and in their units.
+"""Time series of a learned flight, for Rerun and MCAP: what the model was learned from, and what it computes.
 
-For Rerun and for MCAP. What was recorded beside it, over the whole boot and for eyes, is a ``Timeline``.
+They are on the samples and in the units of the training data. What was recorded besides, over the whole boot and to be
+looked at, is a ``Timeline``.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,23 +18,47 @@ from mavdem.report.labels import AxisCommand, state_names
 from mavdem.wind_velocity.estimation import WindVelocity
 
 OUTPUTS = "flight/outputs"
+"""Measured outputs, angle and rate."""
+
 INPUTS = "flight/inputs"
+"""Recorded inputs, such as motor outputs."""
+
 ONE_STEP = "learned/one_step"
+"""One-step predictions of the outputs."""
+
 PROCESS_NOISE = "learned/process_noise"
+"""Process noise w of DEM, for each state."""
+
 FREE_ENERGY = "learned/free_energy"
+"""Free energy F(t) of each sample, nats."""
+
 COMMAND = "learned/command"
+"""Command of the axis."""
+
 WIND_TORQUE = "learned/wind_torque"
+"""Wind torque and the half width of its band, rad/s²."""
+
 WIND_VELOCITY = "wind/velocity"
+"""Velocity of the air, north and east, m/s."""
+
 WIND_BAND = "wind/band"
+"""Half width of the band of the wind's velocity, m/s."""
+
 HELD_OUT = "held_out"
+"""Folder of the series of held-out windows."""
 
 
 class Series(NamedTuple):
-    """``values`` (N, k) over ``time`` (N,), s, a column for each of the ``names``."""
+    """Columns of values over one time."""
 
     time: Array
+    """Times (N,), s."""
+
     names: Sequence[str]
+    """Name of each of the k columns."""
+
     values: Array
+    """Values (N, k)."""
 
 
 def series_of(
@@ -42,11 +67,16 @@ def series_of(
     held_out: HeldOut | None = None,
     wind: WindVelocity | None = None,
 ) -> dict[str, Series]:
-    """Returns the series of ``flights`` of one boot, of the model ``learned`` from them, and of the ``wind``, by name.
+    """Returns the series of a learned flight by name; the names are the constants of this module.
 
-    The wind torque has its half width beside it, rad/s²; so has the wind's velocity, m/s north and east. Held-out
-    windows follow each other, with what was measured, forecast and left, and the half width of the forecast's band.
-    ``ValueError``: the model is of other flights.
+    Args:
+        flights: settled segments of one boot, in order of time.
+        learned: the model that was learned from them, if any.
+        held_out: windows with forecasts, if any, which follow each other in their series.
+        wind: the wind of the flight, if any.
+
+    Raises:
+        ValueError: the model was learned from other flights.
     """
     first = flights[0]
     time = np.concatenate([flight.time for flight in flights])
@@ -60,34 +90,53 @@ def series_of(
         if len(learned.record) != len(time):
             count = len(learned.record)
             raise ValueError(f"the model was learned from {count} samples, not these {len(time)}")
-        series |= dict(_learned(first.output_names, time, learned))
+        series |= dict(_model_series(first.output_names, time, learned))
     if held_out is not None:
-        inside = held_out.time.ravel()
-        forecast = held_out.forecasts[FORECAST]
-        windows = {
-            "measured": held_out.measured,
-            "forecast": forecast,
-            "residual": held_out.measured - forecast,
-            "band": held_out.band,
-        }
-        for name, values in windows.items():
-            columns = values.reshape(len(inside), -1)
-            series[f"{HELD_OUT}/{name}"] = Series(inside, first.output_names, columns)
+        series |= dict(_held_out_series(first.output_names, held_out))
     if wind is not None:
-        for name, values in ((WIND_VELOCITY, wind.velocity), (WIND_BAND, wind.band)):
-            series[name] = Series(wind.time, ("north", "east"), values)
+        series[WIND_VELOCITY] = Series(wind.time, ("north", "east"), wind.velocity)
+        series[WIND_BAND] = Series(wind.time, ("north", "east"), wind.band)
     return series
 
 
-def _learned(names: Sequence[str], time: Array, learned: Learned) -> Iterator[tuple[str, Series]]:
+def _model_series(
+    outputs: Sequence[str], time: Array, learned: Learned
+) -> Iterator[tuple[str, Series]]:
+    """Yields the name and the series of each signal that a model computes.
+
+    Args:
+        outputs: names of the outputs.
+        time: of the training samples (T,), s.
+        learned: the model. Its process noise and free energy exist at some of the samples only.
+    """
     samples, noise = learned.process_noise()
     energy = learned.free_energy_of_samples[:, None]
     command = AxisCommand.of(learned)
     commands = command.series(learned.record.inputs)[:, None]
-    yield ONE_STEP, Series(time, names, learned.one_step())
-    yield PROCESS_NOISE, Series(time[samples], state_names(names, learned), noise)
+    yield ONE_STEP, Series(time, outputs, learned.one_step())
+    yield PROCESS_NOISE, Series(time[samples], state_names(outputs, learned), noise)
     yield FREE_ENERGY, Series(time[samples], ("free_energy",), energy)
     yield COMMAND, Series(time, (command.name,), commands)
-    if (wind := resolved_wind_torque(learned.wind_torque, learned.physical)) is not None:
+    wind = resolved_wind_torque(learned.wind_torque, learned.physical)
+    if wind is not None:
         torque = np.stack([wind.torque, wind.band], axis=1)
         yield WIND_TORQUE, Series(time, ("torque", "band"), torque)
+
+
+def _held_out_series(outputs: Sequence[str], held_out: HeldOut) -> Iterator[tuple[str, Series]]:
+    """Yields the name and the series of what was measured and forecast in held-out windows, and of band and residual.
+
+    Args:
+        outputs: names of the m outputs.
+        held_out: W windows of H samples; a series has W·H rows.
+    """
+    time = held_out.time.ravel()
+    forecast = held_out.forecasts[FORECAST]
+    windows = {
+        "measured": held_out.measured,
+        "forecast": forecast,
+        "residual": held_out.measured - forecast,
+        "band": held_out.band,
+    }
+    for name, values in windows.items():
+        yield f"{HELD_OUT}/{name}", Series(time, outputs, values.reshape(len(time), -1))

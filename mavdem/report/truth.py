@@ -1,4 +1,4 @@
-"""Estimates of a simulated flight beside its truth."""
+"""The estimates of a simulated flight beside its truth, as a table and sentences."""
 
 from math import isfinite
 
@@ -6,45 +6,61 @@ from mavdem.experiments.truth import ComparedParameter, TruthComparison
 from mavdem.facts import Level
 from mavdem.facts.identifiability import Status
 from mavdem.report.blocks import Blocks, Rated, Table
-from mavdem.report.numbers import display_unit, plus_minus, rounded
+from mavdem.report.numbers import DisplayUnit, display_unit, plus_minus, rounded
 from mavdem.report.templates import render_section
 
-NAMES = {
+PARAMETER_NAMES = {
     "mean effect": "mean effectiveness",
     "damping": "rate damping",
     "lag of the motors": "motor time constant",
 }
-"""What a parameter is called where it is shown."""
+"""Names shown for parameters whose names in a comparison are others."""
+
+MAX_SHOWN_ERROR = 10.0
+"""Relative error up to which it is shown in percent: near a truth of 0 it has no meaning."""
 
 
 def truth_blocks(comparison: TruthComparison) -> Blocks:
-    """Returns a row a parameter with the truth beside it, and how the wind torque compares, in a ``comparison``."""
+    """Returns how many intervals hold the truth, a table of all parameters, and how the wind torque compares."""
     wind = comparison.wind
-    compared = list(comparison.parameters)
+    parameters = list(comparison.parameters)
     if wind is not None and wind.resolved:
-        compared.append(wind.mean)
-    held = [parameter.inside for parameter in compared if parameter.inside is not None]
-    heading, *torque = render_section("truth", source=comparison.source, held=held, wind=wind)
+        parameters.append(wind.mean)
+    is_inside = [parameter.inside for parameter in parameters if parameter.inside is not None]
+    heading, *wind_sentences = render_section(
+        "truth", source=comparison.source, held=is_inside, wind=wind
+    )
+    if not parameters:
+        return [heading, *wind_sentences]
     header = ["", "estimate", "truth", "error", "unit", "inside"]
-    return [heading, *([Table(header, list(map(_row, compared)))] if compared else []), *torque]
+    table = Table(header, [_row(parameter) for parameter in parameters])
+    return [heading, table, *wind_sentences]
 
 
 def _row(parameter: ComparedParameter) -> list[str]:
-    """Degrees for radians, ms for s; the error in percent of the truth, where that is no number near 0."""
-    unit, scale = ("ms", 1e3) if parameter.unit == "s" else display_unit(parameter.unit)
-    estimate, half, truth = (
-        scale * value for value in (parameter.estimate, parameter.half_width, parameter.truth)
-    )
-    near = abs(estimate - truth) < 10.0 * abs(truth)
-    inside: str = Rated(parameter.status, Level.BAD)  # without an interval
-    if parameter.inside is not None:
-        biased = ", biased" if parameter.status is Status.BIASED else ""
-        inside = f"{'yes' if parameter.inside else 'no'}{biased}"
+    """Returns the row of a parameter: name, estimate, truth, error in percent, unit, and whether it is inside."""
+    unit = DisplayUnit("ms", 1e3) if parameter.unit == "s" else display_unit(parameter.unit)
+    estimate = unit.scale * parameter.estimate
+    half_width = unit.scale * parameter.half_width
+    truth = unit.scale * parameter.truth
+    error = ""
+    if abs(estimate - truth) < MAX_SHOWN_ERROR * abs(truth):
+        # Adding 0 turns a rounded −0 into 0, so that its sign is +.
+        error = f"{round(100 * (estimate / truth - 1)) + 0:+d} %"
+    default_name = parameter.name.replace("effect of", "effectiveness of")
     return [
-        NAMES.get(parameter.name, parameter.name.replace("effect of", "effectiveness of")),
-        plus_minus(estimate, half) if isfinite(half) else rounded(estimate),
+        PARAMETER_NAMES.get(parameter.name, default_name),
+        plus_minus(estimate, half_width) if isfinite(half_width) else rounded(estimate),
         rounded(truth, 3),
-        f"{round(100 * (estimate / truth - 1)) + 0:+d} %" if near else "",
-        unit,
-        inside,
+        error,
+        unit.name,
+        _inside_text(parameter),
     ]
+
+
+def _inside_text(parameter: ComparedParameter) -> str:
+    """Returns whether the interval of a parameter holds the truth: "yes" or "no", or its status without an interval."""
+    if parameter.inside is None:
+        return Rated(parameter.status, Level.BAD)
+    text = "yes" if parameter.inside else "no"
+    return f"{text}, biased" if parameter.status is Status.BIASED else text

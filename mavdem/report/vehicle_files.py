@@ -1,12 +1,14 @@
-"""Vehicles for simulators: a learned twin in tables, and as a file of ``mavdem fly``, SITL, SIH and Gazebo.
+"""The learned twin of a vehicle in tables, and as a file for a simulator: ``mavdem fly``, SITL, PX4 SIH or Gazebo.
 
-What a format makes of the twin, and its source, is in its template: vehicle.toml, .json, .params and .sdf beside this.
+Each format is a template beside this module, ``vehicle.toml``, ``.json``, ``.params`` or ``.sdf``, which also says
+where the format comes from.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
@@ -14,15 +16,17 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 from mavdem.facts import NamedFacts
 from mavdem.loops.twin import Twin
 from mavdem.loops.twin_flight import RATE_BANDS
-from mavdem.report.blocks import Blocks, Sentence, Table
+from mavdem.report.blocks import Block, Blocks, Sentence, Table
 from mavdem.report.pages.page import environment
 
-OMITTED_QUANTITIES = {  # what a format has no place for
+OMITTED_QUANTITIES = {
     ".json": "motor time constant, delay, damping of pitch and yaw apart from roll's, battery and controller gains",
     ".params": "delay, quadratic drag and damping of pitch and yaw apart from roll's",
     ".sdf": "delay, damping, quadratic drag and controller gains",
 }
-SHOWN = {
+"""Quantities of a twin that a format cannot express, by the ending of its files."""
+
+TWIN_QUANTITIES = {
     "mass": "mass (kg)",
     "inertia": "inertia (kg m²)",
     "lag": "motor time constant, gyro filters apart (s)",
@@ -34,63 +38,83 @@ SHOWN = {
     "wind_speed": "wind (m/s)",
     "wind_direction": "wind comes from (°)",
 }
-FIGURES = {"lean": ", mean (°)", "sway": ", sd (°)", "rate": " rate, sd (°/s)"}
+"""Quantities of a twin that are shown: name and unit by the attribute."""
+
+MOTION_FIGURES = {"lean": ", mean (°)", "sway": ", sd (°)", "rate": " rate, sd (°/s)"}
+"""Figures by which the motion of a twin is compared: what follows the axis, by key."""
 
 
-def missing_axes(missing: NamedFacts) -> list[Sentence]:
-    """Returns why axes are ``missing`` of what a twin is made of, a sentence each."""
+def missing_axes(reasons: NamedFacts) -> list[Sentence]:
+    """Returns a sentence for each axis that a twin lacks.
+
+    Args:
+        reasons: why an axis was not learned, by axis.
+    """
     return [
-        Sentence(f"{axis.capitalize()} is not learned: {fact.advised}")
-        for axis, fact in missing.items()
+        Sentence(f"{axis.capitalize()} is not learned: {reason.advised}")
+        for axis, reason in reasons.items()
     ]
 
 
-def twin_blocks(twin: Twin, compared: Mapping[str, Mapping[str, list[float]]]) -> Blocks:
-    """Returns the figures of a ``twin`` and how sure they are, and how alike it flies, ``compared`` by axis."""
-    attributes = {name: attrgetter(name)(twin) for name in SHOWN}
-    rows = [
-        [
-            SHOWN[name],
-            ", ".join(f"{each:.3g}" for each in np.ravel(value)),
-            str(twin.notes.get(name.replace(".", "_"), "")),
-        ]
-        for name, value in attributes.items()
-        if value is not None
-    ]
+def twin_blocks(twin: Twin, comparison: Mapping[str, Mapping[str, list[float]]]) -> Blocks:
+    """Returns the quantities of a twin with their uncertainty, and how its flight compares with the recorded one.
+
+    Args:
+        twin: the learned vehicle.
+        comparison: by axis, figures of the recorded flight and of the twin's in wind of the same spectrum. "levels" are
+            the twin's rates relative to the recorded ones in each of ``RATE_BANDS``, dB; the keys of
+            ``MOTION_FIGURES`` have the recorded and the twin's figure.
+    """
+    rows = []
+    for attribute, name in TWIN_QUANTITIES.items():
+        value = attrgetter(attribute)(twin)
+        if value is not None:
+            numbers = ", ".join(f"{number:.3g}" for number in np.ravel(value))
+            uncertainty = str(twin.notes.get(attribute.replace(".", "_"), ""))
+            rows.append([name, numbers, uncertainty])
     blocks: Blocks = [Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True)]
-    for axis, figures in compared.items():
-        cells = [
-            [f"{axis} rate, {low:g} to {high:g} Hz (dB)", "0", f"{level:+.1f}"]
-            for (low, high), level in zip(pairwise(RATE_BANDS), figures["levels"], strict=True)
-        ]
-        cells += [
-            [f"{axis}{name}", *(f"{value:.2f}" for value in figures[key])]
-            for key, name in FIGURES.items()
-            if key in figures
-        ]
-        blocks.append(Table(["In wind of the same spectrum", "recorded", "twin"], cells))
-    if not compared:
-        blocks.append(
-            Sentence("The setpoints of roll were not recorded: the twin does not fly them again.")
-        )
-    return blocks
+    if not comparison:
+        text = "The setpoints of roll were not recorded: the twin does not fly them again."
+        return [*blocks, Sentence(text)]
+    return blocks + [_motion_table(axis, figures) for axis, figures in comparison.items()]
+
+
+def _motion_table(axis: str, figures: Mapping[str, Sequence[float]]) -> Block:
+    """Returns the table that compares the recorded motion about one axis with the twin's."""
+    rows = []
+    for (low, high), level in zip(pairwise(RATE_BANDS), figures["levels"], strict=True):
+        rows.append([f"{axis} rate, {low:g} to {high:g} Hz (dB)", "0", f"{level:+.1f}"])
+    for key, name in MOTION_FIGURES.items():
+        if key in figures:
+            rows.append([f"{axis}{name}", *(f"{value:.2f}" for value in figures[key])])
+    return Table(["In wind of the same spectrum", "recorded", "twin"], rows)
 
 
 def vehicle_text(twin: Twin, ending: str, source: str) -> str:
-    """Returns the file of a vehicle that ``source`` showed, by its ``ending``: .toml, .json, .params or .sdf."""
-    made = environment().overlay(autoescape=False)
-    made.filters["g"] = lambda given: (
-        str([float(f"{x:.5g}") for x in given]) if np.ndim(given) else f"{given:.5g}"
+    """Returns the file of a twin for a simulator.
+
+    Args:
+        twin: the learned vehicle.
+        ending: of the file, which names its format: ".toml", ".json", ".params" or ".sdf".
+        source: name of the log that the twin was learned from.
+    """
+    plain_text_environment = environment().overlay(autoescape=False)
+    plain_text_environment.filters["g"] = _five_digits
+    template = plain_text_environment.get_template(f"vehicle{ending}")
+    text = template.render(
+        twin=twin,
+        source=source,
+        gravity=GRAVITY,
+        weight=twin.mass * GRAVITY / 4,
+        linear=twin.drag.linear.mean(),
+        quadratic=twin.drag.quadratic.mean(),
+        math=math,
     )
-    return (
-        made.get_template(f"vehicle{ending}").render(
-            twin=twin,
-            source=source,
-            gravity=GRAVITY,
-            weight=twin.mass * GRAVITY / 4,
-            linear=twin.drag.linear.mean(),
-            quadratic=twin.drag.quadratic.mean(),
-            math=math,
-        )
-        + "\n"
-    )
+    return text + "\n"
+
+
+def _five_digits(value: Any) -> str:
+    """Returns a number, or a list of numbers as an array in TOML, with five significant digits."""
+    if np.ndim(value):
+        return str([float(f"{number:.5g}") for number in value])
+    return f"{value:.5g}"
