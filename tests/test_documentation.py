@@ -133,7 +133,7 @@ TEXTS = (
     "docs/**/*.md",
 )
 REPLACED = re.compile(
-    r"are news to|leant on|rotors stand|beyond all numbers|without measure|believed"
+    r"are news to|leant on|rotors stand|beyond all numbers|without measure\b|believed"
     r"|\b(?:is|are|was|were) (?:not )?told\b|of them their past|is another since|what is wrong with it"
     r"|\berrs [0-9.]+ times|in the places of|\bstretches\b|learnt from / tried on|how they stand|climbs? higher"
     r"|feel how warm|near it are|its thrust again|discarded again|hold the mean with",

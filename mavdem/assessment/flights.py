@@ -98,7 +98,7 @@ def height_in_flight(signals: Signals, boot: int, flight: Interval, time: float)
 
 
 def trusted_climb_rate(signals: Signals, boot: int, flight: Interval) -> TimeSeries | None:
-    """Returns the vertical speed of a boot, m/s up, where the estimate of the height can be believed.
+    """Returns the vertical speed of a boot, m/s up, where the estimate of the height is reliable.
 
     Samples with a height below the take-off by more than ``MAX_GROUND_HEIGHT`` are left out: there the vertical
     estimate may have diverged. All samples are returned where no height was recorded, None where no speed was.

@@ -160,7 +160,7 @@ def _track_with_progress(
         baseline: Logs or a fleet of healthy flights; empty for those of the last run.
 
     Raises:
-        KeyboardInterrupt: The user has pressed Ctrl-C, and is told that another run continues.
+        KeyboardInterrupt: The user has pressed Ctrl-C, and reads that another run continues.
     """
     try:
         with progress("Reading logs") as show_fraction:

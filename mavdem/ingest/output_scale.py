@@ -201,7 +201,7 @@ def _px4_limit(driver: OutputDriver, end: str, parameters: Parameters) -> float:
 
 
 MIN_STOP = 0.5
-"""Smallest share of the range that is believed to be the mixer's limit; a parameter with less has another meaning."""
+"""Smallest share of the range that counts as the mixer's limit; a parameter with less has another meaning."""
 
 
 def _ardupilot_stop(parameters: Parameters) -> float:

@@ -1,4 +1,4 @@
-"""The periodic review of a live vehicle: what its rows are made of, whether it flies, and what is wrong with it."""
+"""The periodic review of a live vehicle: what its rows are made of, whether it flies, and its faults."""
 
 from collections import deque
 from collections.abc import Callable

@@ -27,11 +27,11 @@ from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
 from mavdem.loops.welch import half_overlapping_windows, resampled_signals, windowed_transforms
 
 WINDOW_LENGTHS = (4.0, 8.0)
-"""Lengths of the windows of a flight, s: with long ones, slow oscillations are told from steering."""
+"""Lengths of the windows of a flight, s: with long ones, slow oscillations are distinguished from steering."""
 MIN_WINDOW_SAMPLES = 32
 """Fewest samples of a window."""
 MIN_PERIODS = 8
-"""Periods of the slowest oscillation in a window: fewer are not told from what is merely slow."""
+"""Periods of the slowest oscillation in a window: fewer are not distinguished from slow motion."""
 MIN_LINE_WIDTH_BINS = 2.01
 """Least half width of a line, in bins: Hann's window blurs a line over two to each side."""
 LINE_WIDTH = 0.1
