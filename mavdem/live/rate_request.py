@@ -46,7 +46,7 @@ STOPPED = -1
 """Interval of a message that is not sent. 0, "the default", is never set, since autopilots differ in it."""
 
 SHORTEST_INTERVAL = 1000
-"""Shortest interval that counts as a request's, µs. Shorter ones are ignored, also 0, which means an unknown message."""
+"""Shortest interval of a request, µs. Shorter ones are ignored, also 0, which means an unknown message."""
 
 MICROSECONDS = 1e6
 """Microseconds in a second: the unit of intervals."""
