@@ -50,9 +50,8 @@ def diff_command(
 ) -> None:
     """Reports what changed between A and B, and what did not.
 
-    A and B are each a log, or a FLEET of `mavdem track`.
-    Of a FLEET all flights of the vehicle count, and show how much one flight differs from the next; of
-    single flights that is assumed, and said.
+    A and B are each a log, or a FLEET of `mavdem track`. Of a FLEET all flights of the vehicle count, and show how much
+    one flight differs from the next. For single flights that spread is assumed, and the report says so.
 
     Compared are each motor's share of the work and its control effectiveness, rate damping and motor time constant. A
     quantity changed if that is beyond chance for all together (Holm, 5 %). Wind, battery and payload are conditions:

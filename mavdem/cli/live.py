@@ -104,7 +104,7 @@ class OutputPaths:
 @click.option(
     "--plain",
     is_flag=True,
-    help="Print the status as lines below each other, as where this is no terminal.",
+    help="Print the status as lines below each other, as without a terminal.",
 )
 def live_command(
     link: str,

@@ -82,11 +82,15 @@ source_argument = click.argument("source", type=click.Path())
 sources_argument = click.argument(
     "sources", metavar="SOURCE...", type=click.Path(), nargs=-1, required=True
 )
-vehicle_option = click.option("--vehicle", metavar="SYSTEM[:COMPONENT]", help="Which, of several.")
+vehicle_option = click.option(
+    "--vehicle", metavar="SYSTEM[:COMPONENT]", help="Which vehicle, of several."
+)
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."
 )
-verbose_option = click.option("--verbose", is_flag=True, help="Print all, not 15 lines.")
+verbose_option = click.option(
+    "--verbose", is_flag=True, help="Print everything, not only 15 lines."
+)
 params_option = file_option(
     "--params",
     "Parameters that the log lacks: a file of QGroundControl (.params) or Mission Planner (.param).",
@@ -97,7 +101,7 @@ start_option = click.option(
     type=NumberRange(0, 86400),
     default=0.0,
     show_default=True,
-    help="Nothing before it is used: seconds into the settled flight.",
+    help="Leave out this time at the beginning of the settled flight.",
 )
 
 

@@ -44,7 +44,9 @@ a process is replaced after a few logs, since Rerun leaves 20 MB and four thread
     help="Secret that uploading and the list of flights need; better in the environment as MAVDEM_TOKEN.",
 )
 @click.option(
-    "--behind-proxy", is_flag=True, help="A reverse proxy before it checks who may come in."
+    "--behind-proxy",
+    is_flag=True,
+    help="A reverse proxy in front of the server checks who may use it.",
 )
 @click.option(
     "--quota",
@@ -56,7 +58,7 @@ a process is replaced after a few logs, since Rerun leaves 20 MB and four thread
 @click.option(
     "--scheduler",
     metavar="tcp://HOST:PORT",
-    help="Read them on this Dask cluster instead, whose machines share FOLDER.",
+    help="Read logs on this Dask cluster instead, whose machines share FOLDER.",
 )
 @click.option(
     "--link",

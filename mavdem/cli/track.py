@@ -55,14 +55,14 @@ More is no limit, so that a mistyped number is refused.
 @click.option(
     "--scheduler",
     metavar="tcp://HOST:PORT",
-    help="Read them on this Dask cluster instead.",
+    help="Read logs on this Dask cluster instead.",
 )
 @click.option(
     "--time-limit",
     type=NumberRange(1, MAX_LIMIT),
     default=JobLimits().seconds,
     show_default=True,
-    help="Seconds of the processor that one log may take.",
+    help="Processor time that the reading of one log may take, in seconds.",
 )
 @click.option(
     "--memory-limit",
@@ -88,14 +88,14 @@ def track_command(
 
     LOGS are logs, folders, patterns in quotes, and URLs: s3://, gs://, https://. Each flight gets a row for each
     vehicle and axis (roll, pitch). A log that says nothing has a row with the reason in its column `status`. Known logs
-    are not read again, and a killed run goes on where it was.
+    are not read again, so that the same command continues a run that was killed.
 
     \b
     FLEET has:
       index.html    what was found; open it in a browser
       pages/        a page a flight
       flights/      the table, as Parquet, where pyarrow is installed
-      fleet.sqlite  which logs are known, and what each says and cost to read
+      fleet.sqlite  which logs are known, their results, and what it cost to read them
 
     \b
     Examples:
@@ -170,7 +170,7 @@ def _track_with_progress(
 
             return track(folder, logs, reader, baseline, flight_page, progress=show_count)
     except KeyboardInterrupt:
-        print_to_stderr("What was read is kept: the same command goes on.")
+        print_to_stderr("What was read is kept: the same command continues.")
         raise
 
 

@@ -50,7 +50,11 @@ MARGIN_TARGETS_TEXT = "; ".join(
     show_default=True,
     help=f"{MARGIN_TARGETS_TEXT}.",
 )
-@click.option("--more", is_flag=True, help="Use the room of loops that have enough margin.")
+@click.option(
+    "--more",
+    is_flag=True,
+    help="Raise the gains of loops that have more margin than they need, too.",
+)
 @params_option
 @click.option("--filters", is_flag=True, help="Advise a notch filter too, and gains with it.")
 @start_option

@@ -36,7 +36,7 @@ def wind_command(
     """Reports wind speed and direction, and the vehicle's drag.
 
     SOURCE is a log with attitude and velocity over ground. Legs in several directions show the drag; a hover needs
-    --prior, or the autopilot's drag parameters. Exit code: 1 if the log cannot have a wind.
+    --prior, or the autopilot's drag parameters. Exit code: 1 if no wind can be estimated from the log.
     """
     assessment, evidence = assess_without_model(source, vehicle)
     wind = evidence.wind.estimate
@@ -45,6 +45,7 @@ def wind_command(
     assert wind is not None
     signals = evidence.signals
     if prior is not None:
+        # A hover in one place does not show the drag that relates tilt to wind speed; an earlier flight may.
         wind = wind_of_signals(signals, earlier_drag(prior, wind.speed))
     parameters_to_set = drag_settings(wind.drag, signals.telemetry)
     if as_json:
@@ -54,7 +55,9 @@ def wind_command(
         print_json(document)
         return
     parts = report_parts(conclusion(assessment.judgement))
-    shown_wind = WindEvidence(wind, signals.autopilot_wind, None)
+    shown_wind = WindEvidence(
+        estimate=wind, autopilot_estimate=signals.autopilot_wind, obstacle=None
+    )
     print_screen(
         title=None,
         summary=[*wind_blocks(shown_wind), drag_table(wind.drag, parameters_to_set)],
