@@ -203,10 +203,10 @@ class Assessment:
 
     def as_dict(self) -> JsonValues:
         """Returns the document of ``mavdem review --json`` as plain JSON values."""
-        from mavdem.documents import whole
+        from mavdem.documents import complete_document
         from mavdem.documents.review import review_document
 
-        return whole("review", review_document(self))
+        return complete_document("review", review_document(self))
 
     def __str__(self) -> str:
         from mavdem.report.review import review_screen

@@ -80,7 +80,7 @@ def diff_command(
     parameters = changed_parameters(state_a.parameters, state_b.parameters)
     names_without_gains = states_without_gains(state_a.parameters, state_b.parameters)
     headlines = {"a": state_a.headline, "b": state_b.headline}
-    document = Diff.gather(
+    document = Diff.from_results(
         difference, a=before, b=after, parameters=parameters, headlines=headlines
     )
     page = comparison_page(

@@ -27,7 +27,7 @@ from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
-from mavdem.documents.flight import report_of
+from mavdem.documents.flight import report_document
 from mavdem.experiments.window import Length
 from mavdem.extras import missing_extra_fact
 from mavdem.report.blocks import Blocks, Sentence
@@ -114,7 +114,7 @@ def learn_command(
         # There is no flight that files or a screen could show.
         raise assessment.refusal
     seconds = perf_counter() - start_time
-    document = report_of(assessment) | {"source": source, "seconds": round(seconds, 3)}
+    document = report_document(assessment) | {"source": source, "seconds": round(seconds, 3)}
     if not has_model:
         refusal = assessment.refusal
         document["error"] = {"reason": refusal.reason, "remedy": refusal.remedy}

@@ -76,7 +76,7 @@ def order_command(
     choice = OrderChoice(tuple(free_energies.values()))
     names = list(free_energies)
     seconds = round(perf_counter() - start_time, 3)
-    document = Order.gather(
+    document = Order.from_results(
         choice,
         flights=names,
         axis=axis,

@@ -30,9 +30,9 @@ def json_text(document: Any, name: str | None = None) -> str:
     """
     name = name or click.get_current_context().command.name or ""
     # Imported here, so that `mavdem --help` does not wait for it.
-    from mavdem.documents import whole
+    from mavdem.documents import complete_document
 
-    return json.dumps(whole(name, document), indent=1, allow_nan=False)
+    return json.dumps(complete_document(name, document), indent=1, allow_nan=False)
 
 
 def print_json(document: Any, name: str | None = None) -> None:

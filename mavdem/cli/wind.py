@@ -49,7 +49,7 @@ def wind_command(
         wind = wind_of_signals(signals, earlier_drag(prior, wind.speed))
     parameters_to_set = drag_settings(wind.drag, signals.telemetry)
     if as_json:
-        document = Wind.gather(
+        document = Wind.from_results(
             assessment.judgement, wind.identified_figures, parameters=parameters_to_set
         )
         print_json(document)

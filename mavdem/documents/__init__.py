@@ -1,4 +1,4 @@
-"""Documents: the JSON that mavdem writes, made of results and facts; the models have keys, units and meanings."""
+"""The JSON documents that mavdem writes, such as report.json: one model for each command, with its version."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from mavdem.containers import JsonValues
 from mavdem.document_heading import document_heading
 from mavdem.documents.comparison import CompareReport, Order
-from mavdem.documents.document import Document, Failure, units_of
+from mavdem.documents.document import Document, Failure, schema_units
 from mavdem.documents.fleet import Diff, Track
 from mavdem.documents.flight import LearnReport
 from mavdem.documents.inventory import Inventory
@@ -18,11 +18,14 @@ from mavdem.documents.wind import Wind
 
 
 class Published(NamedTuple):
-    """A document of the interface: its ``model``, the ``version`` of its schema, and what it is."""
+    """A document of the interface of mavdem."""
 
     model: type[Document]
+    """model with its keys, units and meanings"""
     version: int
+    """version of its schema, which is raised whenever the schema changes"""
     title: str
+    """where the document is written, as the reference names it"""
 
 
 DOCUMENTS = {
@@ -44,18 +47,26 @@ DOCUMENTS = {
         Failure, 2, "`--json` of any command that ends without a document of its own"
     ),
 }
-"""By the name of the command that makes them; a change of the schema is a new version."""
+"""All documents, by the name of the command that writes them."""
 
 
 @cache
-def header(name: str) -> JsonValues:
-    """Returns what the document of this ``name`` begins with: its name, the versions, and units by key."""
+def document_header(name: str) -> JsonValues:
+    """Returns the keys with which a document begins: its name, versions, and the units of its figures by key."""
     published = DOCUMENTS[name]
-    return document_heading(
-        name, published.version, units_of(published.model.model_json_schema(by_alias=False))
-    )
+    schema = published.model.model_json_schema(by_alias=False)
+    return document_heading(name, published.version, schema_units(schema))
 
 
-def whole(name: str, document: Any) -> JsonValues:
-    """Returns the JSON of the document of this ``name``, with its header; ``ValueError`` where it is none."""
-    return header(name) | DOCUMENTS[name].model.model_validate(document).as_dict()
+def complete_document(name: str, document: Any) -> JsonValues:
+    """Returns the JSON values of a document with its header.
+
+    Args:
+        name: name of the document in ``DOCUMENTS``.
+        document: values of its keys, a result with such attributes, or the model itself.
+
+    Raises:
+        pydantic.ValidationError: the values do not fit the model.
+    """
+    model = DOCUMENTS[name].model
+    return document_header(name) | model.model_validate(document).as_dict()

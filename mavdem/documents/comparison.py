@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from mavdem.documents.document import Document, Said, Told
+from mavdem.documents.document import Document, SentenceAndFact, SentenceText
 from mavdem.units import Nats, Number, Seconds, SquaredOutput
 
 
@@ -21,7 +21,7 @@ class Paired(Document):
     """number of windows that do not overlap, which the test uses"""
     p_value: Number
     """two-sided p-value of Wilcoxon's signed-rank test"""
-    verdict: Said = Field(validation_alias="result")
+    verdict: SentenceText = Field(validation_alias="result")
     """lower, higher or not distinguishable"""
 
 
@@ -76,7 +76,7 @@ class Standing(Document):
     """number of windows"""
     failed: int
     """number of windows without a forecast"""
-    failure: Said
+    failure: SentenceText
     """reason of the first of these"""
     diverged: int
     """number of windows whose forecast is infinite or NaN"""
@@ -110,11 +110,11 @@ class Mspe(Document):
 class Outcome(Document):
     """Each method, by name."""
 
-    failure: Told
+    failure: SentenceAndFact
     """why there is no forecast; empty where there is one"""
     stable: bool | None
     """whether the model has no growing mode"""
-    cautions: list[Said]
+    cautions: list[SentenceText]
     """limits of the model"""
     mspe: Mspe
     """errors over the whole test part"""
@@ -203,9 +203,9 @@ class Order(Document):
     """the order that F̄ chooses"""
     saturated: bool
     """whether a higher order was tried"""
-    reason: Said
+    reason: SentenceText
     """why this order"""
-    remarks: list[Said]
+    remarks: list[SentenceText]
     """why orders are missing"""
     width: list[Seconds]
     """width of the kernel that filters each flight"""
@@ -219,5 +219,5 @@ class Order(Document):
     """false with --unknown-inputs"""
     seconds: Seconds
     """time that it took"""
-    advice: Said
+    advice: SentenceText
     """what to do with the order"""

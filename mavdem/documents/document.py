@@ -1,7 +1,8 @@
-"""Document: the JSON of a result; the models in this room have its keys, units and meanings, and make its schema.
+"""The base class of all JSON documents, and the types of fields that hold the sentence of a fact, or the fact itself.
 
-A field takes the attribute of its name from the result: an array as a list, a fact as its sentence. What is made of
-several results, :meth:`Document.gather` puts together.
+The other modules of this package have the models of the documents: their keys with types, units and meanings, of which
+the published JSON schemas are made. A field is filled with the attribute of the same name of a result, where an array
+becomes a list and a fact becomes its sentence.
 """
 
 from __future__ import annotations
@@ -16,35 +17,58 @@ from mavdem.containers import JsonValues
 from mavdem.facts import Fact
 
 
-def _said(value: Any) -> Any:
-    return "" if value is None else str(value) if isinstance(value, Fact) else value
+def _sentence(value: Any) -> Any:
+    """Converts a fact to its sentence, and None to an empty text; other values, such as texts, stay as they are."""
+    if value is None:
+        return ""
+    if isinstance(value, Fact):
+        return str(value)
+    return value
 
 
-Said = Annotated[str, BeforeValidator(_said)]
-"""The sentence of a fact; empty without one."""
+def _sentence_with_remedy(value: Any) -> Any:
+    """Converts a fact to its sentence followed by its remedy, and None to an empty text; other values stay."""
+    if isinstance(value, Fact):
+        return value.advised
+    return _sentence(value)
 
 
-def _advised(value: Any) -> Any:
-    return value.advised if isinstance(value, Fact) else _said(value)
+SentenceText = Annotated[str, BeforeValidator(_sentence)]
+"""Type of a field with the sentence of a fact; empty without a fact."""
+
+AdviceText = Annotated[str, BeforeValidator(_sentence_with_remedy)]
+"""Type of a field with the sentence of a fact and what to do about it; empty without a fact."""
+
+SentenceAndFact = SentenceText
+"""Type of a field NAME with the sentence of a fact, to which a field NAME_fact with the fact itself is added.
+
+A list of this type gets a field NAME_facts. The fields are added by :class:`Document`, which looks for the name of this
+type in the annotations.
+"""
+
+AdviceAndFact = AdviceText
+"""Like ``SentenceAndFact``, where the sentence is followed by the remedy."""
+
+ADDS_FACT = "AndFact"
+"""How the names of types end for which a field with the fact is added."""
 
 
-Advised = Annotated[str, BeforeValidator(_advised)]
-"""The sentence of a fact and its remedy; empty without one."""
+def fact_field(attribute: str, meaning: str) -> Any:
+    """Returns the definition of an optional field that is filled with facts of a result.
 
-
-Told = Said
-ToldWithRemedy = Advised
-"""The same, and beside it, in ``…_fact`` or ``…_facts``, what it is the sentence of, where that is a fact."""
-
-
-def beside(name: str, meaning: str) -> Any:
-    """Returns the field that takes the attribute ``name`` where that is a fact, not where it is its sentence only."""
-    return Field(default=None, validation_alias=name, description=meaning)
+    Args:
+        attribute: attribute of the result that has the fact or the facts. Where it has a plain sentence only, the field
+            is null or an empty list.
+        meaning: description of the field in the schema.
+    """
+    return Field(default=None, validation_alias=attribute, description=meaning)
 
 
 class Document(BaseModel):
     """A record of a document: immutable, of exactly these keys."""
 
+    # The models are built when they are first used, since all of them together take long. Arrays and other results are
+    # read by their attributes, and the docstrings of fields become descriptions in the schemas.
     model_config = ConfigDict(
         defer_build=True,
         extra="forbid",
@@ -55,45 +79,68 @@ class Document(BaseModel):
     )
 
     def __init_subclass__(cls, is_partial: bool = False, **options: Any) -> None:
-        """Adds the facts of keys that are ``Told``; those of a partial document may be absent."""
+        """Adds the fields with facts beside fields of the types ``SentenceAndFact`` and ``AdviceAndFact``.
+
+        This changes the annotations, which are texts, before pydantic makes the fields of them.
+
+        Args:
+            is_partial: whether all keys of the document may be absent; they then may also be null.
+            **options: options of pydantic.
+        """
         super().__init_subclass__(**options)
-        kinds = {}
-        for name, kind in cls.__annotations__.items():
-            kinds[name] = kind
+        annotations: dict[str, Any] = {}
+        for name, annotation in cls.__annotations__.items():
+            annotations[name] = annotation
             if is_partial and name not in vars(cls):
-                kinds[name] = f"{kind} | None"
+                annotations[name] = f"{annotation} | None"
                 setattr(cls, name, None)
-            if "list[Told" in kind:
-                kinds[f"{name}_facts"] = Facts
-                setattr(cls, f"{name}_facts", beside(name, f"{name} as facts"))
-            elif "Told" in kind:
+            if ADDS_FACT not in annotation:
+                continue
+            if "list[" in annotation:
+                annotations[f"{name}_facts"] = FactList
+                setattr(cls, f"{name}_facts", fact_field(name, f"{name} as facts"))
+            else:
                 meaning = f"{name} as a fact; null where there is none"
-                kinds[f"{name}_fact"] = OneFact
-                setattr(cls, f"{name}_fact", beside(name, meaning))
-        cls.__annotations__ = kinds
+                annotations[f"{name}_fact"] = OptionalFact
+                setattr(cls, f"{name}_fact", fact_field(name, meaning))
+        cls.__annotations__ = annotations
 
     @field_validator("*", mode="before")
     @classmethod
-    def _plain(cls, value: Any) -> Any:
+    def _array_as_list(cls, value: Any) -> Any:
+        """Converts NumPy arrays and NumPy numbers to plain lists and numbers before a field is checked."""
         return value.tolist() if hasattr(value, "tolist") else value
 
     @classmethod
-    def gather(cls, *results: Any, **given: Any) -> Self:
-        """Returns the document of the ``given`` values, and of the first of the ``results`` that has each other."""
-        values = dict(given)
-        names = {str(field.validation_alias or name) for name, field in cls.model_fields.items()}
-        for name in names - given.keys():
-            holder = next((result for result in results if hasattr(result, name)), None)
-            if holder is not None:
-                values[name] = getattr(holder, name)
-        return cls.model_validate(values)
+    def from_results(cls, *results: Any, **values: Any) -> Self:
+        """Makes the document from several results and values.
+
+        Args:
+            *results: objects whose attributes fill the fields of the same names; where several have an attribute, the
+                first one counts.
+            **values: values of fields, which take the place of attributes.
+
+        Returns:
+            The document. Optional fields for which there is neither a value nor an attribute are absent from its JSON.
+
+        Raises:
+            pydantic.ValidationError: a value has a wrong type, or one that is needed is missing.
+        """
+        attributes = {
+            str(field.validation_alias or name) for name, field in cls.model_fields.items()
+        }
+        field_values = dict(values)
+        for attribute in attributes - values.keys():
+            for result in results:
+                if hasattr(result, attribute):
+                    field_values[attribute] = getattr(result, attribute)
+                    break
+        return cls.model_validate(field_values)
 
     def as_dict(self) -> JsonValues:
-        """Returns plain JSON values, without keys that were not given; NaN and infinity become null."""
-        return {
-            name: _finite(value)
-            for name, value in self.model_dump(mode="json", exclude_unset=True).items()
-        }
+        """Returns plain JSON values, without keys that were never set; NaN and infinite numbers become null."""
+        values = self.model_dump(mode="json", exclude_unset=True)
+        return {name: _without_nan(value) for name, value in values.items()}
 
 
 class Sentence(Document):
@@ -120,41 +167,47 @@ class Sentence(Document):
 
     @field_validator("figures", "units", mode="before")
     @classmethod
-    def _named(cls, values: Any) -> Any:
-        return {name: _figure(value) for name, value in values.items()}
+    def _plain_figures(cls, values: Any) -> Any:
+        """Converts the figures of a fact, by name, to plain JSON values."""
+        return {name: _plain_figure(value) for name, value in values.items()}
 
 
-def _fact(value: Any) -> Any:
+def _fact_or_none(value: Any) -> Any:
+    """Returns a value if it is a fact, not a plain sentence, else None."""
     return value if isinstance(value, Fact) else None
 
 
-def _facts(values: Any) -> Any:
+def _facts_only(values: Any) -> Any:
+    """Returns those of the values that are facts, not plain sentences, as a list; None counts as no values."""
     return [value for value in values or () if isinstance(value, Fact)]
 
 
-OneFact = Annotated[Sentence | None, BeforeValidator(_fact)]
-Facts = Annotated[list[Sentence], BeforeValidator(_facts)]
+OptionalFact = Annotated[Sentence | None, BeforeValidator(_fact_or_none)]
+"""Type of a field with a fact as a record; null where its value is no fact."""
+
+FactList = Annotated[list[Sentence], BeforeValidator(_facts_only)]
+"""Type of a field with facts as records; values that are no facts are left out."""
 
 
 class Judged(Document):
     """What is judged of the flight."""
 
-    headline: Told
+    headline: SentenceAndFact
     """the worst that was found, or how the flight was lost, one sentence"""
     lights: dict[str, Sentence]
     """motors, vibration, tracking, margins, power, estimator, wind and log, each with its level"""
-    next_step: Told
+    next_step: SentenceAndFact
     """what to do next, one sentence"""
 
 
 class Error(Document):
     """Why there is no result."""
 
-    reason: Said
+    reason: SentenceText
     """what is wrong, one sentence"""
-    remedy: Said
+    remedy: SentenceText
     """what to do; empty where the reason says it"""
-    fact: OneFact = None
+    fact: OptionalFact = None
     """the same as a fact"""
 
 
@@ -165,41 +218,66 @@ class Failure(Document):
     """why there is no result"""
 
 
-def _figure(value: Any) -> Any:
+def _plain_figure(value: Any) -> Any:
+    """Converts a figure of a fact to a plain JSON value.
+
+    A fact, which is a figure where it is the reason of another one, becomes its figures by name, with its code.
+    """
     if isinstance(value, Fact):
-        return {name: _figure(figure) for name, figure in value.figures.items()} | {
-            "code": value.code
-        }
+        figures = {name: _plain_figure(figure) for name, figure in value.figures.items()}
+        return figures | {"code": value.code}
     if isinstance(value, tuple):
-        return [_figure(item) for item in value]
+        return [_plain_figure(item) for item in value]
     return value
 
 
-def _finite(value: Any) -> Any:
+def _without_nan(value: Any) -> Any:
+    """Replaces NaN and infinite numbers, which JSON does not have, by None in nested lists and dictionaries."""
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: _without_nan(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        return [_without_nan(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
-def units_of(schema: Mapping[str, Any]) -> dict[str, str]:
-    """Returns the unit of each key of a JSON ``schema``, by its place; * stands for any key or place in a list."""
-    return dict(_units(schema, schema.get("$defs", {}), "", ()))
+def schema_units(schema: Mapping[str, Any]) -> dict[str, str]:
+    """Returns the units of all figures of a JSON schema.
+
+    Args:
+        schema: schema of a document, with its records in ``$defs``.
+
+    Returns:
+        Units by the path of the key, such as ``wind.speed``. In a path ``*`` stands for any key of a dictionary and any
+        place in a list.
+    """
+    return dict(_units_below(schema, schema.get("$defs", {}), path="", parents=()))
 
 
-def _units(
-    schema: Mapping[str, Any], records: Mapping[str, Any], path: str, above: tuple[str, ...]
+def _units_below(
+    schema: Mapping[str, Any], records: Mapping[str, Any], path: str, parents: tuple[str, ...]
 ) -> Iterator[tuple[str, str]]:
+    """Yields the path and the unit of each figure in a part of a schema.
+
+    Args:
+        schema: the part.
+        records: schemas of all records by name, to which ``$ref`` refers.
+        path: path of the part, keys separated by dots.
+        parents: names of the records that the part is in. A record that contains itself is not entered again.
+    """
     if "unit" in schema:
+        # A unit of a list, or of a list of lists, stands at the key of the list itself.
         yield path.removesuffix(".*").removesuffix(".*"), schema["unit"]
-    name = schema.get("$ref", "").rpartition("/")[2]
-    if name and name not in above:
-        yield from _units(records[name], records, path, (*above, name))
-    for inner in schema.get("anyOf", ()):
-        yield from _units(inner, records, path, above)
-    for key, inner in schema.get("properties", {}).items():
-        yield from _units(inner, records, f"{path}.{key}".removeprefix("."), above)
-    for rest in ("items", "additionalProperties"):
-        if isinstance(schema.get(rest), dict):
-            yield from _units(schema[rest], records, f"{path}.*", above)
+    record_name = schema.get("$ref", "").rpartition("/")[2]
+    if record_name and record_name not in parents:
+        record = records[record_name]
+        yield from _units_below(record, records, path, (*parents, record_name))
+    for alternative in schema.get("anyOf", ()):
+        yield from _units_below(alternative, records, path, parents)
+    for key, value_schema in schema.get("properties", {}).items():
+        key_path = f"{path}.{key}".removeprefix(".")
+        yield from _units_below(value_schema, records, key_path, parents)
+    for keyword in ("items", "additionalProperties"):
+        if isinstance(schema.get(keyword), dict):
+            yield from _units_below(schema[keyword], records, f"{path}.*", parents)

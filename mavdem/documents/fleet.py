@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mavdem.containers import JsonValues
-from mavdem.documents.document import Document, Said, Told
+from mavdem.documents.document import Document, SentenceAndFact, SentenceText
 from mavdem.fleet.difference import BaselineDifferences
 from mavdem.fleet.tracking import TrackedLogs
 from mavdem.units import (
@@ -54,9 +54,9 @@ class Change(Document):
 class Incomparable(Document):
     """Quantities that are not known in both."""
 
-    quantity: Said
+    quantity: SentenceText
     """name of the quantity"""
-    reason: Told
+    reason: SentenceAndFact
     """why it cannot be compared"""
 
 
@@ -130,7 +130,7 @@ class FailedLog(Document):
 
     file: str
     """name of the log"""
-    status: Said
+    status: SentenceText
     """why there is no flight"""
     status_code: str | None
     """the same as a code"""
@@ -176,13 +176,13 @@ def track_document(
     fleet: Path, page: Path, tracked: TrackedLogs, counts: JsonValues, changes: BaselineDifferences
 ) -> Track:
     """Returns the document of a run on a ``fleet``: its ``counts``, and what is not as in the baseline."""
-    return Track.gather(
+    return Track.from_results(
         tracked,
         **counts,
         fleet=str(fleet),
         index=str(page),
         since_baseline={
-            name: SinceBaseline.gather(latest, date=latest.as_dict()["date"], found=change)
+            name: SinceBaseline.from_results(latest, date=latest.as_dict()["date"], found=change)
             for name, (latest, change) in changes.items()
         },
     )

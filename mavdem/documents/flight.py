@@ -10,13 +10,13 @@ from mavdem.assessment import Assessment
 from mavdem.containers import JsonValues
 from mavdem.dem.settings import CompleteSettings
 from mavdem.documents.document import (
-    Advised,
+    AdviceText,
     Document,
     Error,
-    Facts,
-    Said,
-    Told,
-    beside,
+    FactList,
+    SentenceAndFact,
+    SentenceText,
+    fact_field,
 )
 from mavdem.documents.vehicle import (
     Condition,
@@ -81,13 +81,13 @@ class Provenance(Document):
     """range of the inputs"""
     setpoints: dict[str, str]
     """messages of the setpoints, by name"""
-    repairs: list[Said]
+    repairs: list[SentenceText]
     """what was put right, one sentence each"""
     parameters: dict[str, float]
     """the autopilot's parameters of control and motors"""
     earlier: dict[str, float]
     """parameters that changed, with the value before"""
-    cautions: list[Said]
+    cautions: list[SentenceText]
     """what makes a model less reliable"""
 
 
@@ -189,7 +189,7 @@ class HeldOut(Document):
     """share of the samples inside the 90 % band"""
     over_expected_error: Number
     """squared error over the one to expect"""
-    failures: list[Told]
+    failures: list[SentenceAndFact]
     """why models of parts of the flight could not be learned, one sentence each"""
 
 
@@ -276,7 +276,7 @@ class Physical(Document):
     """dead time of the motors' commands"""
     status: dict[str, str]
     """reported, biased or not identifiable, of effect, damping and lag"""
-    reasons: dict[str, Advised]
+    reasons: dict[str, AdviceText]
     """why a parameter is not reported, of effect, damping and lag"""
     bias: float
     """likely relative error of the effect"""
@@ -329,7 +329,7 @@ class WindTorque(Document):
     """relative standard deviation of the error of sd"""
     resolved: bool
     """whether its course is larger than its errors"""
-    reason: Told | None
+    reason: SentenceAndFact | None
     """why the wind torque is not reported"""
     gust_threshold: AngularAcceleration
     """distance from the running level beyond which it is a gust"""
@@ -350,7 +350,7 @@ class AxisFigures(Document):
     """physical parameters of the axis"""
     wind: WindTorque | None
     """torque of the wind about the axis"""
-    reason: Told
+    reason: SentenceAndFact
     """why there are no physical parameters"""
 
 
@@ -367,7 +367,7 @@ class TrueParameter(Document):
     """half width of its 90 % interval"""
     truth: ValueInStatedUnit
     """value in the simulator"""
-    status: Said
+    status: SentenceText
     """reported, biased or not identifiable"""
     inside: bool | None
     """whether the interval holds the truth"""
@@ -450,9 +450,9 @@ class LearnedFigures(Document, is_partial=True):
     """physical parameters of the axis"""
     wind: WindTorque
     """torque of the wind about the axis"""
-    cautions: list[Advised]
+    cautions: list[AdviceText]
     """limits of the model, one sentence each"""
-    cautions_facts: Facts = beside("cautions", "cautions as facts")
+    cautions_facts: FactList = fact_field("cautions", "cautions as facts")
 
 
 class Report(LearnedFigures, Tier, MotorHealth, Findings):
@@ -462,9 +462,9 @@ class Report(LearnedFigures, Tier, MotorHealth, Findings):
     """with --axis all: roll, pitch and yaw"""
     hover: Hover | None
     """what each motor does in settled flight"""
-    reason: Told
+    reason: SentenceAndFact
     """why there is no full model; empty where there is one"""
-    remedy: Said
+    remedy: SentenceText
     """what to change to get a full model"""
     condition: Condition
     """figures of the vehicle that any rate shows"""
@@ -493,13 +493,13 @@ class LearnReport(Report):
     """the log"""
 
 
-def report_of(assessment: Assessment) -> JsonValues:
+def report_document(assessment: Assessment) -> JsonValues:
     """Returns the values of the report on the modelled axis of an ``assessment``, which took no time and no files."""
     assert assessment.analysis is not None
     report = assessment.analysis.as_dict()
     if assessment.wind_share_of_torque is not None:
         share = assessment.wind_share_of_torque.figures["share"]
-        report["wind"] = WindTorque.gather(report["wind"], explained_by_mean_wind=share)
+        report["wind"] = WindTorque.from_results(report["wind"], explained_by_mean_wind=share)
     return {
         **report,
         **assessment.judgement_values,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mavdem.assessment import Assessment
 from mavdem.containers import JsonValues
-from mavdem.documents.document import Document, Said
+from mavdem.documents.document import Document, SentenceText
 from mavdem.documents.vehicle import (
     Condition,
     Findings,
@@ -102,7 +102,7 @@ class Vehicle(Tier, MotorHealth, Findings):
     """number of boots"""
     segments: list[LongSegment]
     """segments of settled flight, the longest first"""
-    repairs: list[Said]
+    repairs: list[SentenceText]
     """what was put right, one sentence each"""
     verdict: Verdict
     """whether a full model can be learned"""

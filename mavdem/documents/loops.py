@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.documents.document import (
-    Advised,
+    AdviceAndFact,
+    AdviceText,
     Document,
     Error,
     Judged,
-    OneFact,
-    Said,
-    Told,
-    ToldWithRemedy,
+    OptionalFact,
+    SentenceAndFact,
+    SentenceText,
 )
 from mavdem.documents.wind import Drag
 from mavdem.facts import Fact
@@ -79,7 +79,7 @@ class Measured(Document):
     """fit of the predicted rate to the measured one, 100 (1 − NRMSE)"""
     agreement: Percent
     """fit of the predicted rate to what the setpoint explains of the measured one"""
-    reason: Told
+    reason: SentenceAndFact
     """why they do not agree; empty where they do"""
     controller_gain: float | None = None
     """gain of the demand in flight over that of the parameters"""
@@ -96,7 +96,7 @@ class Loop(Document):
     """figures of the attitude loop"""
     lean_in_wind: Radians
     """angle by a steady torque of one standard deviation of the wind"""
-    cautions: list[Told]
+    cautions: list[SentenceAndFact]
     """what limits the figures, one sentence each"""
     measured: Measured | None
     """response measured in flight, beside the predicted one"""
@@ -166,7 +166,7 @@ class Noise(Document):
 class AxisAdvice(Document, is_partial=True):
     """Loops and gains of each axis."""
 
-    refusal: ToldWithRemedy
+    refusal: AdviceAndFact
     """why there are no loops; no other key is there then"""
     loop: Loop
     """the loops with the gains of the log"""
@@ -174,9 +174,9 @@ class AxisAdvice(Document, is_partial=True):
     """filters of the gyro"""
     target: Target
     """the margins asked for"""
-    verdict: Told
+    verdict: SentenceAndFact
     """whether the loops have these margins, one sentence"""
-    sentence: Advised
+    sentence: AdviceText
     """what to do, one or two sentences"""
     sure: float
     """share of the models that fit the flight in which both loops have the margins"""
@@ -199,7 +199,7 @@ class Tune(Judged):
     """loops and gains of each axis"""
     parameters: dict[str, ParameterValue]
     """gains to set, where they change"""
-    notch: OneFact = None
+    notch: OptionalFact = None
     """with --filters, the notch filter to set or why there is none"""
     error: Error | None = None
     """why no gains are advised"""
@@ -208,7 +208,7 @@ class Tune(Judged):
 def tune_document(source: str, margins: str, tuning: Tuning) -> Tune:
     """Returns the document of a ``tuning`` of the log ``source`` with the ``margins`` of this name."""
     refusal = tuning.refusal
-    return Tune.gather(
+    return Tune.from_results(
         tuning,
         tuning.judgement,
         source=source,
@@ -221,9 +221,9 @@ def tune_document(source: str, margins: str, tuning: Tuning) -> Tune:
 def axis_document(advice: Advice | Fact) -> AxisAdvice:
     """Returns what the document holds of an axis: its loops and gains, or why there are none."""
     if isinstance(advice, Fact):
-        return AxisAdvice.gather(refusal=advice)
+        return AxisAdvice.from_results(refusal=advice)
     before = advice.before
-    return AxisAdvice.gather(
+    return AxisAdvice.from_results(
         advice,
         loop=before,
         filters=gyro_filters(before.controller, before.crossover),
@@ -267,7 +267,7 @@ class TwinVehicle(Document):
     """where that wind comes from, clockwise from the north of the yaw"""
     parameters: dict[str, ParameterValue]
     """parameters of the autopilot's control"""
-    notes: dict[str, Said]
+    notes: dict[str, SentenceText]
     """how sure each value is"""
 
 
@@ -289,7 +289,7 @@ class Twin(Document):
 
     vehicle: TwinVehicle
     """the vehicle for simulators"""
-    missing: list[Said]
+    missing: list[SentenceText]
     """what is not learned, one sentence each"""
     alike: dict[str, Alike]
     """by axis, figures of the recorded flight, and their mean over the twin's; none without setpoints of roll"""

@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import Field
 
 from mavdem.containers import JsonValues
-from mavdem.documents.document import Document, Said
+from mavdem.documents.document import Document, SentenceText
 from mavdem.units import Seconds
 
 
@@ -33,7 +33,7 @@ class Convert(Converted, is_partial=True):
     """number of frames with the receive time of the one before"""
     bytes_skipped: int
     """number of bytes that belong to no frame"""
-    repairs: list[Said]
+    repairs: list[SentenceText]
     """what was put right, one sentence each"""
     samples: int
     """number of rows; with the others for a table only"""
@@ -49,7 +49,7 @@ class Convert(Converted, is_partial=True):
     """last time stamp, on the boot clock"""
     learnable: bool
     """whether a full model can be learned"""
-    cautions: list[Said]
+    cautions: list[SentenceText]
     """what limits the table, one sentence each"""
 
 
@@ -137,15 +137,15 @@ class Item(Document):
     """title of the claim"""
     paper: Claim
     """where the claim stands in the paper"""
-    verdict: Said
+    verdict: SentenceText
     """whether it holds"""
-    sentence: Said
+    sentence: SentenceText
     """what was found"""
     checks: list[Check]
     """conditions of the claim"""
     numbers: Any
     """all figures, by name"""
-    remarks: list[Said]
+    remarks: list[SentenceText]
     """what to know of it, one sentence each"""
 
 

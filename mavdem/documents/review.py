@@ -6,8 +6,8 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
-from mavdem.documents.document import Document, OneFact, Sentence
-from mavdem.documents.flight import Report, report_of
+from mavdem.documents.document import Document, OptionalFact, Sentence
+from mavdem.documents.flight import Report, report_document
 from mavdem.documents.loops import Loop
 from mavdem.documents.vehicle import Condition, Identity
 from mavdem.documents.wind import WindVelocity
@@ -150,7 +150,7 @@ class Axis(Document):
 
     loop: Loop | None
     """its control loops; null where they are not known"""
-    refusal: OneFact
+    refusal: OptionalFact
     """why they are not known"""
     step_response: Response | None
     """measured response of the rate, as in `rate`; null where it is not known"""
@@ -160,7 +160,7 @@ class Axis(Document):
     """response of the angle to its setpoint"""
     resonance: Resonance | None
     """the strongest resonance of the rate"""
-    tracking: OneFact
+    tracking: OptionalFact
     """how angle and rate follow their setpoints: RMS errors (rad, rad/s), delay (s), overshoot"""
 
 
@@ -173,7 +173,7 @@ class Review(Document):
     """the worst that was found, or how the flight was lost"""
     next_step: Sentence
     """what to do about it"""
-    simulated: OneFact
+    simulated: OptionalFact
     """that the flight was simulated; null where nothing in the log shows it"""
     lights: dict[str, Sentence]
     """motors, vibration, tracking, margins, power, estimator, wind and log, each with its level"""
@@ -208,7 +208,7 @@ def review_document(assessment: Assessment) -> JsonValues:
         "condition": analysis and analysis.condition,
         "axes": axes_of(assessment),
         "wind": assessment.wind and assessment.wind.identified_figures,
-        "model": None if assessment.model is None else report_of(assessment),
+        "model": None if assessment.model is None else report_document(assessment),
         "spectra": {
             name: _spectrum(spectrum, assessment.noise.peaks[name])
             for name, spectrum in assessment.spectra.items()
@@ -242,7 +242,7 @@ def _response(response: LoopResponse) -> JsonValues:
     if isinstance(response.measured, Fact):
         return {"measured": None, "facts": response.facts}
     return {
-        "measured": Response.gather(
+        "measured": Response.from_results(
             response.measured, response, highest=response.measured.max_frequency
         ),
         "facts": response.facts,
@@ -257,7 +257,7 @@ def _spectrum(spectrum: measured.Spectrum, lines: tuple[SpectralLine, ...]) -> S
     size = -(-len(spectrum.time) // MOST_TIMES)
     levels, by_throttle = spectrum.density_by_throttle
     _, by_throttle = max_decimated(spectrum.frequency, by_throttle, FREQUENCIES // 2)
-    return Spectrum.gather(
+    return Spectrum.from_results(
         spectrum,
         highest=spectrum.nyquist_frequency,
         windows=len(spectrum.time),

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING
 from pydantic import Field
 
 from mavdem.containers import JsonValues
-from mavdem.documents.document import Document, Said, Sentence, Told, ToldWithRemedy
+from mavdem.documents.document import (
+    AdviceAndFact,
+    Document,
+    Sentence,
+    SentenceAndFact,
+    SentenceText,
+)
 from mavdem.documents.vehicle import Finding, MotorHealth, Override
 from mavdem.facts.session import Spent
 from mavdem.motors.motor_changes import alarm_figures
@@ -117,15 +123,15 @@ class Live(MotorHealth):
     """band of a prediction"""
     useful: Useful
     """longest useful horizon of predictions"""
-    obstacle: ToldWithRemedy
+    obstacle: AdviceAndFact
     """why there are no rows or no model"""
-    watched: list[Told]
+    watched: list[SentenceAndFact]
     """what is watched without a model since when, or why it is not, one sentence each"""
-    gains: list[Told] | None
+    gains: list[SentenceAndFact] | None
     """gains advised after a landing, one sentence each; null without --request-rate and --record"""
     wind: LiveWind | None
     """latest wind in m/s"""
-    headline: Said | None = None
+    headline: SentenceText | None = None
     """the worst that is found, or why nothing is judged, one sentence; some of the next only after a first model"""
     lights: dict[str, Sentence] | None = None
     """motors, vibration, tracking, margins, power, estimator, wind and log, each with its level"""
@@ -133,11 +139,11 @@ class Live(MotorHealth):
     """what makes the flight itself doubtful, the worst first"""
     findings: list[Finding] | None = Field(None, validation_alias="purposes")
     """what the model is good for"""
-    warnings: list[Said] | None = None
+    warnings: list[SentenceText] | None = None
     """what must be known before the model is used"""
-    next_step: Said | None = None
+    next_step: SentenceText | None = None
     """what to do next, one sentence"""
-    events: list[ToldWithRemedy]
+    events: list[AdviceAndFact]
     """what was said in flight, one sentence each"""
     rrd: str | None
     """recording for Rerun"""
@@ -157,7 +163,7 @@ def live_document(
     session: LiveSession, status: SessionStatus, account: Mapping[Spent, float], files: JsonValues
 ) -> Live:
     """Returns the document of a ``session`` that has ended, by its last ``status``, with the ``files`` it wrote."""
-    return Live.gather(
+    return Live.from_results(
         status.overall_judgement,
         status.findings or (),
         status,

@@ -8,11 +8,11 @@ from mavdem.containers import JsonValues
 from mavdem.documents.document import (
     Document,
     Judged,
-    OneFact,
-    Said,
+    OptionalFact,
     Sentence,
-    Told,
-    beside,
+    SentenceAndFact,
+    SentenceText,
+    fact_field,
 )
 from mavdem.facts import Fact
 from mavdem.facts.assessment import InShort
@@ -60,7 +60,7 @@ class Mixer(Document):
     """output channel of each motor, from 1"""
     positions: list[tuple[ArmLengths, ArmLengths]]
     """forward and right, of each motor"""
-    basis: Said
+    basis: SentenceText
     """what the positions are known from"""
     channels_assumed: bool
     """whether the channels are assumed"""
@@ -219,7 +219,7 @@ class Identity(Document):
 
     name: str
     """name of the vehicle, the same in all its logs"""
-    basis: Said
+    basis: SentenceText
     """what the name is made of: board, accelerometer, compass or system id"""
     system: int
     """MAVLink id"""
@@ -258,9 +258,11 @@ class MotorAlarm(Document):
     """number of the vehicle's boot, from 0"""
     loss: list[float]
     """90 % interval of the share of its thrust that the motor lost"""
-    sentence: Said = Field(validation_alias="event")
+    sentence: SentenceText = Field(validation_alias="event")
     """the alarm in words"""
-    sentence_fact: OneFact = beside("event", "sentence as a fact; null where there is none")
+    sentence_fact: OptionalFact = fact_field(
+        "event", "sentence as a fact; null where there is none"
+    )
 
 
 class FalseAlarms(Document):
@@ -268,7 +270,7 @@ class FalseAlarms(Document):
 
     at_most: PerHour
     """upper bound with 95 % confidence"""
-    basis: Said
+    basis: SentenceText
     """what the bound is from"""
 
 
@@ -290,9 +292,9 @@ class NextTier(Document):
 
     tier: str
     """its letter"""
-    needs: Said
+    needs: SentenceText
     """what the log must have for it"""
-    remedy: Said
+    remedy: SentenceText
     """what to change for it"""
 
 
@@ -301,9 +303,9 @@ class Tier(Document):
 
     tier: str | None
     """what the log allows: a (full model), b (slow motion) or c (condition only)"""
-    tier_reason: Said
+    tier_reason: SentenceText
     """why the tier is no better"""
-    allows: Said
+    allows: SentenceText
     """what this tier gives"""
     next_tier: NextTier | None
     """the next better tier"""
@@ -365,11 +367,11 @@ class Verdict(Document):
     """roll, pitch or yaw"""
     learnable: bool
     """whether a full model can be learned"""
-    reason: Told
+    reason: SentenceAndFact
     """the figures that decided, one sentence"""
-    remedy: Said
+    remedy: SentenceText
     """what to change; empty where a model can be learned"""
-    cautions: list[Told]
+    cautions: list[SentenceAndFact]
     """what makes a model less reliable, one sentence each"""
     segment: Segment | None
     """the segment to learn from, or the longest"""
@@ -392,11 +394,11 @@ class Override(Document):
 
     kind: str
     """oscillation, motors, saturation, trim or data"""
-    headline: Said
+    headline: SentenceText
     """what is wrong, one plain sentence"""
-    sentence: Told
+    sentence: SentenceAndFact
     """what is wrong, with its figures"""
-    remedy: Said
+    remedy: SentenceText
     """what to do"""
 
 
@@ -407,7 +409,7 @@ class Finding(Document):
     """control effectiveness, damping and time constant, wind torque, prediction or residuals"""
     grade: str
     """GOOD, LIMITED or NOT IDENTIFIABLE"""
-    reason: Told
+    reason: SentenceAndFact
     """the figures that decide, one sentence"""
 
 
@@ -420,5 +422,5 @@ class Findings(Judged):
     """what makes the flight itself doubtful, the worst first"""
     findings: list[Finding] = Field(validation_alias="purposes")
     """what the model is good for"""
-    warnings: list[Told]
+    warnings: list[SentenceAndFact]
     """what must be known before the model is used"""

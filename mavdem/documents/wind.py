@@ -7,7 +7,7 @@ from pydantic import field_validator, model_validator
 
 from mavdem.arrays import Array
 from mavdem.containers import JsonValues
-from mavdem.documents.document import Document, Judged, Said
+from mavdem.documents.document import Document, Judged, SentenceText
 from mavdem.units import (
     Degrees,
     Metres,
@@ -104,7 +104,7 @@ class WindVelocity(Document):
     """drag of the vehicle"""
     status: dict[str, str]
     """reported, biased or not identifiable, of speed, direction and drag"""
-    reasons: dict[str, Said]
+    reasons: dict[str, SentenceText]
     """why a figure is not reported, of speed, direction and drag"""
     boot: int
     """number of the vehicle's boot, from 0"""

@@ -260,7 +260,7 @@ class Api:
         """Returns the progress of a flight, with what the process that reads its log has reported."""
         if not entry.is_done:
             entry = replace(entry, **self._library.progress_columns(entry))
-        return Progress.gather(entry, words=interface_words()["stages"][entry.stage])
+        return Progress.from_results(entry, words=interface_words()["stages"][entry.stage])
 
 
 def _columns_of_form(fields: dict[str, str], path: str) -> JsonValues:

@@ -15,7 +15,7 @@ from starlette.requests import Request as HttpRequest
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Route
 
-from mavdem.documents import whole
+from mavdem.documents import complete_document
 from mavdem.errors import Refusal
 from mavdem.facts import Fact
 from mavdem.facts.serve import Request
@@ -189,7 +189,9 @@ class Server:
         # The path is taken from the scope: request.url raises an error if the header Host is no valid address.
         path = request.scope["path"]
         if path.startswith("/api/") or path.endswith("/upload"):
-            return JSONResponse(whole("error", {"error": error_values(fact)}), status, headers)
+            return JSONResponse(
+                complete_document("error", {"error": error_values(fact)}), status, headers
+            )
         asks_for_token = fact.code is Request.NO_RIGHT
         html = refusal_page(fact, asks_for_token, **self._visible.visitor_values(request))
         return HTMLResponse(html, status, headers)

@@ -18,7 +18,7 @@ from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY
 from mavdem.containers import JsonValues
 from mavdem.dataset.signals import Signals
-from mavdem.documents import whole
+from mavdem.documents import complete_document
 from mavdem.documents.review import review_document
 from mavdem.errors import Unreadable
 from mavdem.facts.events import Reported
@@ -163,7 +163,7 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> None:
         files[page_name] = page_name
         html = review_page(vehicle.assessment)
         (folder / page_name).write_text(html, "utf-8", "replace")
-    document = whole("review", review_document(assessment) | {"files": files})
+    document = complete_document("review", review_document(assessment) | {"files": files})
     paths = {name: folder / name for name in names}
     write_result_files(paths, json.dumps(document, indent=1, allow_nan=False), assessment)
 

@@ -10,7 +10,7 @@ from pytest import approx, mark
 from scipy.stats import t
 
 from mavdem.confidence import coverage_factor
-from mavdem.documents import whole
+from mavdem.documents import complete_document
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import Compared, Incomparable, QuantityOutcome
 from mavdem.fleet.difference import (
@@ -189,7 +189,7 @@ def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(
     inner = why[quantity].figures.get("reasons", (why[quantity],))
     assert [fact.code for fact in inner] == [reason]
     known = {"a": "A", "b": "B", "parameters": [], "headlines": {"a": None, "b": None}}
-    document = whole("diff", known | found._asdict())
+    document = complete_document("diff", known | found._asdict())
     assert json.loads(json.dumps(document, allow_nan=False)) == document
 
 
