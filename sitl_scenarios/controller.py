@@ -1,195 +1,331 @@
 """Controller: position, velocity, attitude and rate control in cascade, as ArduPilot and PX4 have it.
 
-Each loop is a first-order lag of known bandwidth: the rate loop as fast as rotors, delay and cycle allow, every outer
-one slower than the one within. So the gains follow from the vehicle's mass, inertia, rotors and sensors, and no vehicle
-has gains of its own.
+Each loop is a first-order lag of known bandwidth. The rate loop is as fast as rotors, delay and cycle allow, and every
+outer loop is slower than the one within it. So the gains follow from the vehicle's mass, inertia, rotors and sensors,
+and no vehicle has gains of its own. Bandwidths are rad/s: a loop of bandwidth ω settles like exp(−ω t).
 """
 
 from math import atan, cos, exp, fsum, hypot, radians, remainder, sin, tau
-from operator import add
 from typing import NamedTuple
 
-from sitl_scenarios.dynamics import Four, State, Three, euler, frame, mix, pulse
+from sitl_scenarios.dynamics import State
 from sitl_scenarios.plan import Reference
+from sitl_scenarios.rotors import mixed_commands, pulse_width, rotor_frame
 from sitl_scenarios.scenario import Scenario
-from sitl_scenarios.vehicles import GRAVITY, airframe
+from sitl_scenarios.vectors import Vector3, Vector4, euler_angles
+from sitl_scenarios.vehicles import GRAVITY, Airframe, airframe
 
-# rad/s: bandwidth of the rate loop that is not exceeded, for the noise that it would put on the motors
-MAX_BANDWIDTH = 25.0
+MAX_RATE_BANDWIDTH = 25.0
+"""Largest bandwidth of the rate loop, rad/s: a faster one would put too much of the gyro's noise on the motors."""
+
+DEAD_TIME_BANDWIDTH = 0.4
+"""Bandwidth of the rate loop times its dead time.
+
+A loop of an integrator and a dead time T is well damped up to a bandwidth of about 0.4/T.
+"""
+
 LEAD = 4.0
-"""The rotors' lag is made so many times shorter by a lead in the rate loop, and the noise above it as much larger."""
-# Most that is asked for: rad, rad/s and m/s
+"""Ratio of the lead filter (1 + τs)/(1 + τs/LEAD) in the rate loop, with the rotors' time constant τ.
+
+The lead makes the rotors' lag as many times shorter, and the noise above it as many times larger.
+"""
+
+RATE_TO_ATTITUDE = 3.0
+"""Bandwidth of the rate loop by that of the attitude loop; a choice, for a well-damped cascade."""
+
+ATTITUDE_TO_VELOCITY = 3.5
+"""Bandwidth of the attitude loop by that of the velocity loop; a choice."""
+
+VELOCITY_TO_POSITION = 2.5
+"""Bandwidth of the velocity loop by that of the position loop; a choice."""
+
+YAW_SLOWNESS = 4.0
+"""How many times slower the yaw loops are than those of roll and pitch: only the rotors' torque turns the heading."""
+
+RATE_TO_INTEGRAL = 12.0
+"""Bandwidth of the rate loop by that of its integral action; a choice."""
+
+VELOCITY_TO_INTEGRAL = 5.0
+"""Bandwidth of the velocity loop by that of its integral action: it finds the wind in about two seconds."""
+
+MAX_INTEGRAL_ACCELERATION = 7.0
+"""Limit of the velocity loop's integral, m/s²: about what ``MAX_TILT`` gives, so that a storm does not wind it up."""
+
 MAX_TILT = radians(35)
+"""Largest roll and pitch that position control sets, rad; a choice."""
+
 MAX_RATE = radians(220)
+"""Largest setpoint of a body rate, rad/s: PX4's default of MC_ROLLRATE_MAX."""
+
 MAX_SPEED = 4.0
+"""Largest speed that a deviation of the position asks for, horizontally and vertically, m/s; a choice."""
+
+MIN_LIFT = 0.2
+"""Smallest specific vertical thrust that is asked for, by gravity: the rotors never stop in flight."""
+
+MIN_UPRIGHT_COSINE = 0.5
+"""Smallest cosine of the tilt by which the vertical thrust is divided: 60° of tilt."""
 
 
 class ControlOutput(NamedTuple):
-    """By the autopilot in one cycle."""
+    """Outputs and setpoints of the autopilot in one cycle."""
 
-    outputs: Four  # motor commands, 1000 to 2000 µs
-    demands: Four  # of the mixer: roll, pitch, yaw (−1 to 1) and thrust (0 to 1)
-    attitude: Three = (0.0, 0.0, 0.0)  # setpoints of roll, pitch and yaw, rad
-    rates: Three = (0.0, 0.0, 0.0)  # setpoints of the body rates, rad/s
+    outputs: Vector4
+    """PWM pulse of each motor, 1000 to 2000 µs."""
+    demands: Vector4
+    """Demands to the mixer: roll, pitch and yaw, −1 to 1, and thrust, 0 to 1."""
+    attitude: Vector3 = (0.0, 0.0, 0.0)
+    """Setpoints of roll, pitch and yaw, rad."""
+    rates: Vector3 = (0.0, 0.0, 0.0)
+    """Setpoints of the body rates, rad/s."""
 
 
 class LoopGains(NamedTuple):
-    """Of the loops about one axis; the rate loop's output is the mixer's demand, −1 to 1."""
+    """Gains of the loops about one axis; the rate loop's output is the mixer's demand, −1 to 1."""
 
-    p: float  # per rad/s
-    i: float  # per rad
-    d: float  # per rad/s², of the measured rate only
-    # of the derivative's first-order filter, s, as dt / (dt + lag) in each cycle
+    p: float
+    """Proportional gain of the rate loop, 1 per rad/s."""
+    i: float
+    """Integral gain of the rate loop, 1 per rad."""
+    d: float
+    """Derivative gain of the rate loop, 1 per rad/s²; it acts on the measured rate only."""
     derivative_lag: float
-    angle: float  # rad/s per rad
+    """Time constant of the derivative's first-order filter, s; its factor per cycle is dt / (dt + lag)."""
+    angle: float
+    """Gain of the attitude loop, rad/s per rad."""
 
 
 class FlightController:
-    """That of one vehicle in flight, in a ``cycle`` of s.
+    """Flight controller of one vehicle, called once per ``cycle`` (s).
 
-    ``stiff``: rates that are asked for per error of roll, pitch and yaw, 1/s.
+    ``attitude_gains`` are the gains of the roll, pitch and yaw loops: rates that are set per error of the angle, 1/s.
     """
 
     def __init__(self, scenario: Scenario) -> None:
+        """Tunes all loops for the scenario's vehicle, sensors and cycle."""
         vehicle = scenario.vehicle
-        self.cycle = cycle = scenario.cycle
-        self._body = body = airframe(vehicle)
-        self._frame = places = frame(vehicle.layout, body.arm)
-        self._gain = vehicle.rate_gain
-        lag = sum(body.lag) / 2
-        # A loop with an integrator and a dead time T in all is well damped up to about 0.4/T; a cycle's hold and its
-        # computing take about one cycle.
-        dead_time = lag / LEAD + scenario.sensors.delay + cycle
-        self._rate = min(0.4 / dead_time, MAX_BANDWIDTH)
-        self._attitude = self._rate / 3
-        self._forgets = 1.0 - exp(-cycle * LEAD / lag) if lag else 1.0
-        # Moments of a demand of 1 about the three axes, N m, by the slope of the rotors' curves in hover.
-        hover_command = body.command_for(body.hover_speed)
-        per_command = body.speed_slope(hover_command) * body.full
-        thrust_slope = 2 * body.thrust[0] * body.hover_speed + body.thrust[1]
-        thrust = thrust_slope * per_command
-        torque_slope = 2 * body.torque[0] * body.hover_speed + body.torque[1]
-        torque = torque_slope * per_command
-        of_roll = -fsum(a * b for a, b in zip(places.roll, places.right, strict=True))
-        of_pitch = fsum(a * b for a, b in zip(places.pitch, places.forward, strict=True))
-        ix, iy, iz = body.inertia
-        # Yaw has the rotors' torque only: a quarter of the bandwidth.
-        per_roll = ix / (thrust * of_roll)
-        per_pitch = iy / (thrust * of_pitch)
-        per_yaw = iz / (torque * 4) / 4
-        self._per_unit = per_roll, per_pitch, per_yaw
-        self._within((self._attitude, self._attitude, self._attitude / 4))
-        self.rest()
+        self.cycle = scenario.cycle
+        self._body = airframe(vehicle)
+        self._frame = rotor_frame(vehicle.layout, self._body.arm)
+        self._rate_gain = vehicle.rate_gain
+        mean_lag = sum(self._body.rotor_lags) / 2
+        # The hold over a cycle and the computing in it take about one cycle.
+        dead_time = mean_lag / LEAD + scenario.sensors.delay + self.cycle
+        self._rate_bandwidth = min(DEAD_TIME_BANDWIDTH / dead_time, MAX_RATE_BANDWIDTH)
+        self._attitude_bandwidth = self._rate_bandwidth / RATE_TO_ATTITUDE
+        # Smoothing factor per cycle of the lead filter's slow part, whose time constant is lag / LEAD.
+        self._lead_smoothing = 1.0
+        if mean_lag:
+            self._lead_smoothing = 1.0 - exp(-self.cycle * LEAD / mean_lag)
+        self._demand_per_acceleration = self._inverse_effectiveness(self._body)
+        self._set_attitude_gains(
+            (
+                self._attitude_bandwidth,
+                self._attitude_bandwidth,
+                self._attitude_bandwidth / YAW_SLOWNESS,
+            )
+        )
+        self.reset()
 
-    def _within(self, stiff: Three) -> None:
-        """Closes the loops of velocity and position about attitude loops of these gains, 1/s."""
-        self.stiff = stiff
-        self._velocity = min(stiff[0], stiff[1], self._attitude) / 3.5
-        self._position = self._velocity / 2.5
-        self._smooths = 1.0 - exp(-self.cycle * LEAD * self._velocity)
+    def _inverse_effectiveness(self, body: Airframe) -> Vector3:
+        """Returns the demand per angular acceleration about each axis, 1 per rad/s², by the rotors' slopes in hover.
+
+        That of yaw is divided by ``YAW_SLOWNESS``, which makes the bandwidth of its rate loop smaller.
+        """
+        hover_command = body.command_for(body.hover_speed)
+        speed_per_command = body.speed_slope(hover_command) * body.full_command
+        a, b = body.thrust_coefficients
+        thrust_per_command = (2 * a * body.hover_speed + b) * speed_per_command
+        a, b = body.torque_coefficients
+        torque_per_command = (2 * a * body.hover_speed + b) * speed_per_command
+        # Sums of lever arms, m: a rotor on the right rolls the body to the left.
+        frame = self._frame
+        roll_arm = -fsum(
+            effect * right for effect, right in zip(frame.roll, frame.right, strict=True)
+        )
+        pitch_arm = fsum(
+            effect * forward for effect, forward in zip(frame.pitch, frame.forward, strict=True)
+        )
+        ix, iy, iz = body.inertia
+        return (
+            ix / (thrust_per_command * roll_arm),
+            iy / (thrust_per_command * pitch_arm),
+            iz / (torque_per_command * 4) / YAW_SLOWNESS,
+        )
+
+    def _set_attitude_gains(self, gains: Vector3) -> None:
+        """Sets the gains of the attitude loops, 1/s, and closes the loops of velocity and position about them."""
+        self.attitude_gains = gains
+        slowest_tilt = min(gains[0], gains[1], self._attitude_bandwidth)
+        self._velocity_bandwidth = slowest_tilt / ATTITUDE_TO_VELOCITY
+        self._position_bandwidth = self._velocity_bandwidth / VELOCITY_TO_POSITION
+        self._velocity_smoothing = 1.0 - exp(-self.cycle * LEAD * self._velocity_bandwidth)
 
     @property
     def gains(self) -> tuple[LoopGains, ...]:
-        """About roll, pitch and yaw."""
-        # The lead is P and D: P(1 + (LEAD − 1)τs/(1 + τs)); τ as the cycle's exp(−cycle/τ) has it.
-        lag = self.cycle * (1.0 - self._forgets) / self._forgets
-        return tuple(
-            LoopGains(p, p * self._rate / 12, p * (LEAD - 1.0) * lag, lag, angle)
-            for p, angle in zip(
-                (self._gain * self._rate * share for share in self._per_unit),
-                self.stiff,
-                strict=True,
-            )
-        )
+        """Gains of the loops about roll, pitch and yaw, as a PID controller of the rate has them.
 
-    def rest(self) -> None:
-        """Resets the integrators and filters, as on the ground."""
-        self._push, self._smooth, self._trim, self._slow = ([0.0, 0.0, 0.0] for _ in range(4))
+        The lead filter is proportional and derivative action: P (1 + (LEAD − 1) τs/(1 + τs)).
+        """
+        # The time constant whose factor dt / (dt + lag) is the smoothing factor exp(−dt/τ) of the controller.
+        lag = self.cycle * (1.0 - self._lead_smoothing) / self._lead_smoothing
+        gains = []
+        for per_acceleration, angle in zip(
+            self._demand_per_acceleration, self.attitude_gains, strict=True
+        ):
+            p = self._rate_gain * self._rate_bandwidth * per_acceleration
+            gains.append(
+                LoopGains(
+                    p=p,
+                    i=p * self._rate_bandwidth / RATE_TO_INTEGRAL,
+                    d=p * (LEAD - 1.0) * lag,
+                    derivative_lag=lag,
+                    angle=angle,
+                )
+            )
+        return tuple(gains)
+
+    def reset(self) -> None:
+        """Resets integrators, filters and the heading's setpoint, as on the ground."""
+        # Accelerations of the velocity loop, NED, m/s²: its integral and its filtered proportional part.
+        self._integral_acceleration = [0.0, 0.0, 0.0]
+        self._smooth_acceleration = [0.0, 0.0, 0.0]
+        # States of the rate loops about the three axes, rad/s: integral, and low-passed rate of the lead filter.
+        self._rate_integral = [0.0, 0.0, 0.0]
+        self._slow_rates = [0.0, 0.0, 0.0]
         self._heading = 0.0
 
-    def control(self, estimate: State, reference: Reference, flying: bool) -> ControlOutput:
-        """Returns what one cycle asks for; nothing is learned unless ``flying``."""
-        vn, ve, vd = estimate.velocity
-        pn, pe, pd = estimate.position
-        along = self._position
-        fast = self._velocity
-        ahead, aside = reference.velocity
-        wn = along * (reference.north - pn) + ahead
-        we = along * (reference.aside - pe) + aside
-        fastest = MAX_SPEED + hypot(ahead, aside)
-        limit = fastest / max(fastest, hypot(wn, we))
-        sinking = _limited(along * (-reference.height - pd), MAX_SPEED)
-        wd = -reference.climb + sinking
-        error = (wn * limit - vn, we * limit - ve, wd - vd)
-        push = self._push
-        smooth = self._smooth
-        # A fifth of the loop's bandwidth for the integral: wind is found in about two seconds.
-        gain = fast * fast / 5 * self.cycle
-        for i in range(3):
-            if flying:  # m/s², at most about what ``MAX_TILT`` gives: a storm must not wind it up
-                push[i] = _limited(push[i] + gain * error[i], 7.0)
-            # Noise of position and velocity would reach the motors multiplied by every bandwidth within.
-            smooth[i] += self._smooths * (fast * error[i] - smooth[i])
-        an, ae, ad = map(add, smooth, push)
+    def control(self, estimate: State, reference: Reference, is_flying: bool) -> ControlOutput:
+        """Controls position and heading for one cycle.
 
-        roll, pitch, yaw = euler(estimate.attitude)
-        forward = an * cos(yaw) + ae * sin(yaw)
-        right = ae * cos(yaw) - an * sin(yaw)
-        lift = max(GRAVITY - ad, 0.2 * GRAVITY)
-        more_roll, more_pitch, yaw_rate = reference.demand
-        level_pitch = atan(-forward / lift)
-        wanted_pitch = _limited(level_pitch, MAX_TILT)
-        level_roll = atan(right / lift * cos(wanted_pitch))
-        wanted_roll = _limited(level_roll, MAX_TILT) + more_roll
-        wanted_pitch += more_pitch
-        # The heading is held, and turned at the yaw rate that is asked for, as both autopilots do.
-        if flying:
-            turned = self._heading + yaw_rate * self.cycle
-            self._heading = remainder(turned, tau)
-        upright = max(cos(roll) * cos(pitch), 0.5)
+        Args:
+            estimate: State as the autopilot estimates it; its rotor speeds are not used.
+            reference: Setpoints of the flight plan.
+            is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
+        """
+        north, east, down = self._acceleration_setpoint(estimate, reference, is_flying)
+        roll, pitch, yaw = euler_angles(estimate.attitude)
+        forward = north * cos(yaw) + east * sin(yaw)
+        right = east * cos(yaw) - north * sin(yaw)
+        # Specific vertical thrust, m/s²: the vehicle tilts until the thrust points along the acceleration.
+        lift = max(GRAVITY - down, MIN_LIFT * GRAVITY)
+        added_roll, added_pitch, yaw_rate = reference.attitude_demand
+        pitch_for_forward = atan(-forward / lift)
+        pitch_setpoint = _clamped(pitch_for_forward, MAX_TILT)
+        roll_for_right = atan(right / lift * cos(pitch_setpoint))
+        roll_setpoint = _clamped(roll_for_right, MAX_TILT) + added_roll
+        pitch_setpoint += added_pitch
+        # The heading is held, and turned at the yaw rate that is demanded, as both autopilots do.
+        if is_flying:
+            next_heading = self._heading + yaw_rate * self.cycle
+            self._heading = remainder(next_heading, tau)
+        upright = max(cos(roll) * cos(pitch), MIN_UPRIGHT_COSINE)
         thrust = self._body.mass * lift / upright
 
-        wanted = wanted_roll, wanted_pitch, self._heading
-        return self.steer(estimate, wanted, (0.0, 0.0, yaw_rate), thrust, flying)
+        attitude_setpoint = roll_setpoint, pitch_setpoint, self._heading
+        return self.attitude_control(
+            estimate, attitude_setpoint, (0.0, 0.0, yaw_rate), thrust, is_flying
+        )
 
-    def steer(
-        self, estimate: State, wanted: Three, ahead: Three, thrust: float, flying: bool
+    def _acceleration_setpoint(
+        self, estimate: State, reference: Reference, is_flying: bool
+    ) -> Vector3:
+        """Runs the position and velocity loops for one cycle; returns the acceleration they set, NED, m/s²."""
+        north_speed, east_speed, down_speed = estimate.velocity
+        north, east, down = estimate.position
+        reference_north_speed, reference_east_speed = reference.velocity
+        position_gain = self._position_bandwidth
+        north_setpoint = position_gain * (reference.north - north) + reference_north_speed
+        east_setpoint = position_gain * (reference.east - east) + reference_east_speed
+        # The horizontal speed is limited, in its direction.
+        max_speed = MAX_SPEED + hypot(reference_north_speed, reference_east_speed)
+        scale = max_speed / max(max_speed, hypot(north_setpoint, east_setpoint))
+        sink_correction = _clamped(position_gain * (-reference.height - down), MAX_SPEED)
+        down_setpoint = -reference.climb_rate + sink_correction
+        errors = (
+            north_setpoint * scale - north_speed,
+            east_setpoint * scale - east_speed,
+            down_setpoint - down_speed,
+        )
+        bandwidth = self._velocity_bandwidth
+        integral_gain = bandwidth * bandwidth / VELOCITY_TO_INTEGRAL * self.cycle
+        integral = self._integral_acceleration
+        smooth = self._smooth_acceleration
+        for i, error in enumerate(errors):
+            if is_flying:
+                integral[i] = _clamped(
+                    integral[i] + integral_gain * error, MAX_INTEGRAL_ACCELERATION
+                )
+            # Without a low-pass, noise of position and velocity would reach the motors, multiplied by the bandwidth
+            # of every loop within.
+            smooth[i] += self._velocity_smoothing * (bandwidth * error - smooth[i])
+        return smooth[0] + integral[0], smooth[1] + integral[1], smooth[2] + integral[2]
+
+    def attitude_control(
+        self,
+        estimate: State,
+        attitude_setpoint: Vector3,
+        rate_feedforward: Vector3,
+        thrust: float,
+        is_flying: bool,
     ) -> ControlOutput:
-        """Returns what one cycle asks for roll, pitch and yaw, rad, at a ``thrust``, N, with rates ``ahead``, rad/s."""
-        roll, pitch, yaw = euler(estimate.attitude)
-        yaw_error = remainder(wanted[2] - yaw, tau)
-        errors = wanted[0] - roll, wanted[1] - pitch, yaw_error
-        rates = tuple(
-            _limited(stiff * error + feed, MAX_RATE)
-            for stiff, error, feed in zip(self.stiff, errors, ahead, strict=True)
+        """Controls the attitude for one cycle.
+
+        Args:
+            estimate: State as the autopilot estimates it.
+            attitude_setpoint: Roll, pitch and yaw, rad.
+            rate_feedforward: Body rates that are added to those of the attitude loops, rad/s.
+            thrust: Thrust of all rotors, N.
+            is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
+        """
+        roll, pitch, yaw = euler_angles(estimate.attitude)
+        roll_setpoint, pitch_setpoint, yaw_setpoint = attitude_setpoint
+        yaw_error = remainder(yaw_setpoint - yaw, tau)
+        errors = roll_setpoint - roll, pitch_setpoint - pitch, yaw_error
+        rate_setpoints = tuple(
+            _clamped(gain * error + feedforward, MAX_RATE)
+            for gain, error, feedforward in zip(
+                self.attitude_gains, errors, rate_feedforward, strict=True
+            )
         )
-        # The thrust curve undone, as both autopilots do.
+        # The command is that of the inverse thrust curve, as in both autopilots.
         speed = self._body.speed_for(thrust / 4)
-        command = self._body.command_for(speed) / self._body.full
-        turning = (
-            _limited(self.demand(axis, asked, rate, flying), 1.0)
-            for axis, (asked, rate) in enumerate(zip(rates, estimate.rates, strict=True))
-        )
-        collective = min(max(command, 0.0), 1.0)
-        demands = (*turning, collective)
-        outputs = tuple(map(pulse, self.mixed(demands)))
-        return ControlOutput(outputs, demands, wanted, rates)
+        command = self._body.command_for(speed) / self._body.full_command
+        demands = [
+            _clamped(self.rate_demand(axis, setpoint, rate, is_flying), 1.0)
+            for axis, (setpoint, rate) in enumerate(
+                zip(rate_setpoints, estimate.rates, strict=True)
+            )
+        ]
+        demands.append(min(max(command, 0.0), 1.0))
+        outputs = tuple(map(pulse_width, self.motor_commands(tuple(demands))))
+        return ControlOutput(outputs, tuple(demands), attitude_setpoint, rate_setpoints)
 
-    def mixed(self, demands: Four) -> Four:
-        """Returns normalised commands of the motors."""
-        return mix(self._frame, demands)
+    def motor_commands(self, demands: Vector4) -> Vector4:
+        """Returns the normalised command of each motor for demands of roll, pitch, yaw and thrust."""
+        return mixed_commands(self._frame, demands)
 
-    def demand(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
-        """Returns what the rate loop asks the mixer for about an axis, for a rate ``wanted``, rad/s; once a cycle."""
-        # The lead (1 + τs)/(1 + τs/LEAD), as LEAD times the rate less its slow part.
-        self._slow[axis] += self._forgets * (rate - self._slow[axis])
-        slow = (LEAD - 1.0) * self._slow[axis]
-        led = LEAD * rate - slow
-        if flying:
-            self._trim[axis] += self._rate / 12 * self.cycle * (wanted - rate)
-        error = wanted - led + self._trim[axis]
-        return self._gain * self._rate * error * self._per_unit[axis]
+    def rate_demand(self, axis: int, setpoint: float, rate: float, is_flying: bool) -> float:
+        """Runs the rate loop of one axis for one cycle; returns its demand to the mixer.
+
+        Args:
+            axis: 0 roll, 1 pitch, 2 yaw.
+            setpoint: Setpoint of the body rate, rad/s.
+            rate: Body rate as the autopilot estimates it, rad/s.
+            is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
+        """
+        # The lead (1 + τs)/(1 + τs/LEAD) is LEAD times the rate less (LEAD − 1) times its low-passed part.
+        self._slow_rates[axis] += self._lead_smoothing * (rate - self._slow_rates[axis])
+        slow_part = (LEAD - 1.0) * self._slow_rates[axis]
+        lead_rate = LEAD * rate - slow_part
+        if is_flying:
+            integral_bandwidth = self._rate_bandwidth / RATE_TO_INTEGRAL
+            self._rate_integral[axis] += integral_bandwidth * self.cycle * (setpoint - rate)
+        error = setpoint - lead_rate + self._rate_integral[axis]
+        gain = self._rate_gain * self._rate_bandwidth
+        return gain * error * self._demand_per_acceleration[axis]
 
 
-def _limited(value: float, limit: float) -> float:
+def _clamped(value: float, limit: float) -> float:
+    """Returns a value limited to ±``limit``."""
     return min(max(value, -limit), limit)

@@ -1,7 +1,7 @@
-"""Dynamics of a quadrotor: rotor frame and mixer, forces and moments, and the step from state to state.
+"""Dynamics of a quadrotor: forces and moments of rotors and air, and the integration from state to state.
 
-North-east-down (NED), body axes forward, right, down (FRD). On the body act its weight, the rotors' thrust along −z and
-torque about z, and air that moves past it:
+The world is north-east-down (NED), body axes are forward, right, down (FRD). On the body act its weight, the rotors'
+thrust along −z and torque about z, and the air that moves past it:
 
 - the hull's drag, ½ρ C_d A |a| a, for air that moves with a relative to the body; a scenario may set others;
 - each rotor's drag, k ω a along its disc: the H-force, linear in rotor speed and in the air's (Ph. Martin and
@@ -11,413 +11,351 @@ torque about z, and air that moves past it:
 
 Both drags act at the height of the hubs, above the centre of mass, and so tilt the body. Damage changes what a rotor
 gives at its speed, and where the centre of mass is. Left out as small: gyroscopic moments of the rotors, flapping
-moments, ground effect, what inflow does to torque, what a shifted load changes of the inertia, and what a chipped
-propeller loses of its drag.
-
-ArduPilot and PX4 count an X quad alike: 1 front right, 2 rear left, 3 front left, 4 rear right. ArduPilot counts a + as
-1 right, 2 left, 3 front, 4 rear; PX4, whose parameters hold the places, is given the same. In both frames, 1 and 2
-turn counter-clockwise seen from above
-(https://ardupilot.org/copter/docs/connect-escs-and-motors.html; PX4's airframe reference).
+moments, ground effect, the effect of inflow on torque, the effect of a shifted load on inertia, and the drag that a
+chipped propeller loses.
 """
 
 from collections.abc import Callable
-from math import asin, atan2, ceil, exp, hypot, sqrt
+from math import ceil, exp, sqrt
 from operator import mul
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-
-from sitl_scenarios.motion import Array, Motion, Pair
-from sitl_scenarios.scenario import Scenario, VehicleSpec
+from sitl_scenarios.damage import UNDAMAGED, Damage
+from sitl_scenarios.rotors import MAX_PULSE, MIN_PULSE, SPIN_DIRECTIONS, rotor_frame
+from sitl_scenarios.scenario import VehicleSpec
+from sitl_scenarios.vectors import (
+    Quaternion,
+    Vector3,
+    Vector4,
+    advanced,
+    dot,
+    normalised,
+    rotated,
+    rotation_matrix,
+)
 from sitl_scenarios.vehicles import AIR_DENSITY, GRAVITY, airframe
 
-Four = tuple[float, ...]
-"""Of the four rotors, in the autopilots' order."""
+MAX_STEP_SECONDS = 1e-3
+"""Longest step of the physics, s: a choice, well below the time constants of rotors (10 ms and more)."""
 
-SPINS = (1.0, 1.0, -1.0, -1.0)
-"""1: the rotor turns counter-clockwise seen from above, and its torque turns the body clockwise: positive yaw."""
-
-
-class RotorFrame(NamedTuple):
-    """Rotors in the autopilots' order."""
-
-    forward: Four  # with right: place of each rotor from the centre of mass, m
-    right: Four
-    roll: Four  # with pitch, yaw: what a demand of 1 adds to the normalised command of each motor
-    pitch: Four
-    yaw: Four
-
-
-def frame(kind: Literal["x", "plus"], arm: Pair) -> RotorFrame:
-    """Returns the frame of a vehicle.
-
-    ``arm`` is how far forward and right the rotors of the X are, m; those of the + are as far out.
-    """
-    forward = (1.0, -1.0, 1.0, -1.0)
-    right = (1.0, -1.0, -1.0, 1.0)
-    if kind == "plus":
-        forward = (0.0, 0.0, 1.0, -1.0)
-        right = (1.0, -1.0, 0.0, 0.0)
-        arm = (hypot(*arm),) * 2
-    ahead, aside = arm
-    # Thrust acts upwards: a rotor on the left rolls to the right, one in front raises the nose.
-    return RotorFrame(
-        forward=tuple(part * ahead for part in forward),
-        right=tuple(part * aside for part in right),
-        roll=tuple(-part for part in right),
-        pitch=forward,
-        yaw=SPINS,
-    )
-
-
-IDLE_COMMAND = 0.1  # Of full command: what an armed motor turns at, at least
-
-
-def mix(frame: RotorFrame, demands: Four) -> Four:
-    """Returns normalised commands of the motors, ``IDLE_COMMAND`` to 1.
-
-    ``demands`` are roll, pitch, yaw (−1 to 1) and thrust (0 to 1). Where a motor would saturate, thrust gives way
-    first, so that the vehicle stays upright, and then all of roll, pitch and yaw alike.
-    """
-    roll, pitch, yaw, thrust = demands
-    turning = [
-        roll * r + pitch * p + yaw * s
-        for r, p, s in zip(frame.roll, frame.pitch, frame.yaw, strict=True)
-    ]
-    lowest = min(turning)
-    highest = max(turning)
-    if highest - lowest > 1.0 - IDLE_COMMAND:
-        scale = (1.0 - IDLE_COMMAND) / (highest - lowest)
-        turning = [part * scale for part in turning]
-        lowest = lowest * scale
-        highest = highest * scale
-    least = IDLE_COMMAND - lowest
-    most = 1.0 - highest
-    thrust = min(max(thrust, least), most)
-    return tuple(share + thrust for share in turning)
-
-
-# Of no command and of a full one
-MIN_PULSE = 1000.0
-MAX_PULSE = 2000.0
-DISARMED_PULSE = {"px4": 900.0, "ardupilot": 1000.0}  # µs of a disarmed motor, by autopilot
-
-
-def pulse(command: float) -> float:
-    """Returns a normalised command as it is put out: whole µs."""
-    microseconds = MIN_PULSE + (MAX_PULSE - MIN_PULSE) * command
-    return float(round(microseconds))
-
-
-Three = tuple[float, ...]
-"""Of three axes."""
-Quaternion = tuple[float, float, float, float]
+ROTORS = 4
+"""Number of rotors of a quadrotor."""
 
 
 class AirState(NamedTuple):
-    """The air about the vehicle, and what else pushes it."""
+    """Motion of the air about the vehicle, and moments that act on it whatever the air does."""
 
-    north: float = 0.0  # with east, down: m/s, where it moves to
+    north: float = 0.0
+    """Velocity of the air to the north, m/s."""
     east: float = 0.0
+    """Velocity of the air to the east, m/s."""
     down: float = 0.0
-    p: float = 0.0  # with q: its rotation about the body's forward and right axes, rad/s
+    """Velocity of the air downwards, m/s."""
+    p: float = 0.0
+    """Rotation of the air about the body's forward axis, rad/s."""
     q: float = 0.0
-    roll: float = 0.0  # with pitch, yaw: a moment on the body, N m, whatever the air does
+    """Rotation of the air about the body's right axis, rad/s."""
+    roll: float = 0.0
+    """External moment about the body's forward axis, N m."""
     pitch: float = 0.0
+    """External moment about the body's right axis, N m."""
     yaw: float = 0.0
+    """External moment about the body's down axis, N m."""
 
 
-class Damage(NamedTuple):
-    """Damage of a vehicle: shares that are left of what its four rotors do, and where its centre of mass is."""
+class Accelerations(NamedTuple):
+    """Accelerations of a vehicle, and the disturbance in them.
 
-    speed: Four = (1.0,) * 4  # of each rotor, at the same command
-    thrust: Four = (1.0,) * 4  # with torque: of each rotor, at the same speed
-    torque: Four = (1.0,) * 4
-    # of mass: how far forward and right of the published one, m
-    centre: Pair = (0.0, 0.0)
-
-
-UNDAMAGED = Damage()
-
-
-def damages(scenario: Scenario) -> list[tuple[float, Damage]]:
-    """Returns seconds after the first arming, and the condition from then on, of all damage in order.
-
-    There are none of a sound vehicle.
+    The disturbance is everything but the weight and the rotors' thrust and torque in still air: drag, inflow, damping
+    and external moments.
     """
-    vehicle = scenario.vehicle
-    propeller = scenario.propeller
-    load = scenario.load
-    begins = [vehicle.weak_from] * bool(vehicle.weak_motor)
-    begins += [propeller.start] * bool(propeller.motor)
-    begins += [load.start] * bool(load.forward or load.right)
 
-    def at(time: float) -> Damage:
-        weak = vehicle.weak_motor if time >= vehicle.weak_from else 0
-        chipped = propeller.motor if time >= propeller.start else 0
-        shifted = time >= load.start
-        return Damage(
-            # Thrust goes with the square of the speed.
-            speed=_all_but(weak, sqrt(vehicle.weak_thrust)),
-            thrust=_all_but(chipped, propeller.thrust),
-            torque=_all_but(chipped, propeller.torque),
-            centre=(1e-3 * load.forward * shifted, 1e-3 * load.right * shifted),
+    linear: Vector3
+    """Acceleration, NED, m/s²."""
+    angular: Vector3
+    """Angular acceleration in body axes, rad/s²."""
+    disturbance_force: Vector3
+    """Force of the disturbance, NED, N."""
+    disturbance_moment: Vector3
+    """Moment of the disturbance in body axes, N m."""
+
+
+NO_ACCELERATION = Accelerations((0.0,) * 3, (0.0,) * 3, (0.0,) * 3, (0.0,) * 3)
+"""Accelerations of a vehicle that stands on the ground."""
+
+Dynamics = Callable[[Quaternion, Vector3, Vector3, Vector4, AirState], Accelerations]
+"""Function of attitude (body to NED), velocity (NED, m/s), body rates (rad/s), rotor speeds (rad/s) and the air."""
+
+
+class RotorEffect(NamedTuple):
+    """Position of one rotor, and the sign and remaining fraction of its thrust and torque."""
+
+    forward: float
+    """Position forward of the centre of mass, m."""
+    right: float
+    """Position to the right of the centre of mass, m."""
+    thrust: float
+    """Remaining fraction of its thrust: 1 when undamaged."""
+    torque: float
+    """Remaining fraction of its torque, with the sign of ``SPIN_DIRECTIONS``."""
+
+
+def _rotor_effects(vehicle: VehicleSpec, condition: Damage) -> list[RotorEffect]:
+    """Returns the effect of each rotor on a vehicle in this ``condition``."""
+    positions = rotor_frame(vehicle.frame, airframe(vehicle).arm)
+    centre_forward, centre_right = condition.centre_of_mass
+    return [
+        RotorEffect(
+            forward=positions.forward[rotor] - centre_forward,
+            right=positions.right[rotor] - centre_right,
+            thrust=condition.thrust[rotor],
+            torque=SPIN_DIRECTIONS[rotor] * condition.torque[rotor],
         )
-
-    return [(begin, at(begin)) for begin in sorted(set(begins))]
-
-
-def _all_but(motor: int, share: float) -> Four:
-    """1, but ``share`` for a motor, from 1; 0: none."""
-    return tuple(share if motor == number else 1.0 for number in (1, 2, 3, 4))
+        for rotor in range(ROTORS)
+    ]
 
 
-Change = tuple[float, ...]
-"""Acceleration NED (m/s²), angular acceleration in body axes (rad/s²), and of that the disturbance: force NED (N) and
-moment in body axes (N m) of everything but weight and the rotors' thrust and torque in still air."""
-Dynamics = Callable[[Quaternion, Three, Three, Four, AirState], Change]
-"""Of attitude (body to NED), velocity (NED, m/s), body rates (rad/s), rotor speeds (rad/s) and the air."""
+def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
+    """Returns the accelerations of a vehicle in the air as a function of its state.
 
+    The simulation integrates this function, and the truth files linearise it: there is no second model.
 
-def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
-    """Returns accelerations of a vehicle in the air as a function of its state.
-
-    The vehicle is flown, and linearised, by this one function.
+    Args:
+        vehicle: Vehicle of a scenario.
+        condition: Damage that acts on it.
     """
     body = airframe(vehicle)
-    places = frame(vehicle.frame, body.arm)
-    ahead, aside = condition.centre
-    rotors_of = zip(
-        places.forward, places.right, condition.thrust, condition.torque, SPINS, strict=True
-    )
-    # Of each rotor its place from the centre of mass, the share of its thrust, and that of its torque with its sign.
-    each = [
-        (forward - ahead, right - aside, thrust, spin * torque)
-        for forward, right, thrust, torque, spin in rotors_of
-    ]
+    rotor_effects = _rotor_effects(vehicle, condition)
+    centre_forward, centre_right = condition.centre_of_mass
     mass = body.mass
-    height = body.hub_height
+    hub_height = body.hub_height
     ix, iy, iz = body.inertia
-    dx, dy, dz = (
-        damping * about for damping, about in zip(body.damping, body.inertia, strict=True)
+    damping_x, damping_y, damping_z = (
+        damping * inertia for damping, inertia in zip(body.damping, body.inertia, strict=True)
     )
-    thrust2, thrust1 = body.thrust
-    torque2, torque1 = body.torque
+    quadratic_thrust, linear_thrust = body.thrust_coefficients
+    quadratic_torque, linear_torque = body.torque_coefficients
+    # Factors of the drag: of the hull by |a| a, and of the rotors by the sum of their speeds and a.
     half_rho_area = AIR_DENSITY * body.drag_area / 2
-    along_x = along_y = body.rotor_drag * vehicle.rotor_drag
-    hull_x = hull_y = half_rho_area
+    hull_drag_x = hull_drag_y = half_rho_area
+    rotor_drag_x = rotor_drag_y = body.rotor_drag if vehicle.rotor_drag else 0.0
     if vehicle.drag_linear is not None:
-        full_speed = 4 * body.hover_speed
-        along_x, along_y = (drag * mass / full_speed for drag in vehicle.drag_linear)
+        hover_speed_sum = ROTORS * body.hover_speed
+        rotor_drag_x, rotor_drag_y = (drag * mass / hover_speed_sum for drag in vehicle.drag_linear)
     if vehicle.drag_quadratic is not None:
-        hull_x, hull_y = (drag * mass for drag in vehicle.drag_quadratic)
-    through = body.inflow if vehicle.rotor_drag else 0.0
+        hull_drag_x, hull_drag_y = (drag * mass for drag in vehicle.drag_quadratic)
+    inflow_factor = body.inflow if vehicle.rotor_drag else 0.0
 
-    def change(
-        attitude: Quaternion, velocity: Three, rates: Three, rotors: Four, air: AirState
-    ) -> Change:
-        # Of floats: numpy's calls on arrays of three would take ten times as long.
+    def accelerations(
+        attitude: Quaternion, velocity: Vector3, rates: Vector3, rotors: Vector4, air: AirState
+    ) -> Accelerations:
+        # Written out in floats: NumPy's calls on arrays of three would take ten times as long.
         p, q, r = rates
-        north, east, down, air_p, air_q, roll, pitch, yaw = air
-        rows = rotation(attitude)
-        vn, ve, vd = velocity
-        past = north - vn, east - ve, down - vd
-        ax, ay, az = [dot(column, past) for column in zip(*rows, strict=True)]
-        speed = sqrt(dot(past, past))
-        speeds = sum(rotors)
-        drag_x = hull_x * speed + along_x * speeds
-        fx = drag_x * ax
-        drag_y = hull_y * speed + along_y * speeds
-        fy = drag_y * ay
+        wind_north, wind_east, wind_down, air_p, air_q, roll_moment, pitch_moment, yaw_moment = air
+        rows = rotation_matrix(attitude)
+        north_speed, east_speed, down_speed = velocity
+        relative_air = (
+            wind_north - north_speed,
+            wind_east - east_speed,
+            wind_down - down_speed,
+        )
+        # The transposed matrix rotates the relative air from NED into body axes.
+        ax, ay, az = [dot(column, relative_air) for column in zip(*rows, strict=True)]
+        airspeed = sqrt(dot(relative_air, relative_air))
+        rotor_speed_sum = sum(rotors)
+        drag_x = hull_drag_x * airspeed + rotor_drag_x * rotor_speed_sum
+        force_x = drag_x * ax
+        drag_y = hull_drag_y * airspeed + rotor_drag_y * rotor_speed_sum
+        force_y = drag_y * ay
 
-        # Air through each disc; a hub at (x, y) moves down with the body's p y − q x.
-        tp = through * (air_p - p)
-        tq = through * (air_q - q)
-        tz = through * az
-        fz = push = half_rho_area * speed * az
-        mx = roll - dx * p + height * fy - aside * push
-        my = pitch - dy * q - height * fx + ahead * push
-        mz = yaw - dz * r + aside * fx - ahead * fy
-        for rotor, (forward, right, _, _) in zip(rotors, each, strict=True):
-            flow = tz + tp * right - tq * forward
-            lost = rotor * flow
-            fz += lost
-            mx += right * lost
-            my -= forward * lost
+        # Inflow: the air's speed down through each disc; a hub at (x, y) moves down with the body's p y − q x.
+        inflow_p = inflow_factor * (air_p - p)
+        inflow_q = inflow_factor * (air_q - q)
+        inflow_z = inflow_factor * az
+        hull_force_z = half_rho_area * airspeed * az
+        force_z = hull_force_z
+        moment_x = roll_moment - damping_x * p + hub_height * force_y - centre_right * hull_force_z
+        moment_y = (
+            pitch_moment - damping_y * q - hub_height * force_x + centre_forward * hull_force_z
+        )
+        moment_z = yaw_moment - damping_z * r + centre_right * force_x - centre_forward * force_y
+        for rotor_speed, (forward, right, _, _) in zip(rotors, rotor_effects, strict=True):
+            inflow = inflow_z + inflow_p * right - inflow_q * forward
+            lost_thrust = rotor_speed * inflow
+            force_z += lost_thrust
+            moment_x += right * lost_thrust
+            moment_y -= forward * lost_thrust
 
-        # Thrust and torque in still air.
-        lift = turn = 0.0
-        rolling = mx
-        pitching = my
-        for rotor, (forward, right, left, spin) in zip(rotors, each, strict=True):
-            thrust = left * (thrust2 * rotor + thrust1) * rotor
-            lift += thrust
-            turn += spin * (torque2 * rotor + torque1) * rotor
-            rolling -= right * thrust
-            pitching += forward * thrust
+        # Thrust and torque of the rotors in still air.
+        total_thrust = total_torque = 0.0
+        total_moment_x = moment_x
+        total_moment_y = moment_y
+        for rotor_speed, (forward, right, thrust_fraction, signed_torque_fraction) in zip(
+            rotors, rotor_effects, strict=True
+        ):
+            thrust = (
+                thrust_fraction * (quadratic_thrust * rotor_speed + linear_thrust) * rotor_speed
+            )
+            total_thrust += thrust
+            total_torque += (
+                signed_torque_fraction
+                * (quadratic_torque * rotor_speed + linear_torque)
+                * rotor_speed
+            )
+            total_moment_x -= right * thrust
+            total_moment_y += forward * thrust
 
-        force = [dot(row, (fx, fy, fz)) for row in rows]
+        force = [dot(row, (force_x, force_y, force_z)) for row in rows]
         north, east, down = [
-            (part - row[2] * lift) / mass for part, row in zip(force, rows, strict=True)
+            (part - row[2] * total_thrust) / mass for part, row in zip(force, rows, strict=True)
         ]
-        about_x = (rolling + (iy - iz) * q * r) / ix
-        about_y = (pitching + (iz - ix) * r * p) / iy
-        about_z = (mz + turn + (ix - iy) * p * q) / iz
-        return north, east, down + GRAVITY, about_x, about_y, about_z, *force, mx, my, mz
+        # Euler's equations of a rigid body without products of inertia.
+        p_dot = (total_moment_x + (iy - iz) * q * r) / ix
+        q_dot = (total_moment_y + (iz - ix) * r * p) / iy
+        r_dot = (moment_z + total_torque + (ix - iy) * p * q) / iz
+        return Accelerations(
+            (north, east, down + GRAVITY),
+            (p_dot, q_dot, r_dot),
+            tuple(force),
+            (moment_x, moment_y, moment_z),
+        )
 
-    return change
-
-
-def dot(vector: Three, other: Three) -> float:
-    """Returns the inner product."""
-    x, y, z = vector
-    u, v, w = other
-    return x * u + y * v + z * w
-
-
-def rotation(attitude: Quaternion) -> tuple[Three, Three, Three]:
-    """Returns the rows of the matrix of an attitude, from body to NED."""
-    w, x, y, z = attitude
-    x2 = x + x
-    y2 = y + y
-    z2 = z + z
-    xx = x * x2
-    yy = y * y2
-    zz = z * z2
-    xy = x * y2
-    xz = x * z2
-    yz = y * z2
-    wx = w * x2
-    wy = w * y2
-    wz = w * z2
-    return (
-        (1.0 - yy - zz, xy - wz, xz + wy),
-        (xy + wz, 1.0 - xx - zz, yz - wx),
-        (xz - wy, yz + wx, 1.0 - xx - yy),
-    )
-
-
-def turned(attitude: Quaternion, half: Three) -> Quaternion:
-    """Turns an attitude by a small rotation about the body's axes by half angles, rad; not quite of unit length."""
-    (a, b, c, d) = attitude
-    (x, y, z) = half
-    return (
-        a - b * x - c * y - d * z,
-        b + a * x + c * z - d * y,
-        c + a * y + d * x - b * z,
-        d + a * z + b * y - c * x,
-    )
-
-
-def unit(attitude: Quaternion) -> Quaternion:
-    """Returns the same attitude, of unit length."""
-    a, b, c, d = attitude
-    squares = a * a + b * b + c * c + d * d
-    size = 1.0 / sqrt(squares)
-    return a * size, b * size, c * size, d * size
-
-
-def euler(attitude: Quaternion) -> tuple[float, float, float]:
-    """Returns roll, pitch and yaw, rad, Z-Y-X, of a unit quaternion from body to NED."""
-    w, x, y, z = attitude
-    roll = atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    sine = 2 * (w * y - z * x)
-    pitch = asin(min(max(sine, -1.0), 1.0))
-    yaw = atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return roll, pitch, yaw
-
-
-def known_angles(motion: Motion) -> Array:
-    """Returns (N, 3) roll, pitch and yaw, rad, as the autopilot estimates them."""
-    return np.array([euler(attitude) for attitude in motion.known_attitude.tolist()])
+    return accelerations
 
 
 class State(NamedTuple):
-    """Of the vehicle."""
+    """State of the vehicle at one instant."""
 
-    position: Three = (0.0, 0.0, 0.0)  # with velocity: NED, m and m/s
-    velocity: Three = (0.0, 0.0, 0.0)
-    attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)  # unit quaternion from body to NED
-    rates: Three = (0.0, 0.0, 0.0)  # in body axes, rad/s
-    rotors: Four = (0.0, 0.0, 0.0, 0.0)  # speeds, rad/s
-    change: Change = (0.0,) * 12  # what acted last; all of it zero on the ground
-
-
-def _along(at: Three, slope: Three, step: float) -> Three:
-    x, y, z = at
-    u, v, w = slope
-    return x + step * u, y + step * v, z + step * w
-
-
-MAX_STEP_SECONDS = 1e-3  # s: the physics take whole steps in a cycle, and none is longer than this
+    position: Vector3 = (0.0, 0.0, 0.0)
+    """Position, NED, m."""
+    velocity: Vector3 = (0.0, 0.0, 0.0)
+    """Velocity, NED, m/s."""
+    attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """Unit quaternion from body axes to NED."""
+    rates: Vector3 = (0.0, 0.0, 0.0)
+    """Body rates, rad/s."""
+    rotors: Vector4 = (0.0, 0.0, 0.0, 0.0)
+    """Rotor speeds, rad/s."""
+    accelerations: Accelerations = NO_ACCELERATION
+    """Accelerations of the last step; zero on the ground."""
 
 
-def steps_of(cycle: float) -> int:
-    """Returns how many steps of the physics there are in a control cycle, s."""
+def physics_steps(cycle: float) -> int:
+    """Returns how many equal steps of the physics, none over ``MAX_STEP_SECONDS``, make up a control cycle, s."""
     return ceil(cycle / MAX_STEP_SECONDS - 1e-9)
 
 
+class LaggedSpeeds(NamedTuple):
+    """Rotor speeds on their way to the speeds that are commanded, rad/s."""
+
+    half_step: Vector4
+    """Speeds half a step of the physics later."""
+    full_step: Vector4
+    """Speeds a whole step later."""
+
+
 class Body:
-    """A vehicle's way from state to state, in steps of ``step`` seconds, by ``dynamics``, which damage changes."""
+    """Integrates the motion of one vehicle in steps of constant length."""
 
     def __init__(self, vehicle: VehicleSpec, step: float) -> None:
+        """Takes the vehicle, undamaged, and the length of a ``step`` in seconds."""
         self._vehicle = vehicle
         self._airframe = airframe(vehicle)
         self._step = step
-        self.damage(UNDAMAGED)
-        up, down = self._airframe.lag
-        self._keeps = tuple(
-            exp(-step / tau) if tau else 0.0 for tau in (up / 0.5, up, down / 0.5, down)
-        )
+        self.apply_damage(UNDAMAGED)
+        rise_lag, fall_lag = self._airframe.rotor_lags
+        # Remaining fractions of a deviation after half a step and a step: exp(−t/τ).
+        self._half_step_rise = self._remaining_fraction(rise_lag / 0.5)
+        self._step_rise = self._remaining_fraction(rise_lag)
+        self._half_step_fall = self._remaining_fraction(fall_lag / 0.5)
+        self._step_fall = self._remaining_fraction(fall_lag)
 
-    def damage(self, condition: Damage) -> None:
+    def _remaining_fraction(self, time_constant: float) -> float:
+        """Returns the fraction of a deviation that a first-order lag leaves after one step; 0 without a lag."""
+        if time_constant:
+            return exp(-self._step / time_constant)
+        return 0.0
+
+    def apply_damage(self, condition: Damage) -> None:
         """Puts the vehicle in this ``condition`` from now on."""
         self.condition = condition
-        self.dynamics = dynamics(self._vehicle, condition)
+        self.dynamics = vehicle_dynamics(self._vehicle, condition)
 
-    def targets(self, outputs: Four, battery: float) -> Four:
-        """Returns rotor speeds that the outputs settle at, rad/s, with what is left of the battery."""
+    def settled_speeds(self, outputs: Vector4, battery: float) -> Vector4:
+        """Returns the speeds that the rotors settle at for constant motor outputs.
+
+        Args:
+            outputs: PWM pulse of each motor, µs.
+            battery: Remaining fraction of the voltage of a full battery; rotor speeds are proportional to it.
+
+        Returns:
+            Speed of each rotor, rad/s, with the damage of the vehicle.
+        """
         body = self._airframe
-        span = MAX_PULSE - MIN_PULSE
-        share = body.full / span
-        if body.quadratic is not None:
-            speeds = [battery * body.rotor_speed(share * (us - MIN_PULSE)) for us in outputs]
+        pulse_range = MAX_PULSE - MIN_PULSE
+        command_per_microsecond = body.full_command / pulse_range
+        if body.thrust_expo is not None:
+            speeds = [
+                battery * body.rotor_speed(command_per_microsecond * (pulse - MIN_PULSE))
+                for pulse in outputs
+            ]
         else:
-            slope = battery * body.speed[0] * body.full / span
-            offset = battery * body.speed[1]
-            speeds = [slope * (us - MIN_PULSE) + offset for us in outputs]
+            slope, offset = body.speed_line
+            speed_per_microsecond = battery * slope * body.full_command / pulse_range
+            battery_offset = battery * offset
+            speeds = [
+                speed_per_microsecond * (pulse - MIN_PULSE) + battery_offset for pulse in outputs
+            ]
         return tuple(map(mul, speeds, self.condition.speed))
 
-    def moved(self, state: State, targets: Four, air: AirState) -> State:
-        """Returns the state a step later in the air; ``targets``: what the rotors' commands settle at, rad/s."""
-        h = self._step
-        half = self._step / 2
-        position, velocity, attitude, rates, rotors, last = state
-        middle_rotors, rotors = self.lagged(rotors, targets)
-        p, q, r = rates
-        # Half a step of rotation by the rates; their own change would be of higher order.
-        quarter = p * half / 2, q * half / 2, r * half / 2
-        middle_attitude = turned(attitude, quarter)
-        middle_velocity = _along(velocity, last[:3], half)
-        middle_rates = _along(rates, last[3:6], half)
-        last = self.dynamics(middle_attitude, middle_velocity, middle_rates, middle_rotors, air)
-        mean_velocity = _along(velocity, last[:3], half)
-        position = _along(position, mean_velocity, h)
-        velocity = _along(velocity, last[:3], h)
-        p, q, r = _along(rates, last[3:6], half)
-        half_turn = (half * p, half * q, half * r)
-        attitude = unit(turned(attitude, half_turn))
-        rates = _along(rates, last[3:6], h)
-        return State(position, velocity, attitude, rates, rotors, last)
+    def next_state(self, state: State, settled_speeds: Vector4, air: AirState) -> State:
+        """Returns the state one step later, by the midpoint rule.
 
-    def lagged(self, rotors: Four, targets: Four) -> tuple[Four, Four]:
-        """Returns rotor speeds half a step and a step later, on their way to what their commands settle at, rad/s."""
-        half_up, up, half_down, down = self._keeps
-        middle = []
-        end = []
-        for speed, target in zip(rotors, targets, strict=True):
-            off = speed - target
-            half, whole = (half_up, up) if off < 0.0 else (half_down, down)
-            middle.append(target + off * half)
-            end.append(target + off * whole)
-        return tuple(middle), tuple(end)
+        The accelerations are evaluated once, at the middle of the step, which is extrapolated with the accelerations
+        of the step before. The rotors' lag is integrated exactly.
+
+        Args:
+            state: State at the beginning of the step.
+            settled_speeds: Speeds that the rotors tend to, rad/s.
+            air: The air during the step.
+        """
+        step = self._step
+        half = self._step / 2
+        position, velocity, attitude, rates, rotors, previous = state
+        middle_rotors, rotors = self.lagged_speeds(rotors, settled_speeds)
+        p, q, r = rates
+        # The attitude turns with the rates at the beginning; their own change would be of higher order.
+        half_angles_to_middle = p * half / 2, q * half / 2, r * half / 2
+        middle_attitude = rotated(attitude, half_angles_to_middle)
+        middle_velocity = advanced(velocity, previous.linear, half)
+        middle_rates = advanced(rates, previous.angular, half)
+        accelerations = self.dynamics(
+            middle_attitude, middle_velocity, middle_rates, middle_rotors, air
+        )
+        mean_velocity = advanced(velocity, accelerations.linear, half)
+        position = advanced(position, mean_velocity, step)
+        velocity = advanced(velocity, accelerations.linear, step)
+        mean_p, mean_q, mean_r = advanced(rates, accelerations.angular, half)
+        half_angles = (half * mean_p, half * mean_q, half * mean_r)
+        attitude = normalised(rotated(attitude, half_angles))
+        rates = advanced(rates, accelerations.angular, step)
+        return State(position, velocity, attitude, rates, rotors, accelerations)
+
+    def lagged_speeds(self, speeds: Vector4, settled_speeds: Vector4) -> LaggedSpeeds:
+        """Returns the rotor speeds half a step and a step later, by the exact solution of their first-order lag.
+
+        Args:
+            speeds: Rotor speeds at the beginning of the step, rad/s.
+            settled_speeds: Speeds that the rotors tend to, rad/s.
+        """
+        half_step = []
+        full_step = []
+        for speed, settled_speed in zip(speeds, settled_speeds, strict=True):
+            deviation = speed - settled_speed
+            if deviation < 0.0:
+                half_step.append(settled_speed + deviation * self._half_step_rise)
+                full_step.append(settled_speed + deviation * self._step_rise)
+            else:
+                half_step.append(settled_speed + deviation * self._half_step_fall)
+                full_step.append(settled_speed + deviation * self._step_fall)
+        return LaggedSpeeds(tuple(half_step), tuple(full_step))

@@ -11,8 +11,9 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from sitl_scenarios.gains import check_parameters, parameters_of
-from sitl_scenarios.plan import times
+from sitl_scenarios.gains import control_parameters
+from sitl_scenarios.parameter_controller import check_parameters
+from sitl_scenarios.plan import flight_times
 from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind, shortened
 
 KINDS: dict[str, tuple[type[BaseModel], ...]] = {
@@ -95,7 +96,7 @@ def scenario_of(table: dict[str, Any]) -> Scenario:
     except ValidationError as error:
         sentences = (shortened(_sentence(detail), 300) for detail in error.errors())
         raise ValueError(shortened("; ".join(dict.fromkeys(sentences)), 1000)) from None
-    times(scenario)
+    flight_times(scenario)
     check_parameters(scenario)
     return scenario
 
@@ -110,7 +111,7 @@ def with_vehicle(scenario: Scenario, other: Scenario) -> Scenario:
 
 def with_parameters(scenario: Scenario, changed: Iterable[str]) -> Scenario:
     """Returns the scenario with parameters of the autopilot ``changed`` to "NAME=VALUE"; raises ValueError."""
-    own = parameters_of(scenario)
+    own = control_parameters(scenario)
     table = scenario.model_dump(mode="json")
     for name, _, value in (assignment.partition("=") for assignment in changed):
         if name not in own:

@@ -1,244 +1,182 @@
-"""Gains as the autopilots' parameters: those of the simulation's own controller, and a controller that flies any.
+"""Gains of the simulation's own controller, written as control parameters of ArduPilot or PX4.
 
-Parameters act as ``mavdem.loops.controllers`` has them: filters once a cycle of its loop, and between the rate
-loop's demand and the motors the autopilot's mixer, thrust curve and range.
+The simulated autopilot reports these parameters, and a scenario may replace any of them. Their meaning is that of
+``mavdem.loops.controllers``.
 """
 
 from collections.abc import Sequence
 from math import fsum, pi, sqrt
+from typing import NamedTuple
 
-import numpy as np
-
-from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
-from mavdem.loops.autopilot_parameters import (
-    LOOP_RATE_PARAMETERS,
-    MAX_LOOP_RATE,
-    MIN_LOOP_RATE,
-)
-from mavdem.loops.controllers import Controller as AxisController
-from mavdem.loops.controllers import controller_from_parameters
-from sitl_scenarios import mixers
+from mavdem.loops.autopilot_parameters import LOOP_RATE_PARAMETERS
 from sitl_scenarios.controller import LEAD, FlightController, LoopGains
-from sitl_scenarios.dynamics import IDLE_COMMAND, SPINS, Four, frame, steps_of
-from sitl_scenarios.gyro import Gyro
-from sitl_scenarios.motion import Pair
-from sitl_scenarios.scenario import AXES, Scenario, VehicleSpec
+from sitl_scenarios.rotors import IDLE_COMMAND, SPIN_DIRECTIONS, rotor_frame
+from sitl_scenarios.scenario import Scenario, VehicleSpec
+from sitl_scenarios.vectors import Vector4
 from sitl_scenarios.vehicles import airframe
 
+PX4_THRUST_COEFFICIENT = 6.5
+"""CA_ROTORn_CT of each rotor: PX4's default."""
 
-def check_parameters(scenario: Scenario) -> None:
-    """Raises ValueError: ``vehicle.parameters`` has one that is not flown, or a value that no autopilot has."""
-    given = scenario.vehicle.parameters
-    loop = LOOP_RATE_PARAMETERS[scenario.stream.autopilot]
-    foreign = (
-        ("ATC_", "MOT_", "SCHED_", "INS_")
-        if scenario.stream.autopilot == "px4"
-        else ("MC_", "THR_MDL", "IMU_", "CA_")
-    )
-    for name, value in given.items():
-        if name.startswith(foreign) or not CONTROL_PARAMETERS.match(name):
-            raise ValueError(
-                f"vehicle.parameters.{name} is not flown by {scenario.stream.autopilot} here"
-            )
-        low, high = (
-            (MIN_LOOP_RATE, MAX_LOOP_RATE)
-            if name == loop
-            else (0.0, 1.0)
-            if "_SPIN_" in name
-            else (0.0, 1e4)
-        )
-        if not low <= value <= high and not name.startswith("CA_"):
-            raise ValueError(
-                f"vehicle.parameters.{name} must be from {low:g} to {high:g}, not {value:g}"
-            )
-    controller_for(scenario)
+PX4_MOMENT_RATIO = 0.05
+"""Size of CA_ROTORn_KM of each rotor: PX4's default."""
 
 
-def parameters_of(scenario: Scenario) -> dict[str, float]:
-    """Returns the parameters of control: those that suit the vehicle, and what ``vehicle.parameters`` says instead."""
-    kind = scenario.stream.autopilot
-    parameters_for = _px4 if kind == "px4" else _ardupilot
-    own = parameters_for(scenario.vehicle, FlightController(scenario).gains)
-    if "RATE_RLL_P" in scenario.vehicle.parameters:  # as gains were called before ArduCopter 3.4
-        own = {name: value for name, value in own.items() if not name.startswith("ATC_")}
-    return (
-        own | {LOOP_RATE_PARAMETERS[kind]: round(1 / scenario.cycle)} | scenario.vehicle.parameters
-    )
+def control_parameters(scenario: Scenario) -> dict[str, float]:
+    """Returns the parameters of rate and attitude control that the scenario's autopilot flies, by name.
+
+    They are those that give the gains of the simulation's own controller, and in their place whatever the scenario's
+    ``vehicle.parameters`` sets.
+    """
+    autopilot = scenario.stream.autopilot
+    gains = FlightController(scenario).gains
+    if autopilot == "px4":
+        parameters = _px4_parameters(scenario.vehicle, gains)
+    else:
+        parameters = _ardupilot_parameters(scenario.vehicle, gains)
+    replaced = scenario.vehicle.parameters
+    # Before ArduCopter 3.4 gains had other names, without ATC_: no log has both.
+    if "RATE_RLL_P" in replaced:
+        parameters = {
+            name: value for name, value in parameters.items() if not name.startswith("ATC_")
+        }
+    loop_rate = {LOOP_RATE_PARAMETERS[autopilot]: round(1 / scenario.cycle)}
+    return parameters | loop_rate | replaced
 
 
-def controller_for(scenario: Scenario) -> FlightController:
-    """Returns the controller of a scenario: of its parameters, where it has any; raises NotLearnable: they are none."""
-    if scenario.vehicle.parameters:
-        return SetController(scenario)
-    return FlightController(scenario)
+def reciprocal_frequency(value: float) -> float:
+    """Converts the cut-off of a first-order filter, Hz, into its time constant, s, and the other way round.
 
-
-def gyro_for(controller: FlightController) -> Gyro:
-    """Returns the gyro of a ``controller``, stepped as the physics in its cycle; its own one has no filters."""
-    roll = controller.axes[0] if isinstance(controller, SetController) else None
-    return Gyro(roll, controller.cycle / steps_of(controller.cycle))
-
-
-class SetController(FlightController):
-    """Flies an autopilot's parameters; position and velocity control are the simulation's own."""
-
-    def __init__(self, scenario: Scenario) -> None:
-        parameters = parameters_of(scenario)
-        vehicle = scenario.vehicle
-        columns = frame(vehicle.layout, airframe(vehicle).arm)[2:]
-        is_px4 = scenario.stream.autopilot == "px4"
-        self.axes = axes = [
-            controller_from_parameters(parameters, axis, () if is_px4 else column)
-            for axis, column in zip(AXES, columns, strict=True)
-        ]
-        super().__init__(scenario)
-        self._within(tuple(axis.angle_gain for axis in axes))
-        self._columns = np.array([axis.mixer for axis in axes])
-        self._mix = mixers.px4 if is_px4 else mixers.ardupilot
-        self._expo = axes[0].thrust_expo
-        (self._begin, self._end) = axes[0].spin_range
-
-    def rest(self) -> None:
-        """Resets the integrators and filters, as on the ground."""
-        super().rest()
-        self._loops = [_RateLoop(axis) for axis in self.axes]
-
-    def demand(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
-        """Returns what the rate loop asks the mixer for about an axis, for a rate ``wanted``, rad/s; once a cycle."""
-        return self._loops[axis].demand(wanted, rate, flying)
-
-    def mixed(self, demands: Four) -> Four:
-        """Returns normalised commands: thrusts by the mixer, and the autopilot's curve and range for them."""
-        *turning, command = demands
-        thrusts = self._mix(self._columns, (*turning, self._thrust(command)))
-        f = self._expo
-        squared = (1 - f) ** 2 + 4 * f * thrusts.clip(1e-9)
-        root = 1 - f + np.sqrt(squared)
-        span = self._end - self._begin
-        commands = self._begin + 2 * span * thrusts / root
-        return tuple(commands.tolist())
-
-    def _thrust(self, command: float) -> float:
-        within_range = (command - self._begin) / (self._end - self._begin)
-        share = min(max(within_range, 0.0), 1.0)
-        return (1 - self._expo) * share + self._expo * share * share
-
-
-def _time(cutoff: float) -> float:
-    """Of a first-order filter, s, by its cut-off, Hz, and likewise back; 0 where there is none."""
-    if cutoff:
-        return 1 / (2 * pi * cutoff)
+    Both are 1/(2π x). A value of 0 stands for a filter that is switched off, and gives 0.
+    """
+    if value:
+        return 1 / (2 * pi * value)
     return 0.0
 
 
-class _RateLoop:
-    """One axis's rate controller as ``AC_PID`` of ArduPilot and ``RateControl`` of PX4 have it, without limits."""
+class HoverThrust(NamedTuple):
+    """Thrust curve of a vehicle and its slope in hover."""
 
-    def __init__(self, of: AxisController) -> None:
-        self.of = of
-        filters = (of.target_filter, of.error_filter, of.derivative_filter, of.output_filter)
-        self._shares = [of.loop_period / (of.loop_period + _time(cutoff)) for cutoff in filters]
-        self._target = self._error = self._slope = self._output = self._trim = self._rate = 0.0
-
-    def demand(self, wanted: float, rate: float, flying: bool) -> float:
-        """The demand of one cycle for a rate ``wanted``, rad/s; nothing is integrated unless ``flying``."""
-        of = self.of
-        (target, error, slope, output) = self._shares
-        before = self._error
-        late = self._trim
-        self._target += target * (wanted - self._target)
-        self._error += error * (self._target - rate - self._error)
-        step = self._rate - rate
-        if of.derivative_of_error:
-            step = self._error - before
-        change = step / of.loop_period - self._slope
-        self._slope = self._slope + slope * change
-        self._rate = rate
-        if flying:
-            self._trim += of.loop_period * self._error
-        # PX4 integrates the error after it has been used.
-        trim = self._trim if of.derivative_of_error else late
-        of_error = of.p * self._error
-        of_trim = of.i * trim
-        of_slope = of.d * self._slope
-        of_target = of.ff * self._target
-        asked = of_error + of_trim + of_slope + of_target
-        self._output += output * (asked - self._output)
-        return self._output
+    expo: float
+    """Quadratic fraction of the thrust curve: MOT_THST_EXPO or THR_MDL_FAC."""
+    command_per_thrust: float
+    """Change of a motor's normalised command per change of its normalised thrust, in hover."""
 
 
-def _slope_in_hover(vehicle: VehicleSpec, low: float) -> Pair:
-    """The thrust's quadratic share, and output per thrust where a range from ``low`` to 1 undoes it."""
-    share = vehicle.quadratic_thrust or 0.0
+def _hover_thrust(vehicle: VehicleSpec, range_start: float) -> HoverThrust:
+    """Returns the thrust curve of a vehicle whose mixer puts out thrusts from 0 to 1.
+
+    The thrust at a fraction s of the motors' range is (1 − f) s + f s²; its slope is 1 − f + 2 f s.
+
+    Args:
+        vehicle: Vehicle of a scenario.
+        range_start: Normalised command at which the motors' range begins; it ends at 1.
+    """
+    expo = vehicle.quadratic_thrust or 0.0
     body = airframe(vehicle)
-    command = body.command_for(body.hover_speed) / body.full
-    hover = (command - low) / (1.0 - low)
-    slope = 1.0 - share + 2 * share * hover
-    return share, (1.0 - low) / slope
+    command = body.command_for(body.hover_speed) / body.full_command
+    range_fraction = (command - range_start) / (1.0 - range_start)
+    thrust_slope = 1.0 - expo + 2 * expo * range_fraction
+    return HoverThrust(expo, (1.0 - range_start) / thrust_slope)
 
 
-def _px4(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[str, float]:
-    """Gains of a normalised torque.
+def _px4_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[str, float]:
+    """Returns PX4's parameters of rate and attitude control, and the geometry of its rotors.
 
-    A torque of 1 adds the column of the mixer's pseudo-inverse to the motors, normalised as in PX4's
-    ControlAllocationPseudoInverse.cpp: roll and pitch both by the larger of their norms, yaw by its largest.
+    PX4's rate controllers put out normalised torques. A torque of 1 adds a column of the mixer to the motors: a column
+    of the effectiveness matrix's pseudo-inverse, normalised as in ControlAllocationPseudoInverse.cpp: roll and pitch
+    both by the larger of their norms, yaw by its largest element.
+
+    Args:
+        vehicle: Vehicle of a scenario.
+        gains: Gains of roll, pitch and yaw by demands to the simulation's own mixer.
     """
-    rotors = frame(vehicle.layout, airframe(vehicle).arm)
-    (share, slope) = _slope_in_hover(vehicle, 0.0)
-    arms = (rotors.right, rotors.forward)
-    norms = [sqrt(fsum(part * part for part in arm)) for arm in arms]
-    scale = max(
-        sqrt(2 / sum(part != 0 for part in arm)) / norm
-        for arm, norm in zip(arms, norms, strict=True)
-    )
-    units = [slope * max(arm) / norm**2 / scale for arm, norm in zip(arms, norms, strict=True)]
-    units.append(slope)
+    frame = rotor_frame(vehicle.layout, airframe(vehicle).arm)
+    expo, command_per_thrust = _hover_thrust(vehicle, 0.0)
     lag = gains[0].derivative_lag
-    values = {"THR_MDL_FAC": share, "IMU_GYRO_CUTOFF": 0.0, "IMU_DGYRO_CUTOFF": _time(lag)}
-    for name, triple, unit in zip(("ROLL", "PITCH", "YAW"), gains, units, strict=True):
-        values |= {
-            f"MC_{name}RATE_{letter}": gain / unit
-            for letter, gain in zip("PID", triple, strict=False)
+    parameters = {
+        "THR_MDL_FAC": expo,
+        "IMU_GYRO_CUTOFF": 0.0,
+        "IMU_DGYRO_CUTOFF": reciprocal_frequency(lag),
+    }
+    # Demand to the simulation's own mixer that has the effect of a normalised torque of 1.
+    demands_per_torque = [
+        command_per_thrust * factor for factor in _tilt_mixer_factors(frame.right, frame.forward)
+    ]
+    demands_per_torque.append(command_per_thrust)
+    names = ("ROLL", "PITCH", "YAW")
+    for name, axis_gains, demand_per_torque in zip(names, gains, demands_per_torque, strict=True):
+        parameters |= {
+            f"MC_{name}RATE_P": axis_gains.p / demand_per_torque,
+            f"MC_{name}RATE_I": axis_gains.i / demand_per_torque,
+            f"MC_{name}RATE_D": axis_gains.d / demand_per_torque,
+            f"MC_{name}RATE_K": 1.0,
+            f"MC_{name}RATE_FF": 0.0,
+            f"MC_{name}_P": axis_gains.angle,
         }
-        values |= {f"MC_{name}RATE_K": 1.0, f"MC_{name}RATE_FF": 0.0, f"MC_{name}_P": triple.angle}
-    for n, spin in enumerate(SPINS):
-        values |= {
-            f"CA_ROTOR{n}_PX": rotors.forward[n],
-            f"CA_ROTOR{n}_PY": rotors.right[n],
-            f"CA_ROTOR{n}_PZ": 0.0,
-            f"CA_ROTOR{n}_CT": 6.5,
-            f"CA_ROTOR{n}_KM": 0.05 * spin,  # positive counter-clockwise
+    for rotor, spin_direction in enumerate(SPIN_DIRECTIONS):
+        parameters |= {
+            f"CA_ROTOR{rotor}_PX": frame.forward[rotor],
+            f"CA_ROTOR{rotor}_PY": frame.right[rotor],
+            f"CA_ROTOR{rotor}_PZ": 0.0,
+            f"CA_ROTOR{rotor}_CT": PX4_THRUST_COEFFICIENT,
+            # Its sign is positive for a rotor that turns counter-clockwise.
+            f"CA_ROTOR{rotor}_KM": PX4_MOMENT_RATIO * spin_direction,
         }
-    return values | {"MC_YAW_TQ_CUTOFF": 0.0, "CA_AIRFRAME": 0, "CA_ROTOR_COUNT": len(SPINS)}
+    rotor_count = len(SPIN_DIRECTIONS)
+    return parameters | {"MC_YAW_TQ_CUTOFF": 0.0, "CA_AIRFRAME": 0, "CA_ROTOR_COUNT": rotor_count}
 
 
-def _ardupilot(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[str, float]:
-    """Gains of shares of the motors' range, of which the mixer gives a half to each motor.
+def _tilt_mixer_factors(right: Vector4, forward: Vector4) -> list[float]:
+    """Returns the largest element of PX4's normalised mixer columns of roll and of pitch.
 
-    ArduPilot's derivative is of the error. The filter of the target makes up for it: (1 + LEAD τs)/(1 + τs) behind
-    1/(1 + LEAD τs) leaves 1/(1 + τs) of the setpoint.
+    The column of an axis is its lever arms over their squared norm. PX4 scales both axes alike, so that the larger
+    column has a norm of √(n/2), n being the number of motors that it moves.
+
+    Args:
+        right: Positions of the rotors to the right, m: the lever arms of roll.
+        forward: Positions of the rotors forward, m: the lever arms of pitch.
     """
-    share, slope = _slope_in_hover(vehicle, IDLE_COMMAND)
-    values = {
-        "MOT_THST_EXPO": share,
+    lever_arms = (right, forward)
+    norms = [sqrt(fsum(arm * arm for arm in arms)) for arms in lever_arms]
+    scales = []
+    for arms, norm in zip(lever_arms, norms, strict=True):
+        moved_motors = len([arm for arm in arms if arm != 0])
+        scales.append(sqrt(2 / moved_motors) / norm)
+    scale = max(scales)
+    return [max(arms) / norm**2 / scale for arms, norm in zip(lever_arms, norms, strict=True)]
+
+
+def _ardupilot_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[str, float]:
+    """Returns ArduPilot's parameters of rate and attitude control.
+
+    ArduPilot's rate controllers put out fractions of the motors' range, of which its mixer gives a half to each motor.
+    Its derivative is of the error, while that of the simulation's controller is of the measured rate. The filter of
+    the target makes up for it: (1 + LEAD τs)/(1 + τs) behind 1/(1 + LEAD τs) leaves 1/(1 + τs) of the setpoint.
+
+    Args:
+        vehicle: Vehicle of a scenario.
+        gains: Gains of roll, pitch and yaw by demands to the simulation's own mixer.
+    """
+    expo, command_per_thrust = _hover_thrust(vehicle, IDLE_COMMAND)
+    parameters = {
+        "MOT_THST_EXPO": expo,
         "MOT_SPIN_ARM": IDLE_COMMAND,
         "MOT_SPIN_MIN": IDLE_COMMAND,
         "MOT_SPIN_MAX": 1.0,
     }
-    for name, triple in zip(("RLL", "PIT", "YAW"), gains, strict=True):
-        values |= {
-            f"ATC_RAT_{name}_{letter}": 2 * gain / slope
-            for letter, gain in zip("PID", triple, strict=False)
+    for name, axis_gains in zip(("RLL", "PIT", "YAW"), gains, strict=True):
+        cutoff = reciprocal_frequency(axis_gains.derivative_lag)
+        parameters |= {
+            f"ATC_RAT_{name}_P": 2 * axis_gains.p / command_per_thrust,
+            f"ATC_RAT_{name}_I": 2 * axis_gains.i / command_per_thrust,
+            f"ATC_RAT_{name}_D": 2 * axis_gains.d / command_per_thrust,
+            f"ATC_RAT_{name}_FLTT": cutoff / LEAD,
+            f"ATC_RAT_{name}_FLTE": 0.0,
+            f"ATC_RAT_{name}_FLTD": cutoff,
+            f"ATC_RAT_{name}_FF": 0.0,
+            f"ATC_RAT_{name}_IMAX": 1.0,
+            f"ATC_RAT_{name}_SMAX": 0.0,
+            f"ATC_ANG_{name}_P": axis_gains.angle,
         }
-        cutoff = _time(triple.derivative_lag)
-        filters = {
-            "FLTT": cutoff / LEAD,
-            "FLTE": 0.0,
-            "FLTD": cutoff,
-            "FF": 0.0,
-            "IMAX": 1.0,
-            "SMAX": 0.0,
-        }
-        values |= {f"ATC_RAT_{name}_{key}": value for key, value in filters.items()}
-        values[f"ATC_ANG_{name}_P"] = triple.angle
-    return values | {"INS_GYRO_FILTER": 0, "FRAME_CLASS": 1}
+    return parameters | {"INS_GYRO_FILTER": 0, "FRAME_CLASS": 1}

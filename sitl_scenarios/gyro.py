@@ -1,7 +1,7 @@
-"""Gyro: what an autopilot's filters leave of the body rates, stepped as fast as the physics.
+"""Gyro: body rates with vibration, and the low-pass and notch filters of an autopilot, stepped with the physics.
 
-Low-pass and notch are those of ``LowPassFilter2p`` and ``NotchFilter`` of ArduPilot and PX4: analog filters on the
-warped frequencies of the bilinear transform, tan(π f / rate).
+The filters are ``LowPassFilter2p`` and ``NotchFilter`` of ArduPilot and PX4: analog filters of second order, on the
+warped frequencies of the bilinear transform, tan(π f / sampling rate).
 """
 
 from math import pi, tan
@@ -11,66 +11,114 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import bilinear, butter, sosfreqz
 
+from mavdem.loops.autopilot_parameters import Notch
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import MAX_NOTCH_FREQUENCY_RATIO
 from mavdem.loops.margins import Complex
-from sitl_scenarios.dynamics import AirState, Body, Four, State, Three
+from sitl_scenarios.dynamics import AirState, Body, State
 from sitl_scenarios.motion import Array
-from sitl_scenarios.sensors import RotorNoise
+from sitl_scenarios.sensors import GyroVibration
+from sitl_scenarios.vectors import Vector3, Vector4
 
-NO_ROTATION = (0.0, 0.0, 0.0)  # rad/s
+NO_ROTATION = (0.0, 0.0, 0.0)
+"""Body rates of a vehicle that does not rotate, rad/s."""
+
+IDENTITY_SECTION = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]
+"""Second-order section (b0, b1, b2, a0, a1, a2) that passes everything."""
 
 
 class Gyro:
-    """The gyro of a vehicle with a ``controller``, or without filters; ``rates``: rad/s, behind the filters."""
+    """Gyro of a vehicle in flight.
 
-    def __init__(self, controller: Controller | None, step: float) -> None:
-        self.rates: Three = NO_ROTATION
-        self.felt: Three = NO_ROTATION  # before the filters
-        sections: list[ArrayLike] = [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]]  # passes all
-        if controller and 0 < controller.gyro_filter * step < MAX_NOTCH_FREQUENCY_RATIO:
-            sections += butter(2, controller.gyro_filter, fs=1 / step, output="sos").tolist()
-        for notch in controller.notches if controller else ():
-            if notch.frequency * step < MAX_NOTCH_FREQUENCY_RATIO:
-                k = tan(pi * notch.frequency * step)
-                damping = k * notch.bandwidth / notch.frequency
-                kept = damping * 10 ** (-notch.attenuation / 20)
-                above = [1, kept, k * k]
-                below = [1, damping, k * k]
-                section = bilinear(above, below, 0.5)
-                sections.append(np.hstack(section))
+    ``raw_rates`` are the body rates with vibration, before the filters, and ``filtered_rates`` those behind them, both
+    in rad/s.
+    """
+
+    def __init__(self, filters: Controller | None, step: float) -> None:
+        """Designs the filters.
+
+        Args:
+            filters: Controller whose gyro filters are used; None: the gyro has no filters.
+            step: Sampling period, s: the step of the physics. Filters whose frequency is too high for it are left out.
+        """
+        self.raw_rates: Vector3 = NO_ROTATION
+        self.filtered_rates: Vector3 = NO_ROTATION
+        sections: list[ArrayLike] = [IDENTITY_SECTION]
+        if filters is not None:
+            if 0 < filters.gyro_filter * step < MAX_NOTCH_FREQUENCY_RATIO:
+                sections += butter(2, filters.gyro_filter, fs=1 / step, output="sos").tolist()
+            for notch in filters.notches:
+                if notch.frequency * step < MAX_NOTCH_FREQUENCY_RATIO:
+                    sections.append(_notch_section(notch, step))
         self._sections = np.array(sections)
         self._filters = self._sections[1:].tolist()
-        self._pasts = [[[0.0, 0.0] for _ in self._filters] for _ in NO_ROTATION]
+        # Two states of each filter for each of the three axes (direct form II transposed).
+        self._filter_states = [[[0.0, 0.0] for _ in self._filters] for _ in NO_ROTATION]
         self._step = step
 
     def response(self, frequency: Array) -> Complex:
-        """Returns (F,) rates behind the filters by the true ones, at ``frequency`` (F,), Hz."""
-        responses = sosfreqz(self._sections, frequency, fs=1 / self._step)
-        return responses[1]
+        """Returns the frequency response of the filters, (F,), at frequencies (F,) in Hz."""
+        _, responses = sosfreqz(self._sections, frequency, fs=1 / self._step)
+        return responses
 
-    def fly(
+    def advance(
         self,
         body: Body,
         state: State,
-        targets: Four,
+        settled_speeds: Vector4,
         air: AirState,
         steps: int,
-        noise: RotorNoise | None = None,
+        vibration: GyroVibration | None = None,
     ) -> State:
-        """Returns the state after some steps of the ``body`` (``Body.moved``), whose rates it senses with ``noise``."""
+        """Moves the body by some steps of the physics, and senses its rates in each.
+
+        Args:
+            body: Body that moves, with the same step as the gyro.
+            state: State at the beginning.
+            settled_speeds: Speeds that the rotors tend to, rad/s.
+            air: The air during the steps.
+            steps: Number of steps.
+            vibration: Vibration that is added to the rates; None: there is none.
+
+        Returns:
+            The state at the end.
+        """
         for _ in range(steps):
-            state = body.moved(state, targets, air)
-            shaken = noise.at(state.rotors) if noise else NO_ROTATION
-            self.felt = self.rates = tuple(map(add, state.rates, shaken))
+            state = body.next_state(state, settled_speeds, air)
+            vibration_rates = vibration.sample(state.rotors) if vibration else NO_ROTATION
+            self.raw_rates = tuple(map(add, state.rates, vibration_rates))
+            self.filtered_rates = self.raw_rates
             if self._filters:
-                self.rates = tuple(map(self._filtered, self._pasts, self.felt))
+                self.filtered_rates = tuple(
+                    map(self._filtered, self._filter_states, self.raw_rates)
+                )
         return state
 
-    def _filtered(self, pasts: list[list[float]], rate: float) -> float:
-        # A call of scipy's takes longer than a cycle of the physics.
-        for (b0, b1, b2, _, a1, a2), past in zip(self._filters, pasts, strict=True):
-            after = b0 * rate + past[0]
-            past[:] = b1 * rate - a1 * after + past[1], b2 * rate - a2 * after
-            rate = after
+    def _filtered(self, states: list[list[float]], rate: float) -> float:
+        """Runs the filters of one axis for one sample, and updates their ``states``; returns the filtered rate.
+
+        It is the direct form II transposed of the second-order sections, written out, because a call of SciPy's filter
+        takes longer than a step of the physics.
+        """
+        for (b0, b1, b2, _, a1, a2), state in zip(self._filters, states, strict=True):
+            output = b0 * rate + state[0]
+            state[0] = b1 * rate - a1 * output + state[1]
+            state[1] = b2 * rate - a2 * output
+            rate = output
         return rate
+
+
+def _notch_section(notch: Notch, step: float) -> ArrayLike:
+    """Returns the second-order section (6,) of a notch filter, sampled every ``step`` s.
+
+    With the warped frequency k = tan(π f step), its analog prototype is (1 + d g s + k² s²) / (1 + d s + k² s²): the
+    damping d is that of the bandwidth, and g the gain at the centre of the notch.
+    """
+    k = tan(pi * notch.frequency * step)
+    damping = k * notch.bandwidth / notch.frequency
+    damping_at_centre = damping * 10 ** (-notch.attenuation / 20)
+    numerator = [1, damping_at_centre, k * k]
+    denominator = [1, damping, k * k]
+    # A sampling frequency of 1/2 makes the bilinear transform s = (z − 1)/(z + 1).
+    section = bilinear(numerator, denominator, 0.5)
+    return np.hstack(section)

@@ -1,70 +1,107 @@
-"""Mixers: what ArduPilot and PX4 leave of their controllers' demands where motors are at their limits.
+"""Mixers of ArduPilot and PX4: thrusts of the motors for a controller's demands, and what gives way at their limits.
 
-Neither climbs to turn. Thrusts (4,) are shares of a motor's most: 0 where it begins, 1 where it ends; ``columns``
-(3, 4) are what demands of roll, pitch and yaw add to them.
+Neither mixer climbs in order to turn. Thrusts (4,) are fractions of a motor's largest: 0 at the start of its range, 1
+at the end. ``columns`` (3, 4) are what demands of roll, pitch and yaw add to the four thrusts.
 """
 
 import numpy as np
 
-from sitl_scenarios.dynamics import Four
 from sitl_scenarios.motion import Array
+from sitl_scenarios.vectors import Vector4
 
-YAW_HEADROOM = 0.2  # of thrust, that yaw has at least: ArduPilot's MOT_YAW_HEADROOM, 200 by default
-YAW_MARGIN = 0.15  # of thrust beyond the most, that yaw may ask for: PX4's MINIMUM_YAW_MARGIN
+YAW_HEADROOM = 0.2
+"""Thrust that yaw may use whatever roll and pitch need: ArduPilot's MOT_YAW_HEADROOM, by default 200 of 1000."""
+
+YAW_MARGIN = 0.15
+"""Thrust above 1 that yaw may ask for before the collective thrust gives way: PX4's MINIMUM_YAW_MARGIN."""
+
+MAX_CENTRED_THRUST = 0.5
+"""Collective thrust above which ArduPilot's mixer counts the room for yaw as at half thrust."""
 
 
-def ardupilot(columns: Array, demands: Four) -> Array:
-    """Returns thrusts for ``demands`` of roll, pitch, yaw and thrust.
+def ardupilot_thrusts(columns: Array, demands: Vector4) -> Array:
+    """Mixes demands like ArduPilot's ``AP_MotorsMatrix::output_armed_stabilizing``.
 
-    They are by ``AP_MotorsMatrix::output_armed_stabilizing``. Yaw gives way first, then all three alike, until the
-    lowest motor stands still at the thrust asked for.
+    Where the motors' range is too small, yaw gives way first, down to ``YAW_HEADROOM``. Then roll, pitch and yaw are
+    scaled down alike, until the motor with the lowest thrust stands still at the collective thrust.
+
+    Args:
+        columns: Effect of roll, pitch and yaw on the motors, (3, 4).
+        demands: Roll, pitch, yaw and collective thrust.
+
+    Returns:
+        Thrust of each motor, (4,), 0 to 1.
     """
-    *tilt, yaw, thrust = demands
-    tilting = tilt @ columns[:2]
-    best = min(0.5, thrust)
-    upwards = 1 - best - tilting
-    downwards = best + tilting
-    rooms = np.where(yaw * columns[2] > 0, upwards, downwards)
-    room = (rooms / abs(columns[2])).min()
-    allowed = max(room, YAW_HEADROOM)
-    limited_yaw = min(max(yaw, -allowed), allowed)
-    turning = tilting + limited_yaw * columns[2]
-    below = -turning.min()
-    within_range = 1 / max(np.ptp(turning), 1.0)
-    above_zero = thrust / max(below, thrust, 1e-9)
-    scale = min(within_range, above_zero)
-    turning *= scale
-    highest = 1 - turning.max()
-    lifted = min(max(thrust, below * scale), highest)
-    return lifted + turning
+    roll, pitch, yaw, thrust = demands
+    tilt_thrusts = (roll, pitch) @ columns[:2]
+    centred_thrust = min(MAX_CENTRED_THRUST, thrust)
+    room_upwards = 1 - centred_thrust - tilt_thrusts
+    room_downwards = centred_thrust + tilt_thrusts
+    rooms = np.where(yaw * columns[2] > 0, room_upwards, room_downwards)
+    yaw_room = (rooms / abs(columns[2])).min()
+    max_yaw = max(yaw_room, YAW_HEADROOM)
+    limited_yaw = min(max(yaw, -max_yaw), max_yaw)
+    differential = tilt_thrusts + limited_yaw * columns[2]
+    lowest = -differential.min()
+    range_scale = 1 / max(np.ptp(differential), 1.0)
+    # The denominator is never zero.
+    zero_scale = thrust / max(lowest, thrust, 1e-9)
+    scale = min(range_scale, zero_scale)
+    differential *= scale
+    max_collective = 1 - differential.max()
+    collective = min(max(thrust, lowest * scale), max_collective)
+    return collective + differential
 
 
-def px4(columns: Array, demands: Four) -> Array:
-    """Returns thrusts likewise, by ``ControlAllocationSequentialDesaturation`` with MC_AIRMODE 0.
+def px4_thrusts(columns: Array, demands: Vector4) -> Array:
+    """Mixes demands like PX4's ``ControlAllocationSequentialDesaturation`` with MC_AIRMODE 0.
 
-    The order is roll, pitch, then yaw.
+    Where the motors' range is too small, the collective thrust is lowered first, then roll, pitch and yaw are reduced
+    in this order.
+
+    Args:
+        columns: Effect of roll, pitch and yaw on the motors, (3, 4).
+        demands: Roll, pitch, yaw and collective thrust.
+
+    Returns:
+        Thrust of each motor, (4,), 0 to 1.
     """
-    *tilt, yaw, thrust = demands
-    thrusts = _within(thrust + tilt @ columns[:2], -1.0, is_thrust=True)
-    for column in columns[:2]:
-        thrusts = _within(thrusts, column)
-    yawing = thrusts + yaw * columns[2]
-    thrusts = _within(yawing, columns[2], 1 + YAW_MARGIN)
-    return _within(thrusts, -1.0, is_thrust=True).clip(0.0, 1.0)
+    roll, pitch, yaw, thrust = demands
+    roll_column, pitch_column, yaw_column = columns
+    thrusts = _lowered(thrust + (roll, pitch) @ columns[:2])
+    thrusts = _desaturated(thrusts, roll_column)
+    thrusts = _desaturated(thrusts, pitch_column)
+    thrusts = _desaturated(thrusts + yaw * yaw_column, yaw_column, 1 + YAW_MARGIN)
+    return _lowered(thrusts).clip(0.0, 1.0)
 
 
-def _within(
-    thrusts: Array, column: Array | float, highest: float = 1.0, is_thrust: bool = False
+def _lowered(thrusts: Array) -> Array:
+    """Returns thrusts moved down together to leave the limits, (4,); they are never moved up."""
+    return _desaturated(thrusts, -1.0, only_positive=True)
+
+
+def _desaturated(
+    thrusts: Array, column: Array | float, highest: float = 1.0, only_positive: bool = False
 ) -> Array:
-    """Thrusts moved along a ``column`` to leave the limits (``desaturateActuators``); of thrust not upwards."""
-    # Most are within them: of floats, as numpy's calls on arrays of four take ten times as long.
+    """Moves thrusts along a column of the mixer to leave their limits, like PX4's ``desaturateActuators``.
+
+    It takes the step that resolves the largest violations on both sides, and then half of what is left.
+
+    Args:
+        thrusts: Thrust of each motor, (4,).
+        column: Direction, (4,), or the same for all motors.
+        highest: Upper limit of the thrusts; the lower one is 0.
+        only_positive: Whether only steps in the direction of ``column`` are taken, and none against it.
+    """
+    # Most thrusts are within the limits. The check uses floats: NumPy's calls on arrays of four take ten times as long.
     if all(0.0 <= thrust <= highest for thrust in thrusts.tolist()):
         return thrusts
-    for share in (1.0, 0.5):
+    for step_fraction in (1.0, 0.5):
         excess = thrusts.clip(0.0, highest) - thrusts
+        # Gain of the column that each motor needs; a motor that the column does not move needs none.
         needed = excess / np.where(column, column, np.inf)
         gain = needed.min(initial=0.0) + needed.max(initial=0.0)
-        if is_thrust and gain < 0:
+        if only_positive and gain < 0:
             break
-        thrusts = thrusts + share * gain * column
+        thrusts = thrusts + step_fraction * gain * column
     return thrusts

@@ -1,4 +1,7 @@
-"""Flight plan: setpoints over time, from arming to disarming."""
+"""Flight plan: setpoints of position, attitude and yaw rate over time, from arming to disarming.
+
+A flight is: spin up, climb, hover with the scenario's excitation, descend, and wait for disarming.
+"""
 
 from math import cos, fsum, hypot, pi, radians, sin, sqrt
 from typing import NamedTuple
@@ -6,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.fft import ifft
 
-from sitl_scenarios.dynamics import Three
 from sitl_scenarios.motion import Array, Pair
 from sitl_scenarios.scenario import (
     AXES,
@@ -20,226 +22,387 @@ from sitl_scenarios.scenario import (
     Steps,
     Sticks,
 )
+from sitl_scenarios.vectors import Vector3
 from sitl_scenarios.wind import gaussian_noise
 
-BOOT_SECONDS = 2.0  # Seconds from the autopilot's boot until it arms itself
-SPIN_UP_SECONDS = 1.0  # Seconds from arming to take-off
-SETTLE_SECONDS = 2.0  # Seconds of hover before the excitation begins, and after it ends
-# Seconds simulated after disarming; and from touch-down, as it is planned, to disarming
+ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
+"""Values of MAV_LANDED_STATE."""
+
+BOOT_SECONDS = 2.0
+"""Time from the autopilot's boot until it arms itself, s; a choice."""
+
+SPIN_UP_SECONDS = 1.0
+"""Time from arming to take-off, s; a choice."""
+
+SETTLE_SECONDS = 2.0
+"""Time of hover before the excitation begins and after it ends, s; a choice."""
+
 AFTER_SECONDS = 1.0
+"""Time from the planned touch-down to disarming, and time simulated after disarming, s; a choice."""
+
+MIN_EXCITATION_SECONDS = 1.0
+"""Shortest excitation of a flight, s; a choice."""
+
+MIN_CLIMB_SECONDS = 3.0
+"""Shortest climb, s; a choice."""
+
+MIN_DESCENT_SECONDS = 4.0
+"""Shortest descent, s; a choice."""
+
+MAX_MEAN_CLIMB_SPEED = 1.5
+"""Largest mean speed of climb and descent, m/s: high flights take longer than the shortest times."""
+
+TOUCH_DOWN_DEPTH = 0.2
+"""Depth below the ground that the descent aims at, m, so that the vehicle does touch it."""
+
 FULL_STICK = (radians(35), radians(35), radians(150))
-"""Roll and pitch, rad, and yaw rate, rad/s, that a stick asks for at its end: PX4's defaults of MPC_MAN_TILT_MAX and
-MPC_MAN_Y_MAX."""
-BRAKING = 2.5  # m/s² at the beginning and the end of a move
-_FASTEST = 1.5  # m/s: the mean of a climb or a descent that takes longer than the usual time
+"""Demands of roll and pitch, rad, and yaw rate, rad/s, at a stick's end.
+
+They are PX4's defaults of MPC_MAN_TILT_MAX and MPC_MAN_Y_MAX.
+"""
+
+MOVE_ACCELERATION = 2.5
+"""Acceleration at the beginning of a move and deceleration at its end, m/s²; a choice."""
 
 
 class Reference(NamedTuple):
-    """At one instant of the flight."""
+    """Setpoints at one instant of the flight."""
 
-    landed_state: int  # MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing
-    height: float  # m; climb: its rate, m/s
+    landed_state: int
+    """MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing."""
+    height: float
+    """Height above the ground, m."""
+    climb_rate: float
+    """Rate of change of the height, m/s."""
+    north: float = 0.0
+    """Position north of the take-off, m."""
+    east: float = 0.0
+    """Position east of the take-off, m."""
+    velocity: Pair = (0.0, 0.0)
+    """Velocity of that position, north and east, m/s."""
+    attitude_demand: Vector3 = (0.0, 0.0, 0.0)
+    """Excitation: roll and pitch, rad, added to those that position control sets, and yaw rate, rad/s."""
+    by_stick: bool = False
+    """Whether the excitation comes from a pilot's sticks."""
+
+
+class FlightTimes(NamedTuple):
+    """Durations and times of a flight, s."""
+
     climb: float
-    aside: float  # of the place to hover at, east of the first, m
-    # to add to the roll and pitch that the position asks for, rad; yaw rate, rad/s
-    demand: Three = (0.0, 0.0, 0.0)
-    by_stick: bool = False  # whether a pilot's sticks ask for it
-    north: float = 0.0  # of the place to hover at, m
-    velocity: Pair = (0.0, 0.0)  # of that place, north and east, m/s
-
-
-class Times(NamedTuple):
-    """Of a flight, s: how long climb and descent take, and when, after arming, hover and descent begin."""
-
-    climb: float
+    """Duration of the climb."""
     descent: float
+    """Duration of the descent."""
     hover: float
+    """Time after arming at which the hover begins."""
     landing: float
+    """Time after arming at which the descent begins."""
 
 
-def times(scenario: Scenario) -> Times:
-    """Returns when a scenario does what. Raises ValueError: the duration leaves no time to hover."""
-    climb = max(3.0, scenario.height / _FASTEST)
-    descent = max(4.0, scenario.height / _FASTEST)
+def flight_times(scenario: Scenario) -> FlightTimes:
+    """Returns when a scenario's flight climbs, hovers and descends.
+
+    Raises:
+        ValueError: The duration leaves no time for the excitation.
+    """
+    climb = max(MIN_CLIMB_SECONDS, scenario.height / MAX_MEAN_CLIMB_SPEED)
+    descent = max(MIN_DESCENT_SECONDS, scenario.height / MAX_MEAN_CLIMB_SPEED)
     moves = scenario.excitation.moves if isinstance(scenario.excitation, Course) else ()
-    lasts = fsum(sum(move_seconds(move)[1:]) for move in moves)
-    excited = max(lasts, 1.0)
-    shortest = SPIN_UP_SECONDS + climb + excited + 2 * SETTLE_SECONDS + descent + AFTER_SECONDS
+    timings = [move_timing(move) for move in moves]
+    course = fsum(timing.moving + timing.hover for timing in timings)
+    excitation = max(course, MIN_EXCITATION_SECONDS)
+    shortest = SPIN_UP_SECONDS + climb + excitation + 2 * SETTLE_SECONDS + descent + AFTER_SECONDS
     if scenario.duration < shortest:
-        least = (
-            f"at least {shortest:g} s for a height of {scenario.height:g} m"
-            + " and the course" * bool(moves)
+        purpose = f"a height of {scenario.height:g} m"
+        if moves:
+            purpose += " and the course"
+        raise ValueError(
+            f"duration must be at least {shortest:g} s for {purpose}, not {scenario.duration:g}"
         )
-        raise ValueError(f"duration must be {least}, not {scenario.duration:g}")
-    return Times(
-        climb, descent, SPIN_UP_SECONDS + climb, scenario.duration - AFTER_SECONDS - descent
+    return FlightTimes(
+        climb=climb,
+        descent=descent,
+        hover=SPIN_UP_SECONDS + climb,
+        landing=scenario.duration - AFTER_SECONDS - descent,
     )
 
 
-def seconds(scenario: Scenario) -> float:
-    """Returns the seconds from boot to the end of the last flight, with those on the ground before and after each."""
+def total_seconds(scenario: Scenario) -> float:
+    """Returns the time from boot to the end of the last flight, s, with that on the ground before and after each."""
     return scenario.flights * (BOOT_SECONDS + scenario.duration + AFTER_SECONDS)
 
 
+class CourseRow(NamedTuple):
+    """Setpoints of a course in one cycle."""
+
+    north: float
+    """Position north of where the course begins, m."""
+    east: float
+    """Position east of where the course begins, m."""
+    up: float
+    """Height above that of the hover, m."""
+    north_speed: float
+    """Speed to the north, m/s."""
+    east_speed: float
+    """Speed to the east, m/s."""
+    climb_rate: float
+    """Speed upwards, m/s."""
+    yaw_rate: float
+    """Rate of the heading, rad/s."""
+
+
 class FlightPlan:
-    """Spin up, climb for 3 s or longer, hover and be excited, descend, wait; raises ValueError: no time to hover."""
+    """Setpoints of a scenario's flight as a function of the time since arming."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self._times = times(scenario)
+        """Plans the flight; raises ValueError if its duration leaves no time for the excitation."""
+        self._times = flight_times(scenario)
         self._height = scenario.height
         self._excitation = scenario.excitation
-        self._cycle = cycle = scenario.cycle
-        table = np.zeros((1, 3))
+        self._cycle = scenario.cycle
+        # Excitations that are no simple function of time are computed for every cycle beforehand.
+        demands = np.zeros((1, 3))
         if isinstance(scenario.excitation, Multisine):
-            table = _multisine(scenario.excitation, cycle)
+            demands = _multisine_demands(scenario.excitation, self._cycle)
         elif isinstance(scenario.excitation, Sticks):
-            samples = round((self._times.landing - self._times.hover) / cycle)
-            table = _sticks(scenario, scenario.excitation, samples)
+            hover_cycles = round((self._times.landing - self._times.hover) / self._cycle)
+            demands = _stick_demands(scenario, scenario.excitation, hover_cycles)
         elif isinstance(scenario.excitation, Course):
-            once = _course(scenario.excitation, cycle)
-            excited = self._times.landing - self._times.hover - 2 * SETTLE_SECONDS
-            repeats = int(excited / (len(once) * cycle) + 1e-9)
-            self._course = np.tile(once, (repeats, 1)).tolist()
-        self._table: list[Three] = list(map(tuple, table.tolist()))
+            lap = [CourseRow(*row) for row in _course_rows(scenario.excitation, self._cycle)]
+            excitation_seconds = self._times.landing - self._times.hover - 2 * SETTLE_SECONDS
+            laps = int(excitation_seconds / (len(lap) * self._cycle) + 1e-9)
+            self._course = lap * laps
+        self._demands: list[Vector3] = [tuple(row) for row in demands.tolist()]
 
-    def at(self, time: float) -> Reference:
-        """Returns the reference ``time`` seconds after arming."""
+    def reference_at(self, time: float) -> Reference:
+        """Returns the setpoints ``time`` seconds after arming."""
         climb, descent, hover, landing = self._times
         if time < SPIN_UP_SECONDS:
-            return Reference(1, 0.0, 0.0, 0.0)
+            return Reference(ON_GROUND, 0.0, 0.0)
         if time < hover:
-            done, rate = _smooth((time - SPIN_UP_SECONDS) / climb)
-            return Reference(3, self._height * done, self._height * rate / climb, 0.0)
+            fraction, rate = _smooth_transition((time - SPIN_UP_SECONDS) / climb)
+            return Reference(TAKING_OFF, self._height * fraction, self._height * rate / climb)
         if time < landing:
-            reference = Reference(2, self._height, 0.0, 0.0)
+            reference = Reference(IN_AIR, self._height, 0.0)
             if hover + SETTLE_SECONDS <= time < landing - SETTLE_SECONDS:
                 return self._excited(reference, time - hover - SETTLE_SECONDS)
             return reference
-        done, rate = _smooth(min((time - landing) / descent, 1.0))
-        way = self._height + 0.2  # aims below the ground, so as to touch it
-        return Reference(4, self._height - way * done, -way * rate / descent, 0.0)
+        fraction, rate = _smooth_transition(min((time - landing) / descent, 1.0))
+        depth = self._height + TOUCH_DOWN_DEPTH
+        return Reference(LANDING, self._height - depth * fraction, -depth * rate / descent)
 
     def _excited(self, hover: Reference, time: float) -> Reference:
-        """The reference of the ``hover``, ``time`` seconds after the excitation began."""
+        """Returns the setpoints of the ``hover`` with the excitation, ``time`` seconds after the excitation began."""
         match self._excitation:
-            case Doublets(axis=axis, amplitude=amplitude, width=width, period=period):
-                phase = time % period
-                sign = 1.0 if phase < width else -1.0 if phase < 2 * width else 0.0
-                turn = AXES[int(time // period) % len(AXES)] if axis == "all" else axis
-                angle = radians(amplitude) * sign
-                return hover._replace(demand=_about(turn, angle))
-            case Chirp(
-                axis=axis, amplitude=amplitude, lowest=lowest, highest=highest, period=period
-            ):
-                since = time % period
-                sweep = (highest - lowest) * since / period / 2
-                turns = (lowest + sweep) * since
-                angle = radians(amplitude) * sin(2 * pi * turns)
-                return hover._replace(demand=_about(axis, angle))
+            case Doublets():
+                return hover._replace(attitude_demand=_doublet_demand(self._excitation, time))
+            case Chirp():
+                return hover._replace(attitude_demand=_chirp_demand(self._excitation, time))
             case Multisine() | Sticks():
-                row = round(time / self._cycle) % len(self._table)
-                demand = self._table[row]
-                by_stick = isinstance(self._excitation, Sticks)
-                return hover._replace(demand=demand, by_stick=by_stick)
+                row = round(time / self._cycle) % len(self._demands)
+                return hover._replace(
+                    attitude_demand=self._demands[row],
+                    by_stick=isinstance(self._excitation, Sticks),
+                )
             case Steps(distance=distance, period=period):
-                return hover._replace(aside=0.0 if time // period % 2 else distance)
+                is_back = time // period % 2 == 1
+                return hover._replace(east=0.0 if is_back else distance)
             case Course():
                 row = min(round(time / self._cycle), len(self._course) - 1)
-                north, east, up, ahead, aside, climb, turn = self._course[row]
-                height = self._height + up
-                demand = (0.0, 0.0, turn)
-                return Reference(2, height, climb, east, demand, False, north, (ahead, aside))
+                course = self._course[row]
+                return Reference(
+                    IN_AIR,
+                    height=self._height + course.up,
+                    climb_rate=course.climb_rate,
+                    north=course.north,
+                    east=course.east,
+                    velocity=(course.north_speed, course.east_speed),
+                    attitude_demand=(0.0, 0.0, course.yaw_rate),
+                )
             case None:
                 return hover
 
 
-def move_seconds(move: Move) -> tuple[float, float, float]:
-    """Returns its greatest speed, m/s, and how long its leg or turn, and the hover after it, take, s."""
+class MoveTiming(NamedTuple):
+    """Speed and durations of one move of a course."""
+
+    max_speed: float
+    """Largest speed along the leg, m/s."""
+    leg: float
+    """Duration of the leg, s; 0 for a move that only turns."""
+    moving: float
+    """Duration of the leg and the turn, which begin together, s."""
+    hover: float
+    """Duration of the hover after them, s."""
+
+
+def move_timing(move: Move) -> MoveTiming:
+    """Returns speed and durations of a move with a trapezoidal (on short legs triangular) profile of the speed."""
     length = hypot(move.north, move.east, move.up)
-    fastest = min(move.speed, sqrt(BRAKING * length))
-    leg = length / fastest + fastest / BRAKING if length else 0.0
+    max_speed = min(move.speed, sqrt(MOVE_ACCELERATION * length))
+    leg = length / max_speed + max_speed / MOVE_ACCELERATION if length else 0.0
     turn = abs(move.turn) / move.rate
-    return fastest, max(leg, turn), move.hover
+    return MoveTiming(max_speed, leg, max(leg, turn), move.hover)
 
 
-def _course(course: Course, cycle: float) -> Array:
-    """(N, 7) of each cycle: place north, east and up, m, its velocity likewise, m/s, and yaw rate, rad/s."""
-    begin = np.zeros(3)
-    rows = []
+def _course_rows(course: Course, cycle: float) -> list[list[float]]:
+    """Returns the setpoints of one lap of a course, for each ``cycle`` (s) the values of a ``CourseRow``."""
+    start = np.zeros(3)
+    moves = []
     for move in course.moves:
-        way = np.array([move.north, move.east, move.up])
-        fastest, lasts, hover = move_seconds(move)
-        cycles = round((lasts + hover) / cycle)
-        time = cycle * np.arange(cycles)
-        length = hypot(*way)
-        ramp = fastest / BRAKING
-        leg = length / fastest + ramp if length else 0.0
-        # Faster, evenly, and slower again.
-        first = np.minimum(time, ramp)
-        last = np.clip(time - leg + ramp, 0.0, ramp)
-        steadily = np.clip(time - ramp, 0.0, leg - ramp)
-        done = BRAKING / 2 * (first**2 - last**2) + fastest * steadily
-        is_turning = time < abs(move.turn) / move.rate
-        side = 1 if move.turn > 0 else -1
-        turning = radians(move.rate) * is_turning * side
-        along = way / (length or 1.0)
-        places = begin + np.outer(done, along)
-        velocities = np.outer(BRAKING * (first - last), along)
-        rows.append(np.column_stack([places, velocities, turning]))
-        begin = begin + way
-    return np.concatenate(rows)
+        displacement = np.array([move.north, move.east, move.up])
+        moves.append(_move_rows(move, start, cycle))
+        start = start + displacement
+    return np.concatenate(moves).tolist()
 
 
-def _about(axis: str, value: float) -> Three:
+def _move_rows(move: Move, start: Array, cycle: float) -> Array:
+    """Returns the setpoints of one move and the hover after it.
+
+    Args:
+        move: The move.
+        start: Position at its beginning, north, east and up, m; (3,).
+        cycle: Period of the rows, s.
+
+    Returns:
+        (n, 7) values of ``CourseRow`` for each cycle.
+    """
+    displacement = np.array([move.north, move.east, move.up])
+    timing = move_timing(move)
+    cycles = round((timing.moving + timing.hover) / cycle)
+    time = cycle * np.arange(cycles)
+    length = hypot(*displacement)
+    # The speed rises evenly during the ramp, stays, and falls evenly during a ramp before the leg's end.
+    ramp = timing.max_speed / MOVE_ACCELERATION
+    accelerating = np.minimum(time, ramp)
+    decelerating = np.clip(time - timing.leg + ramp, 0.0, ramp)
+    after_ramp = np.clip(time - ramp, 0.0, timing.leg - ramp)
+    distance = (
+        MOVE_ACCELERATION / 2 * (accelerating**2 - decelerating**2) + timing.max_speed * after_ramp
+    )
+    speed = MOVE_ACCELERATION * (accelerating - decelerating)
+    direction = displacement / (length or 1.0)
+    positions = start + np.outer(distance, direction)
+    velocities = np.outer(speed, direction)
+    is_turning = time < abs(move.turn) / move.rate
+    turn_sign = 1 if move.turn > 0 else -1
+    yaw_rates = radians(move.rate) * is_turning * turn_sign
+    return np.column_stack([positions, velocities, yaw_rates])
+
+
+def _doublet_demand(doublets: Doublets, time: float) -> Vector3:
+    """Returns the demands of a series of doublets, rad and rad/s, ``time`` seconds after its beginning."""
+    phase = time % doublets.period
+    sign = 0.0
+    if phase < doublets.width:
+        sign = 1.0
+    elif phase < 2 * doublets.width:
+        sign = -1.0
+    axis = doublets.axis
+    if axis == "all":
+        # The axes take turns from period to period.
+        axis = AXES[int(time // doublets.period) % len(AXES)]
+    return _demand_about(axis, radians(doublets.amplitude) * sign)
+
+
+def _chirp_demand(chirp: Chirp, time: float) -> Vector3:
+    """Returns the demands of a linear chirp, rad and rad/s, ``time`` seconds after its beginning."""
+    phase_time = time % chirp.period
+    # The mean frequency since the chirp began is half-way to the current one.
+    frequency_rise = (chirp.highest - chirp.lowest) * phase_time / chirp.period / 2
+    cycles = (chirp.lowest + frequency_rise) * phase_time
+    angle = radians(chirp.amplitude) * sin(2 * pi * cycles)
+    return _demand_about(chirp.axis, angle)
+
+
+def _demand_about(axis: str, value: float) -> Vector3:
+    """Returns demands of roll, pitch and yaw rate that are a ``value`` about one axis, and 0 about the others."""
     return tuple(value if axis == name else 0.0 for name in AXES)
 
 
-def _sticks(scenario: Scenario, sticks: Sticks, samples: int) -> Array:
-    """(samples, 3) demands; a stick stops at its end."""
+def _stick_demands(scenario: Scenario, sticks: Sticks, samples: int) -> Array:
+    """Returns a pilot's demands of roll and pitch, rad, and yaw rate, rad/s: coloured noise that a stick's end limits.
+
+    Args:
+        scenario: Scenario with the random seed and the cycle.
+        sticks: Axes, standard deviation and kernel width of the demands.
+        samples: Number of cycles.
+
+    Returns:
+        (samples, 3) demands; those of an axis without excitation are zero.
+    """
     demands = np.zeros((samples, 3))
-    for number, (name, full) in enumerate(zip(AXES, FULL_STICK, strict=True)):
+    for number, (name, full_stick) in enumerate(zip(AXES, FULL_STICK, strict=True)):
         if sticks.axis in (name, "all"):
-            noise = scenario.random(STICKS, number)
-            moved = gaussian_noise(sticks.s, scenario.cycle, samples, noise)
-            angles = radians(sticks.sd) * moved
-            demands[:, number] = np.clip(angles, -full, full)
+            random = scenario.random(STICKS, number)
+            unit_noise = gaussian_noise(sticks.s, scenario.cycle, samples, random)
+            angles = radians(sticks.sd) * unit_noise
+            demands[:, number] = np.clip(angles, -full_stick, full_stick)
     return demands
 
 
-def _multisine(multisine: Multisine, cycle: float) -> Array:
-    """(N, 3) demands at each cycle of one period.
+def _multisine_demands(multisine: Multisine, cycle: float) -> Array:
+    """Returns one period of a multisine excitation of roll and pitch, rad, and yaw rate, rad/s.
 
     Sines of equal power at the harmonics of the period, with the phases that keep the peak low: −πk(k − 1)/N for the
     k-th of N (M. Schroeder, "Synthesis of low-peak-factor signals", IEEE Trans. Information Theory, 1970). On all axes
-    each has every third of them, so that the demands are orthogonal (E. Morelli, "Multiple input design for real-time
+    each has every third harmonic, so that the demands are orthogonal (E. Morelli, "Multiple input design for real-time
     parameter estimation in the frequency domain", IFAC Symposium on System Identification, 2003).
+
+    Args:
+        multisine: Axes, standard deviation, frequency range and period.
+        cycle: Sampling period, s.
+
+    Returns:
+        (N, 3) demands for each cycle of one period.
     """
-    first = max(1, round(multisine.lowest * multisine.period))
-    last = round(multisine.highest * multisine.period)
-    is_all = multisine.axis == "all"
-    # A line for each axis, at least.
-    most = max(last, first + 2 * is_all)
-    lines = range(first, most + 1)
+    lowest = max(1, round(multisine.lowest * multisine.period))
+    highest = round(multisine.highest * multisine.period)
+    all_axes = multisine.axis == "all"
+    if all_axes:
+        # Each of the three axes gets one harmonic at least.
+        highest = max(highest, lowest + 2)
+    highest = max(highest, lowest)
+    harmonics = range(lowest, highest + 1)
     samples = round(multisine.period / cycle)
     demands = np.zeros((samples, 3))
     for number, name in enumerate(AXES):
         if multisine.axis in (name, "all"):
-            harmonics = lines[number::3] if is_all else lines
-            count = len(harmonics)
-            spectrum = np.zeros(samples, dtype=np.complex128)
-            # −πk(k + 1)/N in whole numbers until the last: whole turns more would cost digits.
-            phases = [-pi * (k * (k + 1) % (2 * count)) / count for k in range(count)]
-            # Lines above half the sampling rate are folded, as samples of their sines would be.
-            folded = np.array(harmonics) % samples
-            lines_there = [complex(cos(phase), sin(phase)) for phase in phases]
-            np.add.at(spectrum, folded, lines_there)
-            amplitude = radians(multisine.sd) * sqrt(2 / count) * samples
-            demands[:, number] = amplitude * ifft(spectrum).real
+            axis_harmonics = harmonics[number :: len(AXES)] if all_axes else harmonics
+            unit_sum = _schroeder_multisine(axis_harmonics, samples)
+            amplitude = radians(multisine.sd) * sqrt(2 / len(axis_harmonics)) * samples
+            demands[:, number] = amplitude * unit_sum
     return demands
 
 
-def _smooth(share: float) -> Pair:
-    """How far a motion of least jerk is after a share of its time, and its rate (T. Flash and N. Hogan, 1985)."""
-    way = share**3 * (10 - 15 * share + 6 * share**2)
-    slope = 30 * share**2 * (1 - share) ** 2
-    return way, slope
+def _schroeder_multisine(harmonics: range, samples: int) -> Array:
+    """Returns one period of a sum of cosines of amplitude 1/samples with Schroeder's phases, (samples,).
+
+    Args:
+        harmonics: Frequencies, in cycles per period.
+        samples: Number of samples of the period.
+    """
+    count = len(harmonics)
+    # Phases −πk(k + 1)/N, counted from k = 0. The product is reduced to one turn in integers, without rounding.
+    phases = [-pi * (k * (k + 1) % (2 * count)) / count for k in range(count)]
+    lines = [complex(cos(phase), sin(phase)) for phase in phases]
+    spectrum = np.zeros(samples, dtype=np.complex128)
+    # Harmonics above half the sampling rate are aliased, as samples of their sines would be.
+    aliased_harmonics = np.array(harmonics) % samples
+    np.add.at(spectrum, aliased_harmonics, lines)
+    return ifft(spectrum).real
+
+
+def _smooth_transition(time_fraction: float) -> Pair:
+    """Returns the travelled fraction of a minimum-jerk movement, and its rate (T. Flash and N. Hogan, 1985).
+
+    Args:
+        time_fraction: Time since the movement's beginning by its duration, 0 to 1.
+
+    Returns:
+        Travelled fraction, 0 to 1, and its derivative by ``time_fraction``.
+    """
+    s = time_fraction
+    travelled = s**3 * (10 - 15 * s + 6 * s**2)
+    rate = 30 * s**2 * (1 - s) ** 2
+    return travelled, rate

@@ -1,251 +1,304 @@
-"""Simulation: flies a scenario, cycle by cycle of its autopilot."""
+"""Simulation: flies a scenario, cycle by cycle of its autopilot, and records every quantity of the flight."""
 
-from math import cos, fsum, hypot, sqrt
+from collections import deque
+from math import fsum, hypot, sqrt
 from typing import Any
 
 import numpy as np
 
 from sitl_scenarios.controller import ControlOutput
-from sitl_scenarios.dynamics import (
-    DISARMED_PULSE,
-    IDLE_COMMAND,
-    AirState,
-    Body,
-    Change,
-    Four,
-    State,
-    damages,
-    euler,
-    pulse,
-    steps_of,
-)
-from sitl_scenarios.gains import controller_for, gyro_for
+from sitl_scenarios.damage import damage_history
+from sitl_scenarios.dynamics import NO_ACCELERATION, AirState, Body, State, physics_steps
 from sitl_scenarios.gyro import NO_ROTATION
-from sitl_scenarios.motion import Array, Motion, Progress, joined
-from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, FlightPlan, seconds
+from sitl_scenarios.motion import Motion, Progress, joined
+from sitl_scenarios.parameter_controller import controller_for, gyro_for
+from sitl_scenarios.plan import (
+    AFTER_SECONDS,
+    BOOT_SECONDS,
+    LANDING,
+    ON_GROUND,
+    TAKING_OFF,
+    FlightPlan,
+    Reference,
+    total_seconds,
+)
+from sitl_scenarios.rotors import DISARMED_PULSE, IDLE_COMMAND, pulse_width
 from sitl_scenarios.scenario import Scenario
-from sitl_scenarios.sensors import RotorNoise, Sensing
+from sitl_scenarios.sensors import GyroVibration, StateEstimator
+from sitl_scenarios.vectors import Vector3, Vector4
 from sitl_scenarios.vehicles import GRAVITY, airframe
 from sitl_scenarios.wind import Weather
 
-# rad/s: no vehicle turns faster, and a simulation of one that did would mean nothing
 MAX_BODY_RATE = 200.0
+"""Body rate above which a vehicle is out of control, rad/s: no vehicle turns faster."""
+
+STOPPED_ROTORS = (0.0, 0.0, 0.0, 0.0)
+"""Speeds of rotors that stand still, rad/s."""
+
+Row = dict[str, Any]
+"""Values of the fields of ``Motion`` in one cycle, by name."""
+
+
+def tumbles(state: State) -> bool:
+    """Returns whether a vehicle is out of control: rates above ``MAX_BODY_RATE``, or not a number."""
+    # The comparison is negated, because nothing compares with a number that is none.
+    return not hypot(*state.rates) < MAX_BODY_RATE
 
 
 class Simulation:
-    """A scenario in flight: two seconds on the ground, arming, the flight, disarming, a second more; the next flight.
+    """A simulation of a scenario's flights that is advanced by cycles of the autopilot.
 
-    Every number follows from the scenario: flown again, all are the same, bit by bit. ``scenario``: what is flown.
-    ``cycle``: of the autopilot, s; a row of ``Motion`` each. ``armed``: whether the motors may turn.
+    A flight is: two seconds on the ground, arming, the flight, disarming, one second more. The next flight follows.
+    Every number follows from the scenario: flown again, all are the same, bit by bit. ``scenario`` is what is flown,
+    ``cycle`` the period of the autopilot's loop and of the rows of ``Motion``, s, and ``armed`` says whether the motors
+    may turn.
     """
 
     def __init__(self, scenario: Scenario) -> None:
+        """Prepares the first flight, with the whole weather; raises ValueError if its duration is too short."""
         self.scenario = scenario
         self.cycle = scenario.cycle
-        self._steps = steps_of(self.cycle)
+        self._steps = physics_steps(self.cycle)
         self._body = Body(scenario.vehicle, self.cycle / self._steps)
         self._airframe = airframe(scenario.vehicle)
         self._plan = FlightPlan(scenario)
         self._controller = controller_for(scenario)
         self._gyro = gyro_for(self._controller)
-        self._sensing = Sensing(scenario)
-        self._boot = round(BOOT_SECONDS / self.cycle)
-        self._flight = round(scenario.duration / self.cycle)
-        self._end = self._flight + round(AFTER_SECONDS / self.cycle)
-        since_arming = self.cycle * np.arange(-self._boot, self._end, dtype=np.float64)
-        self._weather = Weather(scenario, self.cycle, since_arming)
+        self._vibration = GyroVibration(scenario, self.cycle / self._steps)
+        self._estimator = StateEstimator(scenario)
+        # Durations in cycles: from boot to arming, from arming to the planned disarming, and to the flight's end.
+        self._boot_cycles = round(BOOT_SECONDS / self.cycle)
+        self._flight_cycles = round(scenario.duration / self.cycle)
+        self._end_cycles = self._flight_cycles + round(AFTER_SECONDS / self.cycle)
+        cycles = np.arange(-self._boot_cycles, self._end_cycles, dtype=np.float64)
+        self._weather = Weather(scenario, self.cycle, self.cycle * cycles)
         self._state = State()
-        self._now = 0
-        self._arming: int = self._boot
-        self._more = scenario.flights - 1
-        # Of the first arming, whatever the number of flights.
-        self._damage = [
-            (self._boot + round(begin / self.cycle), left) for begin, left in damages(scenario)
-        ]
-        self._shaking = RotorNoise(scenario, self.cycle / self._steps)
+        # Numbers of the current cycle and of that in which the current flight is armed.
+        self._current_cycle = 0
+        self._arming_cycle: int = self._boot_cycles
+        self._remaining_flights = scenario.flights - 1
+        # Damage begins at its time after the first arming, whatever the number of flights.
+        self._coming_damage = deque(
+            (self._boot_cycles + round(time / self.cycle), condition)
+            for time, condition in damage_history(scenario)
+        )
         self.armed = False
-        self._commanded = False
-        self._grounded = True
-        self._down = False
+        # Whether arming was commanded, so that the autopilot no longer arms itself.
+        self._is_commanded = False
+        self._on_ground = True
+        # Whether the vehicle touched down at the end of this flight, or fell.
+        self._has_landed = False
 
     @property
     def finished(self) -> bool:
-        """Whether the last flight is over and the second after it too."""
-        return not self._more and self._now >= self._arming + self._end
+        """Whether the last flight and the second after it are over."""
+        return (
+            not self._remaining_flights
+            and self._current_cycle >= self._arming_cycle + self._end_cycles
+        )
 
     def set_armed(self, armed: bool, force: bool = False) -> bool:
-        """Arms or disarms, as by command; from then on the autopilot does not arm itself.
+        """Arms or disarms the vehicle by command; from then on the autopilot does not arm itself.
 
-        Arming begins a flight of the scenario's duration, also after one. Returns whether it is as asked for: arming in
-        the air is refused, and so is disarming there, unless ``force`` makes it fall.
+        Arming begins a flight of the scenario's duration, even after another one. Arming in the air is refused, and so
+        is disarming there, unless it is forced, which makes the vehicle fall.
+
+        Args:
+            armed: Whether the vehicle shall be armed.
+            force: Whether to disarm in the air, too.
+
+        Returns:
+            Whether the vehicle is armed or disarmed as commanded.
         """
         if armed == self.armed:
             return True
-        if not self._grounded and (armed or not force):
+        if not self._on_ground and (armed or not force):
             return False
-        self._commanded = True
-        self._more = 0
+        self._is_commanded = True
+        self._remaining_flights = 0
         self.armed = armed
         if armed:
-            self._arming = self._now
-            self._down = False
-            self._controller.rest()
+            self._begin_flight(self._current_cycle)
         return True
 
     def advance(self, cycles: int) -> Motion:
-        """Returns the next ``cycles`` rows, fewer at the end, unless ``finished``; raises ValueError: it tumbles."""
-        rows = (self._row() for _ in range(cycles) if not self.finished)
-        return Motion(*map(np.array, zip(*rows, strict=True)))
+        """Simulates some cycles, fewer at the end of the last flight; call it only while not ``finished``.
 
-    def _row(self) -> tuple[Any, ...]:
-        """What is at the beginning of a cycle, and how it is flown through."""
-        while self._damage and self._now >= self._damage[0][0]:
-            self._body.damage(self._damage.pop(0)[1])
-        if self._more and not self.armed and self._now >= self._arming + self._end:
-            self._arming = self._now + self._boot
-            self._more -= 1
-            self._down = False
-            self._controller.rest()
-        flown = self._now - self._arming
-        if not self.armed and not self._commanded and flown == 0:
+        Returns:
+            One row for each cycle.
+
+        Raises:
+            ValueError: The vehicle tumbles.
+        """
+        rows = []
+        for _ in range(cycles):
+            if self.finished:
+                break
+            rows.append(self._fly_cycle())
+        return Motion(**{name: np.array([row[name] for row in rows]) for name in rows[0]})
+
+    def _begin_flight(self, arming_cycle: int) -> None:
+        """Begins another flight, which is armed in the cycle of this number."""
+        self._arming_cycle = arming_cycle
+        self._has_landed = False
+        self._controller.reset()
+
+    def _update_arming(self) -> None:
+        """Begins the next flight, arms and disarms when the current cycle is due."""
+        flight_cycle = self._current_cycle - self._arming_cycle
+        if self._remaining_flights and not self.armed and flight_cycle >= self._end_cycles:
+            self._remaining_flights -= 1
+            self._begin_flight(self._current_cycle + self._boot_cycles)
+            flight_cycle = -self._boot_cycles
+        if not self.armed and not self._is_commanded and flight_cycle == 0:
             self.armed = True
-        if self.armed and flown >= self._flight and self._grounded:
+        if self.armed and flight_cycle >= self._flight_cycles and self._on_ground:
             self.armed = False
-        # Every flight begins with all of the battery.
+
+    def _fly_cycle(self) -> Row:
+        """Simulates one cycle; returns the quantities at its beginning, by the names of ``Motion``'s fields."""
+        while self._coming_damage and self._current_cycle >= self._coming_damage[0][0]:
+            _, condition = self._coming_damage.popleft()
+            self._body.apply_damage(condition)
+        self._update_arming()
         state = self._state
-        air = self._weather.at(flown + self._boot, state.position)
-        share = min(max(flown / self._flight, 0.0), 1.0)
-        battery = 1.0 - self.scenario.vehicle.battery_sag * share
-        estimate = self._sensing.estimate(state._replace(rates=self._gyro.rates))
-        reference = self._plan.at(flown * self.cycle)
-        landed = reference.landed_state
-        takes_off = self.armed and landed == 3
-        if self._grounded and not takes_off:
-            landed = 1
-        if not self.armed:
-            still = DISARMED_PULSE[self.scenario.stream.autopilot]
-            control = ControlOutput((still,) * 4, (0.0,) * 4)
-        elif reference.landed_state == 1 or self._down:
-            idle = pulse(IDLE_COMMAND)
-            control = ControlOutput((idle,) * 4, (*NO_ROTATION, IDLE_COMMAND))
-        else:
-            control = self._controller.control(estimate, reference, not self._grounded)
-        acting: Change = (0.0,) * 12
-        if not self._grounded:
-            acting = self._body.dynamics(
+        flight_cycle = self._current_cycle - self._arming_cycle
+        air = self._weather.air_at(flight_cycle + self._boot_cycles, state.position)
+        # Every flight begins with a full battery.
+        flown_fraction = min(max(flight_cycle / self._flight_cycles, 0.0), 1.0)
+        battery = 1.0 - self.scenario.vehicle.battery_sag * flown_fraction
+        estimate = self._estimator.estimate(state._replace(rates=self._gyro.filtered_rates))
+        reference = self._plan.reference_at(flight_cycle * self.cycle)
+        control = self._control_output(estimate, reference)
+        accelerations = NO_ACCELERATION
+        if not self._on_ground:
+            accelerations = self._body.dynamics(
                 state.attitude, state.velocity, state.rates, state.rotors, air
             )
-        sticks = reference.demand if reference.by_stick and self.armed else NO_ROTATION
-        row = (
-            self._now * self.cycle,
-            *state[:4],
-            *(estimate.attitude, estimate.rates, self._gyro.felt),
-            *(estimate.position, estimate.velocity),
-            *control,
-            sticks,
-            state.rotors,
-            battery,
-            air[:3],
-            *(acting[6:9], acting[9:]),
-            self.armed,
-            np.uint8(landed),
-        )
-        self._move(control.outputs, battery, air, reference.landed_state)
-        self._now += 1
+        sticks: Vector3 = NO_ROTATION
+        if reference.by_stick and self.armed:
+            sticks = reference.attitude_demand
+        row = {
+            "time": self._current_cycle * self.cycle,
+            "position": state.position,
+            "velocity": state.velocity,
+            "attitude": state.attitude,
+            "rates": state.rates,
+            "known_attitude": estimate.attitude,
+            "known_rates": estimate.rates,
+            "gyro": self._gyro.raw_rates,
+            "known_position": estimate.position,
+            "known_velocity": estimate.velocity,
+            "outputs": control.outputs,
+            "demands": control.demands,
+            "attitude_setpoint": control.attitude,
+            "rates_setpoint": control.rates,
+            "sticks": sticks,
+            "rotor_speeds": state.rotors,
+            "battery": battery,
+            "wind": (air.north, air.east, air.down),
+            "force": accelerations.disturbance_force,
+            "moment": accelerations.disturbance_moment,
+            "armed": self.armed,
+            "landed_state": np.uint8(self._landed_state(reference)),
+        }
+        self._move(control.outputs, battery, air, reference)
+        self._current_cycle += 1
         return row
 
-    def _move(self, outputs: Four, battery: float, air: AirState, phase: int) -> None:
-        """Through a cycle, off the ground and onto it."""
-        state = self._state
-        targets = self._body.targets(outputs, battery) if self.armed else (0.0, 0.0, 0.0, 0.0)
-        if self._grounded:
-            rotors = state.rotors
-            for _ in range(self._steps):
-                _, rotors = self._body.lagged(rotors, targets)
-            self._state = state._replace(rotors=rotors)
-            shares = zip(rotors, self._body.condition.thrust, strict=True)
-            lift = fsum(left * self._airframe.thrust_at(speed) for speed, left in shares)
-            self._grounded = lift <= self._airframe.mass * GRAVITY
+    def _landed_state(self, reference: Reference) -> int:
+        """Returns the MAV_LANDED_STATE: that of the plan, but on the ground unless the vehicle is about to take off."""
+        is_taking_off = self.armed and reference.landed_state == TAKING_OFF
+        if self._on_ground and not is_taking_off:
+            return ON_GROUND
+        return reference.landed_state
+
+    def _control_output(self, estimate: State, reference: Reference) -> ControlOutput:
+        """Returns the autopilot's output in this cycle: stopped motors, idling motors, or the controller's output."""
+        if not self.armed:
+            stopped = DISARMED_PULSE[self.scenario.stream.autopilot]
+            return ControlOutput((stopped,) * 4, (0.0,) * 4)
+        if reference.landed_state == ON_GROUND or self._has_landed:
+            idle = pulse_width(IDLE_COMMAND)
+            return ControlOutput((idle,) * 4, (*NO_ROTATION, IDLE_COMMAND))
+        return self._controller.control(estimate, reference, not self._on_ground)
+
+    def _move(self, outputs: Vector4, battery: float, air: AirState, reference: Reference) -> None:
+        """Moves the vehicle through one cycle, off the ground and onto it.
+
+        Args:
+            outputs: PWM pulse of each motor, µs.
+            battery: Remaining fraction of the voltage of a full battery.
+            air: The air during the cycle.
+            reference: Setpoints of the flight plan.
+        """
+        settled_speeds: Vector4 = STOPPED_ROTORS
+        if self.armed:
+            settled_speeds = self._body.settled_speeds(outputs, battery)
+        if self._on_ground:
+            self._spin_on_ground(settled_speeds)
             return
-        state = self._gyro.fly(self._body, state, targets, air, self._steps, self._shaking)
-        # Not a number is not less either.
-        if not hypot(*state.rates) < MAX_BODY_RATE:
+        state = self._gyro.advance(
+            self._body, self._state, settled_speeds, air, self._steps, self._vibration
+        )
+        if tumbles(state):
             raise ValueError(
-                f"the vehicle is out of control {self._now * self.cycle:.1f} s after boot, turning at "
-                f"more than {MAX_BODY_RATE:g} rad/s: it needs less wind, or smaller moments"
+                f"the vehicle is out of control {self._current_cycle * self.cycle:.1f} s after boot, "
+                f"turning at more than {MAX_BODY_RATE:g} rad/s: it needs less wind, or smaller moments"
             )
-        north, east, down = state.position
-        if down >= 0.0 and state.velocity[2] > 0.0:
-            # It stands where it came down, level, with the heading it had.
-            w, _, _, z = state.attitude
-            size = sqrt(w * w + z * z) or 1.0
-            state = State(
-                (north, east, 0.0), attitude=(w / size, 0.0, 0.0, z / size), rotors=state.rotors
-            )
-            self._grounded = True
-            self._down = phase == 4 or not self.armed
-            self._controller.rest()
+        _, _, down = state.position
+        _, _, sink_speed = state.velocity
+        if down >= 0.0 and sink_speed > 0.0:
+            state = _at_rest_on_ground(state)
+            self._on_ground = True
+            self._has_landed = reference.landed_state == LANDING or not self.armed
+            self._controller.reset()
             self._gyro = gyro_for(self._controller)
         self._state = state
 
+    def _spin_on_ground(self, settled_speeds: Vector4) -> None:
+        """Turns the rotors for one cycle on the ground; the vehicle lifts off when their thrust exceeds its weight."""
+        rotors = self._state.rotors
+        for _ in range(self._steps):
+            rotors = self._body.lagged_speeds(rotors, settled_speeds).full_step
+        self._state = self._state._replace(rotors=rotors)
+        thrust_fractions = self._body.condition.thrust
+        lift = fsum(
+            fraction * self._airframe.thrust_at(speed)
+            for speed, fraction in zip(rotors, thrust_fractions, strict=True)
+        )
+        self._on_ground = lift <= self._airframe.mass * GRAVITY
+
+
+def _at_rest_on_ground(state: State) -> State:
+    """Returns the state of a vehicle that touched down: at rest where it is, level, with the same heading."""
+    north, east, _ = state.position
+    w, _, _, z = state.attitude
+    length = sqrt(w * w + z * z) or 1.0
+    heading_only = (w / length, 0.0, 0.0, z / length)
+    return State((north, east, 0.0), attitude=heading_only, rotors=state.rotors)
+
 
 def fly(scenario: Scenario, progress: Progress | None = None) -> Motion:
-    """Flies a whole flight; ``progress`` gets the share flown, once a second of it. Raises ValueError: it tumbles."""
+    """Simulates all flights of a scenario.
+
+    Args:
+        scenario: What to fly.
+        progress: Called once per simulated second with the fraction that is done, 0 to 1.
+
+    Returns:
+        One row for each cycle of the autopilot.
+
+    Raises:
+        ValueError: The vehicle tumbles.
+    """
     simulation = Simulation(scenario)
-    whole = seconds(scenario)
+    duration = total_seconds(scenario)
+    cycles_per_second = round(1 / simulation.cycle)
     pieces = []
     while not simulation.finished:
-        second = round(1 / simulation.cycle)
-        pieces.append(simulation.advance(second))
+        pieces.append(simulation.advance(cycles_per_second))
         if progress:
-            share = min(pieces[-1].time[-1] / whole, 1.0)
-            progress(1.0 if simulation.finished else share)
+            fraction = min(pieces[-1].time[-1] / duration, 1.0)
+            progress(1.0 if simulation.finished else fraction)
     return joined(pieces)
-
-
-# 1/s and 1/s²: thrust by vertical speed and height, slower than what is flown
-CLIMB = 1.5
-HEIGHT = 0.6
-
-
-def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> Array:
-    """Returns (T, 3, 2) angles, rad, and rates, rad/s, of roll, pitch and yaw, as the autopilot knows them.
-
-    Every ``dt`` s; of the ``scenario`` vehicle, sensors, autopilot and seed count. ``setpoints`` (T, 3, 2) are of the
-    angles, and of the rates beside what the angles' errors ask for; the heading is not held. ``torque`` (T, 3) is the
-    wind's per moment of inertia, rad/s². A mean wind would move the vehicle, not turn it. Raises ValueError: the
-    vehicle tumbles.
-    """
-    cycle = scenario.cycle
-    body = airframe(scenario.vehicle)
-    steps = steps_of(cycle)
-    flown = Body(scenario.vehicle, cycle / steps)
-    controller = controller_for(scenario)
-    gyro = gyro_for(controller)
-    sensing = Sensing(scenario)
-    cycles = round(len(torque) * dt / cycle)
-    grid = np.arange(cycles) * cycle / dt
-    wind_moments = torque * body.inertia
-    given = np.column_stack([setpoints[..., 0], setpoints[..., 1], wind_moments])
-    samples = np.arange(len(torque))
-    columns = np.column_stack([np.interp(grid, samples, column) for column in given.T])
-    state = State(rotors=(body.hover_speed,) * 4)
-    states = []
-    for wanted_roll, wanted_pitch, _, p, q, r, *moments in columns.tolist():
-        estimate = sensing.estimate(state._replace(rates=gyro.rates))
-        roll, pitch, yaw = angles = euler(estimate.attitude)
-        states.append((angles, estimate.rates))
-        held = GRAVITY + CLIMB * state.velocity[2] + HEIGHT * state.position[2]
-        lift = max(held, GRAVITY / 5)
-        upright = max(cos(roll) * cos(pitch), 0.5)
-        thrust = body.mass * lift / upright
-        wanted = (wanted_roll, wanted_pitch, yaw)
-        control = controller.steer(estimate, wanted, (p, q, r), thrust, True)
-        air = AirState(*(0.0,) * 5, *moments)
-        targets = flown.targets(control.outputs, 1.0)
-        state = gyro.fly(flown, state, targets, air, steps)
-        if not hypot(*state.rates) < MAX_BODY_RATE:
-            raise ValueError("the vehicle is out of control: it needs other gains")
-    last = len(states) - 1
-    rows = np.searchsorted(grid, samples - 1e-6).clip(max=last)
-    return np.array(states)[rows].mT

@@ -20,18 +20,12 @@ from scipy.spatial.transform import Rotation
 from mavdem.files import atomic_write
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.loops.margins import Complex, OpenLoop
-from sitl_scenarios.dynamics import (
-    MAX_PULSE,
-    MIN_PULSE,
-    UNDAMAGED,
-    AirState,
-    Damage,
-    damages,
-    dynamics,
-)
-from sitl_scenarios.gains import controller_for, gyro_for
+from sitl_scenarios.damage import UNDAMAGED, Damage, damage_history
+from sitl_scenarios.dynamics import AirState, vehicle_dynamics
 from sitl_scenarios.motion import Array, Arrays, Motion
+from sitl_scenarios.parameter_controller import controller_for, gyro_for
 from sitl_scenarios.plan import BOOT_SECONDS
+from sitl_scenarios.rotors import MAX_PULSE, MIN_PULSE
 from sitl_scenarios.scenario import AXES, Axis, Scenario, VehicleSpec
 from sitl_scenarios.vehicles import airframe
 
@@ -59,7 +53,7 @@ class Linear:
 def linearised(vehicle: VehicleSpec) -> Linear:
     """Linearises all ``STATES`` about hover, by motor commands in the vehicle's own unit; rotors follow at once."""
     body = airframe(vehicle)
-    change = dynamics(vehicle)
+    change = vehicle_dynamics(vehicle)
 
     def derivative(at: Array) -> Array:
         _, velocity, angles, rates, commands = np.split(at, [3, 6, 9, 12])
@@ -70,11 +64,11 @@ def linearised(vehicle: VehicleSpec) -> Linear:
             (w, x, y, z), tuple(velocity.tolist()), tuple(rates.tolist()), speeds, AirState()
         )
         # Of a level vehicle the angles change with the rates.
-        return np.array([*velocity, *acting[:3], *rates, *acting[3:6]])
+        return np.array([*velocity, *acting.linear, *rates, *acting.angular])
 
     command = body.command_for(body.hover_speed)
     hover = np.repeat([0.0, command], [12, 4])
-    steps = np.repeat([1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.full], [3, 3, 3, 3, 4])
+    steps = np.repeat([1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.full_command], [3, 3, 3, 3, 4])
     slopes = _slopes(derivative, hover, steps)
     return Linear(STATES, slopes[:, :12], slopes[:, 12:])
 
@@ -96,13 +90,13 @@ def axis(vehicle: VehicleSpec, axis: Axis = "roll") -> Linear:
     # The heading does nothing to a vehicle; roll and pitch, of gravity, do.
     states = ("yaw rate",) if axis == "yaw" else (axis, f"{axis} rate")
     eigenvalues = linear.of(states)
-    per_microsecond = airframe(vehicle).full / 1000
+    per_microsecond = airframe(vehicle).full_command / 1000
     return replace(eigenvalues, B=eigenvalues.B * per_microsecond)
 
 
 def _rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: Damage) -> Array:
     """(3, 4) angular acceleration, rad/s², by each rotor's speed, rad/s, flying steadily in ``air``, body axes."""
-    change = dynamics(vehicle, condition)
+    change = vehicle_dynamics(vehicle, condition)
     level = (1.0, 0.0, 0.0, 0.0)
     still = (0.0, 0.0, 0.0)
     about = AirState(*air.tolist())
@@ -110,7 +104,7 @@ def _rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: D
     def acceleration(speeds: Array) -> Array:
         o1, o2, o3, o4 = speeds.tolist()
         changes = change(level, still, still, (o1, o2, o3, o4), about)
-        return np.array(changes[3:6])
+        return np.array(changes.angular)
 
     return _slopes(acceleration, rotors, 1e-5 * rotors)
 
@@ -125,16 +119,18 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
     falling, s; ``roll_disturbance`` (N,), rad/s²; ``roll_effect`` (4,), rad/s² per µs; likewise ``pitch_…``, ``yaw_…``.
     """
     body = airframe(scenario.vehicle)
-    tau = sum(body.lag) / 2
+    tau = sum(body.rotor_lags) / 2
     arrays = {field.name: getattr(motion, field.name) for field in fields(motion)}
     arrays["scenario"] = np.array(scenario.model_dump_json())
-    arrays["trim"] = np.full(4, 1000 + 1000 * body.command_for(body.hover_speed) / body.full)
+    arrays["trim"] = np.full(
+        4, 1000 + 1000 * body.command_for(body.hover_speed) / body.full_command
+    )
     arrays |= _effects(scenario, motion)
-    begins = [begin for begin, _ in damages(scenario)]
+    begins = [begin for begin, _ in damage_history(scenario)]
     arrays["weak"] = motion.time >= BOOT_SECONDS + max(begins, default=np.inf)
     late = scenario.sensors.delay + scenario.cycle / 2
     arrays["delay"] = np.array(late)
-    arrays["lag"] = np.array([tau, *body.lag])
+    arrays["lag"] = np.array([tau, *body.rotor_lags])
     for number, name in enumerate(AXES):
         instant = axis(scenario.vehicle, name)
         arrays |= {f"{name}_A": instant.A, f"{name}_B": instant.B}
@@ -176,9 +172,11 @@ def loops(scenario: Scenario, number: int, effect: Array) -> Arrays:
     )
     body = airframe(scenario.vehicle)
     about = np.append(np.eye(3)[number], 0.0)
-    collective = body.command_for(body.hover_speed) / body.full
+    collective = body.command_for(body.hover_speed) / body.full_command
     hover = np.append(np.zeros(3), collective)
-    more, less = (controller.mixed((hover + step * about).tolist()) for step in DEMAND_STEP)
+    more, less = (
+        controller.motor_commands((hover + step * about).tolist()) for step in DEMAND_STEP
+    )
     spread = np.subtract(more, less)
     per_demand = float(effect @ spread) * (MAX_PULSE - MIN_PULSE)
     gain = per_demand / (DEMAND_STEP[0] - DEMAND_STEP[1])
@@ -188,12 +186,12 @@ def loops(scenario: Scenario, number: int, effect: Array) -> Arrays:
     flying = s[:, None, None] * identity - linearised(scenario.vehicle).A
     responses = np.linalg.solve(flying, identity[:, [turning]])
     free = responses[:, turning, 0]
-    rotors = sum(body.lag) / 2 * s + 1
+    rotors = sum(body.rotor_lags) / 2 * s + 1
     rate = gain * hold * free / rotors
     late = np.exp(-s * scenario.sensors.delay)
     passed = gyro_for(controller).response(frequency)
     rate_loop = -feedback * rate * late * passed
-    attitude_loop = controller.stiff[number] * setpoint * rate / (1 + rate_loop) * late / s
+    attitude_loop = controller.attitude_gains[number] * setpoint * rate / (1 + rate_loop) * late / s
     return {
         "loop_frequency": frequency,
         f"{name}_rate_loop": rate_loop,
@@ -208,7 +206,7 @@ def _response(scenario: Scenario, number: int, wanted: bool, turns: NDArray[Any]
     controller = controller_for(scenario)
     impulse = np.eye(1, SETTLED_CYCLES)[0].tolist()
     demands = [
-        controller.demand(number, demand * wanted, demand * (not wanted), True)
+        controller.rate_demand(number, demand * wanted, demand * (not wanted), True)
         for demand in impulse
     ]
     # An integrator keeps what it has: the differences end.
@@ -236,7 +234,7 @@ def margins(frequency: Array, loop: Complex) -> Array:
 def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
     """``roll_effect`` and its likes, and those after all damage unless that was there in all of the hover."""
     hover = motion.landed_state == IN_AIR
-    begins = damages(scenario) or [(np.inf, UNDAMAGED)]
+    begins = damage_history(scenario) or [(np.inf, UNDAMAGED)]
     last, condition = begins[-1]
     parts = (
         (hover & (motion.time < BOOT_SECONDS + begins[0][0]), UNDAMAGED),
@@ -256,7 +254,7 @@ def _effects_in(vehicle: VehicleSpec, motion: Motion, condition: Damage) -> Arra
     turned = Rotation.from_quat(motion.attitude, scalar_first=True)
     air = turned.inv().apply(motion.wind - motion.velocity).mean(0)
     per_speed = _rotor_effects(vehicle, motion.rotor_speeds.mean(0), air, condition)
-    scale = body.full / (MAX_PULSE - MIN_PULSE)
+    scale = body.full_command / (MAX_PULSE - MIN_PULSE)
     commands = scale * (motion.outputs.mean(0) - MIN_PULSE)
     slopes = np.array([body.speed_slope(command) for command in commands.tolist()])
     return per_speed * (slopes * condition.speed * motion.battery.mean() * scale)

@@ -1,4 +1,7 @@
-"""Vehicles: published rigid bodies and rotors of quadrotors, with the source beside the numbers."""
+"""Vehicles: rigid bodies and rotors of quadrotors, published ones or a scenario's own.
+
+Figures and sources of the published vehicles are in ``airframes.toml``.
+"""
 
 from dataclasses import dataclass, replace
 from math import sqrt
@@ -9,139 +12,188 @@ from mavdem.files import load_adjacent_toml
 from sitl_scenarios.motion import Pair
 from sitl_scenarios.scenario import BodySpec, VehicleSpec
 
-GRAVITY = 9.81  # m/s², as in the paper's table of systems
-CHARGED = 12.6  # V of a charged battery of three cells
-AIR_DENSITY = 1.225  # kg/m³, of the standard atmosphere at sea level (ISO 2533)
+GRAVITY = 9.81
+"""Acceleration of free fall, m/s², as in the paper's table of systems."""
+
+FULL_BATTERY_VOLTAGE = 12.6
+"""Voltage of a charged battery of three lithium-polymer cells, V."""
+
+AIR_DENSITY = 1.225
+"""Density of the standard atmosphere at sea level, kg/m³ (ISO 2533)."""
+
+UNKNOWN_ROTOR_SPEED = 1000.0
+"""Speed assigned to the rotors of a scenario's own body at full command, rad/s.
+
+Any value will do: only thrust and torque act on such a body, and their coefficients are chosen to fit the speed.
+"""
 
 
 @dataclass(frozen=True)
 class Airframe:
-    """A quadrotor, SI units."""
+    """Rigid body and rotors of a quadrotor, in SI units.
 
-    mass: float  # kg
-    # about forward, right and down, kg m²; the products are taken to be zero
+    A "command" is in the vehicle's own unit: 0 at a PWM pulse of 1000 µs, ``full_command`` at 2000 µs.
+    """
+
+    mass: float
+    """Mass, kg."""
     inertia: tuple[float, float, float]
-    # how far forward and right of the centre of mass the rotors of the X frame are, m
+    """Moments of inertia about forward, right and down, kg m²; the products of inertia are taken to be zero."""
     arm: Pair
-    # of the rotors above the centre of mass, m; the drag of the hull acts there too
+    """How far forward and right of the centre of mass the rotors of the X frame are, m."""
     hub_height: float
-    drag_area: float  # of the hull, C_d A, m²
-    thrust: Pair  # (a, b) of a rotor, N: aω² + bω at ω rad/s
-    torque: Pair  # (a, b) of a rotor, N m, likewise
-    speed: Pair  # (slope, offset) of a rotor's speed, rad/s, in the command
-    full: float  # the command that is 2000 µs; 0 is 1000 µs
-    lag: Pair  # time constants of the rotor speed when it rises and when it falls, s
-    rotor_drag: float  # N per (rad/s · m/s) of one rotor, against the air that moves along its disc
-    # N per (rad/s · m/s) of one rotor: thrust lost to air that moves down through its disc
+    """Height of the rotors above the centre of mass, m; the drag of the hull acts there too."""
+    drag_area: float
+    """Drag area C_d A of the hull, m²."""
+    thrust_coefficients: Pair
+    """Coefficients (a, b) of a rotor's thrust a ω² + b ω, N, at a speed of ω rad/s."""
+    torque_coefficients: Pair
+    """Coefficients (a, b) of a rotor's torque a ω² + b ω, N m, at a speed of ω rad/s."""
+    speed_line: Pair
+    """Slope, rad/s per unit of command, and offset, rad/s, of a rotor's speed in the command."""
+    full_command: float
+    """The full command."""
+    rotor_lags: Pair
+    """Time constants of the rotor speed when it rises and when it falls, s."""
+    rotor_drag: float
+    """Drag of one rotor against air that moves along its disc, N per (rad/s · m/s)."""
     inflow: float
-    # f: thrust by the share s of the full command is (1 − f) s + f s² of the full thrust; None: ``speed`` as published
-    quadratic: float | None = None
-    # shares of the full command at which the thrust of ``quadratic`` begins and ends
-    spin: Pair = (0.0, 1.0)
-    # of the body's rates, besides that of ``inflow``, 1/s
+    """Thrust that one rotor loses to air that moves down through its disc, N per (rad/s · m/s)."""
+    thrust_expo: float | None = None
+    """Quadratic fraction f of the thrust curve (1 − f) s + f s², at the fraction s of the motors' range.
+
+    None: the rotor speed is linear in the command, by ``speed_line``.
+    """
+    spin_range: Pair = (0.0, 1.0)
+    """Fractions of the full command at which the thrust curve begins and ends; used with ``thrust_expo`` only."""
     damping: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Damping of the three body rates besides that by inflow, 1/s."""
 
     def rotor_speed(self, command: float) -> float:
-        """Returns the speed that a command settles at, rad/s; the command in the vehicle's own unit, 0 to ``full``."""
-        slope, offset = self.speed
-        if self.quadratic is None:
+        """Returns the speed that a rotor settles at, rad/s, at a ``command`` from 0 to the full one."""
+        slope, offset = self.speed_line
+        if self.thrust_expo is None:
             return slope * command + offset
-        begin, end = self.spin
-        share = max(command / self.full - begin, 0.0) / (end - begin)
+        range_start, range_end = self.spin_range
+        range_fraction = max(command / self.full_command - range_start, 0.0) / (
+            range_end - range_start
+        )
         return self.speed_for(
-            self._full_thrust * ((1 - self.quadratic) * share + self.quadratic * share * share)
+            self._full_thrust
+            * (
+                (1 - self.thrust_expo) * range_fraction
+                + self.thrust_expo * range_fraction * range_fraction
+            )
         )
 
     def command_for(self, speed: float) -> float:
-        """Returns the command that settles at ``speed``, rad/s, in the vehicle's own unit."""
-        slope, offset = self.speed
-        if self.quadratic is None:
+        """Returns the command at which a rotor settles at a ``speed``, rad/s: the inverse of ``rotor_speed``."""
+        slope, offset = self.speed_line
+        if self.thrust_expo is None:
             return (speed - offset) / slope
-        f = self.quadratic
-        begin, end = self.spin
-        thrust = self.thrust_at(speed) / self._full_thrust
-        # The root that stays where f is 0.
-        root = sqrt((1 - f) ** 2 + 4 * f * thrust)
-        share = 2 * thrust / (1 - f + root)
-        return self.full * (begin + (end - begin) * share)
+        f = self.thrust_expo
+        range_start, range_end = self.spin_range
+        thrust_fraction = self.thrust_at(speed) / self._full_thrust
+        # The positive root s of f s² + (1 − f) s = thrust, in the form that also holds for f = 0.
+        root = sqrt((1 - f) ** 2 + 4 * f * thrust_fraction)
+        range_fraction = 2 * thrust_fraction / (1 - f + root)
+        return self.full_command * (range_start + (range_end - range_start) * range_fraction)
 
     def speed_slope(self, command: float) -> float:
-        """Returns the slope of ``rotor_speed`` in the command, rad/s per unit."""
-        if self.quadratic is None:
-            return self.speed[0]
-        begin, end = self.spin
-        span = self.full * (end - begin)
-        share = (command - self.full * begin) / span
-        steepness = 1 - self.quadratic + 2 * self.quadratic * share
-        rise = steepness * self._full_thrust / span
-        thrust_slope = 2 * self.thrust[0] * self.rotor_speed(command) + self.thrust[1]
-        return rise / thrust_slope
+        """Returns the slope of ``rotor_speed`` at a ``command``, rad/s per unit of command.
+
+        With a thrust curve, it is the slope of thrust by command over the slope of thrust by speed.
+        """
+        if self.thrust_expo is None:
+            return self.speed_line[0]
+        range_start, range_end = self.spin_range
+        command_range = self.full_command * (range_end - range_start)
+        range_fraction = (command - self.full_command * range_start) / command_range
+        curve_slope = 1 - self.thrust_expo + 2 * self.thrust_expo * range_fraction
+        thrust_per_command = curve_slope * self._full_thrust / command_range
+        thrust_per_speed = (
+            2 * self.thrust_coefficients[0] * self.rotor_speed(command)
+            + self.thrust_coefficients[1]
+        )
+        return thrust_per_command / thrust_per_speed
 
     @property
     def _full_thrust(self) -> float:
-        """Of one rotor at full command, N."""
-        slope, offset = self.speed
-        return self.thrust_at(slope * self.full + offset)
+        """Thrust of one rotor at the full command, N."""
+        slope, offset = self.speed_line
+        return self.thrust_at(slope * self.full_command + offset)
 
     def thrust_at(self, speed: float) -> float:
-        """Returns the thrust of one rotor in still air, N, at a speed in rad/s."""
-        a, b = self.thrust
+        """Returns the thrust of one rotor in still air, N, at a ``speed``, rad/s."""
+        a, b = self.thrust_coefficients
         return (a * speed + b) * speed
 
     def speed_for(self, thrust: float) -> float:
-        """Returns the speed of a rotor whose thrust in still air is ``thrust`` N ≥ 0, rad/s."""
-        a, b = self.thrust
+        """Returns the speed of a rotor, rad/s, whose thrust in still air is ``thrust`` N ≥ 0."""
+        a, b = self.thrust_coefficients
+        # The positive root of a ω² + b ω = thrust.
         root = sqrt(b * b + 4 * a * thrust)
         return (root - b) / (2 * a)
 
     @property
     def hover_speed(self) -> float:
-        """Of each rotor when the four carry the weight, rad/s."""
+        """Speed of each rotor when the four carry the weight in still air, rad/s."""
         return self.speed_for(self.mass * GRAVITY / 4)
 
 
-# By the name that a scenario gives; their figures and sources are in airframes.toml
 AIRFRAMES = TypeAdapter(dict[str, Airframe]).validate_python(
     load_adjacent_toml(__file__, "airframes.toml")
 )
+"""Published airframes by the name that a scenario's ``vehicle.model`` gives."""
 
 
 def airframe(vehicle: VehicleSpec) -> Airframe:
-    """Returns the published airframe, or the vehicle's own, with what a scenario changes of it."""
-    published = AIRFRAMES[vehicle.model]
+    """Returns the airframe of a scenario's vehicle: the published or its own one, with the changes that it asks for."""
+    base = AIRFRAMES[vehicle.model]
     if vehicle.body is not None:
-        published = _own(vehicle.body, vehicle.quadratic_thrust)
-    lags = zip(published.lag, (vehicle.lag_up, vehicle.lag_down), strict=True)
-    up, down = (own if given is None else given for own, given in lags)
-    ix, iy, iz = (vehicle.inertia_scale * inertia for inertia in published.inertia)
+        base = _own_airframe(vehicle.body, vehicle.quadratic_thrust)
+    rise_lag, fall_lag = base.rotor_lags
+    if vehicle.lag_up is not None:
+        rise_lag = vehicle.lag_up
+    if vehicle.lag_down is not None:
+        fall_lag = vehicle.lag_down
+    ix, iy, iz = (vehicle.inertia_scale * inertia for inertia in base.inertia)
     return replace(
-        published, inertia=(ix, iy, iz), lag=(up, down), quadratic=vehicle.quadratic_thrust
+        base,
+        inertia=(ix, iy, iz),
+        rotor_lags=(rise_lag, fall_lag),
+        thrust_expo=vehicle.quadratic_thrust,
     )
 
 
-# rad/s of a rotor at full command, where nobody knows it: thrust and torque count, not the speed
-FULL_SPEED = 1000.0
+def _own_airframe(body: BodySpec, quadratic_thrust: float | None) -> Airframe:
+    """Returns an airframe by the figures of a scenario's own body, such as one that was learned from a log.
 
+    The rotors' full thrust follows from the command in hover, where the four rotors carry the weight. A body of one's
+    own has no drag, no inflow and no rotor lag unless the scenario gives them.
 
-def _own(body: BodySpec, quadratic: float | None) -> Airframe:
-    f = 1.0 if quadratic is None else quadratic
-    begin, end = body.spin
-    share = (body.hover - begin) / (end - begin)
-    thrust_share = (1 - f) * share + f * share * share
-    full = body.mass * GRAVITY / 4 / thrust_share
+    Args:
+        body: Mass, inertia, arm, hover command, torque, motors' range and damping.
+        quadratic_thrust: Quadratic fraction of the thrust curve; None: the thrust is quadratic alone.
+    """
+    f = 1.0 if quadratic_thrust is None else quadratic_thrust
+    range_start, range_end = body.spin
+    range_fraction = (body.hover - range_start) / (range_end - range_start)
+    thrust_fraction = (1 - f) * range_fraction + f * range_fraction * range_fraction
+    full_thrust = body.mass * GRAVITY / 4 / thrust_fraction
     return Airframe(
         mass=body.mass,
         inertia=body.inertia,
         arm=body.arm,
         hub_height=0.0,
         drag_area=0.0,
-        thrust=(full / FULL_SPEED**2, 0.0),
-        torque=(body.torque * full / FULL_SPEED**2, 0.0),
-        speed=(FULL_SPEED, 0.0),
-        full=1.0,
-        lag=(0.0, 0.0),
+        thrust_coefficients=(full_thrust / UNKNOWN_ROTOR_SPEED**2, 0.0),
+        torque_coefficients=(body.torque * full_thrust / UNKNOWN_ROTOR_SPEED**2, 0.0),
+        speed_line=(UNKNOWN_ROTOR_SPEED, 0.0),
+        full_command=1.0,
+        rotor_lags=(0.0, 0.0),
         rotor_drag=0.0,
         inflow=0.0,
         damping=body.damping,
-        spin=body.spin,
+        spin_range=body.spin,
     )

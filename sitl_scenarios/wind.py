@@ -25,8 +25,9 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import fftconvolve, lfilter
 from scipy.special import gamma, gammainc, kv
 
-from sitl_scenarios.dynamics import AirState, Three, frame
+from sitl_scenarios.dynamics import AirState
 from sitl_scenarios.motion import Array, Pair
+from sitl_scenarios.rotors import rotor_frame
 from sitl_scenarios.scenario import (
     MOMENT,
     WIND,
@@ -38,6 +39,7 @@ from sitl_scenarios.scenario import (
     TurbulentWind,
     towards,
 )
+from sitl_scenarios.vectors import Vector3
 from sitl_scenarios.vehicles import airframe
 
 
@@ -227,7 +229,7 @@ def jet_speed(jet: Jet, along: float, aside: float) -> float:
     return axial * exp(-log(2) * (aside / half_width) ** 2)
 
 
-def _jet_wind(jet: Jet, height: float, turbulence: Array, position: Three) -> Three:
+def _jet_wind(jet: Jet, height: float, turbulence: Array, position: Vector3) -> Vector3:
     """Velocity of the air NED, m/s, at a place (NED, m), of a jet whose axis is at the ``height`` of the hover, m.
 
     Its ``turbulence`` (3,) is along, across and down, relative to the mean speed where the vehicle is.
@@ -290,7 +292,7 @@ class Weather:
         self._profile = scenario.profile
         self._time = time.tolist()
 
-    def at(self, cycle: int, position: Three) -> AirState:
+    def air_at(self, cycle: int, position: Vector3) -> AirState:
         """Returns the air at ``position`` (NED, m) in a cycle, counted from 0.
 
         Before the first and after the last it is theirs.
@@ -314,7 +316,7 @@ def _turbulent(
     wind: TurbulentWind, scenario: Scenario, dt: float, samples: int, noise: Generator
 ) -> Array:
     """(N, 5) velocity NED of the mean wind and its turbulence, and the air's rotation about two horizontal axes."""
-    places = frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
+    places = rotor_frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
     turbulent = turbulence(wind, scenario.height, max(places.right) - min(places.right))
     level, gust = turbulent.level
     slow, lift = turbulent.down

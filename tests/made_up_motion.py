@@ -4,8 +4,8 @@ import numpy as np
 
 from mavdem.ingest.vocabulary import quaternion
 from mavdem.loops.autopilot_parameters import DEFAULT_LOOP_RATES
-from sitl_scenarios.dynamics import DISARMED_PULSE
 from sitl_scenarios.motion import Motion
+from sitl_scenarios.rotors import DISARMED_PULSE
 
 ARMED = 2.0
 UP = 4.0

@@ -73,7 +73,7 @@ UPWARD_IMPORTS = {
     ("loops.axis_loops", "loops.advice"),  # Loop.advice
     ("loops.twin_flight", "report.vehicle_files"),  # fly_twin()
     ("loops.twin_flight", "sitl_scenarios.files"),
-    ("loops.twin_flight", "sitl_scenarios.simulation"),
+    ("loops.twin_flight", "sitl_scenarios.replay"),
     ("assessment.record", "documents"),  # Assessment.as_dict()
     ("assessment.record", "documents.review"),
     ("assessment.record", "report.pages.flight_page"),  # Assessment.page()

@@ -18,7 +18,6 @@ from mavdem.export.conversion import STREAM_WRITERS
 from mavdem.extras import require_extra
 from mavdem.files import atomic_writes, reporting_write_errors
 from mavdem.ingest.parameter_file import read_parameters
-from sitl_scenarios.dynamics import frame
 from sitl_scenarios.files import (
     in_toml,
     load,
@@ -31,7 +30,8 @@ from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.plan import seconds
+from sitl_scenarios.plan import total_seconds
+from sitl_scenarios.rotors import rotor_frame
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 from sitl_scenarios.simulation import fly as fly_through
@@ -316,7 +316,7 @@ def _write_recording(path: Path, name: str, scenario: Scenario, motion: Motion) 
     # Rerun takes a second to import.
     from mavdem.view import pose_of, write_pose
 
-    rotors = frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
+    rotors = rotor_frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
     write_pose(path, name, pose_of(motion, (rotors.forward, rotors.right)))
 
 
@@ -342,7 +342,7 @@ def _fly_live(name: str, scenario: Scenario, udp: str, speed: float) -> JsonValu
         raise click.BadParameter(
             f"{udp} must be HOST:PORT, such as 127.0.0.1:14550.", param_hint="--udp"
         )
-    duration = seconds(scenario)
+    duration = total_seconds(scenario)
     with _usage_errors(), closing(Ground(match["host"], int(match["port"]))) as ground:
         print_to_stderr(f"Flying {name} for {duration:g} s, sending to {udp}; Ctrl-C ends it.")
         with progress(f"Flying {name}") as show_fraction:

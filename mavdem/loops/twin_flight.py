@@ -176,7 +176,7 @@ def fly_twin(
 
 
 def _simulated(twin: Twin, dt: float, setpoints: Array, torque: Array, seed: int) -> Array:
-    """Returns how the simulator flies a ``twin``, read from its vehicle file (``sitl_scenarios.simulation.replayed``).
+    """Returns how the simulator flies a ``twin``, read from its vehicle file (``sitl_scenarios.replay.replayed``).
 
     Args:
         twin: the vehicle.
@@ -193,7 +193,7 @@ def _simulated(twin: Twin, dt: float, setpoints: Array, torque: Array, seed: int
     """
     from mavdem.report.vehicle_files import vehicle_text
     from sitl_scenarios.files import scenario_of
-    from sitl_scenarios.simulation import replayed
+    from sitl_scenarios.replay import replayed
 
     vehicle = tomllib.loads(vehicle_text(twin, ".toml", ""))
     return replayed(scenario_of({**vehicle, "seed": seed}), dt, setpoints, torque)

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.mavlink.definitions import definitions_by_name
 from mavdem.ingest.vocabulary import ACTIVE, ARMED, ON_GROUND, STANDBY, mavlink_constant, quaternion
-from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, SPINS, known_angles, pulse
-from sitl_scenarios.gains import parameters_of
+from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.mavlink.autopilots import Autopilot
-from sitl_scenarios.motion import Arrays, Motion
+from sitl_scenarios.motion import Arrays, Motion, estimated_angles
 from sitl_scenarios.plan import FULL_STICK
+from sitl_scenarios.rotors import MAX_PULSE, MIN_PULSE, SPIN_DIRECTIONS, pulse_width
 from sitl_scenarios.scenario import Scenario
-from sitl_scenarios.vehicles import CHARGED, GRAVITY
+from sitl_scenarios.vehicles import FULL_BATTERY_VOLTAGE, GRAVITY
 
 Payloads = NDArray[Any]  # (N,) of a definition's wire type
 QUADROTOR = mavlink_constant("MAV_TYPE_QUADROTOR")
@@ -63,7 +63,7 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
     custom = modes[:, 1]
     rates = by_column("rollspeed pitchspeed yawspeed", motion.known_rates)
     outputs = np.full((len(motion), CHANNELS), autopilot.unused)
-    outputs[:, : len(SPINS)] = motion.outputs
+    outputs[:, : len(SPIN_DIRECTIONS)] = motion.outputs
     match name:
         case "HEARTBEAT":
             status = np.where(motion.armed & (motion.landed_state != ON_GROUND), ACTIVE, STANDBY)
@@ -79,14 +79,14 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             sensors = {"present": SENSORS, "enabled": SENSORS, "health": SENSORS | FENCE}
             fields = {f"onboard_control_sensors_{kind}": bits for kind, bits in sensors.items()}
             fields |= {
-                "voltage_battery": np.round(1000 * CHARGED * motion.battery),
+                "voltage_battery": np.round(1000 * FULL_BATTERY_VOLTAGE * motion.battery),
                 "current_battery": -1,
                 "battery_remaining": -1,
             }
         case "EXTENDED_SYS_STATE":
             fields = {"landed_state": motion.landed_state}
         case "ATTITUDE":
-            fields |= by_column("roll pitch yaw", known_angles(motion)) | rates
+            fields |= by_column("roll pitch yaw", estimated_angles(motion)) | rates
         case "ATTITUDE_QUATERNION":
             fields |= by_column("q1 q2 q3 q4", motion.known_attitude) | rates
         case "HIGHRES_IMU":
@@ -102,7 +102,7 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
         case "RC_CHANNELS":
             # 1 roll, 2 pitch, 3 throttle, 4 yaw.
             # A stick to the right, or drawn back, which raises the nose, is more than the middle's pulse.
-            middle = pulse(0.5)
+            middle = pulse_width(0.5)
             moved = middle + np.round((MAX_PULSE - middle) * motion.sticks / FULL_STICK)
             fields |= {
                 field: UNUSED
@@ -124,7 +124,7 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
             fields["alt"] = np.round(1000 * (altitude - down))
             fields["relative_alt"] = np.round(-1000 * down)
             fields |= by_column("vx vy vz", np.round(100 * motion.known_velocity))
-            fields["hdg"] = np.round(100 * np.degrees(known_angles(motion)[:, 2])) % 36000
+            fields["hdg"] = np.round(100 * np.degrees(estimated_angles(motion)[:, 2])) % 36000
         case "SERVO_OUTPUT_RAW":
             # The one clock of 32-bit microseconds: it wraps every 71.6 minutes.
             fields = {f"servo{n + 1}_raw": np.round(outputs[:, n]) for n in range(CHANNELS)}
@@ -138,7 +138,7 @@ def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autop
         case "HIL_ACTUATOR_CONTROLS":
             # A motor that is stopped has less than the lowest pulse, and no negative command.
             commands = np.maximum((motion.outputs - MIN_PULSE) / (MAX_PULSE - MIN_PULSE), 0.0)
-            controls = np.pad(commands, ((0, 0), (0, CHANNELS - len(SPINS))))
+            controls = np.pad(commands, ((0, 0), (0, CHANNELS - len(SPIN_DIRECTIONS))))
             fields = {"time_usec": boot, "controls": controls, "mode": base}
     return payload(name, len(boot), **fields)
 
@@ -169,7 +169,7 @@ def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
         own = {"MAV_SYS_ID": system, "SYS_AUTOSTART": 4001 if as_x else 5001}
     kinds = {name: kind for kind, parameters in autopilot.parameters.items() for name in parameters}
     values: dict[str, float] = {}
-    for parameters in (*autopilot.parameters.values(), own, parameters_of(scenario)):
+    for parameters in (*autopilot.parameters.values(), own, control_parameters(scenario)):
         values |= parameters
     return [
         Parameter(name, kinds.get(name, REAL32), float(values[name])) for name in sorted(values)

@@ -16,7 +16,7 @@ from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, Autopilot
 from sitl_scenarios.mavlink.messages import parameters, payload, written
 from sitl_scenarios.motion import Array, Motion, Pair
-from sitl_scenarios.plan import BOOT_SECONDS, seconds
+from sitl_scenarios.plan import BOOT_SECONDS, total_seconds
 from sitl_scenarios.scenario import Scenario
 
 Rows = NDArray[np.intp]
@@ -147,7 +147,7 @@ class Transmitter:
     def _planned(self) -> Iterator[tuple[float, Callable[[float], None]]]:
         """Seconds after arming, and what happens then: it is called with that time of the motion."""
         faults = self._scenario.faults
-        often = seconds(self._scenario) if faults.mavproxy_rate else 0.0
+        often = total_seconds(self._scenario) if faults.mavproxy_rate else 0.0
         for time in np.arange(0.0, often, MAVPROXY_SECONDS).tolist():
             yield time, self._set_streams
         if faults.reboot is not None:

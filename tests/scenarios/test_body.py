@@ -4,7 +4,8 @@ import numpy as np
 from pytest import approx
 from scipy.integrate import solve_ivp
 
-from sitl_scenarios.dynamics import AirState, Body, Damage, State, dynamics
+from sitl_scenarios.damage import Damage
+from sitl_scenarios.dynamics import AirState, Body, State, vehicle_dynamics
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.vehicles import AIRFRAMES
 
@@ -40,13 +41,13 @@ def flown(steps):
     state = normed(begun())
     for cycle in range(CYCLES):
         for _ in range(steps):
-            state = body.moved(state, targets(cycle), GUSTY)
+            state = body.next_state(state, targets(cycle), GUSTY)
     return np.concatenate(state[:5])
 
 
 def reference():
     """The same by scipy's DOP853 at its tightest, from cycle to cycle."""
-    change, up, down = dynamics(VehicleSpec(model="iris")), *IRIS.lag
+    change, up, down = vehicle_dynamics(VehicleSpec(model="iris")), *IRIS.rotor_lags
     row = np.concatenate(normed(begun())[:5])
 
     def derivative(_, row, wanted):
@@ -63,7 +64,9 @@ def reference():
             ]
         )
         lag = np.where(rotors < wanted, up, down)
-        return np.concatenate([velocity, acting[:3], turned, acting[3:6], (wanted - rotors) / lag])
+        return np.concatenate(
+            [velocity, acting.linear, turned, acting.angular, (wanted - rotors) / lag]
+        )
 
     for cycle in range(CYCLES):
         wanted = np.array(targets(cycle))
@@ -84,10 +87,13 @@ def test_the_error_falls_with_the_square_of_the_step():
 
 def test_wind_acts_where_the_hull_is_and_so_turns_a_vehicle_whose_load_has_shifted():
     body = AIRFRAMES["ardrone2"]
-    condition = Damage(centre=(0.02, -0.03))
-    change = dynamics(VehicleSpec(model="ardrone2"), condition)
+    condition = Damage(centre_of_mass=(0.02, -0.03))
+    change = vehicle_dynamics(VehicleSpec(model="ardrone2"), condition)
     air = AirState(north=2.0, east=5.0)
     acting = change((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, (body.hover_speed,) * 4, air)
-    force = acting[6:9]
+    force = acting.disturbance_force
     hubs = [-0.02, 0.03, -body.hub_height]
-    assert acting[9:] == approx(np.cross(hubs, force)) and abs(acting[11]) > 1e-3
+    assert (
+        acting.disturbance_moment == approx(np.cross(hubs, force))
+        and abs(acting.disturbance_moment[2]) > 1e-3
+    )

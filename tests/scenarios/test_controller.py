@@ -7,35 +7,36 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark
 
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
-from sitl_scenarios.dynamics import IDLE_COMMAND, State, frame, mix
+from sitl_scenarios.dynamics import State
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.gains import parameters_of
-from sitl_scenarios.mixers import px4
+from sitl_scenarios.gains import control_parameters
+from sitl_scenarios.mixers import px4_thrusts
 from sitl_scenarios.plan import FlightPlan
+from sitl_scenarios.rotors import IDLE_COMMAND, mixed_commands, rotor_frame
 from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Sticks
-from sitl_scenarios.sensors import Sensing
+from sitl_scenarios.sensors import StateEstimator
 from sitl_scenarios.simulation import fly
 
-X = frame("x", (0.1, 0.1))
+X = rotor_frame("x", (0.1, 0.1))
 CYCLE = 0.004
 
 
 def test_saturation_takes_thrust_first_and_keeps_the_demands_in_proportion():
-    full = np.array(mix(X, (0.3, 0.0, 0.0, 1.0)))
+    full = np.array(mixed_commands(X, (0.3, 0.0, 0.0, 1.0)))
     assert full.max() == approx(1)
     assert full[1] - full[0] == approx(0.6)
-    beyond = np.array(mix(X, (0.9, 0.6, 0.0, 0.5)))
+    beyond = np.array(mixed_commands(X, (0.9, 0.6, 0.0, 0.5)))
     assert beyond.min() == approx(IDLE_COMMAND)
     assert beyond.max() == approx(1)
     roll = beyond @ X.roll
     pitch = beyond @ X.pitch
     assert roll / pitch == approx(1.5)
-    turned = px4(np.array([X.roll, X.pitch, X.yaw]), (0.0, 0.0, 0.3, 0.9))
+    turned = px4_thrusts(np.array([X.roll, X.pitch, X.yaw]), (0.0, 0.0, 0.3, 0.9))
     assert np.ptp(turned) == approx(0.5)  # with a little more thrust than the most
 
 
 def sensed(sensors, states):
-    sensing = Sensing(Scenario(sensors=sensors))
+    sensing = StateEstimator(Scenario(sensors=sensors))
     return [sensing.estimate(state) for state in states]
 
 
@@ -66,7 +67,7 @@ def test_what_is_known_is_as_noisy_as_asked():
 
 def excited(excitation, duration=60.0):
     plan = FlightPlan(Scenario(duration=duration, excitation=excitation))
-    return [plan.at(k * CYCLE) for k in range(round(duration / CYCLE))]
+    return [plan.reference_at(k * CYCLE) for k in range(round(duration / CYCLE))]
 
 
 @mark.slow
@@ -74,10 +75,12 @@ def excited(excitation, duration=60.0):
 @mark.parametrize("kind", [Doublets, Chirp, Multisine, Sticks])
 def test_an_excitation_is_about_its_axis(kind, axis):
     (name,) = kind.model_fields["kind"].annotation.__args__
-    demands = np.array([at.demand for at in excited(kind(kind=name, axis=axis), duration=30.0)])
+    demands = np.array(
+        [at.attitude_demand for at in excited(kind(kind=name, axis=axis), duration=30.0)]
+    )
     about = np.array(["roll", "pitch", "yaw"]) == axis
     assert not demands[:, ~about].any()
-    rolls = np.array([at.demand[0] for at in excited(kind(kind=name), duration=30.0)])
+    rolls = np.array([at.attitude_demand[0] for at in excited(kind(kind=name), duration=30.0)])
     if kind is not Sticks:
         assert_array_equal(demands[:, about][:, 0], rolls)
     assert demands[:, about].std() > radians(1)
@@ -85,7 +88,7 @@ def test_an_excitation_is_about_its_axis(kind, axis):
 
 def test_a_chirp_turns_as_often_as_its_mean_frequency_says():
     wanted = Chirp(kind="chirp", lowest=1.0, highest=4.0, period=20.0)
-    demands = np.array([at.demand[0] for at in excited(wanted)])[: round(50 / CYCLE)]
+    demands = np.array([at.attitude_demand[0] for at in excited(wanted)])[: round(50 / CYCLE)]
     periods = demands[demands != 0]
     turns = np.count_nonzero(np.diff(np.sign(periods[-round(20 / CYCLE) :]))) / 2
     assert turns == approx(20.0 * 2.5, abs=1)
@@ -94,14 +97,14 @@ def test_a_chirp_turns_as_often_as_its_mean_frequency_says():
 
 def test_doublets_of_all_axes_take_turns():
     wanted = Doublets(kind="doublets", axis="all", period=1.0)
-    demands = np.array([at.demand for at in excited(wanted, duration=30.0)])
+    demands = np.array([at.attitude_demand for at in excited(wanted, duration=30.0)])
     assert (demands != 0).sum(axis=1).max() == 1
     assert (demands != 0).any(axis=0).all()
 
 
 def test_multisines_of_all_axes_share_no_frequency_and_are_orthogonal():
     wanted = Multisine(kind="multisine", axis="all", sd=3.0, lowest=0.5, highest=5.0, period=10.0)
-    demands = np.degrees([at.demand for at in excited(wanted)])[
+    demands = np.degrees([at.attitude_demand for at in excited(wanted)])[
         round(20 / CYCLE) : round(30 / CYCLE)
     ]
     assert_allclose(np.cov(demands.T, bias=True), 9.0 * np.eye(3), atol=1e-9)
@@ -113,7 +116,11 @@ def test_multisines_of_all_axes_share_no_frequency_and_are_orthogonal():
 @mark.slow
 def test_sticks_move_as_slowly_as_asked_and_each_for_itself():
     demands = np.degrees(
-        [at.demand for at in excited(Sticks(kind="sticks", axis="all"), 600.0) if at.by_stick]
+        [
+            at.attitude_demand
+            for at in excited(Sticks(kind="sticks", axis="all"), 600.0)
+            if at.by_stick
+        ]
     )
     assert len(demands) * CYCLE == approx(587, abs=0.5)
     # 587 s hold about 587/(2√π 0.25) = 660 independent values: standard errors of 2.8 % and of 0.04.
@@ -137,7 +144,9 @@ def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
     }
     own = scenario_of(table)
     given = {
-        name: value for name, value in parameters_of(own).items() if CONTROL_PARAMETERS.match(name)
+        name: value
+        for name, value in control_parameters(own).items()
+        if CONTROL_PARAMETERS.match(name)
     }
     other = given | {
         next(name for name in given if name in ("MC_ROLLRATE_P", "ATC_RAT_RLL_P")): 0.05

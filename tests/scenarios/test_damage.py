@@ -4,7 +4,8 @@ import numpy as np
 from numpy.testing import assert_allclose
 from pytest import approx, fixture, mark
 
-from sitl_scenarios.dynamics import SPINS, Damage, damages, frame
+from sitl_scenarios.damage import Damage, damage_history
+from sitl_scenarios.rotors import SPIN_DIRECTIONS, rotor_frame
 from sitl_scenarios.scenario import Load, Propeller, Scenario, Sensors, VehicleSpec
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
@@ -22,17 +23,18 @@ BREAKS = {
 
 def balanced(condition):
     """Commands, µs, of the Iris in still air by its four balances, which are linear in the squares of the speeds."""
-    places = frame("x", IRIS.arm)
-    (lift, _) = IRIS.thrust
-    (drag, _) = IRIS.torque
+    places = rotor_frame("x", IRIS.arm)
+    (lift, _) = IRIS.thrust_coefficients
+    (drag, _) = IRIS.torque_coefficients
     thrust = lift * np.array(condition.thrust)
     torque = drag * np.array(condition.torque)
     forward, right = (
-        np.subtract(one, moved) for one, moved in zip(places[:2], condition.centre, strict=True)
+        np.subtract(one, moved)
+        for one, moved in zip(places[:2], condition.centre_of_mass, strict=True)
     )
-    sums = np.array([thrust, thrust * right, thrust * forward, torque * SPINS])
+    sums = np.array([thrust, thrust * right, thrust * forward, torque * SPIN_DIRECTIONS])
     speeds = np.sqrt(np.linalg.solve(sums, [IRIS.mass * GRAVITY, 0.0, 0.0, 0.0]))
-    slope, offset = IRIS.speed
+    slope, offset = IRIS.speed_line
     return 1000 + 1000 * (speeds / condition.speed - offset) / slope
 
 
@@ -48,7 +50,7 @@ def hovering(motion, begin, end):
 
 def test_hover_balances_again(broken):
     _, scenario, motion = broken
-    [(start, condition)] = damages(scenario)
+    [(start, condition)] = damage_history(scenario)
     assert start == 18.0
     assert_allclose(hovering(motion, 14.0, 19.9), balanced(Damage()), atol=1.0)
     assert_allclose(hovering(motion, 28.0, 34.0), balanced(condition), atol=1.5)
@@ -56,12 +58,12 @@ def test_hover_balances_again(broken):
 
 def test_the_truth_says_since_when_it_is_broken_and_what_motors_do_from_then_on(broken):
     _, scenario, motion = broken
-    [(_, condition)] = damages(scenario)
+    [(_, condition)] = damage_history(scenario)
     known = truth(scenario, motion)
     begin = np.flatnonzero(known["weak"])[0]
     assert motion.time[begin] == approx(20.0, abs=0.01) and known["weak"][begin:].all()
     # The effect of a motor about roll: its thrust by its arm.
-    arms = abs(np.array(frame("x", IRIS.arm).right) - condition.centre[1])
+    arms = abs(np.array(rotor_frame("x", IRIS.arm).right) - condition.centre_of_mass[1])
     left = np.multiply(condition.thrust, condition.speed)
     speeds = motion.rotor_speeds[motion.time > 28.0][:500].mean(0) / IRIS.hover_speed
     effects = known["roll_effect_weak"] / known["roll_effect"]

@@ -8,10 +8,11 @@ from pytest import approx, mark
 
 from mavdem.loops.filters import gyro_response
 from sitl_scenarios import mixers
-from sitl_scenarios.dynamics import AirState, State, frame
+from sitl_scenarios.dynamics import AirState, State
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.gains import SetController
 from sitl_scenarios.gyro import Gyro
+from sitl_scenarios.parameter_controller import ParameterController
+from sitl_scenarios.rotors import rotor_frame
 
 STEP = 1e-3
 AT = 30.0  # Hz
@@ -25,16 +26,16 @@ GYROS = {
     },
     "px4": {"IMU_GYRO_CUTOFF": 40.0, "IMU_GYRO_NF0_FRQ": 60.0, "IMU_GYRO_NF0_BW": 20.0},
 }
-X = frame("x", (0.1, 0.1))
+X = rotor_frame("x", (0.1, 0.1))
 WHOLE = np.array(X[2:])
 HALVES = WHOLE / 2
 
 
 def sensed(gyro, *rates):
     """The rates of a gyro, after a step of a body that has these."""
-    body = SimpleNamespace(moved=lambda *given: State(rates=rates))
-    gyro.fly(body, State(), (), AirState(), 1)
-    return gyro.rates
+    body = SimpleNamespace(next_state=lambda *given: State(rates=rates))
+    gyro.advance(body, State(), (), AirState(), 1)
+    return gyro.filtered_rates
 
 
 def of(autopilot, **parameters):
@@ -45,7 +46,7 @@ def of(autopilot, **parameters):
 @mark.parametrize("autopilot", GYROS)
 def test_the_gyro_passes_what_its_filters_do(autopilot):
     scenario = of(autopilot, **GYROS[autopilot])
-    controller = SetController(scenario).axes[0]
+    controller = ParameterController(scenario).axis_controllers[0]
     gyro = Gyro(controller, STEP)
     sine = np.exp(2j * np.pi * AT * STEP * np.arange(2000))
     felt = [sensed(gyro, one.real, one.imag, 0.0) for one in sine.tolist()]
@@ -59,11 +60,11 @@ def test_the_gyro_passes_what_its_filters_do(autopilot):
 
 def test_a_filter_above_what_the_physics_show_is_off():
     scenario = of("px4", IMU_GYRO_CUTOFF=490.0)
-    gyro = Gyro(SetController(scenario).axes[0], STEP)
+    gyro = Gyro(ParameterController(scenario).axis_controllers[0], STEP)
     assert sensed(gyro, 1.0, 2.0, 3.0) == (1.0, 2.0, 3.0)
 
 
-each_mixer = mark.parametrize("mix", [mixers.ardupilot, mixers.px4])
+each_mixer = mark.parametrize("mix", [mixers.ardupilot_thrusts, mixers.px4_thrusts])
 
 
 @each_mixer
@@ -84,19 +85,19 @@ def test_the_mixers_do_not_climb_to_turn(mix):
 
 
 def test_ardupilots_roll_and_pitch_go_down_to_a_motor_that_stands_still():
-    assert mixers.ardupilot(HALVES, (0.8, 0.8, 0.0, 0.4)) == approx((0.4, 0.4, 0.8, 0.0))
+    assert mixers.ardupilot_thrusts(HALVES, (0.8, 0.8, 0.0, 0.4)) == approx((0.4, 0.4, 0.8, 0.0))
 
 
 def test_ardupilots_yaw_gives_way_first_but_for_its_headroom():
-    wide = np.array(mixers.ardupilot(HALVES, (0.6, 0.0, 1.0, 0.5)))
+    wide = np.array(mixers.ardupilot_thrusts(HALVES, (0.6, 0.0, 1.0, 0.5)))
     assert wide @ HALVES[0] == approx(0.6) and wide @ HALVES[2] == approx(0.4)
-    narrow = np.array(mixers.ardupilot(HALVES, (1.0, 0.0, 1.0, 0.5)))
+    narrow = np.array(mixers.ardupilot_thrusts(HALVES, (1.0, 0.0, 1.0, 0.5)))
     assert narrow @ HALVES[2] / (narrow @ HALVES[0]) == approx(0.2)
 
 
 def test_px4s_roll_pitch_and_yaw_give_way_one_after_another():
-    thrusts = np.array(mixers.px4(WHOLE, (0.5, 0.1, 0.0, 0.3)))
+    thrusts = np.array(mixers.px4_thrusts(WHOLE, (0.5, 0.1, 0.0, 0.3)))
     assert thrusts.min() == approx(0.0) and thrusts.mean() == approx(0.3)
     assert thrusts @ WHOLE[1] / 4 == approx(0.1) and thrusts @ WHOLE[0] / 4 < 0.25
-    full = np.array(mixers.px4(WHOLE, (0.0, 0.0, 0.5, 1.0)))
+    full = np.array(mixers.px4_thrusts(WHOLE, (0.0, 0.0, 0.5, 1.0)))
     assert full.max() == approx(1.0) and full @ WHOLE[2] / 4 == approx(0.15 / 2, abs=0.08)

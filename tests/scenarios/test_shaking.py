@@ -14,7 +14,7 @@ from mavdem.vibration.notch_filters import notch_advice
 from mavdem.vibration.spectra import vibration_spectra
 from mavdem.vibration.spectral_lines import LineKind, find_spectral_lines
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.sensors import RotorNoise
+from sitl_scenarios.sensors import GyroVibration
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 from sitl_scenarios.vehicles import airframe
@@ -41,9 +41,9 @@ def flight(shaking, **parameters):
 
 def test_rotors_shake_once_a_turn_and_once_a_blade_and_the_frame_at_its_own_frequency():
     scenario = flight(SHAKING)
-    noise = RotorNoise(scenario, 1e-3)
+    noise = GyroVibration(scenario, 1e-3)
     speed = airframe(scenario.vehicle).hover_speed
-    felt = np.array([noise.at((speed,) * 4) for _ in range(8000)])
+    felt = np.array([noise.sample((speed,) * 4) for _ in range(8000)])
     first, second = felt[:, :2].T
     apart = first - second
     hertz, (power, of_frame) = periodogram([first, apart], 1e3, "hann")
@@ -53,7 +53,7 @@ def test_rotors_shake_once_a_turn_and_once_a_blade_and_the_frame_at_its_own_freq
     # What the axes have apart is the frame's.
     assert np.std(apart) == approx(2**0.5 * 0.02, rel=0.2)
     assert hertz[np.argmax(of_frame)] == approx(75.0, rel=0.05)
-    assert RotorNoise(flight({}), 1e-3).at((speed,) * 4) == (0.0, 0.0, 0.0)
+    assert GyroVibration(flight({}), 1e-3).sample((speed,) * 4) == (0.0, 0.0, 0.0)
 
 
 @mark.slow

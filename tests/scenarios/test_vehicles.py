@@ -5,11 +5,11 @@ from math import hypot
 import numpy as np
 from pytest import approx, mark
 
-from sitl_scenarios.dynamics import AirState, dynamics
+from sitl_scenarios.dynamics import AirState, vehicle_dynamics
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.gains import controller_for
 from sitl_scenarios.mavlink.autopilots import ARDUPILOT, PX4
 from sitl_scenarios.mavlink.messages import parameters
+from sitl_scenarios.parameter_controller import controller_for
 from sitl_scenarios.scenario import Scenario, VehicleSpec
 from sitl_scenarios.truth import linearised
 from sitl_scenarios.vehicles import AIRFRAMES, airframe
@@ -32,7 +32,7 @@ def test_a_vehicle_has_the_published_figures(name, mass, inertia, arm, speed, th
     assert (body.mass, body.inertia) == (mass, inertia)
     assert hypot(*body.arm) == approx(arm, rel=1e-5)
     assert body.thrust_at(speed) == approx(thrust, rel=1e-5)
-    a, b = body.torque
+    a, b = body.torque_coefficients
     assert a * speed**2 + b * speed == approx(torque, rel=1e-5)
 
 
@@ -64,17 +64,17 @@ def test_an_autopilot_may_take_the_frame_for_another():
     for kind in (taken, {"frame": "plus"}):
         vehicle = {**kind, "parameters": {"ATC_RAT_RLL_P": 0.1}}
         flown = controller_for(scenario_of({"vehicle": vehicle, "stream": stream}))
-        mixed.append(flown.mixed(ROLL))
+        mixed.append(flown.motor_commands(ROLL))
     assert mixed[0] == mixed[1]
 
 
 def test_drag_is_linear_and_quadratic_along_each_axis():
     spec = VehicleSpec(drag_linear=(0.3, 0.2), drag_quadratic=(0.02, 0.04))
     hover = (airframe(spec).hover_speed,) * 4
-    acceleration = dynamics(spec)(
+    acceleration = vehicle_dynamics(spec)(
         (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, hover, AirState(north=4.0, east=-3.0)
     )
-    assert acceleration[:2] == approx(((0.3 + 0.02 * 5) * 4, (0.2 + 0.04 * 5) * -3))
+    assert acceleration.linear[:2] == approx(((0.3 + 0.02 * 5) * 4, (0.2 + 0.04 * 5) * -3))
 
 
 @mark.parametrize("share", [0.0, 0.3, 1.0])
@@ -83,17 +83,19 @@ def test_a_thrust_curve_is_as_quadratic_as_asked_and_undone_exactly(name, share)
     body = airframe(VehicleSpec(model=name, quadratic_thrust=share))
 
     def speed(command):
-        return body.rotor_speed(command * body.full)
+        return body.rotor_speed(command * body.full_command)
 
     published = AIRFRAMES[name]
-    most = published.thrust_at(published.rotor_speed(body.full))
+    most = published.thrust_at(published.rotor_speed(body.full_command))
     for command in (0.25, 0.5, 1.0):
         expected = most * ((1 - share) * command + share * command**2)
         assert body.thrust_at(speed(command)) == approx(expected)
     for command in (0.1, 0.6, 1.0):
-        assert body.command_for(speed(command)) == approx(command * body.full)
+        assert body.command_for(speed(command)) == approx(command * body.full_command)
         rise = speed(command + 1e-6) - speed(command - 1e-6)
-        assert body.speed_slope(command * body.full) == approx(rise / (2e-6 * body.full))
+        assert body.speed_slope(command * body.full_command) == approx(
+            rise / (2e-6 * body.full_command)
+        )
 
 
 PAPER_ORDER = (2, 0, 3, 1)

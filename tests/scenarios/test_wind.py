@@ -55,14 +55,14 @@ def test_a_jet_falls_as_one_over_the_distance_and_has_a_gaussian_profile():
     assert jet_speed(jet, 6.0, 2 * 0.094 * 6) == approx(4 / 16)
     assert jet_speed(jet, -0.1, 0.0) == 0
     nearer = jet.model_copy(update={"distance": 6.0, "direction": 0.0, "turbulence": 0.0})
-    assert weather(wind=(nearer,), height=5.0).at(0, (1.5, 0.0, -5.0)).north == approx(-16 / 3)
+    assert weather(wind=(nearer,), height=5.0).air_at(0, (1.5, 0.0, -5.0)).north == approx(-16 / 3)
 
 
 def test_a_jet_is_turbulent_by_its_share_of_the_local_mean():
     """Off the axis by a half-width at twice the core's length, 8 m/s at the mouth are 2: of that, 0.25 are 0.5 m/s."""
     jet = Jet(kind="jet", speed=8.0, direction=0.0, distance=6.0, turbulence=0.25, s=0.01)
     blown = weather(20000, wind=(jet,), height=5.0)
-    air = np.array([blown.at(cycle, (0.0, 0.564, -5.0))[:3] for cycle in range(20000)])
+    air = np.array([blown.air_at(cycle, (0.0, 0.564, -5.0))[:3] for cycle in range(20000)])
     # By the noise's colour as good as 2300 independent values: 0.03 m/s are about three standard errors of a mean.
     assert air.std(axis=0) == approx([0.5, 0.5, 0.5], abs=0.03)
     assert air.mean(axis=0) == approx([-2.0, 0.0, 0.0], abs=0.03)
@@ -89,8 +89,8 @@ def test_wind_from_another_direction_is_the_same_wind_turned(wind):
         weather(wind=(wind.model_copy(update={"direction": at}),)) for at in (0.0, 30.0)
     )
     for cycle in range(0, 500, 50):
-        one = from_north.at(cycle, (north, east, -4.9))
-        other = turned.at(cycle, there)
+        one = from_north.air_at(cycle, (north, east, -4.9))
+        other = turned.air_at(cycle, there)
         assert other.north == approx(one.north * cos - one.east * sin)
         assert other.east == approx(one.north * sin + one.east * cos)
         assert other[2:] == approx(one[2:])
@@ -125,10 +125,10 @@ def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
 def test_wind_grows_with_height_and_turns_clockwise_with_height_and_time(profile, height, speed):
     west = SteadyWind(kind="steady", speed=4.0, direction=270.0)
     air = weather(samples=2501, wind=(west,), profile=Profile(veer=0.5, turn=3.0, **profile))
-    there = air.at(2500, (0.0, 0.0, -height))
+    there = air.air_at(2500, (0.0, 0.0, -height))
     angle = np.radians(0.5 * (height - 10) + 3.0 * 10)
     assert there[:3] == approx((-speed * np.sin(angle), speed * np.cos(angle), 0.0))
-    assert air.at(0, (0.0, 0.0, -10.0))[:3] == approx((0.0, 4.0, 0.0))
+    assert air.air_at(0, (0.0, 0.0, -10.0))[:3] == approx((0.0, 4.0, 0.0))
 
 
 def test_winds_and_moments_are_summed():
@@ -138,7 +138,7 @@ def test_winds_and_moments_are_summed():
     both = weather(
         wind=(east, north), moments=(Moment(sd=0.1, s=0.1), Moment(axis="yaw", sd=0.1, s=0.1))
     )
-    air = both.at(7, ORIGIN)
+    air = both.air_at(7, ORIGIN)
     assert air[:3] == approx((-2, -3, 0))
     assert air.roll != 0 != air.yaw != air.roll and air.pitch == 0
 

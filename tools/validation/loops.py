@@ -38,9 +38,9 @@ from mavdem.loops.autopilot_parameters import DEFAULT_LOOP_RATES, LOOP_RATE_PARA
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.margins import OpenLoop, attitude_loop, rate_loop
-from sitl_scenarios.dynamics import IDLE_COMMAND, MAX_PULSE, frame, pulse
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.gains import parameters_of
+from sitl_scenarios.gains import control_parameters
+from sitl_scenarios.rotors import IDLE_COMMAND, MAX_PULSE, pulse_width, rotor_frame
 from sitl_scenarios.scenario import AXES, Axis, Scenario
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import axis as linear_axis
@@ -86,7 +86,7 @@ def drawn(seed: int, rng: Generator) -> Scenario:
     wanted["stream"]["rates"] = {"ATTITUDE_TARGET": RATE}
     of = scenario_of(wanted)
     body = airframe(of.vehicle)
-    share = body.command_for(body.hover_speed) / body.full
+    share = body.command_for(body.hover_speed) / body.full_command
     hover = [share] * 4
     least = 180.0
     for axis in AXES:
@@ -112,9 +112,9 @@ def drawn(seed: int, rng: Generator) -> Scenario:
 def flown_by(of: Scenario, axis: Axis) -> Controller:
     """The controller of one axis that a scenario flies."""
     row = 2 + AXES.index(axis)
-    columns = frame(of.vehicle.frame, airframe(of.vehicle).arm)
+    columns = rotor_frame(of.vehicle.frame, airframe(of.vehicle).arm)
     weights = columns[row]
-    parameters = parameters_of(of)
+    parameters = control_parameters(of)
     return controller_from_parameters(parameters, axis, weights)
 
 
@@ -123,7 +123,7 @@ def plant_of(of: Scenario, axis: Axis, effect: Array, shares: Sequence[float]) -
     damping = -linear_axis(of.vehicle, axis).A[-1, -1]
     per_demand = flown_by(of, axis).outputs_per_demand(shares)
     gain = 1000 * effect @ per_demand
-    lag = sum(airframe(of.vehicle).lag) / 2
+    lag = sum(airframe(of.vehicle).rotor_lags) / 2
     delay = of.sensors.delay + of.cycle / 2
     return [float(gain), float(damping), lag, delay]
 
@@ -159,7 +159,7 @@ def flown(seed: int, cache: Path) -> Path:
             motion = fly(of)
             outputs = motion.outputs[motion.landed_state == IN_AIR]
             full = outputs >= MAX_PULSE
-            idle = outputs <= pulse(IDLE_COMMAND)
+            idle = outputs <= pulse_width(IDLE_COMMAND)
             limited = (full | idle).any(axis=1)
     shares = (outputs.mean(axis=0) / 1000 - 1).tolist()
     effects = truth(of, motion)

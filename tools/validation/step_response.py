@@ -20,7 +20,7 @@ from mavdem.loops.step_response import (
     rate_step_response,
     step_from_frequency_response,
 )
-from sitl_scenarios.gains import controller_for
+from sitl_scenarios.parameter_controller import controller_for
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
@@ -36,7 +36,7 @@ def judged(number: int) -> list[Values]:
     parts = settled_flight(signals)
     outer = truths["roll_attitude_loop"]
     frequency = truths["loop_frequency"]
-    stiff = controller_for(flight).stiff[0]
+    stiff = controller_for(flight).attitude_gains[0]
     rate = outer * 2j * np.pi * frequency / stiff
     closed = {"rate": rate, "attitude": outer / (1 + outer)}
     responses = {

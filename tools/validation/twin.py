@@ -25,7 +25,7 @@ from mavdem.dataset.flights import choose_vehicle
 from mavdem.experiments.paper.runner import write_log
 from mavdem.ingest import read_log
 from sitl_scenarios.files import load, with_parameters, with_vehicle
-from sitl_scenarios.gains import parameters_of
+from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.motion import Array
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
@@ -54,7 +54,7 @@ def vehicle(seed: int, number: int) -> Scenario:
 
 def with_gains(scenario: Scenario, times: float) -> Scenario:
     """Returns the scenario with ``times`` the gains of roll and pitch."""
-    parameters = parameters_of(scenario)
+    parameters = control_parameters(scenario)
     raised = [f"{name}={times * value}" for name, value in parameters.items() if GAINS.match(name)]
     return with_parameters(scenario, raised)
 

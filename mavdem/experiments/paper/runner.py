@@ -38,10 +38,9 @@ from mavdem.ingest.tlog import write_tlog
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.report.blocks import Block
 from mavdem.report.figures.style import Picture
-from sitl_scenarios.dynamics import known_angles
 from sitl_scenarios.files import load
 from sitl_scenarios.mavlink.transmitter import recorded
-from sitl_scenarios.motion import Motion
+from sitl_scenarios.motion import Motion, estimated_angles
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
@@ -95,7 +94,7 @@ def hover(scenario: Scenario, motion: Motion) -> Flight:
     columns = (
         motion.known_position[:, 1],
         motion.known_velocity[:, 1],
-        known_angles(motion)[:, 0],
+        estimated_angles(motion)[:, 0],
         motion.known_rates[:, 0],
     )
     outputs = interpolated(time, motion.time, np.column_stack(columns))

@@ -1,0 +1,72 @@
+"""Damage in flight: weak motors, chipped propellers and shifted loads, and from when on they act."""
+
+from math import sqrt
+from typing import NamedTuple
+
+from sitl_scenarios.motion import Pair
+from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.vectors import Vector4
+
+METRES_PER_MILLIMETRE = 1e-3
+"""Factor from the millimetres of a scenario's load to metres."""
+
+
+class Damage(NamedTuple):
+    """Condition of a vehicle: what its rotors still give, and where its centre of mass is."""
+
+    speed: Vector4 = (1.0,) * 4
+    """Remaining fraction of each rotor's speed at the same command."""
+    thrust: Vector4 = (1.0,) * 4
+    """Remaining fraction of each rotor's thrust at the same speed."""
+    torque: Vector4 = (1.0,) * 4
+    """Remaining fraction of each rotor's torque at the same speed."""
+    centre_of_mass: Pair = (0.0, 0.0)
+    """Position of the centre of mass forward and right of the published one, m."""
+
+
+UNDAMAGED = Damage()
+"""Condition of a sound vehicle."""
+
+
+def damage_history(scenario: Scenario) -> list[tuple[float, Damage]]:
+    """Lists when a scenario's vehicle gets damaged, and its condition from then on.
+
+    Returns:
+        Pairs in ascending order of time: seconds after the first arming, and all damage that acts from then on. The
+        list of a sound vehicle is empty.
+    """
+    start_times = set[float]()
+    if scenario.vehicle.weak_motor:
+        start_times.add(scenario.vehicle.weak_from)
+    if scenario.propeller.motor:
+        start_times.add(scenario.propeller.start)
+    if scenario.load.forward or scenario.load.right:
+        start_times.add(scenario.load.start)
+    return [(time, _condition(scenario, time)) for time in sorted(start_times)]
+
+
+def _condition(scenario: Scenario, time: float) -> Damage:
+    """Returns all damage that acts on a vehicle at a ``time``, s after the first arming."""
+    vehicle = scenario.vehicle
+    propeller = scenario.propeller
+    load = scenario.load
+    weak_motor = vehicle.weak_motor if time >= vehicle.weak_from else 0
+    chipped_motor = propeller.motor if time >= propeller.start else 0
+    centre_of_mass = (0.0, 0.0)
+    if time >= load.start:
+        centre_of_mass = (
+            METRES_PER_MILLIMETRE * load.forward,
+            METRES_PER_MILLIMETRE * load.right,
+        )
+    return Damage(
+        # Thrust goes with the square of the speed.
+        speed=_reduced(weak_motor, sqrt(vehicle.weak_thrust)),
+        thrust=_reduced(chipped_motor, propeller.thrust),
+        torque=_reduced(chipped_motor, propeller.torque),
+        centre_of_mass=centre_of_mass,
+    )
+
+
+def _reduced(motor: int, fraction: float) -> Vector4:
+    """Returns the ``fraction`` for one motor, counted from 1, and 1 for the others; motor 0 means none."""
+    return tuple(fraction if motor == number else 1.0 for number in (1, 2, 3, 4))

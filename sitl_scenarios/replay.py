@@ -1,0 +1,103 @@
+"""Replay: roll and pitch of a simulated vehicle that follows given setpoints under a given wind torque.
+
+The digital twin of a logged vehicle is compared with its log in this way. Only vertical speed, height and attitude are
+controlled: a mean wind would move the vehicle, not turn it.
+"""
+
+from math import cos
+
+import numpy as np
+
+from sitl_scenarios.dynamics import AirState, Body, State, physics_steps
+from sitl_scenarios.motion import Array
+from sitl_scenarios.parameter_controller import controller_for, gyro_for
+from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.sensors import StateEstimator
+from sitl_scenarios.simulation import tumbles
+from sitl_scenarios.vectors import Vector3, euler_angles
+from sitl_scenarios.vehicles import GRAVITY, airframe
+
+CLIMB_GAIN = 1.5
+"""Gain of the specific thrust by the vertical speed, 1/s: slower than the motions that are replayed."""
+
+HEIGHT_GAIN = 0.6
+"""Gain of the specific thrust by the height, 1/s²: slower than the motions that are replayed."""
+
+MIN_LIFT = GRAVITY / 5
+"""Smallest specific vertical thrust, m/s²: the rotors never stop."""
+
+MIN_UPRIGHT_COSINE = 0.5
+"""Smallest cosine of the tilt by which the vertical thrust is divided: 60° of tilt."""
+
+
+def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> Array:
+    """Simulates how a vehicle follows setpoints of roll and pitch under a torque of the wind.
+
+    Args:
+        scenario: Only its vehicle, sensors, autopilot and seed count.
+        dt: Sampling period of all arrays, s.
+        setpoints: (T, 3, 2) for roll, pitch and yaw: the angle, rad, and the body rate to add to that which the error
+            of the angle asks for, rad/s. The angle of yaw is not used: the heading is not held.
+        torque: (T, 3) torque of the wind by the moments of inertia, rad/s².
+
+    Returns:
+        (T, 3, 2) angles of roll, pitch and yaw, rad, and body rates, rad/s, as the autopilot estimates them.
+
+    Raises:
+        ValueError: The vehicle tumbles.
+    """
+    cycle = scenario.cycle
+    airframe_body = airframe(scenario.vehicle)
+    steps = physics_steps(cycle)
+    body = Body(scenario.vehicle, cycle / steps)
+    controller = controller_for(scenario)
+    gyro = gyro_for(controller)
+    estimator = StateEstimator(scenario)
+    cycles = round(len(torque) * dt / cycle)
+    # Times of the cycles, in samples of the arrays.
+    cycle_times = np.arange(cycles) * cycle / dt
+    inputs = _inputs_by_cycle(cycle_times, setpoints, torque, airframe_body.inertia)
+    state = State(rotors=(airframe_body.hover_speed,) * 4)
+    estimates = []
+    for row in inputs.tolist():
+        roll_setpoint, pitch_setpoint, _, p, q, r, *moments = row
+        estimate = estimator.estimate(state._replace(rates=gyro.filtered_rates))
+        angles = euler_angles(estimate.attitude)
+        roll, pitch, yaw = angles
+        estimates.append((angles, estimate.rates))
+        lift = GRAVITY + CLIMB_GAIN * state.velocity[2] + HEIGHT_GAIN * state.position[2]
+        upright = max(cos(roll) * cos(pitch), MIN_UPRIGHT_COSINE)
+        thrust = airframe_body.mass * max(lift, MIN_LIFT) / upright
+        control = controller.attitude_control(
+            estimate, (roll_setpoint, pitch_setpoint, yaw), (p, q, r), thrust, True
+        )
+        roll_moment, pitch_moment, yaw_moment = moments
+        air = AirState(roll=roll_moment, pitch=pitch_moment, yaw=yaw_moment)
+        settled_speeds = body.settled_speeds(control.outputs, 1.0)
+        state = gyro.advance(body, state, settled_speeds, air, steps)
+        if tumbles(state):
+            raise ValueError("the vehicle is out of control: it needs other gains")
+    # Each sample gets the estimate of the cycle that begins at it or next; the tolerance keeps rounding out.
+    samples = np.arange(len(torque))
+    rows = np.searchsorted(cycle_times, samples - 1e-6).clip(max=len(estimates) - 1)
+    return np.array(estimates)[rows].mT
+
+
+def _inputs_by_cycle(
+    cycle_times: Array, setpoints: Array, torque: Array, inertia: Vector3
+) -> Array:
+    """Interpolates setpoints and moments of the wind linearly at the cycles of the autopilot.
+
+    Args:
+        cycle_times: (C,) times of the cycles, in samples.
+        setpoints: (T, 3, 2) angles and rates of roll, pitch and yaw.
+        torque: (T, 3) torque of the wind by the moments of inertia, rad/s².
+        inertia: Moments of inertia about the three axes, kg m².
+
+    Returns:
+        (C, 9) angles, rad, rates, rad/s, and moments, N m, at the cycles.
+    """
+    samples = np.arange(len(torque))
+    moments = torque * inertia
+    inputs = np.column_stack([setpoints[..., 0], setpoints[..., 1], moments])
+    return np.column_stack([np.interp(cycle_times, samples, column) for column in inputs.T])

@@ -1,0 +1,111 @@
+"""Rotors of a quadrotor: where they are and how they turn, the mixer that commands them, and their PWM pulses.
+
+ArduPilot and PX4 number an X quadrotor alike: 1 front right, 2 rear left, 3 front left, 4 rear right. ArduPilot numbers
+a + quadrotor 1 right, 2 left, 3 front, 4 rear; PX4, whose parameters hold the positions, is given the same order. In
+both frames rotors 1 and 2 turn counter-clockwise seen from above
+(https://ardupilot.org/copter/docs/connect-escs-and-motors.html; PX4's airframe reference).
+"""
+
+from math import hypot
+from typing import Literal, NamedTuple
+
+from sitl_scenarios.motion import Pair
+from sitl_scenarios.vectors import Vector4
+
+SPIN_DIRECTIONS = (1.0, 1.0, -1.0, -1.0)
+"""Sign of each rotor's torque on the body about the down axis.
+
+1: the rotor turns counter-clockwise seen from above, so that its torque turns the body clockwise, to positive yaw.
+"""
+
+IDLE_COMMAND = 0.1
+"""Lowest normalised command of an armed motor, as a fraction of the full command; a choice."""
+
+MIN_PULSE = 1000.0
+"""PWM pulse width of a command of 0, µs."""
+
+MAX_PULSE = 2000.0
+"""PWM pulse width of the full command, µs."""
+
+DISARMED_PULSE = {"px4": 900.0, "ardupilot": 1000.0}
+"""PWM pulse width of a disarmed motor, µs, by autopilot: PX4's PWM_MAIN_DISn is set to 900."""
+
+
+class RotorFrame(NamedTuple):
+    """Positions of four rotors and their mixer, in the autopilots' order of motors."""
+
+    forward: Vector4
+    """Position of each rotor forward of the centre of mass, m."""
+    right: Vector4
+    """Position of each rotor to the right of the centre of mass, m."""
+    roll: Vector4
+    """What a roll demand of 1 adds to the normalised command of each motor."""
+    pitch: Vector4
+    """What a pitch demand of 1 adds to the normalised command of each motor."""
+    yaw: Vector4
+    """What a yaw demand of 1 adds to the normalised command of each motor."""
+
+
+def rotor_frame(shape: Literal["x", "plus"], arm: Pair) -> RotorFrame:
+    """Returns rotor positions and mixer of a frame.
+
+    Args:
+        shape: Arrangement of the four rotors.
+        arm: How far forward and right of the centre of mass the rotors of an X frame are, m. The rotors of a + frame
+            are as far from the centre as these.
+    """
+    forward = (1.0, -1.0, 1.0, -1.0)
+    right = (1.0, -1.0, -1.0, 1.0)
+    if shape == "plus":
+        forward = (0.0, 0.0, 1.0, -1.0)
+        right = (1.0, -1.0, 0.0, 0.0)
+        radius = hypot(*arm)
+        arm = (radius, radius)
+    forward_arm, right_arm = arm
+    # Thrust acts upwards: a rotor on the left rolls the body to the right, one in front raises the nose.
+    return RotorFrame(
+        forward=tuple(sign * forward_arm for sign in forward),
+        right=tuple(sign * right_arm for sign in right),
+        roll=tuple(-sign for sign in right),
+        pitch=forward,
+        yaw=SPIN_DIRECTIONS,
+    )
+
+
+def mixed_commands(frame: RotorFrame, demands: Vector4) -> Vector4:
+    """Distributes demands of roll, pitch, yaw and thrust over the motors, within their limits.
+
+    Where a motor would saturate, the thrust gives way first, so that the vehicle stays upright. If the demands of
+    roll, pitch and yaw alone need more than the motors' range, all three are scaled down alike.
+
+    Args:
+        frame: Mixer of the vehicle.
+        demands: Roll, pitch and yaw, −1 to 1, and thrust, 0 to 1.
+
+    Returns:
+        Normalised command of each motor, ``IDLE_COMMAND`` to 1.
+    """
+    roll, pitch, yaw, thrust = demands
+    differential = [
+        roll * roll_effect + pitch * pitch_effect + yaw * yaw_effect
+        for roll_effect, pitch_effect, yaw_effect in zip(
+            frame.roll, frame.pitch, frame.yaw, strict=True
+        )
+    ]
+    lowest = min(differential)
+    highest = max(differential)
+    if highest - lowest > 1.0 - IDLE_COMMAND:
+        scale = (1.0 - IDLE_COMMAND) / (highest - lowest)
+        differential = [part * scale for part in differential]
+        lowest = lowest * scale
+        highest = highest * scale
+    min_thrust = IDLE_COMMAND - lowest
+    max_thrust = 1.0 - highest
+    thrust = min(max(thrust, min_thrust), max_thrust)
+    return tuple(part + thrust for part in differential)
+
+
+def pulse_width(command: float) -> float:
+    """Returns the PWM pulse of a normalised command, in whole µs, as the autopilots put it out."""
+    microseconds = MIN_PULSE + (MAX_PULSE - MIN_PULSE) * command
+    return float(round(microseconds))
