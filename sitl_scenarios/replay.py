@@ -55,7 +55,7 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
     estimator = StateEstimator(scenario)
     cycles = round(len(torque) * dt / cycle)
     # Times of the cycles, in samples of the arrays.
-    cycle_times = np.arange(cycles) * cycle / dt
+    cycle_times = np.arange(cycles, dtype=np.float64) * cycle / dt
     inputs = _inputs_by_cycle(cycle_times, setpoints, torque, airframe_body.inertia)
     state = State(rotors=(airframe_body.hover_speed,) * 4)
     estimates = []
