@@ -1,8 +1,9 @@
-"""What is said of many flights: which vehicles need a look, what was flown, and which logs could not be used."""
+"""The summary of many flights in sentences: vehicles that need a look, what was flown, and logs that were not used."""
 
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import PurePath
+from typing import NamedTuple
 
 from mavdem.containers import group_by
 from mavdem.facts import Level
@@ -17,101 +18,154 @@ from mavdem.report.numbers import abbreviated_list, listed
 from mavdem.report.templates import as_clause, capitalize_first, render_section
 
 TROUBLED_HEALTHS = MotorHealth.FAULT, MotorHealth.DRIFT
+"""Healths of the motors with which a vehicle needs a look."""
+
 HEALTH_LEVELS = {
     MotorHealth.FAULT: Level.BAD,
     MotorHealth.DRIFT: Level.WATCH,
     MotorHealth.OK: Level.GOOD,
     MotorHealth.UNKNOWN: Level.UNKNOWN,
 }
-"""The level by which the health of motors is shown."""
-NOT_USED = "not used"  # in the place of the health of a log without a flight
-MAX_REASONS = 8  # why logs could not be used, the most frequent ones
+"""The level by which a page colours the health of the motors."""
+
+NOT_USED = "not used"
+"""What is shown in the place of the health of a log without a flight."""
+
+MAX_URGENT_RANK = 2
+"""Ranks of :func:`urgency` below this one need a look: a fault, a bad headline, or a drift."""
+
+BAD_HEADLINE_RANK = 1.5
+"""Rank of a vehicle whose latest flight has a bad headline: after a drift, which has 1, before healthy motors."""
+
+MAX_REASONS = 8
+"""Reasons why logs were not used that are shown, the most frequent ones."""
+
+MAX_REASON_LENGTH = 70
+"""Letters of such a reason in a table."""
+
+MAX_FILE_LENGTH = 40
+"""Letters of a file's name in a table."""
+
+
+class Urgency(NamedTuple):
+    """What vehicles are sorted by, the most urgent first."""
+
+    rank: float
+    """Rank of the health, 0 for a fault; below ``MAX_URGENT_RANK`` the vehicle needs a look."""
+
+    age: float
+    """Minus the UNIX time of the latest flight, s; 0 where it has no date."""
+
+
+class VehicleWords(NamedTuple):
+    """What a page says of one vehicle."""
+
+    conclusion: str
+    """What the latest judged flight shows."""
+
+    difference: str
+    """What was found in all flights; may be empty."""
 
 
 def fleet_blocks(rows: FlightRows) -> Blocks:
-    """Returns the summary of a fleet: a headline, what was flown, and why logs could not be used."""
+    """Returns the summary of a fleet: a headline, what was flown, and a table of why logs were not used."""
     vehicles = fleet_flights.vehicles_of(rows)
-    named = {name: flights for name, flights in vehicles.items() if is_one_vehicle(name, flights)}
-    once = {
+    shown_vehicles = {
+        name: flights for name, flights in vehicles.items() if is_one_vehicle(name, flights)
+    }
+    # Two logs of one flight count once, where it is certain that they are of one vehicle.
+    distinct_flights = {
         name: fleet_flights.distinct_flights(flights)
-        for name, flights in named.items()
+        for name, flights in shown_vehicles.items()
         if not has_shared_name(flights)
     }
-    flown = [flight for name in vehicles for flight in once.get(name, vehicles[name])]
-    unjudged = [name for name in once if vehicle_health(named[name]) == UNKNOWN]
-    blocks = [
-        *render_section(
-            "fleet",
-            **_needs_a_look(named),
-            vehicles=len(once),
-            all_known=len(once) == len(named),
-            flown=_flown(flown),
-            twice=sum(len(vehicles[name]) - len(flights) for name, flights in once.items()),
-            unjudged=len(unjudged),
-            nameless=sum(len(flights) for name, flights in vehicles.items() if name not in once),
-        )
-    ]
-    return blocks + _unused(
-        [
-            flight[0]
-            for flight in fleet_flights.flights_of(row for row in rows if not row.has_flight)
-        ]
+    flown = []
+    nameless_count = 0
+    duplicate_count = 0
+    for name, flights in vehicles.items():
+        if name in distinct_flights:
+            flown += distinct_flights[name]
+            duplicate_count += len(flights) - len(distinct_flights[name])
+        else:
+            flown += flights
+            nameless_count += len(flights)
+    unjudged = [name for name in distinct_flights if vehicle_health(vehicles[name]) == UNKNOWN]
+    summary = render_section(
+        "fleet",
+        **_health_summary(shown_vehicles),
+        vehicles=len(distinct_flights),
+        all_known=len(distinct_flights) == len(shown_vehicles),
+        flown=_flown_summary(flown),
+        twice=duplicate_count,
+        unjudged=len(unjudged),
+        nameless=nameless_count,
     )
+    unused = fleet_flights.flights_of(row for row in rows if not row.has_flight)
+    return [*summary, *_unused_blocks([flight[0] for flight in unused])]
 
 
 def is_one_vehicle(name: str, flights: Flights) -> bool:
-    """Returns whether these are a vehicle's: of a system id, which many share, only if there is something to say."""
-    return name != UNKNOWN and (
-        not has_shared_name(flights)
-        or vehicle_health(flights) != UNKNOWN
-        or bad_headline(flights) != ""
-    )
+    """Returns whether a page has a part of its own for the flights under a name.
+
+    Several vehicles may share a MAVLink system id as their name. Such flights have a part only if there is something to
+    report about them.
+    """
+    if name == UNKNOWN:
+        return False
+    if not has_shared_name(flights):
+        return True
+    return vehicle_health(flights) != UNKNOWN or bad_headline(flights) != ""
 
 
 def vehicle_health(flights: Flights) -> str:
-    """Returns what was found in a vehicle's latest flight that was judged; "unknown" if none was."""
-    return next(
-        (health for flight in reversed(flights) if (health := worst_health(flight)) != UNKNOWN),
-        UNKNOWN,
-    )
+    """Returns the health of a vehicle's motors in its latest flight that was judged; "unknown" if none was."""
+    for flight in reversed(flights):
+        health = worst_health(flight)
+        if health != UNKNOWN:
+            return health
+    return UNKNOWN
 
 
 def bad_headline(flights: Flights) -> str:
-    """Returns the headline of a vehicle's latest flight where that is bad, else nothing."""
+    """Returns the headline of a vehicle's latest flight if its level is bad, otherwise an empty text."""
     latest = flights[-1][0]
-    return (latest.headline or "") if latest.headline_level == Level.BAD else ""
+    if latest.headline_level != Level.BAD:
+        return ""
+    return latest.headline or ""
 
 
 def badge(flights: Flights) -> str:
-    """Returns how the latest of the ``flights`` went, at a glance; motors in trouble go first."""
-    health = vehicle_health(flights)
+    """Returns how the latest of a vehicle's flights went in one word, with its level.
+
+    It is the health of the motors where they are in trouble, otherwise the level of the flight's headline.
+    """
     latest = flights[-1][0]
     if not latest.has_flight:
         return NOT_USED
+    health = vehicle_health(flights)
     if health in TROUBLED_HEALTHS or latest.headline_level is None:
         return Rated(health, HEALTH_LEVELS[MotorHealth(health)])
     return Rated(latest.headline_level, Level(latest.headline_level))
 
 
-def urgency(flights: Flights) -> tuple[float, float]:
-    """Returns by what vehicles are sorted: the worst first, of these the one with the newest flight."""
-    worst = HEALTHS.index(vehicle_health(flights))
-    newest = flights[-1][0].date
-    return min(worst, 1.5) if bad_headline(
-        flights
-    ) else worst, -newest.timestamp() if newest else 0.0
+def urgency(flights: Flights) -> Urgency:
+    """Returns what a vehicle is sorted by: how bad its latest judged flight is, then how recently it flew."""
+    rank: float = HEALTHS.index(MotorHealth(vehicle_health(flights)))
+    if bad_headline(flights):
+        rank = min(rank, BAD_HEADLINE_RANK)
+    latest_date = flights[-1][0].date
+    return Urgency(rank, -latest_date.timestamp() if latest_date else 0.0)
 
 
-def vehicle_words(flights: Flights) -> tuple[str, str]:
-    """Returns what one vehicle's latest flight that was judged shows, in a sentence, and what was found in all."""
+def vehicle_words(flights: Flights) -> VehicleWords:
+    """Returns what a vehicle's latest judged flight shows, and what was found in all of its flights."""
     health = vehicle_health(flights)
-    counts = Counter(map(worst_health, flights))
-    reasons = (
-        row.health_reason if row.is_read else row.status
-        for flight in reversed(flights)
-        for row in flight
-    )
-    troubled = (flight for flight in reversed(flights) if worst_health(flight) in TROUBLED_HEALTHS)
+    counts = Counter(worst_health(flight) for flight in flights)
+    worst_troubled_row = None
+    for flight in reversed(flights):
+        if worst_health(flight) in TROUBLED_HEALTHS:
+            worst_troubled_row = worst_row(flight)
+            break
     conclusion, difference = render_section(
         "fleet_vehicle",
         health=health,
@@ -121,57 +175,94 @@ def vehicle_words(flights: Flights) -> tuple[str, str]:
         flights=len(flights),
         counts=counts,
         kinds=[kind for kind in TROUBLED_HEALTHS if counts[kind]],
-        reason=next(filter(None, reasons), ""),
-        row=next(map(worst_row, troubled), None),
+        reason=_latest_reason(flights),
+        row=worst_troubled_row,
         is_shared=has_shared_name(flights),
     )
-    return conclusion.text, difference.text
+    return VehicleWords(conclusion.text, difference.text)
 
 
-def _needs_a_look(named: Mapping[str, Flights]) -> dict[str, object]:
-    """The vehicles that need a look, the worst first, those that recovered, and how many show nothing."""
-    sound = [name for name in named if vehicle_health(named[name]) == MotorHealth.OK]
-    urgent = sorted((urgency(flights), name) for name, flights in named.items())
-    ill = [
-        f"{name} ({as_clause(vehicle_words(named[name])[0])})"
-        for (level, _), name in urgent
-        if level < 2
+def _latest_reason(flights: Flights) -> str:
+    """Returns the latest reason for a health, or why a log was not read; empty without any."""
+    for flight in reversed(flights):
+        for row in flight:
+            reason = row.health_reason if row.is_read else row.status
+            if reason:
+                return reason
+    return ""
+
+
+def _health_summary(vehicles: Mapping[str, Flights]) -> dict[str, object]:
+    """Returns the values for the fleet's headline: vehicles that need a look, recovered ones, and healthy ones.
+
+    Args:
+        vehicles: flights of each vehicle, by its name.
+    """
+    ranked = sorted((urgency(flights), name) for name, flights in vehicles.items())
+    urgent = [
+        f"{name} ({as_clause(vehicle_words(vehicles[name]).conclusion)})"
+        for (rank, _), name in ranked
+        if rank < MAX_URGENT_RANK
     ]
-    recovered = [name for name in sound if {*TROUBLED_HEALTHS} & {*map(worst_health, named[name])}]
+    healthy = [name for name in vehicles if vehicle_health(vehicles[name]) == MotorHealth.OK]
+    recovered = []
+    for name in healthy:
+        healths = {worst_health(flight) for flight in vehicles[name]}
+        if not healths.isdisjoint(TROUBLED_HEALTHS):
+            recovered.append(name)
     return {
-        "ill": len(ill),
-        "named": abbreviated_list(ill),
+        "ill": len(urgent),
+        "named": abbreviated_list(urgent),
         "recovered": abbreviated_list(sorted(recovered)),
-        "judged": len(sound),
+        "judged": len(healthy),
     }
 
 
-def _flown(flown: Flights) -> dict[str, object] | None:
-    """How much was flown, when, and at which tiers."""
-    if not flown:
+def _flown_summary(flights: Flights) -> dict[str, object] | None:
+    """Returns the number of flights, settled hours, dates, and counts of tiers in words; None without a flight."""
+    if not flights:
         return None
-    seconds = (max(row.duration or 0.0 for row in flight) for flight in flown)
-    tiers = Counter(map(fleet_flights.best_tier, flown))
-    kinds = listed(f"{tiers[tier]} {words}" for tier, words in TIER_WORDS.items() if tiers[tier])
-    dates = sorted(filter(None, (flight[0].date for flight in flown)))
-    return {"flights": len(flown), "hours": sum(seconds) / 3600, "dates": dates, "kinds": kinds}
+    seconds = sum(max(row.duration or 0.0 for row in flight) for flight in flights)
+    tiers = Counter(fleet_flights.best_tier(flight) for flight in flights)
+    kinds = [f"{tiers[tier]} {words}" for tier, words in TIER_WORDS.items() if tiers[tier]]
+    dates = sorted(flight[0].date for flight in flights if flight[0].date)
+    return {
+        "flights": len(flights),
+        "hours": seconds / 3600,
+        "dates": dates,
+        "kinds": listed(kinds),
+    }
 
 
-def _unused(refused: FlightRows) -> Blocks:
-    """Why logs could not be used, the most frequent reason first."""
-    by_reason = group_by(refused, lambda row: row.status_code or row.status)
+def _unused_blocks(rows: FlightRows) -> Blocks:
+    """Returns a sentence and a table on why logs were not used, the most frequent reasons first.
+
+    Args:
+        rows: the first row of each log that was not used.
+    """
+    by_reason = group_by(rows, lambda row: row.status_code or row.status)
     ranked = sorted(by_reason.items(), key=lambda item: (-len(item[1]), item[0]))
     cells = []
-    for code, rows in ranked[:MAX_REASONS]:
-        # a sentence has the figures of one log
-        reason = rows[0].status if len(rows) == 1 else capitalize_first(code.replace("_", " "))
+    for code, same_reason in ranked[:MAX_REASONS]:
+        # The sentence of one log contains its own figures, so several logs share the name of their code.
+        if len(same_reason) == 1:
+            reason = same_reason[0].status
+        else:
+            reason = capitalize_first(code.replace("_", " "))
+        example = PurePath(same_reason[0].file).name
         cells.append(
-            [truncated(reason, 70), str(len(rows)), truncated(PurePath(rows[0].file).name, 40)]
+            [
+                truncated(reason, MAX_REASON_LENGTH),
+                str(len(same_reason)),
+                truncated(example, MAX_FILE_LENGTH),
+            ]
         )
-    table = Table(["reason", "logs", "for example"], cells, words=True)
-    return [*render_section("fleet_unused", logs=len(refused)), *([table] if refused else [])]
+    sentences = render_section("fleet_unused", logs=len(rows))
+    if not rows:
+        return [*sentences]
+    return [*sentences, Table(["reason", "logs", "for example"], cells, words=True)]
 
 
-def truncated(text: str, longest: int) -> str:
-    """Returns the text, shortened to so many letters."""
-    return text if len(text) <= longest else f"{text[: longest - 1]}…"
+def truncated(text: str, max_length: int) -> str:
+    """Returns a text of at most so many letters; a longer one is cut, with "…"."""
+    return text if len(text) <= max_length else f"{text[: max_length - 1]}…"

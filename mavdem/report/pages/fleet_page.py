@@ -1,9 +1,10 @@
-"""The index of a fleet: what was found in words, each vehicle's figures over its flights, and all flights."""
+"""The HTML index of a fleet: a summary, the charts of each vehicle over its flights, and a table of all flights."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
 from math import degrees
 from pathlib import PurePath
+from typing import NamedTuple
 from urllib.parse import quote
 
 import numpy as np
@@ -11,69 +12,60 @@ import numpy as np
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
+from mavdem.fleet.difference import Flights
 from mavdem.fleet.flights import AxisRows, flights_of, vehicles_of, worst_health
 from mavdem.fleet.row import FlightRow, FlightRows
-from mavdem.report import fleet as words
+from mavdem.report import fleet as fleet_words
 from mavdem.report.blocks import Block, Table
+from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import rose_of_flights
 from mavdem.report.charts.vehicle_charts import vehicle_group
-from mavdem.report.fleet import TROUBLED_HEALTHS, truncated, urgency
+from mavdem.report.fleet import MAX_URGENT_RANK, TROUBLED_HEALTHS, truncated, urgency
 from mavdem.report.numbers import MAX_LISTED_NAMES, listed, rounded
 from mavdem.report.pages.page import environment, render_page
 from mavdem.wind_velocity.compass import compass_text
 
-# vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
 MAX_DRAWN = 20
-# lines of the table until more are asked for: a browser lays out so many while one types
+"""Vehicles with charts, the most urgent ones: with more, a page takes long to make and is too large to mail."""
+
 FIRST_SHOWN = 50
-MAX_NOTE = 320  # letters of what is said of a flight: its page has all
-BADGES = "fault", "bad", "drift", "watch", words.NOT_USED, "unknown", "ok", "good"
-"""What stands in the place of the health, the most urgent first."""
-TOP = re.compile(r'(?<=<main>\n)(<p class="said [^<]*</p>\n)?')
-"""Of a flight's page: what is said there of the flight beside others, if anything."""
+"""Rows of the table before more are asked for: so many a browser lays out while somebody types a search."""
+
+MAX_NOTE_LENGTH = 320
+"""Letters of the notes on a flight in the table; the page of the flight has all of them."""
+
+DATE_LENGTH = 16
+"""Letters of a date and time up to the minute, as in "2026-02-09 12:30"."""
+
+BADGES = "fault", "bad", "drift", "watch", fleet_words.NOT_USED, "unknown", "ok", "good"
+"""Words in the column of the health, the most urgent first: the order in which the page sorts."""
+
+REMARK_PLACE = re.compile(r'(?<=<main>\n)(<p class="said [^<]*</p>\n)?')
+"""The beginning of a flight's page, with the remark about other flights of the vehicle if there is one already."""
 
 
 def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None = None) -> str:
-    """Returns the HTML of a fleet's index, the same for the same rows; ``changes`` since a baseline by vehicle."""
-    since = dict(changes or {})
-    # Flights that do not say whose they are may be those of several vehicles.
-    ranked = sorted(
-        (urgency(flights), name, flights)
-        for name, flights in vehicles_of(rows).items()
-        if words.is_one_vehicle(name, flights)
-    )
-    drawn = [name for _, name, flights in ranked if len(flights) > 1][:MAX_DRAWN]
-    parts = [
-        {
-            "name": name,
-            "last": flights[-1][0],
-            "flights": len(flights),
-            "badge": words.badge(flights),
-            "words": words.vehicle_words(flights),
-            "changes": since.get(name, ()),
-            "group": vehicle_group(flights) if name in drawn else None,
-            "is_open": rank < MAX_LISTED_NAMES and urgent < 2,  # those that need a look
-        }
-        for rank, ((urgent, _), name, flights) in enumerate(ranked)
-    ]
+    """Renders the index of a fleet; the same rows give the same bytes, in whatever order they come.
+
+    Args:
+        rows: of all flights and axes.
+        changes: what changed since a baseline, by vehicle; None without a baseline.
+    """
     flights = flights_of(rows)
-    dated = [flight for flight in flights if flight[0].date is not None]
-    newest = [*reversed(dated), *flights[len(dated) :]]
-    lines = [[read(flight) for _, read in COLUMNS.values()] for flight in newest]
-    # A colon in a link would make what comes before it a scheme.
-    links = [
-        ("" if row.page is None else quote(row.page, safe="/"), row.file) for row, *_ in newest
-    ]
-    winds = [(row.wind_direction, row.wind_speed) for row, *_ in flights]
-    complete = np.array([wind for wind in winds if None not in wind], np.float64)
+    rose = _rose(flights)
+    # Flights with a date come first, the newest at the top.
+    dated_count = sum(flight[0].date is not None for flight in flights)
+    newest_first = [*reversed(flights[:dated_count]), *flights[dated_count:]]
+    lines = [[column.cell(flight) for column in COLUMNS.values()] for flight in newest_first]
+    links = [_link(flight[0]) for flight in newest_first]
     return render_page(
         environment().get_template("fleet.html"),
-        blocks=words.fleet_blocks(rows),
-        vehicles=parts,
-        rose=rose_of_flights(complete) if len(complete) else None,
+        blocks=fleet_words.fleet_blocks(rows),
+        vehicles=_vehicle_parts(rows, changes or {}),
+        rose=rose,
         first=Table([*COLUMNS], lines[:FIRST_SHOWN], words=True),
         table={
-            "kinds": [kind for kind, _ in COLUMNS.values()],
+            "kinds": [column.kind for column in COLUMNS.values()],
             "rows": [[*link, *line] for link, line in zip(links, lines, strict=True)],
             "first": FIRST_SHOWN,
             "healths": BADGES,
@@ -81,66 +73,162 @@ def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None =
     )
 
 
-def fleet_remark(row: FlightRow) -> str:
-    """Returns the HTML of how a flight differs from others of its vehicle, by its worst row; empty if it does not."""
-    return render_page(
-        environment().get_template("beside.html"), trouble=row, healths=words.HEALTH_LEVELS
+def _vehicle_parts(
+    rows: FlightRows, changes: Mapping[str, Sequence[Block]]
+) -> list[dict[str, object]]:
+    """Returns the values from which the template makes the part of each vehicle, the most urgent vehicle first.
+
+    Flights that do not say whose they are may be those of several vehicles, and have no part.
+    """
+    ranked = sorted(
+        (urgency(flights), name, flights)
+        for name, flights in vehicles_of(rows).items()
+        if fleet_words.is_one_vehicle(name, flights)
     )
+    with_several_flights = [name for _, name, flights in ranked if len(flights) > 1]
+    drawn = with_several_flights[:MAX_DRAWN]
+    parts = []
+    for position, (vehicle_urgency, name, flights) in enumerate(ranked):
+        needs_look = vehicle_urgency.rank < MAX_URGENT_RANK
+        parts.append(
+            {
+                "name": name,
+                "last": flights[-1][0],
+                "flights": len(flights),
+                "badge": fleet_words.badge(flights),
+                "words": fleet_words.vehicle_words(flights),
+                "changes": changes.get(name, ()),
+                "group": vehicle_group(flights) if name in drawn else None,
+                "is_open": needs_look and position < MAX_LISTED_NAMES,
+            }
+        )
+    return parts
 
 
-def with_fleet_remark(page: str, top: str) -> str:
-    """Returns the ``page`` of a flight with this HTML above it, in place of what was said there of it beside others."""
-    return TOP.sub(lambda _: top, page, count=1)
+def _rose(flights: Flights) -> Plan | None:
+    """Returns the wind rose of all flights whose wind is known; None without any."""
+    winds = []
+    for flight in flights:
+        row = flight[0]
+        if row.wind_direction is not None and row.wind_speed is not None:
+            winds.append((row.wind_direction, row.wind_speed))
+    return rose_of_flights(np.array(winds, np.float64)) if winds else None
 
 
-def _lights(flight: AxisRows) -> str:
-    """The lights that are not in order."""
-    levels = ((light, getattr(flight[0], f"light_{light}")) for light in Light)
-    lit = (f"{name} {level}" for name, level in levels if level in (Level.BAD, Level.WATCH))
-    return ", ".join(lit)
+def _link(row: FlightRow) -> tuple[str, str]:
+    """Returns the address of a flight's page, empty without one, and the path of its log."""
+    # Colons are quoted: what stands before one would be taken for the scheme of an address.
+    address = "" if row.page is None else quote(row.page, safe="/")
+    return address, row.file
+
+
+def fleet_remark(row: FlightRow) -> str:
+    """Renders how a flight differs from others of its vehicle, for the top of its page; empty if it does not.
+
+    Args:
+        row: of the flight's axis with the worst health.
+    """
+    template = environment().get_template("beside.html")
+    return render_page(template, trouble=row, healths=fleet_words.HEALTH_LEVELS)
+
+
+def with_fleet_remark(page: str, remark: str) -> str:
+    """Returns the HTML of a flight's page with a remark at its top, in the place of an earlier one."""
+    return REMARK_PLACE.sub(lambda _: remark, page, count=1)
+
+
+class Column(NamedTuple):
+    """A column of the table of flights."""
+
+    kind: str
+    """How the page sorts and shows it: "text", "number", "health" or "notes"."""
+
+    cell: Callable[[AxisRows], str]
+    """Makes the cell of a flight; empty where the quantity is not known."""
+
+
+def _file_name(flight: AxisRows) -> str:
+    """Returns the name of a log without its folder."""
+    return PurePath(flight[0].file).name or flight[0].file
+
+
+def _vehicle(flight: AxisRows) -> str:
+    """Returns the name of a flight's vehicle."""
+    return flight[0].vehicle
+
+
+def _date(flight: AxisRows) -> str:
+    """Returns date and time of a flight, up to the minute."""
+    return f"{flight[0].date or ''}"[:DATE_LENGTH]
+
+
+def _tier(flight: AxisRows) -> str:
+    """Returns the tier of a flight: a, b or c."""
+    return flight[0].tier or ""
+
+
+def _badge(flight: AxisRows) -> str:
+    """Returns how a flight went, in one word."""
+    return fleet_words.badge([flight])
+
+
+def _warning_lights(flight: AxisRows) -> str:
+    """Returns the names and levels of a flight's lights that are bad or to be watched."""
+    texts = []
+    for light in Light:
+        level = getattr(flight[0], f"light_{light}")
+        if level in (Level.BAD, Level.WATCH):
+            texts.append(f"{light} {level}")
+    return ", ".join(texts)
+
+
+def _suspect_motors(flight: AxisRows) -> str:
+    """Returns the numbers of the motors that are suspected on any axis."""
+    motors = {row.suspect_motor for row in flight if row.suspect_motor is not None}
+    return listed(sorted(motors))
 
 
 def _notes(flight: AxisRows) -> str:
-    """What is said of the flight, the most important first, a line each."""
-    if not flight[0].has_flight:
-        return truncated(flight[0].status, MAX_NOTE)
-    reasons = [row.health_reason for row in flight if row.health != MotorHealth.OK]
-    warnings = (warning for row in flight for warning in row.warnings)
-    headlines = [row.headline for row in flight]
-    if worst_health(flight) in TROUBLED_HEALTHS and flight[0].headline_level != Level.BAD:
-        headlines = []  # of the log alone, which did not show it
-    said = (*headlines, *reasons, *warnings)
-    return truncated("\n".join(dict.fromkeys(filter(None, said))), MAX_NOTE)
+    """Returns what is reported about a flight, one sentence a line, the most important first, each once."""
+    first_row = flight[0]
+    if not first_row.has_flight:
+        return truncated(first_row.status, MAX_NOTE_LENGTH)
+    notes = []
+    # A headline that is not bad is of the log alone, which does not show the trouble that the fleet shows.
+    is_trouble_unseen = first_row.headline_level != Level.BAD
+    if not (worst_health(flight) in TROUBLED_HEALTHS and is_trouble_unseen):
+        notes += [row.headline for row in flight]
+    notes += [row.health_reason for row in flight if row.health != MotorHealth.OK]
+    for row in flight:
+        notes += row.warnings
+    sentences = dict.fromkeys(note for note in notes if note)
+    return truncated("\n".join(sentences), MAX_NOTE_LENGTH)
 
 
-def _motors(flight: AxisRows) -> str:
-    """Those that are suspected."""
-    return listed(sorted({row.suspect_motor for row in flight if row.suspect_motor is not None}))
-
-
-def _settled(flight: AxisRows) -> str:
+def _settled_seconds(flight: AxisRows) -> str:
+    """Returns the duration of settled flight, s."""
     seconds = flight[0].duration
     return "" if seconds is None or not flight[0].is_read else rounded(seconds, 3)
 
 
 def _wind(flight: AxisRows) -> str:
-    """Its speed, and where it came from."""
+    """Returns the wind's speed, m/s, and the direction that it came from, as far as known."""
     row = flight[0]
     speed = "" if row.wind_speed is None else rounded(row.wind_speed)
-    origin = "" if row.wind_direction is None else compass_text(degrees(row.wind_direction))
-    return f"{speed} {origin}".strip()
+    direction = "" if row.wind_direction is None else compass_text(degrees(row.wind_direction))
+    return f"{speed} {direction}".strip()
 
 
-COLUMNS: dict[str, tuple[str, Callable[[AxisRows], str]]] = {
-    "flight": ("text", lambda flight: PurePath(flight[0].file).name or flight[0].file),
-    "vehicle": ("text", lambda flight: flight[0].vehicle),
-    "date": ("text", lambda flight: f"{flight[0].date or ''}"[:16]),
-    "tier": ("text", lambda flight: flight[0].tier or ""),
-    "health": ("health", lambda flight: words.badge([flight])),
-    "lights": ("text", _lights),
-    "motor": ("text", _motors),
-    "notes": ("notes", _notes),
-    "settled (s)": ("number", _settled),
-    "wind (m/s)": ("number", _wind),
+COLUMNS = {
+    "flight": Column("text", _file_name),
+    "vehicle": Column("text", _vehicle),
+    "date": Column("text", _date),
+    "tier": Column("text", _tier),
+    "health": Column("health", _badge),
+    "lights": Column("text", _warning_lights),
+    "motor": Column("text", _suspect_motors),
+    "notes": Column("notes", _notes),
+    "settled (s)": Column("number", _settled_seconds),
+    "wind (m/s)": Column("number", _wind),
 }
-"""What each column is sorted as, and its cell of a flight; empty where it is not known."""
+"""Columns of the table of flights, by their headers."""

@@ -80,7 +80,7 @@ def without_policy(page: str, **values: Any) -> str:
 
 def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values: Any) -> str:
     """Returns the HTML of one vehicle: its flights over time, and what differs from the baseline."""
-    said = vehicle_words(flights)[1] if flights else ""
+    said = vehicle_words(flights).difference if flights else ""
     group = vehicle_group(flights) if len(flights) > 1 else None
     groups = [group] if group else []
     return render_server_page("vehicle", words=said, changes=[*changes], groups=groups, **values)
