@@ -39,6 +39,9 @@ CHANNELS_FILE = "flight.mcap"
 RESULT_FILES = (MODEL_FILE, REPORT_FILE, PAGE_FILE, RECORDING_FILE, CHANNELS_FILE)
 """Names of all files that the results of a log may consist of."""
 
+INDEX_FILE = "index.html"
+"""Name of a fleet's index page."""
+
 PAGE_TOP_LENGTH = 1 << 16
 """Characters at the beginning of a flight's page that are searched for its headline; pages can be much longer."""
 
@@ -64,7 +67,9 @@ def write_result_files(paths: Mapping[str, Path], document: str, assessment: Ass
     """
     analysis = assessment.analysis
     paths[REPORT_FILE].write_text(document + "\n")
+    # The page may contain the name of a file, which need not be valid Unicode.
     paths[PAGE_FILE].write_text(review_page(assessment), "utf-8", "replace")
+    # Without a model there is nothing else to write.
     if analysis is None or analysis.learned is None or analysis.held_out is None:
         return
     paths[MODEL_FILE].write_text(analysis.learned.to_json() + "\n")
@@ -97,7 +102,8 @@ def write_fleet_pages(
 ) -> Path:
     """Writes the index page of a fleet, and updates the pages of its flights.
 
-    The page of each flight states how the flight differs from others of its vehicle, which new flights may change.
+    The page of each flight states how the flight differs from others of its vehicle. That may change when flights are
+    added, and is updated on all pages.
 
     Args:
         folder: Folder of the fleet.
@@ -114,7 +120,7 @@ def write_fleet_pages(
         path = folder / PAGES / Path(flight_rows[0].page or "").name
         if path.is_file():
             _update_flight_page(path, fleet_remark(worst_row(flight_rows)))
-    index = folder / "index.html"
+    index = folder / INDEX_FILE
     write_text_atomically(index, fleet_page(rows, changes))
     return index
 

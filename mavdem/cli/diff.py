@@ -92,6 +92,7 @@ def diff_command(
     )
     with replaced_files(folder, [PAGE_FILE, DOCUMENT_FILE]) as (page_path, document_path):
         document_path.write_text(json_text(document))
+        # The page may contain the name of a file, which need not be valid Unicode.
         page_path.write_text(page, "utf-8", "replace")
     print_to_stderr(f"The page is {folder / PAGE_FILE}.")
     blocks = [

@@ -149,21 +149,13 @@ def live_command(
     """
     paths = _output_paths(rrd, record, model, html)
     earlier_model = None if prior is None else earlier_flight(prior, axis)
-    stream = LiveStream(axis, vehicle, rates_requested=request_rate is not None)
-    if prior is not None:
-        # A model without its report beside it has no drag.
-        with suppress(Unreadable):
-            stream.wind.earlier_drag = earlier_drag(prior)
+    stream = _stream_with_prior(axis, vehicle, prior, rates_requested=request_rate is not None)
     # The handlers of signals outlast the resources, so that Ctrl-C cannot prevent the files from being completed.
     with ExitStack() as signal_handlers, ExitStack() as resources:
         opened_link = Link(link)
         resources.callback(opened_link.close)
-        if opened_link.awaits_greeting and request_rate is None:
-            raise click.BadParameter(
-                f"{link} sends only after it has received something, and nothing is sent without --request-rate: "
-                "add that, or listen with udpin:HOST:PORT.",
-                param_hint="LINK",
-            )
+        if request_rate is None:
+            _refuse_silent_link(opened_link, link)
         dashboard = resources.enter_context(closing(Dashboard(link, axis, rrd, serve, connect)))
         recording = None if record is None else RawRecording(record)
         executor = resources.enter_context(LearningProcess())
@@ -186,7 +178,7 @@ def live_command(
             )
         elif request_rate is not None:
             print_to_stderr("No gains will be advised: record the stream with --record FILE.tlog.")
-        # Its end restores the vehicle's message rates, and has to come even if something fails before.
+        # The end of the session restores the vehicle's message rates, and must come even if something fails before.
         session_end = resources.enter_context(ExitStack())
         session_end.callback(session.end)
         if dashboard.advice:
@@ -218,9 +210,7 @@ def live_command(
         dashboard.report(status)
         print_to_stderr(headline(status.overall_judgement.headline))
         resources.close()
-        has_recorded = dashboard.has_recording
-        is_recording_broken = dashboard.is_recording_broken
-        if dashboard.file is not None and not has_recorded and not is_recording_broken:
+        if dashboard.is_recording_empty:
             print_to_stderr(f"There was nothing to show, so {rrd} was not written.")
         is_page_lost = False
         if paths.page is not None:
@@ -232,7 +222,7 @@ def live_command(
             has_model = code == EXIT_DONE and paths.model is not None
             has_page = paths.page is not None and not is_page_lost
             files: JsonValues = {
-                "rrd": str(rrd) if has_recorded else None,
+                "rrd": str(rrd) if dashboard.has_recording else None,
                 "record": None,
                 "model": str(paths.model) if has_model else None,
                 "html": str(paths.page) if has_page else None,
@@ -242,9 +232,46 @@ def live_command(
             print_json(live_document(session, status, account, files))
     # The session gives up a recording of the stream that it cannot write.
     is_stream_lost = session.intake.recording is not recording
-    if is_stream_lost or is_page_lost or is_recording_broken:
+    if is_stream_lost or is_page_lost or dashboard.is_recording_broken:
         code = EXIT_ERROR
     click.get_current_context().exit(code)
+
+
+def _stream_with_prior(
+    axis: str, vehicle: str | None, prior: Path | None, rates_requested: bool
+) -> LiveStream:
+    """Returns the stream of a vehicle's messages, with the drag of an earlier flight if that is known.
+
+    Args:
+        axis: Axis to model.
+        vehicle: Name of the vehicle; None for the first that is found.
+        prior: Model of an earlier flight, or the folder that holds it; None for none.
+        rates_requested: Whether the vehicle is asked for the rates of messages.
+    """
+    stream = LiveStream(axis, vehicle, rates_requested=rates_requested)
+    if prior is not None:
+        # The drag is in the report beside the model, which may be missing.
+        with suppress(Unreadable):
+            stream.wind.earlier_drag = earlier_drag(prior)
+    return stream
+
+
+def _refuse_silent_link(link: Link, name: str) -> None:
+    """Checks that a vehicle sends without being asked, where nothing is sent to it.
+
+    Args:
+        link: The link.
+        name: Its connection string.
+
+    Raises:
+        click.BadParameter: The other end sends only after it has received something.
+    """
+    if link.awaits_greeting:
+        raise click.BadParameter(
+            f"{name} sends only after it has received something, and nothing is sent without --request-rate: "
+            "add that, or listen with udpin:HOST:PORT.",
+            param_hint="LINK",
+        )
 
 
 def _output_paths(

@@ -87,6 +87,11 @@ class Dashboard:
         return self.file is not None and self.file.complete_bytes > 0
 
     @property
+    def is_recording_empty(self) -> bool:
+        """Whether there was nothing to write to the recording, which then does not exist."""
+        return self.file is not None and not self.has_recording and not self.is_recording_broken
+
+    @property
     def is_recording_broken(self) -> bool:
         """Whether something could not be written to the recording."""
         return self.file is not None and self.file.broken

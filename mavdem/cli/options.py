@@ -78,23 +78,37 @@ def _combined(*decorators: Callable[[Command], Command]) -> Callable[[Command], 
 jobs_option = click.option(
     "--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]"
 )
+"""Decorator for ``jobs``, the number of processes that read logs; None unless given."""
+
 source_argument = click.argument("source", type=click.Path())
+"""Decorator for ``source``, the path of one log."""
+
 sources_argument = click.argument(
     "sources", metavar="SOURCE...", type=click.Path(), nargs=-1, required=True
 )
+"""Decorator for ``sources``, the paths of one or more logs."""
+
 vehicle_option = click.option(
     "--vehicle", metavar="SYSTEM[:COMPONENT]", help="Which vehicle, of several."
 )
+"""Decorator for ``vehicle``, the name of one of several vehicles; None unless given."""
+
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."
 )
+"""Decorator for ``as_json``: whether the result is printed as a JSON document."""
+
 verbose_option = click.option(
     "--verbose", is_flag=True, help="Print everything, not only 15 lines."
 )
+"""Decorator for ``verbose``: whether a screen may have more than ``SCREEN_LINES`` lines."""
+
 params_option = file_option(
     "--params",
     "Parameters that the log lacks: a file of QGroundControl (.params) or Mission Planner (.param).",
 )
+"""Decorator for ``params``, a file with parameters of the autopilot; None unless given."""
+
 start_option = click.option(
     "--start",
     metavar="SECONDS",
@@ -103,6 +117,7 @@ start_option = click.option(
     show_default=True,
     help="Leave out this time at the beginning of the settled flight.",
 )
+"""Decorator for ``start``, the time at the beginning of the settled flight that is left out, s."""
 
 
 def motion_options(

@@ -122,6 +122,7 @@ def _write_tuning(folder: Path, source: str, tuning: Tuning, evidence: Evidence)
             texts[f"gains{ending}"] = text
     with replaced_files(folder, list(texts), stale_names=GAIN_FILES) as paths:
         for path, text in zip(paths, texts.values(), strict=True):
+            # A text may contain the name of a file, which need not be valid Unicode.
             path.write_text(text, "utf-8", "replace")
     print_to_stderr(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
 
