@@ -1,4 +1,4 @@
-"""Methods and model orders compared: keys, units and meanings of documents."""
+"""Models of the JSON documents of ``mavdem compare`` and ``mavdem order``: methods and model orders compared."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What changed of a vehicle, and the table of many flights: keys, units and meanings of documents."""
+"""Models of the JSON documents of ``mavdem diff`` and ``mavdem track``: what changed of a vehicle, and a fleet."""
 
 from __future__ import annotations
 
@@ -175,14 +175,27 @@ class Track(Document):
 def track_document(
     fleet: Path, page: Path, tracked: TrackedLogs, counts: JsonValues, changes: BaselineDifferences
 ) -> Track:
-    """Returns the document of a run on a ``fleet``: its ``counts``, and what is not as in the baseline."""
+    """Makes the document of a run of ``mavdem track``.
+
+    Args:
+        fleet: folder of the fleet.
+        page: page of the fleet.
+        tracked: what the run did.
+        counts: values of the further keys of ``Track``: numbers of flights and vehicles, flights by tier and by health,
+            and the logs without a flight.
+        changes: by vehicle, the first row of its latest flight, and what differs from its baseline.
+    """
+    since_baseline = {}
+    for vehicle, (latest_row, difference) in changes.items():
+        # The row as a dictionary has its date as text.
+        date = latest_row.as_dict()["date"]
+        since_baseline[vehicle] = SinceBaseline.from_results(
+            latest_row, date=date, found=difference
+        )
     return Track.from_results(
         tracked,
         **counts,
         fleet=str(fleet),
         index=str(page),
-        since_baseline={
-            name: SinceBaseline.from_results(latest, date=latest.as_dict()["date"], found=change)
-            for name, (latest, change) in changes.items()
-        },
+        since_baseline=since_baseline,
     )

@@ -1,4 +1,4 @@
-"""A model of a flight, and what it is judged by: keys, units and meanings of documents."""
+"""Models of the JSON documents of a learned model and its assessment: report.json of ``mavdem learn``."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from mavdem.documents.vehicle import (
     Tier,
     Verdict,
 )
-from mavdem.documents.wind import WindVelocity
+from mavdem.documents.wind import WindVelocity, reported_wind
 from mavdem.experiments import held_out
 from mavdem.experiments.held_out import HOLD_LAST
 from mavdem.units import (
@@ -146,20 +146,25 @@ class HeldOut(Document):
 
     @model_validator(mode="before")
     @classmethod
-    def _of_windows(cls, windows: held_out.HeldOut) -> JsonValues:
-        ratios = windows.error_ratios()
-        over_last = windows.error_ratios(HOLD_LAST)
+    def _figures_of_windows(cls, windows: held_out.HeldOut) -> JsonValues:
+        """Computes the figures of the document from the forecasts of held-out windows.
+
+        The error ratio (NMSE) of a forecast is its squared error over that of a reference: the constant mean of the
+        training data or, for ``share_worse_than_hold_last``, the last sample held.
+        """
+        error_ratios = windows.error_ratios()
+        ratios_to_last_sample = windows.error_ratios(HOLD_LAST)
         return {
             "windows": len(windows),
             "seconds": windows.seconds,
             "start": windows.time[:, 0],
             "rmse": {name: windows.rmse(name).tolist() for name in windows.forecasts},
             "error_ratio": {name: windows.error_ratio(name) for name in windows.forecasts},
-            "error_ratios": ratios,
-            "median_error_ratio": np.median(ratios),
-            "error_ratio_quartiles": np.percentile(ratios, [25, 75]),
-            "share_worse_than_constant_mean": (ratios > 1).mean(),
-            "share_worse_than_hold_last": (over_last > 1).mean(),
+            "error_ratios": error_ratios,
+            "median_error_ratio": np.median(error_ratios),
+            "error_ratio_quartiles": np.percentile(error_ratios, [25, 75]),
+            "share_worse_than_constant_mean": (error_ratios > 1).mean(),
+            "share_worse_than_hold_last": (ratios_to_last_sample > 1).mean(),
             "inside_90_percent_band": windows.coverage,
             "over_expected_error": windows.over_expected,
             "failures": windows.failures,
@@ -250,7 +255,8 @@ class PhysicalInterval(Document):
 
     @field_validator("effect", mode="before")
     @classmethod
-    def _known(cls, effect: Array) -> Array | None:
+    def _none_if_not_identifiable(cls, effect: Array) -> Array | None:
+        """Returns None in place of half widths of the effectiveness, (r,), of which any is NaN."""
         return None if np.isnan(effect).any() else effect
 
     effect: list[Effectiveness] | None
@@ -494,7 +500,11 @@ class LearnReport(Report):
 
 
 def report_document(assessment: Assessment) -> JsonValues:
-    """Returns the values of the report on the modelled axis of an ``assessment``, which took no time and no files."""
+    """Returns the values of the model ``Report`` for the first analysed axis of an assessment.
+
+    The caller replaces two of them: ``seconds``, the time that the analysis took, is None, and ``files``, the names of
+    the written files, is empty.
+    """
     assert assessment.analysis is not None
     report = assessment.analysis.as_dict()
     if assessment.wind_share_of_torque is not None:
@@ -503,7 +513,7 @@ def report_document(assessment: Assessment) -> JsonValues:
     return {
         **report,
         **assessment.judgement_values,
-        "wind_velocity": assessment.wind and assessment.wind.identified_figures,
+        "wind_velocity": reported_wind(assessment),
         "seconds": None,
         "files": {},
     }

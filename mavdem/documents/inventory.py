@@ -1,4 +1,4 @@
-"""What a log holds: keys, units and meanings of documents."""
+"""Models of the JSON document of ``mavdem info``: what a log holds, its vehicles, and whether models can be learned."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mavdem.documents.vehicle import (
     Tier,
     Verdict,
 )
-from mavdem.documents.wind import WindVelocity
+from mavdem.documents.wind import WindVelocity, reported_wind
 from mavdem.motors.motor_changes import alarm_figures
 from mavdem.units import Hertz, Number, Seconds, UnixSeconds
 
@@ -142,7 +142,7 @@ class Inventory(Document):
 
 
 def vehicle_document(assessment: Assessment) -> JsonValues:
-    """Returns what the document holds of the vehicle of an ``assessment`` beside its inventory."""
+    """Returns the values of the model ``Vehicle`` that an assessment has; the others come from its inventory."""
     analysis = assessment.analysis
     assert analysis is not None
     return {
@@ -151,5 +151,5 @@ def vehicle_document(assessment: Assessment) -> JsonValues:
         **alarm_figures(analysis.alarms),
         "model": analysis.model,
         "watched": analysis.motors_are_watched,
-        "wind_velocity": assessment.wind and assessment.wind.identified_figures,
+        "wind_velocity": reported_wind(assessment),
     }

@@ -1,4 +1,4 @@
-"""What the server answers to programs: keys, units and meanings of documents."""
+"""Models of the JSON documents that the HTTP server exchanges with programs."""
 
 from __future__ import annotations
 
@@ -13,11 +13,15 @@ from mavdem.facts.serve import Sharing
 from mavdem.units import Seconds, Speed, UnixSeconds, with_unit
 
 
-def _split(value: Any) -> Any:
-    return [word for word in value.split(",") if word] if isinstance(value, str) else value
+def _split_at_commas(value: Any) -> Any:
+    """Splits a text such as "Loiter,Land", as the index of the library has lists, into its items; lists stay."""
+    if isinstance(value, str):
+        return [item for item in value.split(",") if item]
+    return value
 
 
-Words = Annotated[list[str], BeforeValidator(_split)]
+CommaSeparated = Annotated[list[str], BeforeValidator(_split_at_commas)]
+"""Type of a field with a list of texts, whose value may be one text with commas."""
 
 
 class Stage(Document):
@@ -52,7 +56,7 @@ class Flight(Stage):
     """whether whoever sees it may download the log"""
     note: str
     """what was written about it"""
-    tags: Words
+    tags: CommaSeparated
     """words that were given to it"""
     vehicle: str
     """name of the vehicle"""
@@ -62,13 +66,13 @@ class Flight(Stage):
     """duration of settled flight"""
     next_step: str
     """what to do about it"""
-    modes: Words
+    modes: CommaSeparated
     """flight modes, in order"""
     motor: int | None
     """number of the motor that is suspected, from 1"""
     wind_speed: Speed
     """speed of the mean wind"""
-    files: Words
+    files: CommaSeparated
     """what was made of it, at /f/ID/FILE"""
 
 
@@ -145,4 +149,4 @@ class Viewer(Document):
 
 
 ANSWERS = (Flights, FlightReview, Added, Progress, Change, Baseline, Viewer, Error, Review)
-"""Models of the interface."""
+"""Models whose schemas the description of the interface has."""

@@ -1,4 +1,4 @@
-"""Control loops, gains, and the twin for simulators: keys, units and meanings of documents."""
+"""Models of the JSON documents of ``mavdem tune`` and ``mavdem twin``: control loops, gains, a simulated vehicle."""
 
 from __future__ import annotations
 
@@ -206,27 +206,34 @@ class Tune(Judged):
 
 
 def tune_document(source: str, margins: str, tuning: Tuning) -> Tune:
-    """Returns the document of a ``tuning`` of the log ``source`` with the ``margins`` of this name."""
-    refusal = tuning.refusal
+    """Makes the document of ``mavdem tune``.
+
+    Args:
+        source: name of the log.
+        margins: name of the margins that were asked for, as in ``--margins``.
+        tuning: the gains that are advised, or why there are none, which becomes the key ``error``.
+    """
+    error = {}
+    if tuning.refusal:
+        error["error"] = {"reason": str(tuning.refusal), "remedy": ""}
+    axes = {axis: _axis_document(advice) for axis, advice in tuning.axes.items()}
     return Tune.from_results(
-        tuning,
-        tuning.judgement,
-        source=source,
-        margins=margins,
-        axes={axis: axis_document(advice) for axis, advice in tuning.axes.items()},
-        **({"error": {"reason": str(refusal), "remedy": ""}} if refusal else {}),
+        tuning, tuning.judgement, source=source, margins=margins, axes=axes, **error
     )
 
 
-def axis_document(advice: Advice | Fact) -> AxisAdvice:
-    """Returns what the document holds of an axis: its loops and gains, or why there are none."""
+def _axis_document(advice: Advice | Fact) -> AxisAdvice:
+    """Makes the record of one axis: its loops and the gains to set, or why its loops are not known.
+
+    Without gains to set, the key ``expected`` is null.
+    """
     if isinstance(advice, Fact):
         return AxisAdvice.from_results(refusal=advice)
-    before = advice.before
+    loop = advice.before
     return AxisAdvice.from_results(
         advice,
-        loop=before,
-        filters=gyro_filters(before.controller, before.crossover),
+        loop=loop,
+        filters=gyro_filters(loop.controller, loop.crossover),
         verdict=advice.rating,
         expected=None if advice.refusals else advice.after,
     )

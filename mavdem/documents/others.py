@@ -1,4 +1,4 @@
-"""Conversions, simulated flights and the paper again: keys, units and meanings of documents."""
+"""Models of the JSON documents of ``mavdem convert``, ``mavdem fly`` and ``mavdem reproduce``."""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""The review of a log: keys, units and meanings of documents."""
+"""Models of the JSON document of ``mavdem review``, and how it is made from an assessment."""
 
 from __future__ import annotations
+
+from math import ceil
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.responses import LoopResponse
@@ -10,16 +12,24 @@ from mavdem.documents.document import Document, OptionalFact, Sentence
 from mavdem.documents.flight import Report, report_document
 from mavdem.documents.loops import Loop
 from mavdem.documents.vehicle import Condition, Identity
-from mavdem.documents.wind import WindVelocity
+from mavdem.documents.wind import WindVelocity, reported_wind
 from mavdem.facts import Fact
 from mavdem.units import Hertz, Number, PowerDensityInStatedUnit, Seconds
-from mavdem.vibration import spectra as measured
+from mavdem.vibration import spectra
 from mavdem.vibration.spectra import max_decimated
 from mavdem.vibration.spectral_lines import SpectralLine
 
-FREQUENCIES = 240
-MOST_TIMES = 80
-"""At most, of a spectrum and of a spectrogram."""
+MAX_SPECTRUM_POINTS = 240
+"""Frequencies of a spectrum in the document, at most, which keeps the document small."""
+
+MAX_SPECTROGRAM_POINTS = 120
+"""Frequencies of a spectrogram in the document, at most."""
+
+MAX_SPECTROGRAM_TIMES = 80
+"""Times of a spectrogram in the document, at most."""
+
+ACCELERATION_AXES = ("forward", "right", "down")
+"""Names of the axes of an accelerometer's spectrum; those of all other spectra are roll, pitch and yaw."""
 
 
 class Response(Document):
@@ -198,82 +208,103 @@ class Review(Document):
 
 
 def review_document(assessment: Assessment) -> JsonValues:
-    """Returns the values of the document of an ``assessment``, which has written no files."""
+    """Returns the values of the model ``Review`` for an assessment, as long as no files are written."""
     analysis = assessment.analysis
+    spectrum_documents = {}
+    for name, spectrum in assessment.spectra.items():
+        spectrum_documents[name] = _spectrum_document(spectrum, assessment.noise.peaks[name])
     return {
         "source": assessment.log.source,
         **assessment.judgement_values,
         "simulated": assessment.simulated,
-        "identity": analysis and analysis.identity,
-        "condition": analysis and analysis.condition,
-        "axes": axes_of(assessment),
-        "wind": assessment.wind and assessment.wind.identified_figures,
+        "identity": None if analysis is None else analysis.identity,
+        "condition": None if analysis is None else analysis.condition,
+        "axes": _axis_values(assessment),
+        "wind": reported_wind(assessment),
         "model": None if assessment.model is None else report_document(assessment),
-        "spectra": {
-            name: _spectrum(spectrum, assessment.noise.peaks[name])
-            for name, spectrum in assessment.spectra.items()
-        },
+        "spectra": spectrum_documents,
         "noise": {"facts": assessment.noise.facts},
         "files": {},
     }
 
 
-def axes_of(assessment: Assessment) -> JsonValues:
-    """Returns what is known of each axis."""
-    resonances = {margins.axis: margins.response or margins.peak for margins in assessment.margins}
-    axes = {}
-    nothing = LoopResponse(assessment.headline)
+def _axis_values(assessment: Assessment) -> JsonValues:
+    """Returns the values of the model ``Axis`` by the name of the axis.
+
+    The measured response of the rate stands both in ``rate`` and in ``step_response``.
+    """
+    resonances = {}
+    for margins in assessment.margins:
+        # Without setpoints there is no response, but the spectrum may have a peak.
+        resonances[margins.axis] = margins.response or margins.peak
+    unknown_response = LoopResponse(assessment.headline)
+    no_responses = {"rate": unknown_response, "attitude": unknown_response}
+    values_by_axis = {}
     for axis, loop in assessment.loops.items():
         refusal = loop.refusal
-        responses = assessment.responses.get(axis, {"rate": nothing, "attitude": nothing})
-        drawn = {name: _response(response) for name, response in responses.items()}
-        axes[axis] = {
+        responses = {
+            loop_name: _response_values(response)
+            for loop_name, response in assessment.responses.get(axis, no_responses).items()
+        }
+        values_by_axis[axis] = {
             "loop": None if refusal else loop,
             "refusal": refusal,
             "resonance": resonances.get(axis),
             "tracking": assessment.tracking.get(axis),
-            "step_response": drawn["rate"]["measured"],
-            **drawn,
+            "step_response": responses["rate"]["measured"],
+            **responses,
         }
-    return axes
+    return values_by_axis
 
 
-def _response(response: LoopResponse) -> JsonValues:
-    if isinstance(response.measured, Fact):
+def _response_values(response: LoopResponse) -> JsonValues:
+    """Returns the values of the model ``Responses``: the measured and predicted response of a loop, and its facts."""
+    measured = response.measured
+    if isinstance(measured, Fact):
         return {"measured": None, "facts": response.facts}
-    return {
-        "measured": Response.from_results(
-            response.measured, response, highest=response.measured.max_frequency
-        ),
-        "facts": response.facts,
-    }
+    document = Response.from_results(measured, response, highest=measured.max_frequency)
+    return {"measured": document, "facts": response.facts}
 
 
-def _spectrum(spectrum: measured.Spectrum, lines: tuple[SpectralLine, ...]) -> Spectrum:
-    """The document of a spectrum, thinned to ``FREQUENCIES`` and ``MOST_TIMES`` by the largest."""
-    axes = ("forward", "right", "down") if spectrum.unit == "m/s²" else AXES
-    fine, mean = max_decimated(spectrum.frequency, spectrum.mean_density, FREQUENCIES)
-    coarse, over_time = max_decimated(spectrum.frequency, spectrum.total_density, FREQUENCIES // 2)
-    size = -(-len(spectrum.time) // MOST_TIMES)
-    levels, by_throttle = spectrum.density_by_throttle
-    _, by_throttle = max_decimated(spectrum.frequency, by_throttle, FREQUENCIES // 2)
+def _spectrum_document(spectrum: spectra.Spectrum, lines: tuple[SpectralLine, ...]) -> Spectrum:
+    """Makes the record of a spectrum and its spectrograms, with fewer frequencies and times than were measured.
+
+    Of neighbouring frequencies the largest density is kept, so that lines stay visible. Of the times every k-th is
+    kept.
+
+    Args:
+        spectrum: spectrum of a gyro, an accelerometer or a demand.
+        lines: its lines, the strongest first.
+    """
+    axes = ACCELERATION_AXES if spectrum.unit == "m/s²" else AXES
+    frequency, mean_density = max_decimated(
+        spectrum.frequency, spectrum.mean_density, MAX_SPECTRUM_POINTS
+    )
+    coarse_frequency, density_by_time = max_decimated(
+        spectrum.frequency, spectrum.total_density, MAX_SPECTROGRAM_POINTS
+    )
+    throttle_levels, fine_density_by_throttle = spectrum.density_by_throttle
+    _, density_by_throttle = max_decimated(
+        spectrum.frequency, fine_density_by_throttle, MAX_SPECTROGRAM_POINTS
+    )
+    time_step = ceil(len(spectrum.time) / MAX_SPECTROGRAM_TIMES)
     return Spectrum.from_results(
         spectrum,
         highest=spectrum.nyquist_frequency,
         windows=len(spectrum.time),
-        frequency=fine,
-        density=dict(zip(axes, mean, strict=True)),
+        frequency=frequency,
+        density=dict(zip(axes, mean_density, strict=True)),
         by_time={
-            "time": spectrum.time[::size],
-            "throttle": spectrum.throttle[::size],
-            "frequency": coarse,
-            "density": over_time[::size],
+            "time": spectrum.time[::time_step],
+            "throttle": spectrum.throttle[::time_step],
+            "frequency": coarse_frequency,
+            "density": density_by_time[::time_step],
         },
         by_throttle={
             "time": None,
-            "throttle": levels,
-            "frequency": coarse,
-            "density": by_throttle,
+            "throttle": throttle_levels,
+            "frequency": coarse_frequency,
+            "density": density_by_throttle,
         },
         lines=lines,
     )

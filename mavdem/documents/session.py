@@ -1,4 +1,4 @@
-"""A live session: keys, units and meanings of documents."""
+"""Models of the JSON document of ``mavdem live``, and how it is made at the end of a session."""
 
 from __future__ import annotations
 
@@ -155,36 +155,50 @@ class Live(MotorHealth):
     """page of the session"""
 
 
-WIND_FIGURES = "speed", "speed_from", "speed_to", "direction", "direction_interval"
-"""What a row of the wind has by the compass."""
+WIND_KEYS = ("speed", "speed_from", "speed_to", "direction", "direction_interval")
+"""Keys of the wind, in the order in which an estimate of the wind has its figures by the compass."""
+
+SECONDS_DECIMALS = 3
+"""Decimals of durations in the document, s."""
 
 
 def live_document(
     session: LiveSession, status: SessionStatus, account: Mapping[Spent, float], files: JsonValues
 ) -> Live:
-    """Returns the document of a ``session`` that has ended, by its last ``status``, with the ``files`` it wrote."""
+    """Makes the document of a live session.
+
+    Args:
+        session: a session that has ended.
+        status: its last status.
+        account: seconds of the session by what they were spent on.
+        files: the names of the written files by their keys: ``rrd``, ``record``, ``model`` and ``html``.
+    """
+    wind = None
+    if status.wind:
+        wind = dict(zip(WIND_KEYS, status.wind.compass, strict=True))
     return Live.from_results(
+        # These fill the keys of what was judged, and further ones such as the vehicle and the rates.
         status.overall_judgement,
         status.findings or (),
         status,
         **alarm_figures(status.motor_alarms),
         **files,
         link=session.link.name,
-        seconds=round(sum(account.values()), 3),
-        account={kind: round(spent, 3) for kind, spent in account.items()},
+        seconds=round(sum(account.values()), SECONDS_DECIMALS),
+        account={kind: round(seconds, SECONDS_DECIMALS) for kind, seconds in account.items()},
         samples={"learnt": status.learned_rows, "shown": status.unlearned_rows},
         lost=status.lost_messages,
         watched=status.watch_facts,
-        missing=round(status.gap_seconds, 3),
+        missing=round(status.gap_seconds, SECONDS_DECIMALS),
         behind={
-            "most": round(session.backlog.longest_delay, 3),
+            "most": round(session.backlog.longest_delay, SECONDS_DECIMALS),
             "datagrams_dropped": session.link.dropped_datagrams,
         },
         latency=dict(zip(("median", "p99", "max"), status.latency, strict=True)),
         ahead=dict(zip(("seconds", "half_width_rad"), status.prediction_band, strict=True)),
         useful=dict(zip(("seconds", "error_ratio"), status.useful_horizon, strict=True)),
         obstacle=status.obstacle,
-        gains=session.gain_adviser and session.gain_adviser.facts,
-        wind=status.wind and dict(zip(WIND_FIGURES, status.wind.compass, strict=True)),
+        gains=None if session.gain_adviser is None else session.gain_adviser.facts,
+        wind=wind,
         events=[event.fact for event in session.history.events],
     )

@@ -1,4 +1,4 @@
-"""What a log says of its vehicle, whatever its rate: keys, units and meanings of documents."""
+"""Models of the JSON records about a vehicle that logs of any message rate have, used in several documents."""
 
 from __future__ import annotations
 
@@ -384,7 +384,8 @@ class Override(Document):
 
     @model_validator(mode="before")
     @classmethod
-    def _of_fact(cls, override: Fact) -> JsonValues:
+    def _values_of_fact(cls, override: Fact) -> JsonValues:
+        """Makes the record from the fact that the flight is doubtful, with its short sentence and its full one."""
         return {
             "kind": override.code,
             "headline": Fact(InShort.OVERRIDDEN, because=override),

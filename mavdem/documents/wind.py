@@ -1,4 +1,4 @@
-"""The wind in m/s, and the drag: keys, units and meanings of documents."""
+"""Models of the JSON document of ``mavdem wind``: the wind in m/s, and the drag of the vehicle."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 from pydantic import field_validator, model_validator
 
 from mavdem.arrays import Array
+from mavdem.assessment import Assessment
 from mavdem.containers import JsonValues
 from mavdem.documents.document import Document, Judged, SentenceText
 from mavdem.units import (
@@ -19,6 +20,10 @@ from mavdem.units import (
     Speed,
 )
 from mavdem.wind_velocity import vehicle_drag
+from mavdem.wind_velocity.estimation import WindVelocity as WindEstimate
+
+COURSE_DECIMALS = 4
+"""Decimals of times (s) and velocities (m/s) in a document: the wind is known to about a decimetre a second."""
 
 
 class WindMinute(Document):
@@ -69,7 +74,8 @@ class Drag(Document):
 
     @model_validator(mode="before")
     @classmethod
-    def _of_drag(cls, drag: vehicle_drag.Drag) -> JsonValues:
+    def _values_of_drag(cls, drag: vehicle_drag.Drag) -> JsonValues:
+        """Takes the values from the drag of a wind estimate, which computes the intervals from its parameters."""
         return drag.as_dict()
 
 
@@ -114,7 +120,8 @@ class WindVelocity(Document):
     @field_validator("time", "velocity", "band", mode="before")
     @classmethod
     def _rounded(cls, values: Array) -> Array:
-        return np.round(values, 4)
+        """Rounds the courses, (n,) s or (n, 2) m/s, to 0.1 ms and 0.1 mm/s, which makes the document much shorter."""
+        return np.round(values, COURSE_DECIMALS)
 
 
 class Wind(Judged, WindVelocity):
@@ -122,3 +129,8 @@ class Wind(Judged, WindVelocity):
 
     parameters: dict[str, list[ParameterValue]]
     """drag parameters of the autopilot: value to set, and ends of its 90 % interval"""
+
+
+def reported_wind(assessment: Assessment) -> WindEstimate | None:
+    """Returns the wind of a flight without the figures that are not identifiable; None where there is no estimate."""
+    return None if assessment.wind is None else assessment.wind.identified_figures
