@@ -1,7 +1,4 @@
-"""Comparisons in sentences and tables: of methods, and of model orders.
-
-Of methods first what the paired test says of DEM and each other one; of orders the free energy of each.
-"""
+"""Comparisons in sentences and tables: of forecasting methods by paired tests, and of model orders by free energy."""
 
 from collections.abc import Iterator, Sequence
 from math import isfinite
@@ -15,19 +12,31 @@ from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution
 from mavdem.report.templates import render_section
 
-WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
+QUESTION_LEADS = {
+    KNOWN: "What happened, given the inputs:",
+    UNKNOWN: "What comes next, inputs unknown:",
+}
+"""What stands before a sentence about the answers to a question."""
+
+RESULT_ORDER = (TestResult.HIGHER, TestResult.NOT_DISTINGUISHABLE, TestResult.LOWER)
+"""Order in which the results of paired tests are reported."""
+
+STANDARD_ORDER = 3
+"""Order of the model of ``mavdem learn``: angle, rate, and the lag of the motors."""
 
 
 def comparison_report(comparison: Comparison) -> Iterator[Block]:
-    """Yields how the first method of a ``comparison`` does, then errors, and what the columns mean."""
-    questions = [KNOWN, *([UNKNOWN] if comparison.methods_of(UNKNOWN) else [])]
-    yield Sentence("", lead=_result(comparison, KNOWN))
+    """Yields the report of a comparison: how the first method does, all errors, failures, and what the columns mean."""
+    questions = [KNOWN]
+    if comparison.methods_of(UNKNOWN):
+        questions.append(UNKNOWN)
+    yield Sentence("", lead=_result_text(comparison, KNOWN))
     for question in questions[1:]:
-        yield Sentence(_result(comparison, question), WORDS[question])
+        yield Sentence(_result_text(comparison, question), QUESTION_LEADS[question])
     for question in questions:
-        yield from _errors(comparison, question)
+        yield from _error_blocks(comparison, question)
     for flight in comparison.flights:
-        yield from _flight(comparison, flight)
+        yield from _flight_sentences(comparison, flight)
     yield from render_section(
         "comparison_legend",
         reference=comparison.methods[0],
@@ -37,114 +46,136 @@ def comparison_report(comparison: Comparison) -> Iterator[Block]:
     )
 
 
-def _result(comparison: Comparison, question: Question) -> str:
-    """Than which methods' errors the first one's is lower or higher, and from which it is not distinguishable."""
+def _result_text(comparison: Comparison, question: Question) -> str:
+    """Returns in a sentence whether the first method's errors are lower or higher than those of each other method.
+
+    Methods that failed in all windows are named apart.
+    """
     rows = comparison.over_flights(question)
-    silent = [row["method"] for row in rows if row["failed"] == row["windows"]]
-    tests = comparison.tests(question)
-    tests = {method: test for method, test in tests.items() if method not in silent}
-    by_result = {
-        result: {name: test for name, test in tests.items() if test.result is result}
-        for result in (TestResult.HIGHER, TestResult.NOT_DISTINGUISHABLE, TestResult.LOWER)
+    failed_methods = [row["method"] for row in rows if row["failed"] == row["windows"]]
+    tests = {
+        method: test
+        for method, test in comparison.tests(question).items()
+        if method not in failed_methods
     }
-    (said,) = render_section(
+    tests_by_result = {}
+    for result in RESULT_ORDER:
+        with_result = {method: test for method, test in tests.items() if test.result is result}
+        if with_result:
+            tests_by_result[result] = with_result
+    (paragraph,) = render_section(
         "comparison_result",
         reference=comparison.methods_of(question)[0],
         flights=len(comparison.flights),
         pairs=min((test.tested for test in tests.values()), default=0),
         fewest=MIN_PAIRS,
         tests=tests,
-        results={result: names for result, names in by_result.items() if names},
-        silent=silent,
+        results=tests_by_result,
+        silent=failed_methods,
     )
-    return said.lead
+    return paragraph.lead
 
 
-def _errors(comparison: Comparison, question: Question) -> Blocks:
-    """A row a method, the lowest error first, and a caution if the first method's band holds too few samples."""
+def _error_blocks(comparison: Comparison, question: Question) -> Blocks:
+    """Returns a table with a row for each method, the lowest error first, and cautions before it.
+
+    A caution says that the first method's band is too narrow, if it holds too few samples.
+    """
     reference = comparison.methods_of(question)[0]
     tests = comparison.tests(question)
-    blocks = [Sentence("error ratio by steps ahead.", WORDS[question])]
-    table = []
+    blocks: Blocks = [Sentence("error ratio by steps ahead.", QUESTION_LEADS[question])]
+    rows = []
     for row in comparison.over_flights(question):
-        share = row["inside"][-1]
-        inside = "" if share is None else f"{100 * share:.0f} %"
+        # The reference itself has no test.
         test = tests.get(row["method"])
-        table.append(
+        share_in_band = row["inside"][-1]
+        coverage = "" if share_in_band is None else f"{100 * share_in_band:.0f} %"
+        test_cells = ["", ""] if test is None else [f"{test.ratio:.3g}", f"{test.p_value:.2g}"]
+        rows.append(
             [
                 row["method"],
                 *(f"{ratio:.3g}" for ratio in row["horizons"]),
                 str(row["worse_than_constant"]),
                 str(row["unstable"]),
-                *(["", ""] if test is None else [f"{test.ratio:.3g}", f"{test.p_value:.2g}"]),
-                inside,
+                *test_cells,
+                coverage,
             ]
         )
-        if test is None and share is not None and share < PREDICTION_LIMITS.coverage:
-            sentence = (
-                f"the 90 % band of {reference} holds {inside} of the samples: it is too narrow."
-            )
-            blocks.append(caution(sentence))
-    header = ["method", *_shared_horizons(comparison)]
+        is_reference = test is None
+        if is_reference and share_in_band is not None:
+            if share_in_band < PREDICTION_LIMITS.coverage:
+                text = f"the 90 % band of {reference} holds {coverage} of the samples: it is too narrow."
+                blocks.append(caution(text))
+    header = ["method", *_common_horizons(comparison)]
     header += ["above 1", "unstable", f"{reference} / method", "p", "in 90 % band"]
-    return [*blocks, Table(header, table)]
+    return [*blocks, Table(header, rows)]
 
 
-def _shared_horizons(comparison: Comparison) -> list[str]:
-    """What horizons that all flights have are called, as at 100 Hz; the last is the whole test part."""
-    counts = (len(comparison.summaries(flight)[0]["horizons"]) for flight in comparison.flights)
-    return [*map(str, HORIZONS[: min(counts) - 1]), "all"]
+def _common_horizons(comparison: Comparison) -> list[str]:
+    """Returns the headers of the horizons that all flights have, in steps; the last one is the whole test part."""
+    counts = [len(comparison.summaries(flight)[0]["horizons"]) for flight in comparison.flights]
+    steps_ahead = HORIZONS[: min(counts) - 1]
+    return [*(str(steps) for steps in steps_ahead), "all"]
 
 
-def _flight(comparison: Comparison, flight: str) -> Iterator[Block]:
-    """How much was compared of a flight, and what failed."""
+def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
+    """Yields sentences on how much of a flight was compared, and on the methods that failed."""
     windows = [window for window in comparison.windows if window.flight == flight]
     summaries = comparison.summaries(flight)
+    longest_horizon = summaries[0]["horizons"][-1]
     yield from render_section(
         "comparison_flight",
         windows[0],
         windows=len(windows),
-        tested=summaries[0]["horizons"][-1]["reference"].tested,
+        tested=longest_horizon["reference"].tested,
     )
     for row in summaries:
         yield from render_section("comparison_failures", **row)
 
 
-STANDARD_ORDER = 3  # of `mavdem learn`: angle, rate, and the motors' lag
+def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool) -> Blocks:
+    """Returns the report of a choice of model order: its reason, a table of F̄ by order and flight, and what to do.
+
+    Args:
+        choice: the chosen order, with the free energy of all orders.
+        names: of the flights, one for each row of ``choice.free_energy``.
+        known_inputs: whether inputs were known, as for ``free_energy_by_order``.
+    """
+    has_several_flights = len(names) > 1
+    chosen = choice.chosen - 1
+    rows = []
+    for column, order in enumerate(choice.orders):
+        nats = [*(choice.free_energy[:, column] - choice.free_energy[:, chosen])]
+        if has_several_flights:
+            nats += [choice.mean[column] - choice.mean[chosen], choice.spread[column]]
+        cells = [f"{value:,.1f}" if isfinite(value) else "-" for value in nats]
+        name = f"{order} (chosen)" if order == choice.chosen else f"{order}"
+        rows.append([name, *cells])
+    header = ["states", *names]
+    if has_several_flights:
+        header += ["mean", "spread"]
+    legend = "F̄ in nats, minus that of the chosen order; spread: standard deviation over flights."
+    return [
+        Sentence("", str(choice.reason)),
+        Table(header, rows),
+        Sentence(legend),
+        *[caution(remark) for remark in choice.remarks],
+        Sentence(order_advice(choice, known_inputs), "Next:"),
+    ]
 
 
 def order_advice(choice: OrderChoice, known_inputs: bool) -> str:
-    """Returns one sentence on what to do with the chosen order; ``known_inputs`` as for ``free_energy_by_order``."""
-    (said,) = render_section(
+    """Returns one sentence on what to do with the chosen order.
+
+    Args:
+        choice: the chosen order.
+        known_inputs: whether inputs were known, as for ``free_energy_by_order``.
+    """
+    (paragraph,) = render_section(
         "order_advice",
         choice=choice,
         known_inputs=known_inputs,
         largest=LARGEST_ORDER,
         standard=STANDARD_ORDER,
     )
-    return said.text
-
-
-def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool) -> Blocks:
-    """Returns F̄ by order and flight, and the chosen order with its reason, and last what to do with it.
-
-    ``names`` are those of the flights of ``choice``; ``known_inputs`` is as for ``free_energy_by_order``.
-    """
-    rows = []
-    several = len(names) > 1
-    chosen = choice.chosen - 1
-    for column, order in enumerate(choice.orders):
-        nats = [*(choice.free_energy[:, column] - choice.free_energy[:, chosen])]
-        if several:
-            nats += [choice.mean[column] - choice.mean[chosen], choice.spread[column]]
-        cells = [f"{value:,.1f}" if isfinite(value) else "-" for value in nats]
-        rows.append([f"{order}{' (chosen)' if order == choice.chosen else ''}", *cells])
-    return [
-        Sentence("", str(choice.reason)),
-        Table(["states", *names, *(["mean", "spread"] if several else [])], rows),
-        Sentence(
-            "F̄ in nats, minus that of the chosen order; spread: standard deviation over flights."
-        ),
-        *map(caution, choice.remarks),
-        Sentence(order_advice(choice, known_inputs), "Next:"),
-    ]
+    return paragraph.text

@@ -1,6 +1,7 @@
-"""The condition of a vehicle, which a log has at any rate, and the contents of the log, in sentences and tables."""
+"""The contents of a log, the wind and the drag of its vehicle, in sentences and tables; a log has them at any rate."""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,133 +17,206 @@ from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
 from mavdem.wind_velocity.vehicle_drag import Drag
 
-# what a tier is called where it is shown
 TIER_WORDS = {
     "a": "full model",
     "b": "slow motion",
     "c": "condition only",
     "": "of unknown tier",
 }
-# what a drag is known from, in words
+"""Names shown for the tiers."""
+
 DRAG_SOURCES = {
     DragSource.POPULATION: "typical vehicles",
     DragSource.PARAMETERS: "the autopilot's parameters",
     DragSource.FLIGHT: "flight",
     DragSource.CALIBRATION: "calibration",
 }
-# messages below this rate are listed together: they are too slow to describe the motion
-SLOW_HZ = 0.95
-# share of missing sequence numbers from which it is reported; less is a radio link in good order
+"""Names shown for the sources of a drag."""
+
+MIN_LISTED_RATE = 0.95
+"""Rate, Hz, below which messages are listed together: they are too slow to describe the motion."""
+
 MIN_LOST_SHARE = 0.01
+"""Share of missing sequence numbers from which on it is reported; less is normal on a radio link."""
+
+PARAMETER_MESSAGE = "PARAM_VALUE"
+"""Message with parameters, which a vehicle sends on request; its rate has no meaning."""
 
 
-def log_blocks(held: JsonValues) -> Blocks:
-    """Returns all that a log ``held``, by ``mavdem.assessment.inventory``: each vehicle, then what came from whom."""
-    return [
-        *(block for vehicle in held["vehicles"] for block in vehicle_contents(vehicle)),
-        *stream_contents(held),
-    ]
+def log_blocks(contents: JsonValues) -> Blocks:
+    """Returns all that a log contains: each vehicle with its messages, then what was received from each sender.
+
+    Args:
+        contents: from ``mavdem.assessment.inventory``.
+    """
+    blocks = Blocks()
+    for vehicle in contents["vehicles"]:
+        blocks += vehicle_contents(vehicle)
+    return [*blocks, *stream_contents(contents)]
 
 
 def vehicle_contents(vehicle: JsonValues) -> Blocks:
-    """Returns what a log holds of a ``vehicle``: whether a model can be learned, repairs, settled flight, messages."""
+    """Returns what a log contains of a vehicle: whether a model can be learned, repairs, settled flight, and messages.
+
+    Args:
+        vehicle: one of the vehicles of an inventory.
+    """
     learnability = vehicle["verdict"]
-    names = vehicle["names"]
-    # names of the periodic messages by their rounded rate, the fastest first
-    streams = dict[str, list[str]]()
-    for name, message in sorted(
-        vehicle["messages"].items(), key=lambda message: -(message[1]["rate"] or 0.0)
-    ):
-        if (rate := message["rate"]) and name != "PARAM_VALUE":
-            key = f"{rate:.1f} Hz" if rate >= SLOW_HZ else "below 1 Hz"
-            shown = f"{name} ({names[name]})" if name in names else name
-            streams.setdefault(key, []).append(shown)
-    rows = [[rate, ", ".join(group)] for rate, group in streams.items()]
+    is_tilt = learnability.axis in TILT_AXES
+    rows = [[rate, ", ".join(names)] for rate, names in _messages_by_rate(vehicle).items()]
     return [
-        *render_section("vehicle", **vehicle, is_tilt=learnability.axis in TILT_AXES),
+        *render_section("vehicle", **vehicle, is_tilt=is_tilt),
         *render_section("tier", **vehicle),
-        *map(caution, learnability.cautions),
-        *(Sentence(str(repair), "Noted:") for repair in vehicle["repairs"]),
+        *[caution(fact) for fact in learnability.cautions],
+        *[Sentence(str(repair), "Noted:") for repair in vehicle["repairs"]],
         *render_section("settled", **vehicle),
         *([Table(["rate", "messages"], rows, words=True)] if rows else []),
     ]
 
 
-def stream_contents(held: JsonValues) -> list[Sentence]:
-    """Returns what was received from each sender, by the inventory ``held``, and what could not be decoded."""
-    vehicles = [component_id(vehicle) for vehicle in held["vehicles"]]
-    blocks = []
-    for speaker in held["speakers"]:
-        is_vehicle = component_id(speaker) in vehicles
-        lost, missing = speaker["lost_share"], speaker["missing_share"]
-        blocks += render_section(
+def _messages_by_rate(vehicle: JsonValues) -> dict[str, list[str]]:
+    """Returns the names of a vehicle's periodic messages by their rounded rate, the fastest first."""
+    descriptions = vehicle["names"]
+    fastest_first = sorted(
+        vehicle["messages"].items(), key=lambda message: -(message[1]["rate"] or 0.0)
+    )
+    by_rate = dict[str, list[str]]()
+    for name, message in fastest_first:
+        rate = message["rate"]
+        if not rate or name == PARAMETER_MESSAGE:
+            continue
+        rate_text = f"{rate:.1f} Hz" if rate >= MIN_LISTED_RATE else "below 1 Hz"
+        description = f"{name} ({descriptions[name]})" if name in descriptions else name
+        by_rate.setdefault(rate_text, []).append(description)
+    return by_rate
+
+
+def stream_contents(contents: JsonValues) -> list[Sentence]:
+    """Returns a sentence on what was received from each sender, and one on what could not be decoded.
+
+    Args:
+        contents: from ``mavdem.assessment.inventory``.
+    """
+    vehicles = [component_id(vehicle) for vehicle in contents["vehicles"]]
+    sentences = []
+    for sender in contents["speakers"]:
+        is_vehicle = component_id(sender) in vehicles
+        sentences += render_section(
             "sender",
-            **speaker,
+            **sender,
             is_ordinary=is_vehicle or bool(vehicles),
-            is_silent=speaker["kind"] == UNNAMED and not is_vehicle,
-            # A ground station numbers its messages to all links together, so its gaps have no meaning. Where no stream
-            # has gaps, the log keeps only some kinds of messages.
-            is_lossy=is_vehicle
-            and lost >= MIN_LOST_SHARE
-            and (missing is None or missing >= min(MIN_LOST_SHARE, lost / 2)),
+            is_silent=sender["kind"] == UNNAMED and not is_vehicle,
+            # The gaps of a ground station have no meaning: it numbers its messages to all links together.
+            is_lossy=is_vehicle and _is_lossy(sender),
         )
-    return [*blocks, *render_section("unread", unread=held["unread"])]
+    return [*sentences, *render_section("unread", unread=contents["unread"])]
+
+
+def _is_lossy(sender: JsonValues) -> bool:
+    """Returns whether a link lost messages of a sender, by gaps in sequence numbers and in periodic streams.
+
+    Where no stream has gaps although numbers are missing, nothing was lost: the log keeps only some kinds of messages.
+    """
+    lost_share = sender["lost_share"]
+    missing_share = sender["missing_share"]
+    if lost_share < MIN_LOST_SHARE:
+        return False
+    return missing_share is None or missing_share >= min(MIN_LOST_SHARE, lost_share / 2)
 
 
 def component_id(component: JsonValues) -> str:
-    """Returns system and number of a ``component``, as in "1:1"."""
+    """Returns the MAVLink system and component of a sender, such as "1:1"."""
     return f"{component['system']}:{component['component']}"
 
 
-def wind_blocks(air: WindEvidence) -> Blocks:
-    """Returns speed and direction with intervals, what is not reported, and how far the autopilot's own is off."""
-    wind, own, reason = air
+def wind_blocks(evidence: WindEvidence) -> Blocks:
+    """Returns the wind's speed and direction with intervals, the autopilot's own estimate, and what is not reported.
+
+    Without an estimate that is the reason why there is none, if any.
+    """
+    wind = evidence.estimate
     if wind is None:
-        return [Sentence(reason.advised, "Wind:")] if reason else []
+        obstacle = evidence.obstacle
+        return [Sentence(obstacle.advised, "Wind:")] if obstacle else []
+    reasons = [
+        Sentence(str(reason), f"{quantity.capitalize()}:")
+        for quantity, reason in wind.reasons.items()
+    ]
+    autopilot_wind = _autopilot_wind(evidence, wind)
+    return [*render_section("wind", wind=wind, own=autopilot_wind), *reasons]
+
+
+def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, float] | None:
+    """Returns the mean wind of the autopilot while the wind was estimated: "size", m/s, and "origin", degrees.
+
+    It is None where the autopilot has no estimate of that time.
+    """
+    series = evidence.autopilot_estimate
+    if series is None:
+        return None
     first, last = wind.time[[0, -1]]
-    estimate = None
-    if own is not None:
-        rows = (own.boot == wind.boot) & (own.time >= first) & (own.time <= last)
-        if rows.any():
-            mean = own.values[rows].mean(axis=0)
-            estimate = {"size": np.hypot(*mean), "origin": meteorological_direction(*mean)}
-    reasons = (
-        Sentence(str(why), f"{quantity.capitalize()}:") for quantity, why in wind.reasons.items()
-    )
-    return [*render_section("wind", wind=wind, own=estimate), *reasons]
+    rows = (series.boot == wind.boot) & (series.time >= first) & (series.time <= last)
+    if not rows.any():
+        return None
+    north, east = series.values[rows].mean(axis=0)
+    return {"size": np.hypot(north, east), "origin": meteorological_direction(north, east)}
+
+
+class _WindCourse(NamedTuple):
+    """A course of the mean wind, by time or by height."""
+
+    header: str
+    """Header of the first column."""
+
+    key: str
+    """Key of what stands in the first column."""
+
+    rows: tuple[dict[str, float], ...]
+    """Mean wind of each minute or layer: "speed", m/s, "direction", degrees, and ``key``."""
 
 
 def wind_tables(wind: WindVelocity) -> Blocks:
-    """Returns the mean wind of each minute, and of each layer, where its speed is known and there are several."""
-    wind = wind.identified_figures
-    courses = ("Time (s)", "start", wind.minutes), ("Height (m)", "height", wind.profile)
-    return [
-        Table(
-            [header, "Wind (m/s)", "From (°)"],
-            [
-                [f"{row[name]:.0f}", f"{row['speed']:.1f}", f"{row['direction']:.0f}"]
-                for row in rows
-            ],
-        )
-        for header, name, rows in courses
-        if len(rows) > 1
-    ]
+    """Returns a table of the mean wind of each minute, and one of each layer of height.
+
+    A table is left out where it would have a single row, or the wind's speed is not identifiable.
+    """
+    identified = wind.identified_figures
+    courses = (
+        _WindCourse("Time (s)", "start", identified.minutes),
+        _WindCourse("Height (m)", "height", identified.profile),
+    )
+    tables = Blocks()
+    for course in courses:
+        if len(course.rows) < 2:
+            continue
+        rows = []
+        for row in course.rows:
+            rows.append(
+                [f"{row[course.key]:.0f}", f"{row['speed']:.1f}", f"{row['direction']:.0f}"]
+            )
+        tables.append(Table([course.header, "Wind (m/s)", "From (°)"], rows))
+    return tables
 
 
 def drag_table(drag: Drag, settings: Mapping[str, tuple[float, float, float]]) -> Table:
-    """Returns the linear ``drag`` and the ``settings`` of the autopilot for it, with both ends of 90 % intervals."""
-    numbers = {
-        **settings,
-        "linear drag (1/s)": (drag.linear.mean(), *drag.interval("linear").mean(axis=1)),
-    }
-    rows = [[name, *(f"{value:.3g}" for value in values)] for name, values in numbers.items()]
+    """Returns a table of a vehicle's linear drag, and of the autopilot's parameters that express it.
+
+    Args:
+        drag: of the vehicle.
+        settings: value and both ends of the 90 % interval of each parameter, by name.
+    """
+    low, high = drag.interval("linear").mean(axis=1)
+    quantities = {**settings, "linear drag (1/s)": (drag.linear.mean(), low, high)}
+    rows = [[name, *(f"{value:.3g}" for value in values)] for name, values in quantities.items()]
     return Table([f"Drag, from {DRAG_SOURCES[drag.source]}", "value", "from", "to"], rows)
 
 
 def air_blocks(assessment: Assessment) -> Blocks:
-    """Returns the :func:`wind_blocks` of an ``assessment``, and what share of the wind torque that wind explains."""
+    """Returns the wind of a log, as :func:`wind_blocks` does, and the share of the wind torque that it explains."""
     if assessment.evidence is None:
         return []
-    explained = assessment.wind_share_of_torque
-    share = [] if explained is None else [Sentence(str(explained), "Wind torque:")]
-    return [*wind_blocks(assessment.evidence.wind), *share]
+    blocks = wind_blocks(assessment.evidence.wind)
+    explained_share = assessment.wind_share_of_torque
+    if explained_share is not None:
+        blocks.append(Sentence(str(explained_share), "Wind torque:"))
+    return blocks

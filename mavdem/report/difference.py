@@ -1,12 +1,12 @@
-"""What changed between two states of a vehicle, what is the same, and what cannot be said."""
+"""What changed between two states of a vehicle in sentences: what is the same, what is uncertain, what is unknown."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
 from pathlib import PurePath
+from typing import NamedTuple
 
 from mavdem.containers import Names, group_by
 from mavdem.facts.fleet import QuantityOutcome
-from mavdem.fleet import difference
+from mavdem.fleet import difference as compared
 from mavdem.fleet.difference import (
     SD_BETWEEN_FLIGHTS,
     ParameterChange,
@@ -18,130 +18,196 @@ from mavdem.report.blocks import Blocks, Sentence, caution
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark
 from mavdem.report.templates import render_section
 
-QUANTITIES = {  # what a kind of quantity is called, and the scale and unit that it is shown in
-    difference.SHARE: ("share", 100.0, "%"),
-    difference.EFFECT: ("control effectiveness", 100.0, "%"),
-    difference.MEAN_EFFECT: ("mean control effectiveness", 100.0, "%"),
-    difference.DAMPING: ("rate damping", 1.0, "1/s"),
-    difference.LAG: ("motor time constant", 1e3, "ms"),
+MIN_WHOLE_PERCENT = 3.0
+"""Half width, %, from which on a relative change is shown without decimals."""
+
+
+class ShownQuantity(NamedTuple):
+    """How a kind of quantity is shown."""
+
+    name: str
+    """Name in a sentence."""
+
+    scale: float
+    """Factor from the compared unit to the shown one."""
+
+    unit: str
+    """Shown unit."""
+
+
+SHOWN_QUANTITIES = {
+    compared.SHARE: ShownQuantity("share", 100.0, "%"),
+    compared.EFFECT: ShownQuantity("control effectiveness", 100.0, "%"),
+    compared.MEAN_EFFECT: ShownQuantity("mean control effectiveness", 100.0, "%"),
+    compared.DAMPING: ShownQuantity("rate damping", 1.0, "1/s"),
+    compared.LAG: ShownQuantity("motor time constant", 1e3, "ms"),
 }
+"""How quantities are shown, by their kind."""
 
 
 def difference_blocks(
-    of_vehicle: VehicleDifference,
+    difference: VehicleDifference,
     parameters: Sequence[ParameterChange] = (),
     lacking: Names = (),
 ) -> Blocks:
-    """Returns in sentences what changed of two vehicles or one, and how sure that is.
+    """Returns in sentences what differs between two states of a vehicle, or two vehicles, and how sure that is.
 
-    Which vehicles come first, then ``parameters`` that were set anew and sides whose gains are ``lacking``, what
-    changed, is the same, uncertain or not comparable, and the conditions.
+    Doubts about the vehicles come first, then parameters, what changed, what could not be compared, and the conditions.
+
+    Args:
+        difference: what was compared.
+        parameters: those of the autopilot that changed.
+        lacking: the sides, "A" or "B", whose parameters are not known.
     """
-    missing = [
-        Sentence(f"{listed(missing.quantity for missing in lacking)}: {reason}", "Not compared:")
-        for reason, lacking in group_by(
-            of_vehicle.incomparable, lambda missing: missing.reason
-        ).items()
+    by_reason = group_by(difference.incomparable, lambda missing: missing.reason)
+    not_compared = [
+        Sentence(f"{listed(missing.quantity for missing in quantities)}: {reason}", "Not compared:")
+        for reason, quantities in by_reason.items()
     ]
-    conditions, *sure = render_section("difference", of_vehicle, between=SD_BETWEEN_FLIGHTS)
-    anew = render_section(
-        "difference_parameters", of_vehicle, parameters=parameters, lacking=lacking
+    conclusions = render_section("difference", difference, between=SD_BETWEEN_FLIGHTS)
+    parameter_sentences = render_section(
+        "difference_parameters", difference, parameters=parameters, lacking=lacking
     )
-    return [*_vehicles(of_vehicle), *anew, *_changes(of_vehicle), *missing, conditions, *sure]
+    return [
+        *_vehicle_doubts(difference),
+        *parameter_sentences,
+        *_change_sentences(difference),
+        *not_compared,
+        *conclusions,
+    ]
 
 
 def headline_blocks(headlines: Mapping[str, str | None]) -> Blocks:
-    """Returns the ``headlines`` that there are, of each side by itself."""
+    """Returns the headline of each side by itself.
+
+    Args:
+        headlines: by side; None of a side without one.
+    """
     return [
-        Sentence(said, f"{name.upper()} by itself:") for name, said in headlines.items() if said
+        Sentence(headline, f"{side.upper()} by itself:")
+        for side, headline in headlines.items()
+        if headline
     ]
 
 
 def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> Blocks:
-    """Returns what differs between a vehicle's ``latest`` flight and its flights of the baseline."""
+    """Returns what differs between a vehicle's latest flight and its flights of the baseline.
+
+    Args:
+        latest: row of the latest flight.
+        difference: from the baseline to that flight; None if the baseline has no flight of the vehicle.
+    """
     lead = "Since the baseline:"
     if difference is None:
         return [Sentence("the baseline has no flight of this vehicle.", lead)]
-    when = "" if latest.date is None else f" ({latest.date:%Y-%m-%d})"
-    text = f"the latest flight, {PurePath(latest.file).name}{when}, beside {counted(difference.flights[0], 'flight')}."
-    return [Sentence(text, lead), *_changes(difference), *_vehicles(difference)]
+    date = "" if latest.date is None else f" ({latest.date:%Y-%m-%d})"
+    baseline_count = counted(difference.flights[0], "flight")
+    file = PurePath(latest.file).name
+    text = f"the latest flight, {file}{date}, beside {baseline_count}."
+    return [Sentence(text, lead), *_change_sentences(difference), *_vehicle_doubts(difference)]
 
 
-def _changes(difference: VehicleDifference) -> Blocks:
-    """What changed, what is the same, and what was compared without a result."""
-    changed, unknown = (
-        [_change(change, difference) for change in difference.of(kind)]
-        for kind in (QuantityOutcome.CHANGED, QuantityOutcome.UNCERTAIN)
+def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
+    """Returns sentences on what changed, what is the same, and what is uncertain."""
+    changed = difference.of(QuantityOutcome.CHANGED)
+    uncertain = difference.of(QuantityOutcome.UNCERTAIN)
+    return render_section(
+        "difference_changes",
+        changed=[_change_text(change, difference) for change in changed],
+        same=[*_texts_by_kind(difference.of(QuantityOutcome.SAME))],
+        unknown=[_change_text(change, difference) for change in uncertain],
     )
-    same = [*_grouped(difference.of(QuantityOutcome.SAME))]
-    return [*render_section("difference_changes", changed=changed, same=same, unknown=unknown)]
 
 
 def surest_change(difference: VehicleDifference) -> str:
-    """Returns what changed most surely; empty where nothing did."""
-    changes = sorted(difference.of(QuantityOutcome.CHANGED), key=lambda change: change.p)
-    return _change(changes[0], difference) if changes else ""
+    """Returns the change with the lowest p-value as text; empty where nothing changed."""
+    changes = difference.of(QuantityOutcome.CHANGED)
+    if not changes:
+        return ""
+    return _change_text(min(changes, key=lambda change: change.p), difference)
 
 
 def next_blocks(difference: VehicleDifference) -> list[Sentence]:
-    """Returns the part to check where something changed: of motors that seem weaker the surest; of one vehicle."""
+    """Returns which part of one vehicle to check after a change; nothing without a change, or for two vehicles.
+
+    Of motors that seem weaker it is the surest one, otherwise the part of the surest change.
+    """
     changes = difference.of(QuantityOutcome.CHANGED)
-    if not changes or len({*chain(*difference.vehicles)} - {UNKNOWN}) > 1:
+    before, after = difference.vehicles
+    known_vehicles = {*before, *after} - {UNKNOWN}
+    if not changes or len(known_vehicles) > 1:
         return []
-    change = min(changes, key=lambda change: (not _is_weaker(change), change.p))
-    motor = _motor(change, difference) if change.quantity.motor else ""
-    return render_section("difference_next", motor=motor, is_weaker=_is_weaker(change))
+    weaker = [change for change in changes if _is_weaker(change)]
+    change = min(weaker or changes, key=lambda change: change.p)
+    motor = _motor_name(change, difference) if change.quantity.motor else ""
+    return render_section("difference_next", motor=motor, is_weaker=bool(weaker))
 
 
 def _is_weaker(change: QuantityChange) -> bool:
-    """Whether a motor works harder, or its work has less effect."""
-    (kind, motor, _) = change.quantity
-    return motor > 0 and (kind == difference.SHARE) == (change.difference > 0)
+    """Returns whether a change means a weaker motor: it works harder, or has less effect."""
+    if change.quantity.motor == 0:
+        return False
+    increases = change.difference > 0
+    works_harder = change.quantity.kind == compared.SHARE and increases
+    has_less_effect = change.quantity.kind != compared.SHARE and not increases
+    return works_harder or has_less_effect
 
 
-def _motor(change: QuantityChange, difference: VehicleDifference) -> str:
-    """The name of its motor, where it is of one."""
-    motors = difference.motors
+def _motor_name(change: QuantityChange, difference: VehicleDifference) -> str:
+    """Returns the name of the motor of a change, without its position; its number where names are not known."""
     motor = change.quantity.motor
-    return without_remark(motors[motor - 1]) if motor <= len(motors) else f"motor {motor}"
+    if motor > len(difference.motors):
+        return f"motor {motor}"
+    return without_remark(difference.motors[motor - 1])
 
 
-def _change(change: QuantityChange, difference: VehicleDifference) -> str:
-    """As in "motor 3's share −18 % ± 6 %"."""
-    (kind, motor, axis) = change.quantity
-    noun, scale, unit = QUANTITIES[kind]
-    name = f"{_motor(change, difference)}'s {noun}" if motor else f"{noun} on {axis}"
-    more = scale * change.difference
-    half = scale * change.half_width
+def _change_text(change: QuantityChange, difference: VehicleDifference) -> str:
+    """Returns a change as text, such as "motor 3's share −18 % ± 6 %" or "rate damping on roll 4 → 6 1/s (+2 ± 1)"."""
+    quantity = change.quantity
+    shown = SHOWN_QUANTITIES[quantity.kind]
+    if quantity.motor:
+        name = f"{_motor_name(change, difference)}'s {shown.name}"
+    else:
+        name = f"{shown.name} on {quantity.axis}"
+    increase = shown.scale * change.difference
+    half_width = shown.scale * change.half_width
     if change.before is None or change.after is None:
-        decimals = 0 if half >= 3 else 1
-        return f"{name} {_signed(f'{more:z.{decimals}f}')} % ± {half:.{decimals}f} %"
-    values = f"{rounded(scale * change.before)} → {rounded(scale * change.after)} {unit}"
-    return f"{name} {values} ({_signed(plus_minus(more, half))})"
+        decimals = 0 if half_width >= MIN_WHOLE_PERCENT else 1
+        return f"{name} {_signed(f'{increase:z.{decimals}f}')} % ± {half_width:.{decimals}f} %"
+    before = rounded(shown.scale * change.before)
+    after = rounded(shown.scale * change.after)
+    return f"{name} {before} → {after} {shown.unit} ({_signed(plus_minus(increase, half_width))})"
 
 
-def _grouped(changes: Sequence[QuantityChange]) -> Iterator[str]:
-    """Names with the widest half width, as in "share of motor 1 and motor 2 (± 2 %)"."""
-    for kind, ours in group_by(changes, lambda change: change.quantity.kind).items():
-        noun, scale, unit = QUANTITIES[kind]
-        names = (
-            f"motor {motor}" if motor else axis
-            for _, motor, axis in (change.quantity for change in ours)
-        )
-        widest = scale * max(change.half_width for change in ours)
-        yield f"{noun} of {listed(names)} (± {rounded(widest)} {unit})"
+def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
+    """Yields for each kind of quantity what is the same, such as "share of motor 1 and motor 2 (± 2 %)".
+
+    The half width is the widest one of these quantities.
+    """
+    for kind, of_kind in group_by(changes, lambda change: change.quantity.kind).items():
+        shown = SHOWN_QUANTITIES[kind]
+        names = []
+        for change in of_kind:
+            motor = change.quantity.motor
+            names.append(f"motor {motor}" if motor else change.quantity.axis)
+        widest = shown.scale * max(change.half_width for change in of_kind)
+        yield f"{shown.name} of {listed(names)} (± {rounded(widest)} {shown.unit})"
 
 
 def _signed(number: str) -> str:
-    return number.replace("-", "−") if number.startswith(("-", "(-")) else f"+{number}"
+    """Returns a formatted number with its sign, a minus sign in the place of a hyphen."""
+    if number.startswith(("-", "(-")):
+        return number.replace("-", "−")
+    return f"+{number}"
 
 
-def _vehicles(difference: VehicleDifference) -> Blocks:
+def _vehicle_doubts(difference: VehicleDifference) -> Blocks:
+    """Returns doubts whether both states are of one vehicle, as cautions; that they have no name, where that is so."""
     before, after = difference.vehicles
     if UNKNOWN in (*before, *after):
         return [*render_section("difference_unnamed")]
-    others = before and after and set(before) != set(after)
+    are_others = before and after and set(before) != set(after)
     doubts = render_section(
-        "difference_vehicles", before=before, after=after, others=others, found=difference
+        "difference_vehicles", before=before, after=after, others=are_others, found=difference
     )
     return [caution(doubt.text) for doubt in doubts]

@@ -1,7 +1,7 @@
-"""Style: the size, the letters and the lines that all figures of matplotlib share, and charts drawn by it.
+"""Matplotlib's style for all figures, and charts drawn by matplotlib.
 
-A figure is drawn in the colours of ``mavdem.report.palette``, with angles in degrees and nothing behind it: whoever
-shows it decides what it stands on.
+Figures have the colours of ``mavdem.report.palette``, angles in degrees, and no background: whoever shows a figure
+decides what it stands on. They are made without ``pyplot``, so that they leave no state behind.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,11 +23,22 @@ from mavdem.containers import JsonValues
 from mavdem.report.charts.chart import Axis, Chart, Group, Kind, Line, Plan
 from mavdem.report.palette import BAND_OPACITY, DISTINCT, INK_ON_LIGHT, MEASURED, PAPER_LIGHT
 
-FIGURE_WIDTH = (
-    5.2  # inches: letters are read at 500 pixels, and two figures stand side by side at 1600
-)
-PIXELS_PER_INCH = 200  # of figures that a notebook shows: twice what a page shows
-INKED = (
+FIGURE_WIDTH = 5.2
+"""Width of a figure, inches: letters are readable at 500 pixels, and two figures stand side by side at 1600."""
+
+PIXELS_PER_INCH = 200
+"""Resolution of a saved figure: twice that of a page."""
+
+NOTEBOOK_RESOLUTION_FACTOR = 0.65
+"""Resolution of a figure in a notebook, as a fraction of ``PIXELS_PER_INCH``."""
+
+CHART_HEIGHT = 1.7
+"""Height of each chart of a figure, inches."""
+
+MARGIN_HEIGHT = 0.4
+"""Height of a figure in addition to its charts, inches."""
+
+INK_SETTINGS = (
     "text.color",
     "axes.labelcolor",
     "axes.titlecolor",
@@ -36,115 +47,144 @@ INKED = (
     "ytick.color",
     "grid.color",
 )
+"""Settings of matplotlib that have the colour of text."""
+
 STYLE: Any = {
     **matplotlib.rc_params_from_file(
         Path(__file__).with_name("figures.mplstyle"), use_default_template=False
     ),
-    **dict.fromkeys(INKED, INK_ON_LIGHT),
+    **dict.fromkeys(INK_SETTINGS, INK_ON_LIGHT),
     "axes.prop_cycle": cycler(color=DISTINCT),
 }
+"""Settings of matplotlib in which all figures are drawn and saved."""
 
 
 class BareFigure(Figure):
-    """A figure without a background, made without ``pyplot``, which notebooks show on white."""
+    """A figure without a background; notebooks show it on white."""
 
     def savefig(self, fname: Any, **options: Any) -> None:
-        """Saves the figure as :meth:`matplotlib.figure.Figure.savefig` does, in its own style."""
+        """Saves the figure as :meth:`matplotlib.figure.Figure.savefig` does, in the common style."""
         with matplotlib.rc_context(STYLE):
             super().savefig(fname, **{"dpi": PIXELS_PER_INCH} | options)
 
     def _repr_png_(self) -> bytes:
+        """Returns the figure as PNG, for notebooks."""
         file = BytesIO()
-        self.savefig(file, format="png", dpi=0.65 * PIXELS_PER_INCH, facecolor=PAPER_LIGHT)
+        resolution = NOTEBOOK_RESOLUTION_FACTOR * PIXELS_PER_INCH
+        self.savefig(file, format="png", dpi=resolution, facecolor=PAPER_LIGHT)
         return file.getvalue()
 
 
 class Picture(NamedTuple):
-    """A figure of a page that is no chart, as of a landscape; ``draw`` makes it."""
+    """A figure on a page that is not a chart, such as a landscape of the free energy."""
 
     title: str
+    """What stands above it."""
+
     caption: str
+    """What stands below it, and describes it to readers who do not see it."""
+
     draw: Callable[[], Figure]
+    """Draws the figure."""
 
     @property
     def group(self) -> Group:
-        """What a page shows."""
-        drawn = Plan(self.title, self.caption, svg_of(self.draw(), self.title))
-        return Group.of([drawn], self.caption)
+        """The drawn figure as a group of a page."""
+        plan = Plan(self.title, self.caption, svg_of(self.draw(), self.title))
+        return Group.of([plan], self.caption)
 
 
 @contextmanager
 def new_figure(height: float = 3.2) -> Iterator[BareFigure]:
-    """Yields a new figure of this ``height``, inches, in the common style, to be drawn in the block."""
+    """Yields a new figure of this height, inches, that is drawn in the common style inside the ``with`` block."""
     with matplotlib.rc_context(STYLE):
         layout = ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.04, wspace=0.05)
         yield BareFigure(figsize=(FIGURE_WIDTH, height), layout=layout, facecolor="none")
 
 
 def svg_of(figure: Figure, name: str) -> Markup:
-    """Returns the figure as an ``<svg>`` element; its ids are unique on a page if its ``name`` is."""
-    drawn = StringIO()
+    """Returns a figure as an ``<svg>`` element; the same figure gives the same bytes.
+
+    Args:
+        figure: to be drawn.
+        name: unique on the page, so that the ids inside the element are.
+    """
+    file = StringIO()
+    # Without metadata, such as the date, the bytes depend on the figure alone.
+    no_metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
-        unsaid = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-        figure.savefig(drawn, format="svg", metadata=unsaid)
-    text = drawn.getvalue()
+        figure.savefig(file, format="svg", metadata=no_metadata)
+    text = file.getvalue()
     return Markup(text[text.index("<svg") :])
 
 
 def legend_above(axes: Axes) -> None:
-    """Draws a legend above the axes, on the right: never over data."""
+    """Draws a legend above the axes on the right, where it does not cover data."""
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.01), ncols=5)
 
 
-def limit_to_values(axes: Axes, values: ArrayLike, beyond: float = 0.6) -> None:
-    """Limits the vertical axis to ``beyond`` spans beyond these values, however wide a band around them is."""
-    shown = np.asarray(values, np.float64)
-    low = np.nanmin(shown)
-    high = np.nanmax(shown)
+def limit_to_values(axes: Axes, values: ArrayLike, margin: float = 0.6) -> None:
+    """Limits the vertical axis to a margin around values, however wide a band around them is.
+
+    Args:
+        axes: whose limits are set; they are only narrowed.
+        values: that must be visible; NaN is ignored.
+        margin: space above and below them, in spans of the values.
+    """
+    array = np.asarray(values, np.float64)
+    low = np.nanmin(array)
+    high = np.nanmax(array)
     span = high - low or max(abs(high), 1.0)
     bottom, top = axes.get_ylim()
-    axes.set_ylim(max(bottom, low - beyond * span), min(top, high + beyond * span))
+    axes.set_ylim(max(bottom, low - margin * span), min(top, high + margin * span))
 
 
 def draw_charts(charts: Sequence[Chart]) -> BareFigure:
-    """Returns ``charts`` below each other."""
-    with new_figure(0.4 + 1.7 * len(charts)) as figure:
-        grid = figure.subplots(len(charts), squeeze=False).ravel()
-        for axes, chart in zip(grid, charts, strict=True):
-            _draw(axes, chart)
+    """Returns a figure with the charts below each other."""
+    with new_figure(MARGIN_HEIGHT + CHART_HEIGHT * len(charts)) as figure:
+        axes_by_row = figure.subplots(len(charts), squeeze=False).ravel()
+        for axes, chart in zip(axes_by_row, charts, strict=True):
+            _draw_chart(axes, chart)
     return figure
 
 
-def _draw(axes: Axes, chart: Chart) -> None:
+def _draw_chart(axes: Axes, chart: Chart) -> None:
+    """Draws lines, spans, levels, axes and title of a chart; with several named lines, a legend too."""
     for line in chart.lines:
         _draw_line(axes, line)
-    for start, end, _ in chart.spans:
-        axes.axvspan(start, end, color=MEASURED, alpha=BAND_OPACITY, linewidth=0)
+    for span in chart.spans:
+        axes.axvspan(span.start, span.end, color=MEASURED, alpha=BAND_OPACITY, linewidth=0)
     for level in chart.levels:
         axes.axhline(level, color=MEASURED, linewidth=0.8, zorder=1.5)
-    axes.set(xlabel=chart.x.label, xscale="log" if chart.x.log else "linear", xlim=chart.x.ends)
-    _label(axes, chart.y)
+    axes.set(xlabel=chart.x.label, xscale=_scale(chart.x), xlim=chart.x.ends)
+    axes.set(ylabel=chart.y.label, yscale=_scale(chart.y), ylim=chart.y.ends)
+    if chart.y.log:
+        # Plain numbers in the place of powers of ten.
+        axes.yaxis.set_major_formatter("{x:g}")
     axes.set_title(chart.title)
-    if sum(bool(line.name) for line in chart.lines) > 1:
+    named_lines = [line for line in chart.lines if line.name]
+    if len(named_lines) > 1:
         legend_above(axes)
 
 
-def _label(axes: Axes, axis: Axis) -> None:
-    axes.set(ylabel=axis.label, yscale="log" if axis.log else "linear", ylim=axis.ends)
-    if axis.log:
-        axes.yaxis.set_major_formatter("{x:g}")
+def _scale(axis: Axis) -> str:
+    """Returns matplotlib's name of the scale of an axis."""
+    return "log" if axis.log else "linear"
 
 
 def _draw_line(axes: Axes, line: Line) -> None:
-    x, y = line.x, line.y
+    """Draws a line of a chart as stems, dots with whiskers, or a solid or dashed line with its band."""
     style: JsonValues = {"color": line.colour, "label": line.name}
     if line.kind is Kind.STEMS:
-        axes.vlines(x, 0, y, linewidth=1.3, **style)
+        axes.vlines(line.x, 0, line.y, linewidth=1.3, **style)
     elif line.kind is Kind.DOTS:
-        ends = None if line.low is None or line.high is None else (y - line.low, line.high - y)
-        axes.errorbar(x, y, ends, fmt="o", markersize=3.5, linewidth=1.1, **style)
+        whiskers = None
+        if line.low is not None and line.high is not None:
+            whiskers = (line.y - line.low, line.high - line.y)
+        axes.errorbar(line.x, line.y, whiskers, fmt="o", markersize=3.5, linewidth=1.1, **style)
     else:
-        axes.plot(x, y, linewidth=1.1, dashes=(4, 2) if line.kind is Kind.DASHES else (), **style)
+        dashes = (4, 2) if line.kind is Kind.DASHES else ()
+        axes.plot(line.x, line.y, linewidth=1.1, dashes=dashes, **style)
         if line.low is not None and line.high is not None:
             shade: JsonValues = {"alpha": BAND_OPACITY, "linewidth": 0}
-            axes.fill_between(x, line.low, line.high, color=line.colour, **shade)
+            axes.fill_between(line.x, line.low, line.high, color=line.colour, **shade)

@@ -1,7 +1,7 @@
-"""The page of two flights over each other: what differs first, then responses, spectra, margins, motors and wind."""
+"""The HTML page that compares two flights: what differs, then responses, margins, spectra, motors and wind of both."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Kind, Line
-from mavdem.report.charts.flight_charts import STEP_RESPONSE
+from mavdem.report.charts.flight_charts import MIN_DENSITY, STEP_RESPONSE
 from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks, surest_change
 from mavdem.report.loops import LOOP_FIGURES
 from mavdem.report.numbers import counted, rounded
@@ -21,9 +21,19 @@ from mavdem.report.palette import PREDICTED, TRUTH
 from mavdem.report.templates import render_section
 
 Review = Mapping[str, Any]
-"""The document of a review, of which nothing need be known."""
-Reviews = Mapping[str, Review]  # by side
-COLOURS = {"A": PREDICTED, "B": TRUTH}
+"""The document of a review, as ``report.json`` has it; any of its keys may be missing."""
+
+Reviews = Mapping[str, Review]
+"""The reviews of both flights, by side: "A" and "B"."""
+
+SIDE_COLOURS = {"A": PREDICTED, "B": TRUTH}
+"""Colour of each side in charts."""
+
+MAX_MOTORS = 12
+"""Motors that the axis of a chart has names for: those of the largest frames."""
+
+UNKNOWN_FIGURE = "-"
+"""What a table shows in the place of a figure that is not known."""
 
 
 def comparison_page(
@@ -34,153 +44,205 @@ def comparison_page(
     lacking: Names = (),
     back: PageLink | None = None,
 ) -> str:
-    """Returns the HTML of two flights, called ``names``, by documents as ``report.json`` has them.
+    """Renders the page that compares two flights.
 
-    ``difference`` is what differs, ``parameters`` those that changed, and ``lacking`` the sides whose gains are not
-    known; ``back`` is name and address of the page that leads here.
+    Args:
+        names: of the flights.
+        reviews: their documents.
+        difference: what differs between the vehicles.
+        parameters: those of the autopilot that changed.
+        lacking: the sides, "A" or "B", whose parameters are not known.
+        back: the page that leads here, if any.
     """
-    both = dict(zip(COLOURS, reviews, strict=True))
-    steps = tuple(filter(None, (tuple(_steps(both, axis)) for axis in AXES)))
-    changed = [[name, f"{before:.4g}", f"{after:.4g}"] for name, before, after in parameters]
-    margins = [
-        [f"{axis} {name}", *(_cell(rate, key, scale) for rate in _loops(both, axis).values())]
-        for axis in AXES
-        for key, (name, scale) in LOOP_FIGURES.items()
-    ]
+    sides = dict(zip(SIDE_COLOURS, reviews, strict=True))
+    step_columns = []
+    for axis in AXES:
+        charts = tuple(_step_charts(sides, axis))
+        if charts:
+            step_columns.append(charts)
+    changes = [[name, f"{before:.4g}", f"{after:.4g}"] for name, before, after in parameters]
+    change_header = f"{counted(len(changes), 'parameter')} changed"
     chapters = [
         Chapter("What differs", difference_blocks(difference, parameters, lacking)),
-        Chapter("Step response", (), [Group(steps)] if steps else []),
-        _table("Margins", "rate loop (90 % interval)", margins),
-        Chapter("Spectra", (), _group(_spectra(both))),
-        Chapter("Motors", (), _group(_motors(both))),
-        _table("Wind", "90 % interval", _wind(both)),
-        _table("Parameters", f"{counted(len(changed), 'parameter')} changed", changed),
+        Chapter("Step response", (), [Group(tuple(step_columns))] if step_columns else []),
+        _table_chapter("Margins", "rate loop (90 % interval)", _margin_rows(sides)),
+        Chapter("Spectra", (), _chart_group(_spectrum_chart(sides))),
+        Chapter("Motors", (), _chart_group(_trim_chart(sides))),
+        _table_chapter("Wind", "90 % interval", _wind_rows(sides)),
+        _table_chapter("Parameters", change_header, changes),
     ]
-    first = _headline(both, difference, parameters)
-    headlines = {name: value_at(review, "headline.sentence") for name, review in both.items()}
-    first += [*headline_blocks(headlines), *next_blocks(difference)]
-    return render_document(" and ".join(names), "A and B over each other.", first, chapters, back)
+    headlines = {side: value_at(review, "headline.sentence") for side, review in sides.items()}
+    result = [
+        *_main_difference(sides, difference, parameters),
+        *headline_blocks(headlines),
+        *next_blocks(difference),
+    ]
+    return render_document(" and ".join(names), "A and B over each other.", result, chapters, back)
 
 
-def _table(title: str, head: str, rows: list[list[str]]) -> Chapter:
-    filled = [row for row in rows if {*row[1:]} != {"-"}]
-    return Chapter(title, [Table([head, *COLOURS], filled)] if filled else [])
+def _table_chapter(title: str, header: str, rows: list[list[str]]) -> Chapter:
+    """Returns a chapter with a table of both sides, without rows of which nothing is known."""
+    known = [row for row in rows if any(cell != UNKNOWN_FIGURE for cell in row[1:])]
+    if not known:
+        return Chapter(title)
+    return Chapter(title, [Table([header, *SIDE_COLOURS], known)])
 
 
-def _headline(
-    both: Reviews, difference: VehicleDifference, parameters: Sequence[ParameterChange]
+def _chart_group(chart: Chart) -> list[Group]:
+    """Returns a group of one chart; none if the chart has no lines."""
+    return [Group.of([chart])] if chart.lines else []
+
+
+class _MarginChange(NamedTuple):
+    """The phase margins of an axis in both flights, degrees."""
+
+    axis: str
+    """Name of the axis."""
+
+    before: float
+    """Of side A."""
+
+    after: float
+    """Of side B."""
+
+
+def _main_difference(
+    sides: Reviews, difference: VehicleDifference, parameters: Sequence[ParameterChange]
 ) -> Blocks:
-    """What matters most: two vehicles, or what surely changed most, of quantities, gains and margins."""
-    vehicles = [value_at(review, "identity.name") or UNKNOWN for review in both.values()]
+    """Returns what matters most as headlines: that the vehicles are two, or what changed most.
+
+    That is the surest change of a quantity, the gain that changed by the largest factor, and the phase margin that
+    changed most.
+    """
+    vehicles = [value_at(review, "identity.name") or UNKNOWN for review in sides.values()]
     gains = [
         parameter
         for parameter in parameters
         if CONTROL_PARAMETERS.match(parameter.name) and parameter.before
     ]
-    margins = [
-        (axis, rates["A"], rates["B"])
-        for axis in AXES
-        for rates in [_loops(both, axis)]
-        if all(rates.values())
-    ]
-    ends = "phase_margin_interval"
-    apart = [
-        (axis, before["phase_margin"], after["phase_margin"])
-        for axis, before, after in margins
-        for lows, highs in [np.array([before[ends], after[ends]], np.float64).T]
-        if lows.max() > highs.min()  # not where an end is infinite: None in the document, NaN here
-    ]
-    said = render_section(
+    axes_with_margins = [axis for axis in AXES if all(_rate_loops(sides, axis).values())]
+    sentences = render_section(
         "difference_first",
         vehicles=vehicles,
         are_two=vehicles[0] != vehicles[1] and UNKNOWN not in vehicles,
         changed=surest_change(difference),
-        gain=max(
-            gains, key=lambda parameter: abs(parameter.after / parameter.before - 1), default=None
-        ),
-        margin=max(apart, key=lambda margins: abs(margins[1] - margins[2]), default=None),
-        has_margins=bool(margins),
+        gain=max(gains, key=lambda gain: abs(gain.after / gain.before - 1), default=None),
+        margin=_largest_margin_change(sides, axes_with_margins),
+        has_margins=bool(axes_with_margins),
     )
-    return [Sentence("", text.text) for text in said]
+    return [Sentence("", sentence.text) for sentence in sentences]
 
 
-def _loops(both: Reviews, axis: str) -> dict[str, Review]:
-    """The figures of the rate loops of an axis; nothing of one that is not known."""
-    return {name: value_at(review, f"axes.{axis}.loop.rate") or {} for name, review in both.items()}
+def _largest_margin_change(sides: Reviews, axes: Sequence[str]) -> _MarginChange | None:
+    """Returns the phase margin that differs most, of those whose intervals do not overlap; None without one.
+
+    Args:
+        sides: both reviews.
+        axes: those whose rate loop is known in both.
+    """
+    changes = []
+    for axis in axes:
+        loops = _rate_loops(sides, axis)
+        intervals = [loops[side]["phase_margin_interval"] for side in SIDE_COLOURS]
+        # An infinite end is None in the document and NaN here, so that it never lies apart.
+        lows, highs = np.array(intervals, np.float64).T
+        if lows.max() > highs.min():
+            before, after = (loops[side]["phase_margin"] for side in SIDE_COLOURS)
+            changes.append(_MarginChange(axis, before, after))
+    return max(changes, key=lambda change: abs(change.before - change.after), default=None)
 
 
-def _steps(both: Reviews, axis: str) -> Iterator[Chart]:
-    """Steps of rate and angle, with their bands."""
-    for loop in ("rate", "attitude"):
-        lines = []
-        for name, review in both.items():
-            if response := value_at(review, f"axes.{axis}.{loop}.measured"):
-                time, step, half = (
-                    np.array(response[key]) for key in ("time", "step", "step_half")
-                )
-                lines.append(Line.with_band(name, COLOURS[name], time, step, half))
-        if lines:
-            yield Chart(
-                f"{axis.capitalize()} {loop}: step",
-                TIME_AFTER_STEP,
-                STEP_RESPONSE,
-                tuple(lines),
-                (1.0,),
-            )
+def _rate_loops(sides: Reviews, axis: str) -> dict[str, Review]:
+    """Returns the figures of an axis's rate loop by side; of a loop that is not known, an empty document."""
+    path = f"axes.{axis}.loop.rate"
+    return {side: value_at(review, path) or {} for side, review in sides.items()}
 
 
-def _cell(response: Review, key: str, scale: float = 1.0) -> str:
-    """A figure with the ends of its interval."""
-    figures = [response.get(key), *(response.get(f"{key}_interval") or ())]
+def _margin_rows(sides: Reviews) -> list[list[str]]:
+    """Returns rows of the figures of the rate loops of all axes, a cell for each side."""
+    rows = []
+    for axis in AXES:
+        loops = _rate_loops(sides, axis)
+        for key, figure in LOOP_FIGURES.items():
+            cells = [_cell(loop, key, figure.scale) for loop in loops.values()]
+            rows.append([f"{axis} {figure.header}", *cells])
+    return rows
+
+
+def _cell(document: Review, key: str, scale: float = 1.0) -> str:
+    """Returns a figure of a document with its interval, such as "57 (50 to 63)"; a dash if any of it is not known."""
+    figures = [document.get(key), *(document.get(f"{key}_interval") or ())]
     if None in figures:
-        return "-"
+        return UNKNOWN_FIGURE
     value, low, high = (rounded(scale * figure) for figure in figures)
     return f"{value} ({low} to {high})"
 
 
-def _group(chart: Chart) -> list[Group]:
-    return [Group.of([chart])] if chart.lines else []
+def _step_charts(sides: Reviews, axis: str) -> Iterator[Chart]:
+    """Yields charts of the step responses of rate and angle of an axis, with the lines and bands of both sides."""
+    for loop in ("rate", "attitude"):
+        lines = []
+        for side, review in sides.items():
+            response = value_at(review, f"axes.{axis}.{loop}.measured")
+            if response:
+                time = np.array(response["time"])
+                step = np.array(response["step"])
+                half_width = np.array(response["step_half"])
+                lines.append(Line.with_band(side, SIDE_COLOURS[side], time, step, half_width))
+        if lines:
+            title = f"{axis.capitalize()} {loop}: step"
+            yield Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, tuple(lines), (1.0,))
 
 
-def _spectra(both: Reviews) -> Chart:
-    """The gyro's, before its filters where that was logged."""
+def _spectrum_chart(sides: Reviews) -> Chart:
+    """Returns a chart of the gyro's spectra, before the filters where these were logged; without lines if unknown."""
     lines = []
-    for name, review in both.items():
+    for side, review in sides.items():
         spectra = review.get("spectra") or {}
-        if spectrum := spectra.get("gyro_before") or spectra.get("gyro"):
+        spectrum = spectra.get("gyro_before") or spectra.get("gyro")
+        if spectrum:
+            # The first frequency, 0 Hz, is the mean and no vibration.
             density = np.sum(list(spectrum["density"].values()), axis=0)[1:]
-            hertz = np.array(spectrum["frequency"])[1:]
-            lines.append(Line(name, COLOURS[name], hertz, np.maximum(density, 1e-12)))
-    power = Axis("power ((rad/s)²/Hz)", log=True)
-    return Chart("Gyro, power ((rad/s)²/Hz)", Axis("frequency (Hz)"), power, tuple(lines))
+            frequency = np.array(spectrum["frequency"])[1:]
+            power = np.maximum(density, MIN_DENSITY)
+            lines.append(Line(side, SIDE_COLOURS[side], frequency, power))
+    power_axis = Axis("power ((rad/s)²/Hz)", log=True)
+    title = "Gyro, power ((rad/s)²/Hz)"
+    return Chart(title, Axis("frequency (Hz)"), power_axis, tuple(lines))
 
 
-def _motors(both: Reviews) -> Chart:
-    """Trim deviations with their intervals."""
+def _trim_chart(sides: Reviews) -> Chart:
+    """Returns a chart of the motors' trim deviations with their intervals; without lines if unknown."""
     lines = []
-    names = [str(number) for number in range(1, 13)]
-    for name, review in both.items():
-        if shares := value_at(review, "condition.hover.trim_share"):
+    motor_count = MAX_MOTORS
+    for side, review in sides.items():
+        shares = value_at(review, "condition.hover.trim_share")
+        if shares:
             deviation = 100 * (np.array(shares) - 1)
-            ends = value_at(review, "condition.share_interval") or [0.0] * len(shares)
-            half = 100 * np.array(ends, np.float64)
-            names = names[: len(shares)]
-            at = np.arange(float(len(shares)))
-            lines.append(Line.with_band(name, COLOURS[name], at, deviation, half, Kind.DOTS))
-    axis = Axis("motor", names=tuple(names))
-    return Chart("Trim deviation (%)", axis, Axis("trim deviation (%)"), tuple(lines), (0.0,))
+            half_widths = value_at(review, "condition.share_interval") or [0.0] * len(shares)
+            half_width = 100 * np.array(half_widths, np.float64)
+            motor_count = min(motor_count, len(shares))
+            motors = np.arange(float(len(shares)))
+            colour = SIDE_COLOURS[side]
+            lines.append(Line.with_band(side, colour, motors, deviation, half_width, Kind.DOTS))
+    motor_names = tuple(str(number + 1) for number in range(motor_count))
+    motor_axis = Axis("motor", names=motor_names)
+    deviation_axis = Axis("trim deviation (%)")
+    return Chart("Trim deviation (%)", motor_axis, deviation_axis, tuple(lines), (0.0,))
 
 
-def _wind(both: Reviews) -> list[list[str]]:
-    """Its speed and direction, where they are identifiable."""
-    speeds, origins = ["wind (m/s)"], ["from (°)"]
-    for review in both.values():
+def _wind_rows(sides: Reviews) -> list[list[str]]:
+    """Returns rows of the wind's speed and direction, a cell for each side; a dash where not identifiable."""
+    speeds = ["wind (m/s)"]
+    directions = ["from (°)"]
+    for review in sides.values():
         wind = review.get("wind") or {}
-        refused = {
-            name for name, status in wind.get("status", {}).items() if status == NOT_IDENTIFIABLE
-        }
-        speeds.append(_cell({} if "speed" in refused else wind, "speed"))
-        is_directed = wind and "direction" not in refused
-        both_ends = "{direction:.0f} ± {direction_interval:.0f}"
-        origins.append(both_ends.format(**wind) if is_directed else "-")
-    return [speeds, origins]
+        status = wind.get("status", {})
+        is_speed_known = status.get("speed") != NOT_IDENTIFIABLE
+        is_direction_known = bool(wind) and status.get("direction") != NOT_IDENTIFIABLE
+        speeds.append(_cell(wind, "speed") if is_speed_known else UNKNOWN_FIGURE)
+        if is_direction_known:
+            directions.append(f"{wind['direction']:.0f} ± {wind['direction_interval']:.0f}")
+        else:
+            directions.append(UNKNOWN_FIGURE)
+    return [speeds, directions]

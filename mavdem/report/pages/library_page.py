@@ -1,7 +1,7 @@
-"""The pages of ``mavdem serve``: the library, a flight while it is read, a vehicle, what changed, and refusals.
+"""The HTML pages of ``mavdem serve``: the library, a flight while it is read, a vehicle, a comparison, and refusals.
 
-The page of a flight is that of its folder, with a bar above it. No page has a script of its own: there is one, apart,
-and those that draw the charts, whose hashes a policy can name.
+The page of a flight is the file in its folder, with a bar above it. The content security policy of the server allows
+one script, ``serve.js``, and within a flight's page those that draw the charts, by their hashes.
 """
 
 import base64
@@ -25,69 +25,119 @@ from mavdem.report.fleet import HEALTH_LEVELS, vehicle_words
 from mavdem.report.pages.fleet_page import with_fleet_remark
 from mavdem.report.pages.page import environment, render_page
 
-POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
-SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js")
-"""Those that draw the charts within a page."""
+POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
+"""The element of a flight's page with its own policy, which is for a file without a server."""
+
+CHART_SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js")
+"""The scripts within a page that draw its charts."""
+
+MAX_NAME_LENGTH = 19
+"""Letters of a vehicle's name that are shown whole; of a longer one, such as a serial number, both ends are."""
+
+SHOWN_END_LENGTH = 4
+"""Letters of either end that are shown of a longer name."""
 
 
 @cache
 def interface_words() -> dict[str, dict[str, str]]:
-    """Returns what stages, sharing and the interface are called."""
+    """Returns the names shown for the stages of reading, the kinds of sharing, and the operations of the interface."""
     return load_adjacent_toml(__file__, "../serve/words.toml")
 
 
 @cache
 def script() -> bytes:
-    """Returns the script of these pages."""
+    """Returns the script of these pages, ``serve.js``."""
     return (files("mavdem.report") / "serve" / "serve.js").read_bytes()
 
 
 @cache
 def script_hashes() -> Names:
-    """Returns the hashes, as a content security policy names them, of the scripts within a flight's page."""
-    sources = [_environment().get_template(name).render() for name in SCRIPTS]
-    digests = [hashlib.sha256(source.encode()).digest() for source in sources]
-    return tuple(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
+    """Returns the SHA-256 hashes of the chart scripts, in the form in which a content security policy lists them."""
+    hashes = []
+    for name in CHART_SCRIPTS:
+        source = _environment().get_template(name).render()
+        digest = hashlib.sha256(source.encode()).digest()
+        hashes.append(f"'sha256-{base64.b64encode(digest).decode()}'")
+    return tuple(hashes)
 
 
 @cache
 def _environment() -> Environment:
-    """Jinja's environment, with all templates compiled: whoever asks first should not wait for that."""
-    made = environment().overlay()
-    made.filters["brief"] = lambda name: name if len(name) < 20 else f"{name[:4]}…{name[-4:]}"
-    choices = {"lights": [str(light) for light in Light], "healths": HEALTH_LEVELS}
-    made.globals = {**made.globals, **interface_words(), **choices}
-    for name in made.list_templates(["html"]):
-        made.get_template(name)
-    return made
+    """Returns Jinja's environment for the pages of the server.
+
+    All templates are compiled at once, so that the first visitor does not wait for that.
+    """
+    jinja = environment().overlay()
+    jinja.filters["brief"] = _brief_name
+    values = {"lights": [str(light) for light in Light], "healths": HEALTH_LEVELS}
+    # A dictionary of its own: the environment of other pages does not have these values.
+    jinja.globals = {**jinja.globals, **interface_words(), **values}
+    for name in jinja.list_templates(["html"]):
+        jinja.get_template(name)
+    return jinja
+
+
+def _brief_name(name: str) -> str:
+    """Returns a name as it is, or the beginning and the end of a long one."""
+    if len(name) <= MAX_NAME_LENGTH:
+        return name
+    return f"{name[:SHOWN_END_LENGTH]}…{name[-SHOWN_END_LENGTH:]}"
 
 
 def render_server_page(name: str, /, **values: Any) -> str:
-    """Returns the HTML of the page of this ``name``, with these ``values``."""
+    """Renders a page of the server.
+
+    Args:
+        name: of its template, without the ending, in ``mavdem/report/serve``.
+        **values: what the template uses, by name.
+    """
     return render_page(_environment().get_template(f"serve/{name}.html"), **values)
 
 
 def with_bar(page: str, **values: Any) -> str:
-    """Returns the ``page`` of a flight with a bar above it, for a server whose policy takes the place of its own."""
-    return with_fleet_remark(without_policy(page, **values), render_server_page("bar", **values))
+    """Returns the page of a flight with a bar above it, and without its own security policy.
+
+    Args:
+        page: HTML of the flight's page.
+        **values: what the template of the bar uses, by name.
+    """
+    bar = render_server_page("bar", **values)
+    return with_fleet_remark(without_policy(page, **values), bar)
 
 
 def without_policy(page: str, **values: Any) -> str:
-    """Returns a ``page`` for a server whose policy takes the place of its own."""
-    key = render_server_page("key", **values)
-    return POLICY.sub(lambda _: key, page, count=1)
+    """Returns a page with the server's script in the place of its own security policy: the server sends another one.
+
+    Args:
+        page: HTML of a flight's page.
+        **values: what the template ``key.html`` uses, by name.
+    """
+    head = render_server_page("key", **values)
+    return POLICY_ELEMENT.sub(lambda _: head, page, count=1)
 
 
 def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values: Any) -> str:
-    """Returns the HTML of one vehicle: its flights over time, and what differs from the baseline."""
-    said = vehicle_words(flights).difference if flights else ""
+    """Renders the page of one vehicle: its charts over its flights, and what differs from the baseline.
+
+    Args:
+        flights: rows of each flight, in order of time.
+        changes: sentences and tables on what differs.
+        **values: what else the template uses, by name.
+    """
+    summary = vehicle_words(flights).difference if flights else ""
     group = vehicle_group(flights) if len(flights) > 1 else None
-    groups = [group] if group else []
-    return render_server_page("vehicle", words=said, changes=[*changes], groups=groups, **values)
+    groups = [] if group is None else [group]
+    return render_server_page("vehicle", words=summary, changes=[*changes], groups=groups, **values)
 
 
 def refusal_page(fact: Fact, asks: bool, **values: Any) -> str:
-    """Returns the HTML of why there is no other page; it ``asks`` for the token."""
+    """Renders the page that says why there is no other page.
+
+    Args:
+        fact: the reason.
+        asks: whether the page asks for the token.
+        **values: what else the template uses, by name.
+    """
     return render_server_page(
         "message", sentence=fact.sentence, remedy=fact.remedy, asks=asks, **values
     )
