@@ -150,8 +150,8 @@ USED_BY = {
 
 
 @cache
-def nodes_of(path):
-    """All syntax nodes of a file, which several tests look at."""
+def syntax_tree(path):
+    """All elements of the syntax tree of a file, which several tests look at."""
     return list(ast.walk(ast.parse((ROOT / path).read_text())))
 
 
@@ -159,7 +159,7 @@ def nodes_of(path):
 def imported(path):
     """Full names of what a file imports, also inside functions, for type checkers only, and named by a string."""
     names = set()
-    for node in nodes_of(path):
+    for node in syntax_tree(path):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -167,7 +167,7 @@ def imported(path):
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
     if "importlib.import_module" in names:
         package = ".".join(path.parent.parts)
-        strings = {getattr(node, "value", None) for node in nodes_of(path)}
+        strings = {getattr(node, "value", None) for node in syntax_tree(path)}
         names |= {f"{package}.{string}" for string in strings} & MODULES.keys()
     return names
 

@@ -6,14 +6,14 @@ from mavdem.facts.fact import Code
 class Reported(Code):
     """What the autopilot reports."""
 
-    # what is ordinary
+    # Ordinary events of a flight.
     MOTORS_ARMED = "motors_armed"
     MOTORS_DISARMED = "motors_disarmed"
     OFF_GROUND = "off_ground"
     ON_GROUND = "on_ground"
     MODE_CHANGED = "mode_changed"
     ARMING_REFUSED = "arming_refused"
-    # motors and attitude
+    # Faults of motors and attitude.
     THRUST_LOST = "thrust_lost"
     MOTOR_FAILED = "motor_failed"
     YAW_IMBALANCED = "yaw_imbalanced"
@@ -25,14 +25,14 @@ class Reported(Code):
     MOTORS_STOPPED = "motors_stopped"
     FLIGHT_TERMINATED = "flight_terminated"
     PARACHUTE_RELEASED = "parachute_released"
-    # estimator and sensors
+    # Faults of the estimator and the sensors.
     ESTIMATOR_DIVERGED = "estimator_diverged"
     ESTIMATOR_SWITCHED = "estimator_switched"
     ESTIMATOR_RESET = "estimator_reset"
     GPS_JUMPED = "gps_jumped"
     GPS_LOST = "gps_lost"
     SENSOR_FAILED = "sensor_failed"
-    # links, battery and others
+    # Faults of links, the battery and others.
     RADIO_LOST = "radio_lost"
     GROUND_STATION_LOST = "ground_station_lost"
     BATTERY_WARNED = "battery_warned"

@@ -26,7 +26,8 @@ class Forecasts(Code):
 class TestResult(StrEnum):
     """Whether one method's error is lower or higher than another's, beyond chance."""
 
-    __test__ = False  # no test of pytest's
+    # pytest would take the class for a test, by its name.
+    __test__ = False
 
     LOWER = "lower"
     HIGHER = "higher"

@@ -8,18 +8,30 @@ from mavdem.facts.fact import Code
 class LinkError(StrEnum):
     """Why a link cannot be opened, or is lost."""
 
-    CLOSED = "closed"  # by the other side
-    FAILED = "failed"  # as the system says
+    CLOSED = "closed"
+    """The other side closed it."""
+    FAILED = "failed"
+    """The operating system reports an error."""
     NOT_OPEN = "not_open"
-    IN_USE = "in_use"  # the port, by another program
-    NOT_LOCAL = "not_local"  # the address is of another machine
+    """It is not open."""
+    IN_USE = "in_use"
+    """Another program uses the port."""
+    NOT_LOCAL = "not_local"
+    """The address is that of another machine."""
     NO_HOST = "no_host"
-    NO_PORT = "no_port"  # of a serial line
-    NO_REPLY = "no_reply"  # in time
+    """There is no such host."""
+    NO_PORT = "no_port"
+    """There is no such serial port."""
+    NO_REPLY = "no_reply"
+    """The other side did not reply in time."""
     NOT_LISTENING = "not_listening"
+    """Nothing listens at the address."""
     NOT_PERMITTED = "not_permitted"
+    """The user may not open it."""
     NOT_SERIAL = "not_serial"
-    NO_SPEED = "no_speed"  # of a serial line
+    """The device is no serial port."""
+    NO_SPEED = "no_speed"
+    """The serial port has no such speed."""
 
 
 class LinkFact(Code):

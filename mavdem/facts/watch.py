@@ -13,7 +13,8 @@ class Watched(StrEnum):
     MOTOR_LIMITS = "motor limits"
     VIBRATION = "vibration"
     BATTERY = "battery"
-    WARNINGS = "warnings"  # of the autopilot
+    WARNINGS = "warnings"
+    """Warnings of the autopilot."""
 
 
 class Watch(Code):
