@@ -103,7 +103,7 @@ def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> 
     date = "" if latest.date is None else f" ({latest.date:%Y-%m-%d})"
     baseline_count = counted(difference.flights[0], "flight")
     file = PurePath(latest.file).name
-    text = f"the latest flight, {file}{date}, beside {baseline_count}."
+    text = f"the latest flight, {file}{date}, compared with {baseline_count}."
     return [Sentence(text, lead), *_change_sentences(difference), *_vehicle_doubts(difference)]
 
 

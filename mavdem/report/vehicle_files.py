@@ -72,7 +72,7 @@ def twin_blocks(twin: Twin, comparison: Mapping[str, Mapping[str, list[float]]])
             numbers = ", ".join(f"{number:.3g}" for number in np.ravel(value))
             uncertainty = str(twin.notes.get(attribute.replace(".", "_"), ""))
             rows.append([name, numbers, uncertainty])
-    blocks: Blocks = [Table(["Vehicle", "value", "how sure (90 %)"], rows, words=True)]
+    blocks: Blocks = [Table(["Vehicle", "value", "90 % interval"], rows, words=True)]
     if not comparison:
         text = "The setpoints of roll were not recorded: the twin does not fly them again."
         return [*blocks, Sentence(text)]

@@ -42,7 +42,7 @@ def test_a_page_says_what_its_row_says_now(tmp_path):
     page.parent.mkdir()
     page.write_text("<main>\n<h1>")
     write_fleet_pages(tmp_path, fleet_rows(7), {})
-    assert 'class="said bad">Beside the vehicle’s other flights: motor 3' in page.read_text()
+    assert 'class="said bad">Compared with the vehicle’s other flights: motor 3' in page.read_text()
     write_fleet_pages(tmp_path, fleet_rows(10), {})
     assert page.read_text() == "<main>\n<h1>", "its fault is that of a later flight"
 

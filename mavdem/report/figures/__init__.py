@@ -1,4 +1,4 @@
-"""Figures: the charts of a model drawn by matplotlib, without ``pyplot``; ``learned.plot`` has them as methods."""
+"""The charts of a learned model as matplotlib figures, which ``learned.plot`` has as methods."""
 
 from dataclasses import dataclass
 
@@ -17,33 +17,28 @@ __all__ = ["Plots"]
 
 @dataclass(frozen=True, eq=False)
 class Plots:
-    """The figures of the model ``learned``; each method returns a ``matplotlib.figure.Figure``.
+    """The figures of a model; each method returns a ``matplotlib.figure.Figure``, made without ``pyplot``.
 
     Notebooks show them, and ``savefig`` writes them: as PNG or, with text that stays text, as SVG.
+
+    Attributes:
+        learned: the model.
     """
 
     learned: Learned
 
     def forecast(self, held_out: HeldOut | None = None, output: int = 0) -> Figure:
-        """Draws an output beside forecasts of samples that no model saw, and the error of every window.
+        """Draws an output beside forecasts of samples that no model was trained on, and the error of every window.
 
         Args:
             held_out: the windows of ``mavdem.evaluate.held_out_windows``, for which five models are trained unless
                 given.
             output: which, in the order of the flight's outputs.
         """
-        record = self.learned.record
-        labels = Labels.of(self.learned)
         if held_out is None:
-            times = np.split(model_charts.sample_times(record), record.segment_starts[1:])
-            flights = [
-                Flight(
-                    time, *channels, record.dt, *labels, effect_directions=record.effect_directions
-                )
-                for time, channels in zip(times, record.segments, strict=True)
-            ]
-            held_out = held_out_windows(flights, self.learned.settings)
-        return draw_charts(model_charts.forecast_charts(held_out, labels, output))
+            held_out = held_out_windows(self._training_flights(), self.learned.settings)
+        charts = model_charts.forecast_charts(held_out, Labels.of(self.learned), output)
+        return draw_charts(charts)
 
     def residuals(self, output: int = -1) -> Figure:
         """Draws one-step residuals over time, their autocorrelation and their correlation with the command.
@@ -57,8 +52,8 @@ class Plots:
     def bode(self, output: int = -1) -> Figure:
         """Draws magnitude and phase of an ``output`` over frequency, from the axis's command, with 90 % bands.
 
-        Of the physical plant or, where that is not identifiable, of DEM's model. The output is the last one, a rate,
-        unless given.
+        The response is that of the physical plant or, where that is not identifiable, of DEM's model. The output is the
+        last one, a rate, unless given.
         """
         return draw_charts(model_charts.bode_charts(self.learned, output))
 
@@ -69,3 +64,17 @@ class Plots:
             ValueError: the wind torque is not identifiable.
         """
         return draw_charts(model_charts.wind_torque_charts(self.learned))
+
+    def _training_flights(self) -> list[Flight]:
+        """Returns the training data as flights, one for each segment, with the names and units of the model."""
+        record = self.learned.record
+        labels = Labels.of(self.learned)
+        segment_times = np.split(model_charts.sample_times(record), record.segment_starts[1:])
+        flights = []
+        for time, channels in zip(segment_times, record.segments, strict=True):
+            flights.append(
+                Flight(
+                    time, *channels, record.dt, *labels, effect_directions=record.effect_directions
+                )
+            )
+        return flights
