@@ -84,7 +84,7 @@ class Motion:
     def __len__(self) -> int:
         return len(self.time)
 
-    def __getitem__(self, rows: slice | NDArray[np.intp]) -> Motion:
+    def __getitem__(self, rows: slice | NDArray[np.intp] | Flags) -> Motion:
         return Motion(*(column[rows] for column in vars(self).values()))
 
 

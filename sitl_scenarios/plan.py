@@ -22,8 +22,8 @@ from sitl_scenarios.scenario import (
     Steps,
     Sticks,
 )
+from sitl_scenarios.turbulence import gaussian_noise
 from sitl_scenarios.vectors import Vector3
-from sitl_scenarios.wind import gaussian_noise
 
 ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 """Values of MAV_LANDED_STATE."""

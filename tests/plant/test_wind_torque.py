@@ -36,7 +36,7 @@ from mavdem.plant.sampled_plant import (
     sampled_plant,
 )
 from mavdem.plant.wind_torque import _step, estimate_wind_torque
-from sitl_scenarios.wind import gaussian_noise
+from sitl_scenarios.turbulence import gaussian_noise
 
 DT = 0.01
 TURBULENCE = ((FIRST_ORDER, 1.5, 0.3), (gaussian_kernel_noise(8), 0.7, 0.06))

@@ -17,19 +17,17 @@ from sitl_scenarios.scenario import (
     SteadyWind,
     TurbulentWind,
 )
-from sitl_scenarios.wind import (
-    LENGTH,
-    Weather,
-    across,
-    along,
-    first_order,
+from sitl_scenarios.turbulence import (
+    VON_KARMAN_A,
+    dryden_longitudinal,
+    dryden_transverse,
     gaussian_noise,
-    gust_speed,
-    jet_speed,
-    second_order,
-    turbulence,
+    longitudinal_autocorrelation,
+    transverse_autocorrelation,
+    turbulence_scales,
     von_karman_noise,
 )
+from sitl_scenarios.wind import Weather, gust_speed, jet_speed
 
 ORIGIN = (0.0, 0.0, 0.0)
 DT = 0.004
@@ -98,19 +96,19 @@ def test_wind_from_another_direction_is_the_same_wind_turned(wind):
 
 def test_low_altitude_turbulence_has_the_standards_figures():
     """MIL-F-8785C at 20 ft and 15 kt: σ_w = 1.5 kt, L_w = 20 ft, L_u = 20/0.19346^1.2 ft, σ_u = σ_w/0.19346^0.4."""
-    found = turbulence(
+    found = turbulence_scales(
         TurbulentWind(kind="dryden", speed=10.0, wind_at_20_feet=7.7), 20 * 0.3048, 0.44
     )
-    assert found.down == approx((20 * 0.3048 / 10, 0.77))
-    assert found.level == approx((143.54 * 0.3048 / 10, 1.4859), rel=1e-3)
+    assert found.vertical == approx((20 * 0.3048 / 10, 0.77))
+    assert found.horizontal == approx((143.54 * 0.3048 / 10, 1.4859), rel=1e-3)
 
 
 def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
     """The integral of MIL-F-8785C's Φ_p, and πV/4b, with σ_w = 0.77 m/s, L_w = 20 ft, b = 0.44 m and V = 10 m/s."""
     of_wind = TurbulentWind(kind="dryden", speed=10.0, wind_at_20_feet=7.7)
-    lowest, *higher = (turbulence(of_wind, feet * 0.3048, 0.44) for feet in (2, 9.9, 10.1))
+    lowest, *higher = (turbulence_scales(of_wind, feet * 0.3048, 0.44) for feet in (2, 9.9, 10.1))
     assert lowest == higher[0] != higher[1]
-    constant, sd = turbulence(of_wind, 20 * 0.3048, 0.44).rotation
+    constant, sd = turbulence_scales(of_wind, 20 * 0.3048, 0.44).rotation
     assert (sd, 1 / constant) == approx((0.6953, 17.850), rel=1e-4)
 
 
@@ -158,13 +156,19 @@ def of_kernel(s):
 MODELS = {
     "gaussian": (partial(gaussian_noise, S), of_kernel(S)),
     "gaussian of a few steps": (partial(gaussian_noise, SHORT), of_kernel(SHORT)),
-    "dryden along": (partial(first_order, T), lambda tau: np.exp(-tau / T)),
+    "dryden along": (partial(dryden_longitudinal, T), lambda tau: np.exp(-tau / T)),
     "dryden across": (
-        partial(second_order, T),
+        partial(dryden_transverse, T),
         lambda tau: (1 - tau / T / 2) * np.exp(-tau / T),
     ),
-    "von karman along": (partial(von_karman_noise, along, T), lambda tau: along(tau / T)),
-    "von karman across": (partial(von_karman_noise, across, T), lambda tau: across(tau / T)),
+    "von karman along": (
+        partial(von_karman_noise, longitudinal_autocorrelation, T),
+        lambda tau: longitudinal_autocorrelation(tau / T),
+    ),
+    "von karman across": (
+        partial(von_karman_noise, transverse_autocorrelation, T),
+        lambda tau: transverse_autocorrelation(tau / T),
+    ),
 }
 
 
@@ -189,10 +193,10 @@ def test_von_karmans_autocorrelations_are_those_of_the_standards_spectra(tau):
         low = quad(spectrum, 0, 50, weight="cos", wvar=tau, limit=500)[0]
         return low + quad(spectrum, 50, np.inf, weight="cos", wvar=tau, limit=500)[0]
 
-    a = LENGTH
+    a = VON_KARMAN_A
     lags = np.array([tau])
     longitudinal = of(lambda w: 2 / np.pi / (1 + (a * w) ** 2) ** (5 / 6))
     transverse = of(lambda w: (1 + 8 / 3 * (a * w) ** 2) / np.pi / (1 + (a * w) ** 2) ** (11 / 6))
     # 1.339 is rounded: the integral scale is L to four digits.
-    assert longitudinal == approx(along(lags)[0], abs=5e-4)
-    assert transverse == approx(across(lags)[0], abs=5e-4)
+    assert longitudinal == approx(longitudinal_autocorrelation(lags)[0], abs=5e-4)
+    assert transverse == approx(transverse_autocorrelation(lags)[0], abs=5e-4)

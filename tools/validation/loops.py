@@ -43,8 +43,7 @@ from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.rotors import IDLE_COMMAND, MAX_PULSE, pulse_width, rotor_frame
 from sitl_scenarios.scenario import AXES, Axis, Scenario
 from sitl_scenarios.simulation import fly
-from sitl_scenarios.truth import axis as linear_axis
-from sitl_scenarios.truth import truth
+from sitl_scenarios.truth import axis_model, truth
 from sitl_scenarios.vehicles import airframe
 
 GIVEN = load_adjacent_toml(__file__, "loops.toml")
@@ -91,7 +90,7 @@ def drawn(seed: int, rng: Generator) -> Scenario:
     least = 180.0
     for axis in AXES:
         controller = flown_by(of, axis)
-        effect = linear_axis(of.vehicle, axis).B[-1]
+        effect = axis_model(of.vehicle, axis).B[-1]
         plant = plant_of(of, axis, effect, hover)
         names = [controller.parameter_names[name] for name in "pid"]
         usual = dict(zip(names, GIVEN["gains"][autopilot][axis], strict=True))
@@ -120,7 +119,7 @@ def flown_by(of: Scenario, axis: Axis) -> Controller:
 
 def plant_of(of: Scenario, axis: Axis, effect: Array, shares: Sequence[float]) -> list[float]:
     """As ``PLANT``: of a demand where outputs, each of ``effect`` (4,) rad/s² per µs, are at ``shares`` of a ms."""
-    damping = -linear_axis(of.vehicle, axis).A[-1, -1]
+    damping = -axis_model(of.vehicle, axis).A[-1, -1]
     per_demand = flown_by(of, axis).outputs_per_demand(shares)
     gain = 1000 * effect @ per_demand
     lag = sum(airframe(of.vehicle).rotor_lags) / 2

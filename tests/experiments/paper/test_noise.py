@@ -6,7 +6,7 @@ from pytest import mark
 from scipy.stats import binom
 
 from mavdem.experiments.paper import noise
-from sitl_scenarios.wind import gaussian_noise
+from sitl_scenarios.turbulence import gaussian_noise
 
 SERIES = 400
 VALUES = 700
