@@ -99,7 +99,10 @@ class FlightPhase:
         return landing_time
 
     def review(self, now: float, vehicle: Telemetry, collective: TimeSeries | None) -> None:
-        """Decides the phase.
+        """Decides the phase by the messages and the motors of the last seconds.
+
+        Of a flight that has ended the last ``TRANSIENT_SECONDS`` are withdrawn. In a flight it is decided since when it
+        is settled, or, on its way up, since when it is free.
 
         Args:
             now: s of the boot clock.
@@ -117,6 +120,7 @@ class FlightPhase:
         in_air = phases.landed_state_intervals(signals, boot, (IN_AIR,))
         flights = intersection(armed, in_air)
         flight = _interval_at(now, flights)
+        # The flight of the last review has ended, also where another has begun since.
         if self.is_in_air and (flight is None or flight[0] > self._review_time):
             earlier_ends = [end for _, end in flights if end < now]
             self._withdraw_landing(max(earlier_ends, default=now))
@@ -126,8 +130,8 @@ class FlightPhase:
         climb_rate = signals.climb_rate
         if flight is not None:
             # The take-off is dated once the mean collective around it is known; later it is out of sight.
-            is_known_now = isfinite(flight[0]) and now < self._takeoff_time + AVERAGING_SECONDS
-            if not self.is_in_air or is_known_now:
+            is_in_sight = isfinite(flight[0]) and now < self._takeoff_time + AVERAGING_SECONDS
+            if not self.is_in_air or is_in_sight:
                 self._takeoff_time = flight[0]
             self.is_in_air = True
             self._update_settled_start(now, climb_rate)

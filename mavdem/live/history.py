@@ -3,7 +3,9 @@
 from array import array
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import nan
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -80,6 +82,32 @@ class _Prediction(NamedTuple):
     """(m,) Outputs when the prediction was made: the baseline holds them."""
 
 
+@dataclass
+class _ErrorSums:
+    """Sums over the predictions at one horizon that were compared with a measurement."""
+
+    squares: Array
+    """(m,) Squared errors of the predictions."""
+
+    baseline_squares: Array
+    """(m,) Squared errors of holding the last sample instead."""
+
+    inside: Array
+    """(m,) Number of measurements inside the 90 % band."""
+
+    count: int = 0
+    """Number of predictions."""
+
+    def add(self, prediction: _Prediction, outputs: Array) -> None:
+        """Adds a prediction whose measured ``outputs`` (m,) have come."""
+        errors = outputs - prediction.outputs
+        baseline_errors = outputs - prediction.last_sample
+        self.squares += errors * errors
+        self.baseline_squares += baseline_errors * baseline_errors
+        self.inside += abs(errors) <= prediction.band
+        self.count += 1
+
+
 class LiveHistory:
     """Collects what happens in a live flight, in bounded memory.
 
@@ -105,9 +133,9 @@ class LiveHistory:
         self._stride = 1
         self._row_count = 0
         self._segment = 0
-        # Both by horizon, s: predictions without a measurement, and count and sums of errors of those with one.
+        # Both by horizon, s: predictions whose time has not come, and the errors of those whose time has.
         self._predictions: dict[float, deque[_Prediction]] = {}
-        self._error_sums: dict[float, tuple[int, Array]] = {}
+        self._error_sums: dict[float, _ErrorSums] = {}
 
     def advance(self, time: float, boot: int) -> None:
         """Advances the timeline to a time of the vehicle's clock.
@@ -183,7 +211,13 @@ class LiveHistory:
             predictions.append(_Prediction(predicted_time, values, band, outputs))
 
     def _compare(self, time: float, outputs: Array) -> Interval:
-        """Compares the predictions of ``time``, s of the timeline, with the measured ``outputs`` (m,).
+        """Compares the predictions of one time with what was measured then.
+
+        Predictions of a time that was never measured, and those that are not finite, are dropped.
+
+        Args:
+            time: s of the timeline.
+            outputs: (m,) measured outputs.
 
         Returns:
             The angle predicted at ``REPORTED_HORIZON`` and the half width of its band, rad; NaN without such a
@@ -199,11 +233,10 @@ class LiveHistory:
                 is_missed = prediction.time < time - STAMP_ROUNDING
                 if is_missed or not np.isfinite(prediction.outputs + prediction.band).all():
                     continue
-                errors = outputs - np.array([prediction.outputs, prediction.last_sample])
-                count, sums = self._error_sums.get(horizon) or (0, np.zeros((3, len(outputs))))
-                sums[:2] += errors * errors
-                sums[2] += abs(errors[0]) <= prediction.band
-                self._error_sums[horizon] = count + 1, sums
+                if horizon not in self._error_sums:
+                    zeros = np.zeros((3, len(outputs)))
+                    self._error_sums[horizon] = _ErrorSums(zeros[0], zeros[1], zeros[2])
+                self._error_sums[horizon].add(prediction, outputs)
                 if horizon == reported_horizon:
                     reported = (prediction.outputs[0], prediction.band[0])
         return reported
@@ -220,9 +253,16 @@ class LiveHistory:
     def errors(self) -> list[HorizonErrors]:
         """Returns the errors of the predictions at each horizon, the shortest first."""
         errors = []
-        for seconds, (count, sums) in sorted(self._error_sums.items()):
-            mse, baseline_mse, coverage = sums / count
-            errors.append(HorizonErrors(seconds, count, mse, baseline_mse, coverage))
+        for seconds, sums in sorted(self._error_sums.items(), key=itemgetter(0)):
+            errors.append(
+                HorizonErrors(
+                    seconds,
+                    sums.count,
+                    mse=sums.squares / sums.count,
+                    baseline_mse=sums.baseline_squares / sums.count,
+                    coverage=sums.inside / sums.count,
+                )
+            )
         return errors
 
     @property

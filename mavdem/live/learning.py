@@ -150,6 +150,7 @@ class FlightLearning:
         """
         learner = self.learner
         assert learner is not None
+        # Samples of a climb after take-off are not used for the wind torque.
         learner.follows_torque = row.is_settled
         estimate = None
         try:

@@ -125,7 +125,16 @@ class InputSelector:
         return MotorInputs(recent, tuple(channels))
 
     def _columns(self, name: str, port: int, stream: SampleStream) -> Fields:
-        """The outputs of one port as the columns of its message, extremes first; it updates the extremes."""
+        """The outputs of one port as the columns of its message, and an update of its extremes.
+
+        The samples in which a channel was lowest or highest so far come first, then the latest samples; of a fast
+        stream only every second, third … of them.
+
+        Args:
+            name: name of the message.
+            port: number of the port.
+            stream: its samples, at least one.
+        """
         stride = 1 + len(stream.time) // MAX_USED_SAMPLES
         rows = list(self._extremes.get((name, port), ()))
         rows += zip(stream.time[::stride], stream.values[::stride], strict=True)

@@ -161,6 +161,7 @@ class Presentation:
         """
         now = clock.monotonic()
         kind = _kind(fact)
+        # Only kinds of the last seconds are kept, which bounds the memory.
         self._report_times = {
             earlier: time
             for earlier, time in self._report_times.items()
@@ -173,6 +174,7 @@ class Presentation:
         start_time = nan
         if fact.time is not None:
             start_time = fact.time + self.history.timeline_offset
+        # An alarm about a motor has the time since which the estimated torque is the motor's, not the wind's.
         if self._motor_alarms.change_time == fact.time:
             self.history.clear_wind_torque(start_time)
         event = Event(self.history.now, fact, start_time)

@@ -235,7 +235,9 @@ class RateRequest:
         rates: Mapping[int, float] | None,
         received_parameters: Container[bytes] = (),
     ) -> list[bytes]:
-        """Returns the frames to send.
+        """Returns the frames to send: a request for a parameter, questions for intervals, settings of slow messages.
+
+        Each message waits ``RETRY_SECONDS`` between two frames about it. The vehicle's own interval is asked for first.
 
         Args:
             now: s of a monotonic clock.
