@@ -27,6 +27,12 @@ A choice: strong evidence for one of two models is 3 nats or more, so such a gai
 ROUNDS_AT_FIXED_THETA = 3
 """Rounds of D and M steps for a given θ; λ and the states converge within a few, since only θ couples them slowly."""
 
+FIRST_EXTRAPOLATION = 0.5
+"""Extrapolation of the first round that extrapolates, in units of the last change of θ and λ.
+
+A choice: after every gain it is doubled, and increased by this number.
+"""
+
 MAX_ABS_LAMBDA = 150.0
 """Largest log noise precision; beyond e^±150 all other terms are lost in rounding."""
 
@@ -232,10 +238,12 @@ def run_rounds(start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
         gains = candidate.free_energy - current.free_energy > CONVERGED_ROUND_NATS
         if gains:
             iterates.append(candidate)
-            extrapolation = 2 * extrapolation + 0.5
+            extrapolation = 2 * extrapolation + FIRST_EXTRAPOLATION
         elif extrapolation:
+            # The extrapolation went too far. The candidate is discarded, and a plain round follows.
             extrapolation = 0.0
         else:
+            # Even a plain round hardly gains.
             iterates.append(candidate)
             return iterates, True
     return iterates, False
@@ -244,7 +252,7 @@ def run_rounds(start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
 def condition_on_theta(theta: Array, posterior: Posterior) -> Posterior:
     """Fits the noise precisions and the states to parameters that another method has estimated.
 
-    D and M steps in turn, with θ held.
+    D and M steps are taken in turn, with θ held, for ``ROUNDS_AT_FIXED_THETA`` rounds.
 
     Args:
         theta: (k,) the parameters.
@@ -262,10 +270,18 @@ def condition_on_theta(theta: Array, posterior: Posterior) -> Posterior:
 
 
 def _next_iterate(current: Iterate, start: Posterior) -> Iterate:
-    """Takes a D, an E and an M step from ``start``; returns ``current`` unless F̄ᵒ is at least as high as there.
+    """Takes one round of D, E and M steps, and rejects its result where the free energy F̄ᵒ has decreased.
 
-    From the current posterior only rounding can decrease F̄ᵒ; from an extrapolated one anything can. The covariances
-    are updated at the end of the round only: after each step as well, it would cost twice as much and gain hardly more.
+    From the current posterior only rounding can decrease F̄ᵒ; from an extrapolated one the round may end lower. The
+    covariances are updated at the end of the round only: updates after each step would cost twice as much and gain
+    hardly more.
+
+    Args:
+        current: the latest iterate.
+        start: the posterior from which the round starts: that of ``current``, or an extrapolated one.
+
+    Returns:
+        The new iterate, or ``current`` where F̄ᵒ of the new one is lower or the round breaks down.
     """
     try:
         posterior = _after_d_step(start)

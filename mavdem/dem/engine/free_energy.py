@@ -79,7 +79,12 @@ class SampleFreeEnergy(NamedTuple):
 
     @classmethod
     def from_posterior(cls, posterior: Posterior) -> SampleFreeEnergy:
-        """Returns F(t) under a posterior. The states are arguments of F(t), so those of the posterior play no part."""
+        """Returns F(t) as a function of the sample, under the posterior of θ and λ.
+
+        Args:
+            posterior: the posterior. The means of its states play no part, since they are arguments of F(t); their
+                covariance counts.
+        """
         model = posterior.model
         theta = posterior.theta
         lambda_ = posterior.lambda_
@@ -91,6 +96,8 @@ class SampleFreeEnergy(NamedTuple):
         mean_field_curvature = model.mean_field_curvature_in_states(
             np.exp(lambda_), posterior.theta_covariance
         )
+        # ½ (ln|P| + ln|Σ| − δᵀ P δ − tr(Σ P)) for θ and for λ, δ being the deviation from the prior mean: the prior,
+        # the entropy, and the mean-field term of the prior.
         parameter_terms = 0.5 * float(
             sum(model.log_det_prior_precisions)
             + logdet(posterior.theta_covariance)
@@ -99,6 +106,7 @@ class SampleFreeEnergy(NamedTuple):
             - np.sum(posterior.theta_covariance * prior.theta_precision)
             - np.sum(posterior.lambda_covariance * prior.lambda_precision)
         )
+        # The normalisation of the noises, and the mean-field term and entropy of the states.
         sample_terms = 0.5 * float(
             model.log_det_error_precision(lambda_)
             + np.sum(posterior.state_covariance * state_curvature(posterior))
@@ -113,11 +121,14 @@ class SampleFreeEnergy(NamedTuple):
         )
 
     def evaluate(self, data: Array, states: Array) -> Array:
-        """Returns F(t) of each sample, (T,), nats.
+        """Computes the free energy F(t) of each sample: a constant less half the weighted squares of errors and states.
 
         Args:
             data: (T, dim [ỹ; η̃]) generalized data.
             states: (T, dim X) means of the states.
+
+        Returns:
+            F(t), (T,), nats.
         """
         errors = np.hstack([data, states]) @ self.error_operator.T
         squares = np.sum(errors @ self.error_precision * errors, axis=1) + np.sum(
@@ -127,6 +138,8 @@ class SampleFreeEnergy(NamedTuple):
 
     def action(self, data: Array, states: Array) -> float:
         """Returns F̄, nats: the sum of F(t) over all samples, with the terms of θ and λ counted once.
+
+        Every F(t) contains these terms, so that T − 1 of them are taken off the sum.
 
         Args:
             data: (T, dim [ỹ; η̃]) generalized data.
@@ -155,7 +168,11 @@ def state_curvature(posterior: Posterior) -> Array:
 
 
 def theta_curvature(posterior: Posterior) -> Array:
-    """Returns the second derivative Ū_θθ of the internal action by the parameters, (k, k)."""
+    """Returns the second derivative Ū_θθ of the internal action by the parameters, (k, k).
+
+    The internal action Ū is F̄ without entropies and mean-field terms: the log joint density at the means, summed over
+    the samples.
+    """
     error_curvature = posterior.model.error_curvature_in_theta(
         np.exp(posterior.lambda_), posterior.moments.joint_moments
     )
@@ -163,7 +180,10 @@ def theta_curvature(posterior: Posterior) -> Array:
 
 
 def lambda_curvature(posterior: Posterior) -> Array:
-    """Returns the second derivative Ū_λλ of the internal action by the log noise precisions, (g, g)."""
+    """Returns the second derivative Ū_λλ of the internal action by the log noise precisions, (g, g).
+
+    Of Ū only −½ Σ_g e^λ (squared errors) and the prior are not linear in λ.
+    """
     squares = posterior.moments.squared_errors_by_noise(posterior.theta)
     error_curvature = np.diag(0.5 * np.exp(posterior.lambda_) * squares)
     return -error_curvature - posterior.model.prior.lambda_precision
@@ -197,6 +217,7 @@ def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
     log_det_theta_prior, log_det_lambda_prior = model.log_det_prior_precisions
     theta_error, lambda_error = model.prior.squared_errors(posterior.theta, posterior.lambda_)
     T = posterior.samples.sample_count
+    # Π̃ times Σ ε̃ε̃ᵀ, entry by entry: the sum over the block of one kind of errors is their Σ ε̃ᵀ Π̃ ε̃.
     weighted_squares = model.error_precision(
         np.exp(posterior.lambda_)
     ) * posterior.moments.error_moments(posterior.theta)

@@ -78,12 +78,17 @@ class Damping(NamedTuple):
     def after_step(self, damping: float, gain: float, predicted_gain: float) -> float:
         """Returns the damping of the next step, by how well the expansion predicted the gain of the last one.
 
-        Above half of the predicted gain the damping shrinks, below a fifth it grows, and in between it stays.
+        Above half of the predicted gain the damping shrinks by ``factor``, to ``MIN_DAMPING`` at least. Below a fifth
+        it grows by ``POOR_GAIN_FACTOR``, since the step was longer than the expansion holds. In between it stays. The
+        two fractions are a choice.
 
         Args:
             damping: damping of the last step.
             gain: increase of the function by that step, positive.
             predicted_gain: increase that the expansion predicted.
+
+        Returns:
+            The damping of the next step, as a fraction of the curvature's diagonal.
         """
         if gain > predicted_gain / 2:
             return max(damping / self.factor, MIN_DAMPING)
@@ -122,6 +127,7 @@ def gauss_newton(
     gain = np.inf
     while gain > CONVERGED_STEP_NATS and len(trace) <= iterations and not stop(trace[-1]):
         current = trace[-1]
+        # More damping makes a step shorter, and turns it towards the gradient, until it increases the function.
         for _ in range(damping.max_attempts):
             damped_curvature = current.curvature + damping_now * np.diag(
                 current.curvature.diagonal()

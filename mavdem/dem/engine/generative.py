@@ -108,8 +108,10 @@ def temporal_covariance(order: int, smoothness: float) -> Array:
     """
     covariance = np.zeros((order + 1, order + 1))
     for i in range(order + 1):
+        # Only the j with an even i + j = 2k.
         for j in range(i % 2, order + 1, 2):
             k = (i + j) // 2
+            # The 2k-th derivative of exp(−τ²/4s²) at τ = 0, from its Taylor series.
             derivative = (-1) ** k * factorial(2 * k) / factorial(k) / (4 * smoothness**2) ** k
             covariance[i, j] = (-1) ** i * derivative
     return covariance
@@ -168,7 +170,11 @@ class SufficientStatistics(NamedTuple):
 
     @classmethod
     def from_segments(cls, *segments: Array) -> SufficientStatistics:
-        """Sums up the statistics of generalized data [ỹ; η̃], one array (T, (p + 1)m + (d + 1)r) for each segment."""
+        """Sums up the statistics of generalized data over all segments.
+
+        Args:
+            *segments: (T, (p + 1)m + (d + 1)r) generalized data [ỹ; η̃] of each segment, one row for each sample.
+        """
         gram = np.asarray(sum(data.T @ data for data in segments))
         return cls(sum(map(len, segments)), gram)
 
@@ -217,7 +223,7 @@ class PrecisionStructure(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GenerativeModel:
-    """Dimensions, noise and priors of a linear generative model; its θ and λ are what is learned.
+    """Dimensions, noise and priors of a linear generative model, in generalized coordinates; θ and λ are to be learned.
 
     The errors are ε̃ = [ỹ − C̃x̃; ṽ − η̃; Dx̃ − Ãx̃ − B̃ṽ], with the precision Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ).
     X = [x̃; ṽ] are the hidden generalized states and inputs.
@@ -273,7 +279,7 @@ class GenerativeModel:
 
     @property
     def error_rows(self) -> ErrorRows:
-        """Rows of ε̃ by what is predicted."""
+        """Rows of the prediction errors ε̃: of outputs, inputs and states, order after order, then of a prior of x."""
         end_of_outputs = self.m * (self.p + 1)
         end_of_inputs = end_of_outputs + self.r * (self.d + 1)
         end_of_states = end_of_inputs + self.n * (self.q + 1)
@@ -295,6 +301,9 @@ class GenerativeModel:
 
         Args:
             theta: (k,) parameters [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)].
+
+        Returns:
+            E, (dim ε̃, dim [ỹ; η̃; X]): a constant matrix, but for the blocks −C̃, −Ã and −B̃, whose entries are −θ.
         """
         structure = self._operator_structure
         operator = structure.constant.copy()
@@ -312,6 +321,7 @@ class GenerativeModel:
         v_columns = slice(x_columns.stop, None)
         generalized_inputs = data_columns - rows.outputs.stop
 
+        # The constant parts: x − 0, where x has a prior; ỹ of ỹ − C̃ x̃; and ṽ − η̃.
         constant = np.zeros((rows.state_prior.stop, x_columns.stop + generalized_inputs))
         constant[rows.state_prior, x_columns] = np.eye(
             rows.state_prior.stop - rows.state_prior.start, generalized_states
@@ -349,11 +359,14 @@ class GenerativeModel:
         return np.eye(len(self.prior.theta_mean))[self._operator_structure.parameters]
 
     def _entry_products(self, error_precision: Array, moments: Array) -> Array:
-        """Returns the products of precision and moments that a quadratic form in the entries of E consists of.
+        """Returns the second derivatives of ½ Σ ε̃ᵀ Π̃ ε̃ by the entries of E that are parameters.
+
+        With ε̃ = E z and z = [ỹ; η̃; X], the entry in row i and column a of E adds E_ia z_a to error i. So the second
+        derivative by the entries (i, a) and (j, b) is Π̃_ij Σ z_a z_b.
 
         Args:
-            error_precision: precision of ε̃.
-            moments: second moments of [ỹ; η̃; X].
+            error_precision: (dim ε̃, dim ε̃) precision Π̃ of the errors.
+            moments: (dim z, dim z) second moments Σ z zᵀ, summed over the samples.
 
         Returns:
             (P, P): for entries e and f the precision of their rows times the moment of their columns.
@@ -362,21 +375,33 @@ class GenerativeModel:
         return error_precision[np.ix_(rows, rows)] * moments[np.ix_(columns, columns)]
 
     def error_curvature_in_theta(self, noise_precisions: Array, moments: Array) -> Array:
-        """Returns the second derivative of ½ Σ ε̃ᵀ Π̃ ε̃ by θ, (k, k).
+        """Returns the second derivative of ½ Σ ε̃ᵀ Π̃ ε̃ by the parameters θ.
+
+        A parameter stands in several entries of E, one for each derivative order. So the second derivatives by entries
+        are summed over the entries of each parameter.
 
         Args:
             noise_precisions: (g,) e^λ.
             moments: second moments of [ỹ; η̃; X], summed over the samples.
+
+        Returns:
+            The second derivative (k, k).
         """
         products = self._entry_products(self.error_precision(noise_precisions), moments)
         return self._entry_parameters.T @ products @ self._entry_parameters
 
     def error_gradient_in_theta(self, noise_precisions: Array, cross_moments: Array) -> Array:
-        """Returns the gradient of −½ Σ ε̃ᵀ Π̃ ε̃ by θ, (k,).
+        """Returns the gradient of −½ Σ ε̃ᵀ Π̃ ε̃ by the parameters θ.
+
+        With ε̃ = E z and z = [ỹ; η̃; X], an entry of E that is −θ_l, in row i and column a, adds (Π̃ Σ ε̃ zᵀ)_ia to the
+        gradient by θ_l. So a parameter's gradient is a sum over its entries.
 
         Args:
             noise_precisions: (g,) e^λ.
-            cross_moments: second moments of ε̃ with [ỹ; η̃; X], summed over the samples.
+            cross_moments: (dim ε̃, dim z) second moments Σ ε̃ zᵀ, summed over the samples.
+
+        Returns:
+            The gradient (k,).
         """
         _, rows, columns, _ = self._operator_structure
         by_entry = (self.error_precision(noise_precisions) @ cross_moments)[rows, columns]
@@ -385,36 +410,55 @@ class GenerativeModel:
     def mean_field_curvature_in_states(
         self, noise_precisions: Array, theta_covariance: Array
     ) -> Array:
-        """Returns M, (dim X, dim X), with which the uncertainty of θ penalizes the states by −½ Xᵀ M X a sample.
+        """Returns the matrix M with which the uncertainty of θ penalizes the states X of a sample, by −½ Xᵀ M X.
 
-        This is the part of the mean-field term W^θ that depends on X.
+        An uncertain parameter makes an uncertain error, in proportion to the state that it multiplies. The expected
+        squared errors therefore grow with the states: M_ab = Σ Π̃_ij Σ^θ_lm over all parameters l in row i and column a,
+        and m in row j and column b, of the error operator. This is the part of the mean-field term W^θ that depends
+        on X.
 
         Args:
             noise_precisions: (g,) e^λ.
             theta_covariance: (k, k) covariance Σ^θ.
+
+        Returns:
+            M, (dim X, dim X).
         """
         _, rows, columns, parameters = self._operator_structure
         error_precision = self.error_precision(noise_precisions)[np.ix_(rows, rows)]
         products = error_precision * theta_covariance[np.ix_(parameters, parameters)]
+        # The indicator of the state in each entry sums up the products by the states that the entries multiply.
         hidden_size = self.n * (self.p + 1) + self.r * (self.d + 1)
         entry_states = np.eye(hidden_size)[columns - self.hidden_columns.start]
         return entry_states.T @ products @ entry_states
 
     def mean_field_squared_errors(self, moments: Array, theta_covariance: Array) -> Array:
-        """Returns what the uncertainty of θ adds to the squared errors Σ ε̃ᵀ (S⊗Ω_g) ε̃ of each noise, (g,).
+        """Returns what the uncertainty of θ adds to the expected squared errors Σ ε̃ᵀ (S⊗Ω_g) ε̃ of each noise.
 
         Args:
             moments: second moments of [ỹ; η̃; X], summed over the samples.
             theta_covariance: (k, k) covariance Σ^θ.
+
+        Returns:
+            Squared errors (g,), in the order of λ.
         """
         at_zero, groups = self._precision_structure
         _, rows, _, parameters = self._operator_structure
+        # Each product belongs to two entries of E whose errors have the same noise: it counts for the noise of the
+        # second one.
         products = self._entry_products(at_zero, moments)
         products = products * theta_covariance[np.ix_(parameters, parameters)]
         return np.asarray(np.bincount(groups[rows], products.sum(axis=0)), float)
 
     def error_precision(self, noise_precisions: Array) -> Array:
-        """Returns Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) for noise precisions e^λ (g,)."""
+        """Returns the precision Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) of the prediction errors ε̃.
+
+        Args:
+            noise_precisions: (g,) e^λ, which are the diagonals of Πᶻ and Πʷ.
+
+        Returns:
+            Π̃, (dim ε̃, dim ε̃); where x has a prior, its precision is the last block.
+        """
         at_zero, groups = self._precision_structure
         # The noise precisions are diagonal, so each error's column is scaled by its own one. The index −1 of the inputs
         # finds the 1 at the end.
@@ -458,12 +502,18 @@ class GenerativeModel:
         return logdet(self.prior.theta_precision), logdet(self.prior.lambda_precision)
 
     def squared_errors_by_noise(self, error_moments: Array) -> Array:
-        """Returns Σ ε̃ᵀ (S⊗Ω_g) ε̃ for each entry of λ, (g,): the squared errors that its noise precision weights.
+        """Returns the squared errors Σ ε̃ᵀ (S⊗Ω_g) ε̃ that each noise precision e^λ weights.
+
+        S is the precision of smooth noise and its derivatives, and Ω_g selects the channels of noise g.
 
         Args:
-            error_moments: second moments Σ ε̃ε̃ᵀ of the errors, summed over the samples.
+            error_moments: (dim ε̃, dim ε̃) second moments Σ ε̃ε̃ᵀ of the errors, summed over the samples.
+
+        Returns:
+            Squared errors (g,), in the order of λ.
         """
         at_zero, groups = self._precision_structure
+        # The trace of Π̃ Σ ε̃ε̃ᵀ, at λ = 0, split by the noise of each column; columns of inputs belong to no noise.
         is_scaled = groups >= 0
         squares = np.bincount(groups[is_scaled], (at_zero * error_moments).sum(axis=0)[is_scaled])
         return np.asarray(squares, float)

@@ -168,8 +168,10 @@ class SteadyStateFilter(NamedTuple):
         backward_states = linear_recursion(self.L.T, backward_forcing[1:], backward_forcing[0])
         r = np.vstack([backward_forcing[0], backward_states])[::-1]
         P_h = self.P @ signal
-        # The covariance of the signal with the innovation k samples later is the first entry of Lᵏ P h. Each innovation
-        # from a sample on reduces the variance of the signal there by the square of that covariance, over F.
+        # The covariance of the signal with the innovation k samples later is the first entry of Lᵏ P h. Every
+        # innovation at or after a sample reduces the variance of the signal at that sample by the square of that
+        # covariance, divided by the variance F of the innovation. The first sample has the most innovations after it,
+        # the last sample has only its own: hence the cumulative sum, reversed.
         later_covariances = linear_recursion(self.L, np.zeros_like(forcing), P_h)[:, 0]
         innovation_covariances = np.append(P_h[0], later_covariances)
         variance_reduction = np.cumsum(innovation_covariances**2)[::-1] / self.F
@@ -236,6 +238,9 @@ class KalmanFilter(NamedTuple):
             S: (n, m) covariance between process and measurement noise.
             initial_covariance: (n, n) covariance of the state at the first sample.
             samples: number of samples that the filter is needed for; it may become steady earlier.
+
+        Returns:
+            The filter, with gains up to the sample where its covariance is steady.
         """
         covariances = [initial_covariance]
         gains = []
@@ -301,12 +306,16 @@ class KalmanFilter(NamedTuple):
         Args:
             states: (…, T + 1, n) predicted states of :meth:`filter`.
             innovations: (…, T, m) innovations of :meth:`filter`.
+
+        Returns:
+            Means, covariances and lag-one covariances of the states, given all measurements of the segment.
         """
         samples = innovations.shape[-2]
         rows = self.gain_rows(samples)
         n = len(self.A)
         L = self.A - self.gains @ self.C
         F_inverse_C = self.innovation_precisions @ self.C
+        # Nothing follows the last sample, where both N and r are zero; they are computed backward in time.
         N = np.zeros((samples + 1, n, n))
         r = np.zeros_like(states)
         for t in range(samples - 1, -1, -1):
@@ -397,6 +406,7 @@ def smooth_states(
         raise LinAlgError("the filter's covariance overflows")
     forcing = inputs @ model.B.T + model.offset
     states, innovations = kalman_filter.filter(initial_state, forcing, outputs - model.trim)
+    # The likelihood of the outputs is that of the innovations, which are independent Gaussians.
     precisions = kalman_filter.innovation_precisions[kalman_filter.gain_rows(len(innovations))]
     squares = np.einsum("ti,tij,tj->", innovations, precisions, innovations)
     log_likelihood = 0.5 * (

@@ -49,7 +49,13 @@ def solve(matrix: Array, right: Array) -> Array:
 
 
 def inverse(matrix: Array) -> Array:
-    """Inverts a symmetric positive definite matrix (k, k); the result is symmetric to the last bit.
+    """Inverts a symmetric positive definite matrix, by Cholesky's factorization.
+
+    Args:
+        matrix: (k, k) symmetric positive definite.
+
+    Returns:
+        The inverse (k, k), symmetric to the last bit.
 
     Raises:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
@@ -59,6 +65,7 @@ def inverse(matrix: Array) -> Array:
     _raise_if_not_factorized(info)
     # LAPACK fills the upper triangle only, and leaves zeros below it.
     upper = dpotri(factor)[0] * scale * scale[:, None]
+    # The diagonal, every (k + 1)-th entry, is in both triangles, so that each of them holds half of it.
     upper.flat[:: len(upper) + 1] *= 0.5
     return upper + upper.T
 
@@ -106,10 +113,13 @@ def normal_draws(mean: Array, covariance: Array, number: int, seed: int) -> Arra
     Returns:
         Samples (number, k).
     """
+    # Standard normal samples; the other half are the same with opposite signs, so that their mean is exactly 0.
     half = default_rng(seed).standard_normal(((number + 1) // 2, len(mean)))
     if len(mean) <= len(half):
+        # Orthonormal columns, times √(number of rows), have the identity as their sample covariance.
         half = np.linalg.qr(half)[0] * np.sqrt(len(half))
-    # The symmetric root is unique, while the signs of eigenvectors differ between processors.
+    # The symmetric root is unique, while the signs of eigenvectors differ between processors. Rounding may leave
+    # eigenvalues of a singular covariance slightly negative.
     values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
     root = vectors * np.sqrt(values.clip(0)) @ vectors.T
     return mean + np.vstack([half, -half])[:number] @ root
@@ -122,14 +132,19 @@ def require_positive_definite(matrix: Array, name: str, size: int) -> None:
         matrix: the argument.
         name: its name, with which the message begins.
         size: expected number of rows and columns.
+
+    Raises:
+        ValueError: the message says which of these properties the matrix lacks.
     """
     if np.shape(matrix) != (size, size):
         raise ValueError(f"{name} must have shape ({size}, {size}), not {np.shape(matrix)}")
     if not np.isfinite(matrix).all():
         raise ValueError(f"{name} must be finite")
+    # Asymmetry within rounding is accepted.
     asymmetry = abs(matrix - matrix.T).max(initial=0.0)
     if asymmetry > ROUNDING_TOLERANCE * abs(matrix).max(initial=0.0):
         raise ValueError(f"{name} must be symmetric")
+    # An empty matrix has nothing to factorize.
     if size:
         try:
             logdet(matrix)

@@ -171,6 +171,7 @@ def linear_recursion(F: Array, forcing: Array, x0: Array) -> Array:
     for eigenvalue, start, terms in zip(
         eigenvalues[is_used], modes_at_start, forcing_of_modes, strict=True
     ):
+        # The filter computes x_t = λ x_{t−1} + g_t; its initial condition is λ x₀, the part of x₁ that x₀ makes.
         mode, _ = lfilter([1.0], [1.0, -eigenvalue], terms, zi=[eigenvalue * start])
         modes.append(mode)
     return (np.array(modes).T @ (multiplicity * V[:, is_used]).T).real

@@ -85,7 +85,8 @@ class StateSpace:
             second_of_outputs=Phi @ np.linalg.pinv(C),
             second_of_inputs=Gamma0,
         )
-        # In C order, as the arrays of a loaded document are: in another order a matrix product may round differently.
+        # The arrays are stored in C order, like those of a loaded document: in another memory order a matrix product
+        # may round differently.
         return StateSpace(
             **{name: np.ascontiguousarray(array) for name, array in vars(model).items()}
         )
@@ -96,12 +97,23 @@ class StateSpace:
         return float(abs(np.linalg.eigvals(self.A)).max(initial=0.0))
 
     def second_state(self, inputs: Array, outputs: Array) -> Array:
-        """Returns the state (n,) of a segment's second sample, from its first ``inputs`` (r,) and ``outputs`` (m,)."""
+        """Returns the state with which the filter starts: that of a segment's second sample.
+
+        No sample precedes the first one, so nothing predicts its state. It is taken from the first outputs themselves,
+        and moved on by one step.
+
+        Args:
+            inputs: (r,) inputs of the first sample.
+            outputs: (m,) outputs of the first sample.
+
+        Returns:
+            The state (n,) of the second sample.
+        """
         assert self.second_of_outputs is not None and self.second_of_inputs is not None
         return outputs @ self.second_of_outputs.T + inputs @ self.second_of_inputs.T
 
     def predicted_states(self, start: Array, inputs: Array, outputs: Array) -> Array:
-        """Runs the filter over a segment.
+        """Runs the Kalman filter over a segment: each state is predicted from all samples before it.
 
         Args:
             start: (n,) state of the first sample.
@@ -117,7 +129,7 @@ class StateSpace:
         return np.vstack([start, linear_recursion(self.A - self.K @ self.C, forcing, start)])
 
     def predicted_outputs(self, start: Array, inputs: Array, outputs: Array) -> Array:
-        """Predicts each sample of a segment from those before it.
+        """Predicts the outputs of each sample of a segment from the samples before it and from its own inputs.
 
         Args:
             start: (n,) state of the first sample.
@@ -130,7 +142,9 @@ class StateSpace:
         return self.noise_free_outputs(self.predicted_states(start, inputs, outputs)[:-1], inputs)
 
     def one_step_predictions(self, inputs: Array, outputs: Array) -> Array:
-        """Predicts each sample of a segment but the first from those before it.
+        """Predicts the outputs of each sample of a segment but the first, from the samples before it.
+
+        The first sample is not predicted: it provides the state from which the filter starts.
 
         Args:
             inputs: (T, r) inputs.
@@ -178,9 +192,11 @@ class StateSpace:
         Returns:
             Outputs (S, H, m).
         """
+        # What the inputs add to outputs and states is the same for all simulations, and is computed once.
         feedthrough = self.feedthrough(inputs)
         forcing = self._input_forcing(inputs)
         outputs = np.empty((len(start_rows), horizon, len(self.C)))
+        # All simulations take each step together.
         for step in range(horizon):
             rows = np.minimum(start_rows + step, len(inputs) - 1)
             outputs[:, step] = states @ self.C.T + feedthrough[rows]
@@ -211,9 +227,10 @@ class StateSpace:
         """
         start_rows = np.arange(0, len(inputs), steps)
         horizon = min(steps, len(inputs))
+        # The filter runs over all samples once, and each forecast starts from its state at that sample.
         states = self.predicted_states(start, inputs, outputs)[start_rows]
         forecasts = self.simulate_from(start_rows, horizon, states, inputs)
-        # The last forecast may reach beyond the segment.
+        # Forecasts (S, H, m) are joined to (S · H, m). The last one may reach beyond the segment, and is cut off there.
         return forecasts.reshape(-1, len(self.C))[: len(inputs)]
 
     def noise_free_outputs(self, states: Array, inputs: Array) -> Array:
@@ -239,6 +256,10 @@ def filter_gain(
 ) -> Array:
     """Computes the gain of the steady-state Kalman filter of a continuous model whose noises are smooth.
 
+    A Kalman filter assumes white noises. So each smooth noise is replaced by the white noise that has the same power
+    density at low frequency, where the states respond: the variance of the smooth one times the integral of its
+    autocorrelation exp(−τ²/4s²).
+
     Args:
         A: (n, n) system matrix, 1/s.
         C: (m, n) output matrix.
@@ -256,7 +277,11 @@ def filter_gain(
     Phi = discretize(A, np.empty((len(A), 0)), dt).Phi
     # ∫ exp(−τ²/4s²) dτ: power density at low frequency of a smooth noise of variance 1, s.
     power_density = 2 * smoothness * np.sqrt(np.pi)
-    # Measurements are samples: noise whose correlation is shorter than a step has its variance and no more.
+    # A white noise of that power density, sampled every dt, has the variance of the smooth one times the ratio
+    # power_density / dt. Where the correlation is shorter than a step, the samples are independent already, and keep
+    # their variance.
     R = np.diag(measurement_variances) * max(power_density / dt, 1.0)
+    # Over one step the white process noise adds its power density times dt to the covariance of the states.
     _, P = steady_state_gain(Phi, C, process_covariance * power_density * dt, R)
+    # P Cᵀ (C P Cᵀ + R)⁻¹, by solving in place of inverting.
     return np.ascontiguousarray(np.linalg.solve(C @ P @ C.T + R, C @ P).T)

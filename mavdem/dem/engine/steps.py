@@ -57,7 +57,12 @@ def d_step(posterior: Posterior) -> Array:
 def state_gradient(posterior: Posterior) -> ArrayPair:
     """Returns the gradient of F by the states of a sample, as the matrices of a linear function.
 
-    The mean-field terms of θ and λ are included.
+    The prediction errors are linear in the data and in X, ε̃ = E_data [ỹ; η̃] + E_X X, and F has −½ ε̃ᵀ Π̃ ε̃. So the
+    gradient is −E_Xᵀ Π̃ ε̃, less the mean-field terms: the uncertainty of λ raises the noise precisions, and that of θ
+    penalizes X.
+
+    Args:
+        posterior: the posterior of θ and λ; its states play no part.
 
     Returns:
         G (dim X, dim [ỹ; η̃]) and P (dim X, dim X), with ∂F/∂X = G [ỹ; η̃] − P X.
@@ -75,9 +80,15 @@ def state_gradient(posterior: Posterior) -> ArrayPair:
 
 
 def e_step(posterior: Posterior) -> Array:
-    """Takes the E step: returns the parameters θ (k,) at the maximum of F̄, given the states and λ.
+    """Takes the E step: finds the parameters θ at the maximum of F̄, given the states and λ.
 
-    F̄ is quadratic in θ, so one Newton step arrives there.
+    F̄ is quadratic in θ, so one Newton step from any θ arrives there.
+
+    Args:
+        posterior: the posterior; its θ is where the step starts.
+
+    Returns:
+        θ (k,) at the maximum.
     """
     gradient, precision = theta_gradient(posterior)
     return posterior.theta + solve(precision, gradient)
@@ -86,7 +97,12 @@ def e_step(posterior: Posterior) -> Array:
 def theta_gradient(posterior: Posterior) -> ArrayPair:
     """Returns the first and the negative second derivative of F̄ by θ.
 
-    The mean-field terms of the states and of λ are included.
+    Both have three parts: the prior of θ, the squared errors at the means of the states, and the mean-field term by
+    which the uncertainty of the states adds to these squared errors. The uncertainty of λ raises the noise precisions
+    of the second part.
+
+    Args:
+        posterior: the posterior of the states, θ and λ.
 
     Returns:
         ∂F̄/∂θ (k,) and −∂²F̄/∂θ² (k, k), at the θ of the posterior.
@@ -117,9 +133,17 @@ def theta_gradient(posterior: Posterior) -> ArrayPair:
 
 
 def m_step(posterior: Posterior) -> Array:
-    """Takes the M step: returns the log noise precisions λ (g,) at the maximum of F̄, given the states and θ.
+    """Takes the M step: finds the log noise precisions λ at the maximum of F̄, given the states and θ.
 
-    F̄ is concave in λ. Newton's method finds its maximum; steps are limited, and halved until F̄ increases.
+    F̄ is concave in λ, so Newton's method finds its one maximum. Each entry of a step is limited to
+    ``MAX_LAMBDA_STEP``, and the step is halved until F̄ increases. The search ends with a step below
+    ``MIN_LAMBDA_STEP``.
+
+    Args:
+        posterior: the posterior; its λ is where the search starts.
+
+    Returns:
+        λ (g,) at the maximum.
     """
     free_energy = FreeEnergyOfLambda.from_posterior(posterior)
     lambda_ = posterior.lambda_
@@ -160,12 +184,17 @@ class FreeEnergyOfLambda(NamedTuple):
     def from_posterior(cls, posterior: Posterior) -> FreeEnergyOfLambda:
         """Returns F̄ as a function of λ, with the states and θ of a posterior.
 
-        The mean-field terms of the states, of θ and of λ (at the covariance that the posterior has) are included.
+        The squared errors are expected values: to those at the means come the mean-field terms, by which the
+        uncertainty of the states, of θ and of λ adds to them. The covariances are those of the posterior.
+
+        Args:
+            posterior: the posterior; its mean of λ plays no part.
         """
         model = posterior.model
         sample_count = posterior.samples.sample_count
         E_X = model.error_operator(posterior.theta)[:, model.hidden_columns]
         squares = posterior.moments.squared_errors_by_noise(posterior.theta)
+        # Every sample's states have the same covariance Σˣ, which adds E_X Σˣ E_Xᵀ to the squares of its errors.
         state_spread = sample_count * model.squared_errors_by_noise(
             E_X @ posterior.state_covariance @ E_X.T
         )

@@ -67,7 +67,14 @@ class ForecasterBase:
         return self.predict_with_variance(steps).mean
 
     def predict_with_variance(self, steps: int) -> Forecast:
-        """Returns :meth:`predict` with its variance."""
+        """Predicts the next ``steps`` samples, as :meth:`predict` does, and returns also their variance.
+
+        Args:
+            steps: number of samples to predict.
+
+        Returns:
+            The outputs (steps, m) with their variance.
+        """
         horizon = validated_count(steps, limit=MAX_STEPS)
         # A single forecast uses no samples after its start, so that their values do not matter.
         unused_inputs = np.zeros((horizon, self.record.inputs.shape[1]))
@@ -102,6 +109,9 @@ class ForecasterBase:
             from_zero: begins with state 0 at row 0 (the outputs at their trim), as the paper's figures do.
             smooth: lets a model that takes the motors for measurements use all of them for each sample, not only those
                 up to it.
+
+        Returns:
+            The outputs (H, m), rad and rad/s.
         """
         checked_inputs = self.record.validated_inputs(inputs)
         if from_zero:
@@ -109,7 +119,15 @@ class ForecasterBase:
         return self.forecast_with_variance(checked_inputs, smooth).mean
 
     def forecast_with_variance(self, inputs: Array, smooth: bool = False) -> Forecast:
-        """Returns :meth:`forecast` of validated ``inputs`` (H, r) with its variance."""
+        """Forecasts the outputs after the training data, as :meth:`forecast` does, and returns also their variance.
+
+        Args:
+            inputs: (H, r) validated inputs over the forecast.
+            smooth: as for :meth:`forecast`.
+
+        Returns:
+            The outputs (H, m) with their variance.
+        """
         # A single forecast uses no outputs after its start, so that their values do not matter.
         unused_outputs = np.zeros((len(inputs), self.record.outputs.shape[1]))
         horizon = max(1, len(inputs))

@@ -122,6 +122,7 @@ def axis_mixer(record: Record) -> Array:
     mixer = known_axis_mixer(r, record.effect_directions)
     if mixer is not None:
         return mixer
+    # An autoregression of outputs and all motors shows the effect of each motor.
     lags = min(MIXER_LAGS, max(1, record.longest_segment // MIN_SAMPLES_PER_LAG))
     prior_precision = var.lag_prior_precision(lags, MIXER_RIDGE)
     scaling, statistics = var.LagStatistics.from_record(record, lags)
@@ -129,6 +130,7 @@ def axis_mixer(record: Record) -> Array:
     # A motor's effect is the sum over its lags of the coefficients with which the last output follows it.
     last_output_coefficients = regression.mean[:-1, m - 1].reshape(lags, m + r)
     effects = last_output_coefficients[:, m:].sum(axis=0) / scaling.scale[m:]
+    # Effects that are all zero stay so.
     estimated_row = effects / (np.linalg.norm(effects) or 1.0)
     estimation_cost = 0.5 * (r - 1) * np.log(statistics.row_count)
 
@@ -146,21 +148,27 @@ def axis_mixer(record: Record) -> Array:
 def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array) -> float:
     """Returns how much the outputs and a combination of the inputs tell of each other, nats.
 
-    This is F̄ of a joint autoregression of both, less F̄ of an autoregression of the combination alone; that of the
-    outputs alone is the same for every combination. F̄ of the outputs given the combination is no criterion: in closed
-    loop what turns the axis follows from the axis and adds little to its past, and any slow combination, whose few
-    distinct coefficients cost fewer nats, may do as well.
+    The log evidence F̄ of a joint autoregression of both exceeds that of two separate ones by what they tell of each
+    other. That of the outputs alone is the same for every combination, and is left out.
+
+    F̄ of the outputs given the combination would be no criterion. In closed loop the controller computes the combination
+    that turns the axis from the motion itself, so that it adds little to what the past of the motion shows. A slow
+    combination, whose few distinct coefficients cost fewer nats, might have as high a F̄.
 
     Args:
         record: the training data.
         mixer_row: (r,) the combination.
         prior_precision: (L, L) prior precision of a channel's coefficients by lag.
+
+    Returns:
+        F̄ of the joint autoregression less F̄ of that of the combination alone, nats.
     """
     lags = len(prior_precision)
     combined = _with_combined_inputs(record, mixer_row[:, None])
     _, statistics = var.LagStatistics.from_record(combined, lags)
     k = record.outputs.shape[1] + 1
-    # A row has the channels of all lags, the constant and the sample, and the combination is the last of k channels.
+    # A row of the statistics has the k channels of each lag, the constant, and the k channels of the sample. The
+    # combination is the last channel. Its own regression uses its column at each lag, the constant, and its sample.
     constant_column = lags * k
     lag_columns = np.arange(k - 1, constant_column, k)
     own_columns = np.append(lag_columns, [constant_column, constant_column + k])
@@ -226,7 +234,10 @@ class JointModel(ImmutableResult):
 
     @classmethod
     def learn(cls, record: Record) -> JointModel:
-        """Learns the joint model from training data.
+        """Learns the joint model from training data: the mixer first, then by F̄ the lags and the ridge.
+
+        Args:
+            record: the training data.
 
         Raises:
             NotLearnable: no segment has two samples.
@@ -293,8 +304,9 @@ class JointModel(ImmutableResult):
     def half_widths(self, variance: Array, level: float, steps: int) -> Array:
         """Returns the half widths of bands about rolling forecasts, by Student's t.
 
-        The variance is estimated from the training data. Its degrees of freedom are the number of forecasts of that
-        length that fit into these one after the other, divided by ``FORECASTS_PER_INDEPENDENT_ERROR``.
+        The variance is estimated from the training data. The errors of forecasts that overlap are not independent. So
+        the degrees of freedom of a forecast i samples long are the number of such forecasts that fit into the training
+        data one after the other, divided by ``FORECASTS_PER_INDEPENDENT_ERROR``, and ``MIN_STUDENT_FREEDOM`` at least.
 
         Args:
             variance: (H, m) variances of the forecasts.
@@ -304,6 +316,7 @@ class JointModel(ImmutableResult):
         Returns:
             Half widths (H, m).
         """
+        # Number of steps from the start of its forecast to each sample.
         forecast_lengths = np.arange(len(variance)) % max(1, steps) + 1
         independent_forecasts = self.sample_count / (
             FORECASTS_PER_INDEPENDENT_ERROR * forecast_lengths
@@ -313,7 +326,11 @@ class JointModel(ImmutableResult):
 
 
 def _largest_lags(record: Record) -> int:
-    """Returns the largest number of lags that a record suffices for: a candidate, or fewer where all are too many."""
+    """Returns the largest number of lags that a record suffices for.
+
+    That is the largest candidate for which the longest segment has ``MIN_SAMPLES_PER_LAG`` samples for each lag; where
+    even the smallest is too large, as many lags, up to the smallest candidate, as leave one sample to regress.
+    """
     possible = [
         lags for lags in LAG_CANDIDATES if lags <= record.longest_segment // MIN_SAMPLES_PER_LAG
     ]

@@ -99,14 +99,18 @@ def simulate_models(models: StateSpace, inputs: Array, outputs: Array) -> Array:
         Simulated outputs (b, H, m, S).
     """
     A, B, C, D, K = models.A, models.B, models.C, models.D, models.K
+    # (h + 1, r + m, S): what the filter takes at each step of every piece.
     samples = np.concatenate([inputs[: len(outputs)], outputs], axis=1)
     second_state_map = np.concatenate([models.second_of_inputs, models.second_of_outputs], axis=-1)
     # x⁺ = (A − K C) x + (B − K D) u + K y.
     filter_transition = A - K @ C
     filter_inputs = np.concatenate([B - K @ D, K], axis=-1)
+    # The states (b, n, S) of all models and pieces take each step together. First the filter runs, and corrects them by
+    # the measured outputs.
     states = second_state_map @ samples[0]
     for sample in samples[1:]:
         states = filter_transition @ states + filter_inputs @ sample
+    # Then they follow the models alone.
     simulated = []
     for inputs_now in inputs[len(outputs) :]:
         simulated.append(C @ states + D @ inputs_now)
@@ -127,11 +131,13 @@ class SimulationPieces(NamedTuple):
     """Number of steps h that the filter takes before each simulation."""
 
     effective_count: float
-    """Effective number of pieces: as many as follow each other without overlap."""
+    """Effective number of pieces: how many simulations fit into the segments without overlap."""
 
     @classmethod
     def from_segments(cls, segments: Segments, horizon: int) -> SimulationPieces:
         """Cuts segments into overlapping pieces of two horizons each; at most ``MAX_PIECES``, evenly spread.
+
+        In the first half of a piece the filter finds the state, and over the second half the model is simulated.
 
         Args:
             segments: inputs (T, r) and outputs (T, m) of each segment, one of them longer than two horizons.
@@ -142,10 +148,12 @@ class SimulationPieces(NamedTuple):
             for inputs, outputs in segments
             for start in _piece_starts(len(outputs), horizon)
         ]
+        # Where there are fewer pieces than MAX_PIECES, each is selected once.
         selection = np.unique(np.linspace(0, len(starts) - 1, MAX_PIECES).astype(int))
         input_pieces = []
         output_pieces = []
         for inputs, outputs, start in [starts[i] for i in selection]:
+            # The filter and the simulation take a horizon each; the first sample sets the filter's state.
             end = start + 2 * horizon + 1
             input_pieces.append(inputs[start:end])
             output_pieces.append(outputs[start:end])
@@ -160,19 +168,30 @@ class SimulationPieces(NamedTuple):
 
 
 def _piece_starts(length: int, horizon: int) -> range:
-    """Returns the samples at which the pieces of a segment of that ``length`` begin; none where it is too short."""
+    """Returns the samples at which the pieces of a segment begin, ``STARTS_PER_HORIZON`` within each horizon.
+
+    Args:
+        length: number of samples of the segment.
+        horizon: number of samples of each simulation; a piece has twice as many and one more.
+
+    Returns:
+        The first sample of each piece; none where the segment is too short for a piece.
+    """
     return range(0, length - 2 * horizon, max(1, horizon // STARTS_PER_HORIZON))
 
 
 def effective_piece_count(lengths: Sequence[int], horizon: int) -> float:
-    """Returns the effective number of pieces: as many simulations as follow each other without overlap.
+    """Returns the effective number of simulations, by which the fit counts its data.
+
+    Pieces overlap, so that their errors are not independent. They count as often as a simulation fits into the samples
+    without overlap, and at most as often as there are pieces.
 
     Args:
-        lengths: numbers of samples of the segments.
+        lengths: numbers of samples of the segments; those too short for a piece, of two horizons, do not count.
         horizon: number of samples of each simulation.
 
     Returns:
-        That number, at most the number of pieces that are used.
+        The effective number, not necessarily an integer.
     """
     usable_samples = sum(length for length in lengths if length > 2 * horizon)
     pieces = sum(len(_piece_starts(length, horizon)) for length in lengths)
@@ -187,7 +206,14 @@ def simulation_horizon(
 ) -> int | None:
     """Returns the number of samples of each simulation, ``settings.horizon`` at most.
 
-    It is less where the effective sample size would be too small for the free parameters.
+    A shorter horizon gives more independent simulations. So it is shortened, for a short record, until the effective
+    sample size is ``MIN_SAMPLES_PER_PARAMETER`` for each free parameter of A and B.
+
+    Args:
+        model: the generative model; parameters that its prior does not fix are free.
+        settings: settings of the fit, with the horizon in seconds.
+        scaling: the engine's units, which tell whether the inputs are known.
+        record: the training data.
 
     Returns:
         The number; 0 where even ``MIN_HORIZON_SECONDS`` is too long for the record; ``None`` where there is to be no
@@ -223,7 +249,7 @@ class SimulationFit:
     """(f, f) posterior covariance of the free parameters."""
 
     effective_samples: float
-    """Effective sample size: number of outputs times the number of simulations that follow each other."""
+    """Effective sample size: number of outputs times the effective number of simulations."""
 
     horizon: int
     """Number of samples of each simulation, and of the filter before it."""
@@ -240,7 +266,9 @@ class SimulationFit:
         return self.effective_samples - len(self.free)
 
     def theta_covariance(self, prior_covariance: Array) -> Array:
-        """Returns the posterior covariance of θ, (k, k).
+        """Returns the posterior covariance of all parameters θ, (k, k).
+
+        Free parameters have the covariance of the fit, and none with the others, which were held during the fit.
 
         Args:
             prior_covariance: (k, k) covariance of the prior, which parameters that were not free keep.
@@ -305,14 +333,23 @@ class SimulationObjective:
         return self._value_of_errors(point, self.errors(point[None]))
 
     def expand(self, point: Array) -> QuadraticExpansion:
-        """Returns the expansion about a point, with the Gauss-Newton curvature JᵀJ, by differences of the errors."""
+        """Returns the second-order expansion of the log joint density about a point.
+
+        The gradient and the Gauss-Newton curvature, of the form JᵀJ, follow from the Jacobian J of the errors. It is
+        computed by finite differences: one simulation for each free parameter, all of them at once.
+
+        Args:
+            point: (f,) free parameters.
+        """
         steps = FINITE_DIFFERENCE_STEP * np.maximum(1.0, abs(point))
         errors = self.errors(np.vstack([point, point + np.diag(steps)]))
         residuals = errors[0]
+        # (f, number of errors): one row for each parameter.
         jacobian = (errors[1:] - residuals).reshape(len(point), -1) / steps[:, None]
         mean_square = _mean_square(residuals)
         # The pieces overlap, so that each error counts as a fraction of an independent sample.
         samples_per_error = self.effective_samples / residuals.size
+        # The derivatives of −N/2 ln(mean square), and of the log prior.
         gradient = -samples_per_error * jacobian @ residuals.ravel() / mean_square - (
             self.prior_precision @ (point - self.prior_mean)
         )
@@ -322,7 +359,16 @@ class SimulationObjective:
         )
 
     def terms(self, expansion: QuadraticExpansion) -> dict[str, float]:
-        """Returns the terms of F̄ by name, nats, Eq. ``F_action_opt``; simulated states have no entropy of their own."""
+        """Returns the terms of F̄, Eq. ``F_action_opt``, at the point of an expansion.
+
+        A simulation has no uncertain states, so that there is no entropy of states.
+
+        Args:
+            expansion: expansion of the log joint density about the point.
+
+        Returns:
+            The terms by name, nats, with the names of DEM's own terms.
+        """
         log_prior = self._log_prior(expansion.point)
         return {
             "noise entropy": expansion.value - log_prior,
@@ -372,6 +418,7 @@ def fit_simulation_error(
     Returns:
         The fit; ``None`` where there is no horizon (:func:`simulation_horizon`) or the simulations overflow.
     """
+    # None and 0 both mean that there is no fit.
     horizon = simulation_horizon(model, settings, scaling, record)
     if not horizon:
         return None
@@ -380,6 +427,7 @@ def fit_simulation_error(
     precision = model.prior.theta_precision
     if settings.prior == "regulated":
         precision = _weak_prior_precision(model, is_free, record)
+    # θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)]: parameters of C are not fitted.
     size_of_A_and_B = model.n * model.n + model.n * model.r
     free = np.flatnonzero(is_free[:size_of_A_and_B])
     objective = SimulationObjective(
@@ -415,15 +463,19 @@ def fit_simulation_error(
 
 
 def _weak_prior_precision(model: GenerativeModel, is_free: Flags, record: Record) -> Array:
-    """Returns the prior precision of θ, (k, k), with a weak one for free parameters, in the place of the package's own.
+    """Returns the prior precision of the simulation-error fit under the "regulated" prior.
 
-    The motors' effect along combinations that are orthogonal to the mixer row of the axis gets a higher precision,
-    about 0: such combinations hardly turn the vehicle.
+    Free parameters get the weak ``FREE_PARAMETER_PRECISION``, so that the data decide. But the effects of motor
+    combinations that are orthogonal to the mixer row of the axis are held near 0 by ``NON_TURNING_PRECISION``: such
+    combinations, for example all motors alike, hardly turn the vehicle.
 
     Args:
-        model: the generative model.
+        model: the generative model, whose prior holds for all other parameters.
         is_free: (k,) which parameters are free.
         record: the training data.
+
+    Returns:
+        Prior precision of θ, (k, k).
     """
     size_of_A = model.n * model.n
     size_of_A_and_B = size_of_A + model.n * model.r
@@ -434,6 +486,7 @@ def _weak_prior_precision(model: GenerativeModel, is_free: Flags, record: Record
     # The first entry of a row of B, which is a motor's, shows whether the row is free.
     free_rows = np.flatnonzero(is_free[size_of_A : size_of_A_and_B : model.r])
     for row in free_rows:
+        # The row of B begins with the motors; the constant input, if there is one, follows them.
         motor_entries = size_of_A + row * model.r + np.arange(len(non_turning))
         precision[np.ix_(motor_entries, motor_entries)] += (
             NON_TURNING_PRECISION * non_turning @ non_turning.T

@@ -61,15 +61,16 @@ class ChannelScaling(NamedTuple):
 
     @classmethod
     def from_record(cls, record: Record) -> ChannelScaling:
-        """Returns the scaling of the outputs and inputs of a record."""
+        """Returns the scaling of the outputs and inputs of a record, by their means and standard deviations."""
         inputs, outputs = record.channel_statistics
+        # The statistics of the outputs and of the inputs are joined, field by field, to those of all channels.
         channels = ChannelStatistics(
             *(np.concatenate(pair) for pair in zip(outputs, inputs, strict=True))
         )
         return cls(channels.mean, np.where(channels.varying, np.sqrt(channels.variance), 1.0))
 
     def scaled(self, channels: Array) -> Array:
-        """Scales channels (…, k), or their first columns only, such as the outputs alone."""
+        """Scales channels (…, k), or their first columns only, such as the outputs alone, from physical units."""
         width = channels.shape[-1]
         return (channels - self.center[:width]) / self.scale[:width]
 
@@ -89,6 +90,7 @@ def lagged_rows(samples: Array, lags: int) -> Array:
         (…, T − L, L · k): [z_{t−1}, …, z_{t−L}] for each sample z_t that has L samples before it; empty where T < L.
     """
     rows = max(0, samples.shape[-2] - lags)
+    # Block i has, for each of the samples, the sample i steps before it.
     blocks = [samples[..., lags - lag : lags - lag + rows, :] for lag in range(1, lags + 1)]
     return np.concatenate(blocks, axis=-1)
 
@@ -123,12 +125,18 @@ class LagStatistics(NamedTuple):
         for channels in segments:
             past = lagged_rows(channels, lags)
             ones = np.ones((len(past), 1))
-            tables.append(np.hstack([past, ones, channels[lags:][: len(past)]]))
+            # Of a segment with fewer than L samples both the past and the targets are empty.
+            targets = channels[lags:][: len(past)]
+            tables.append(np.hstack([past, ones, targets]))
         return cls(sum(map(len, tables)), np.asarray(sum(table.T @ table for table in tables)))
 
     @classmethod
     def from_record(cls, record: Record, lags: int) -> tuple[ChannelScaling, LagStatistics]:
-        """Scales the channels of a record, and sums up their statistics.
+        """Scales the channels of a record, and sums up the statistics of their regression on the past.
+
+        Args:
+            record: training data; its channels are the outputs and then the inputs.
+            lags: number L of lags.
 
         Returns:
             The scaling, and the statistics of the scaled channels.
@@ -153,7 +161,14 @@ class LagStatistics(NamedTuple):
         )
 
     def gram_of_fewer_lags(self, lags: int, fewer: int) -> Array:
-        """Returns the ``gram`` of the same rows with only the first ``fewer`` of their ``lags``."""
+        """Returns the ``gram`` of the same regression with fewer lags, by leaving out columns.
+
+        The rows stay the same, so that free energies of different numbers of lags are of the same data.
+
+        Args:
+            lags: number of lags L of these statistics.
+            fewer: number of lags to keep, the latest ones, at most L.
+        """
         # A row has the k channels of each lag, the constant, and the k channels of the sample.
         k = (len(self.gram) - 1) // (lags + 1)
         constant_column = lags * k
@@ -205,7 +220,8 @@ def regress(
         gram: statistics of rows [z_{t−1}, …, z_{t−L}, 1, z_t] of channels of about variance 1.
         row_count: number of rows, more than 0.
         prior_precision: (L, L) prior precision P of a channel's coefficients by lag.
-        noise_floor: variance that the free energy adds to those of the innovations.
+        noise_floor: variance that the free energy adds to those of the innovations, so that a channel that follows
+            exactly from others does not dominate it.
 
     Returns:
         The posterior of the coefficients, and the terms of F̄.
@@ -217,18 +233,21 @@ def regress(
     precision[:-1, :-1] = np.kron(prior_precision, np.eye(k))
     precision[-1, -1] = CONSTANT_RIDGE
     random_walk = np.eye(q, k)
+    # With the Cholesky factor F Fᵀ of the posterior precision, R = F⁻¹ has RᵀR = the posterior covariance.
     factor = np.linalg.cholesky(gram[:q, :q] + precision)
     covariance_root, _ = dtrtri(factor, lower=True)
     # The targets become the errors of a random walk: small numbers, where the samples themselves are large.
     moments = gram.copy()
     moments[q:] -= moments[:k]
     moments[:, q:] -= moments[:, :k]
+    # Rows and columns up to q belong to the regressors, those from q on to the targets.
     explained = covariance_root @ moments[:q, q:]
     deviation = covariance_root.T @ explained
     squared_errors = moments[q:, q:] - explained.T @ explained
     # The nearest positive semidefinite matrix: rounding leaves negative eigenvalues where errors vanish.
     eigenvalues, eigenvectors = np.linalg.eigh((squared_errors + squared_errors.T) / 2)
     squared_errors = (eigenvectors * np.maximum(eigenvalues, 0.0)) @ eigenvectors.T
+    # The trace of prior precision times posterior covariance: the coefficients that the prior determines, not the data.
     effective_coefficients = q - np.sum(precision * (covariance_root.T @ covariance_root))
 
     noise = squared_errors / row_count + noise_floor * np.eye(k)
@@ -271,6 +290,7 @@ class VectorAutoregression(NamedTuple):
     ) -> VectorAutoregression:
         """Returns the autoregression with the posterior means of a regression of scaled channels."""
         q, k = regression.mean.shape
+        # A row has the coefficients of one channel: A₁ … A_L side by side, and the offset last.
         coefficients = regression.mean.T
         lags = (q - 1) // k
         return cls(
@@ -323,15 +343,19 @@ class VectorAutoregression(NamedTuple):
         inputs: Array,
         outputs: Array,
     ) -> Array:
-        """Returns the L samples before every ``steps``-th sample, (S, L, k).
+        """Returns the L samples before each of S rolling forecasts, which start at every ``steps``-th sample.
 
         Args:
             past: (L or more, k) samples before the first one.
             steps: number of samples from one forecast to the next.
             inputs: (H, r) inputs.
             outputs: (H, m) outputs.
+
+        Returns:
+            (S, L, k) samples before each forecast, the latest last, in physical units.
         """
         channels = np.concatenate([past[len(past) - self.lags :], np.hstack([outputs, inputs])])
+        # With L samples of the past before the first one, the past of sample i is in the rows i to i + L − 1.
         start_rows = np.arange(0, len(inputs), steps)
         return channels[start_rows[:, None] + np.arange(self.lags)]
 
@@ -347,6 +371,7 @@ class VectorAutoregression(NamedTuple):
             The channels (…, steps, k), outputs first. Where a mean overflows it is replaced by the mean of the training
             data, with infinite variance.
         """
+        # Step h of the forecast is the h-th map of the past, plus the h-th constant.
         maps, constants = self.prediction_maps(steps)
         k = len(self.offset)
         past_latest_first = _latest_first(self.scaling.scaled(past))
@@ -354,6 +379,7 @@ class VectorAutoregression(NamedTuple):
         # An innovation changes later samples as its own sample does. So the responses to the innovation of the first
         # sample are the identity and the maps of the latest sample of the past.
         responses = np.concatenate([np.eye(k)[None], maps[:-1, :, :k]])
+        # Each further step adds the variance diag(Ψ Σ Ψᵀ) of one more innovation, Ψ being the response to it.
         added_variances = np.einsum(
             "hij,jl,hil->hi", responses, self.innovation_covariance, responses
         )
@@ -412,14 +438,20 @@ class VectorAutoregression(NamedTuple):
         Args:
             m: number of outputs.
             steps: number of samples that the filter is needed for.
+
+        Returns:
+            The filter of scaled channels; its initial covariance is zero, since the past is known.
         """
         lags, k, _ = self.coefficients.shape
         n = m * lags
         r = k - m
         Sigma = self.innovation_covariance
         output_coefficients = self.coefficients.swapaxes(0, 1)[:, :, :m].reshape(k, n)
+        # The next outputs follow from the outputs of all lags; these move on by one lag.
         A = np.eye(n, k=-m)
         A[:m] = output_coefficients[:m]
+        # The innovation of the sample has a part that moves the outputs, with covariance Q, and a part that disturbs
+        # the measured inputs, with covariance R. The two parts are correlated, with covariance S.
         Q = np.zeros((n, n))
         S = np.zeros((n, r))
         R = Sigma[m:, m:] + ROUNDING_TOLERANCE * np.eye(r)
@@ -430,6 +462,9 @@ class VectorAutoregression(NamedTuple):
 
     def forecast_known_inputs(self, past: Array, inputs: Array, smooth: bool = False) -> Forecast:
         """Forecasts the outputs, given the inputs, by a Kalman filter that takes these as measurements of the motion.
+
+        The inputs of a closed loop answer the motion, so that they tell of it. The past gives the filter's initial
+        state exactly (:meth:`output_filter`).
 
         Args:
             past: (…, L, k) samples up to the forecast, the latest last; leading axes are separate forecasts.
@@ -452,6 +487,7 @@ class VectorAutoregression(NamedTuple):
         )
         input_coefficients = coefficients[:, :, m:].reshape(k, lags * r)
         known_effect = earlier_inputs @ input_coefficients.T + self.offset
+        # On the outputs it is a forcing term of the state; on the inputs, it is subtracted from the measurements.
         forcing = np.zeros((*known_effect.shape[:-1], m * lags))
         forcing[..., :m] = known_effect[..., :m]
         states, innovations = kalman_filter.filter(
@@ -486,10 +522,12 @@ class VectorAutoregression(NamedTuple):
         """
         length = len(inputs)
         m = outputs.shape[1]
+        # A single forecast covers all samples where there are fewer than steps.
         steps = max(1, min(steps, length))
         pasts = self._pasts_of_forecasts(past, steps, inputs, outputs)
         inputs_by_forecast = inputs[_rows_by_forecast(len(pasts), steps, length)]
         forecasts = self.forecast_known_inputs(pasts, inputs_by_forecast, smooth)
+        # The forecasts (S, steps, m) one after another; the last may reach beyond the samples, and is cut off there.
         return Forecast(
             forecasts.mean.reshape(-1, m)[:length], forecasts.variance.reshape(-1, m)[:length]
         )
@@ -513,9 +551,11 @@ class VectorAutoregression(NamedTuple):
             The outputs (H, m), as of :meth:`forecast_unknown_inputs`.
         """
         length, m = outputs.shape
+        # A single forecast covers all samples where there are fewer than steps.
         steps = max(1, min(steps, length))
         pasts = self._pasts_of_forecasts(past, steps, inputs, outputs)
         forecasts = self.forecast_unknown_inputs(pasts, steps)
+        # The outputs of the forecasts (S, steps, k) one after another; the last may reach beyond the samples.
         return Forecast(
             forecasts.mean[..., :m].reshape(-1, m)[:length],
             forecasts.variance[..., :m].reshape(-1, m)[:length],
@@ -524,8 +564,11 @@ class VectorAutoregression(NamedTuple):
     def one_step_predictions(self, record: Record) -> Array:
         """Predicts each sample of a record from those before it in its segment, and from its own inputs.
 
+        Args:
+            record: T samples in any number of segments, in physical units.
+
         Returns:
-            The outputs (T, m) of all segments, one after the other.
+            The outputs (T, m) of all segments, one after the other, in physical units.
         """
         m = record.outputs.shape[1]
         weights, constant = self.output_map(m)
@@ -550,6 +593,7 @@ class VectorAutoregression(NamedTuple):
             The forecast. Where a mean is not finite it is that of the training data, with infinite variance.
         """
         columns = mean.shape[-1]
+        # In scaled channels, the mean of the training data is 0.
         center = self.scaling.center[:columns]
         scale = self.scaling.scale[:columns]
         is_finite = np.isfinite(mean)
@@ -561,7 +605,7 @@ class VectorAutoregression(NamedTuple):
 def _rows_by_forecast(forecasts: int, steps: int, length: int) -> Indices:
     """Returns the rows of each forecast's samples, (forecasts, steps), among ``length`` samples.
 
-    The last forecast may reach beyond the end; it repeats the last row there.
+    Forecasts follow one another without overlap. The last may reach beyond the end; it repeats the last row there.
     """
     return np.minimum(np.arange(forecasts * steps), length - 1).reshape(-1, steps)
 
