@@ -250,6 +250,14 @@ def test_gaps_and_tumbles_end_a_segment():
     assert ends[1:3] == [(20.2, 29.5), (30.5, 34.5)]
 
 
+@mark.parametrize("silence, segment_count", [(0.09, 1), (0.11, 2)])
+def test_a_silence_of_at_most_a_tenth_of_a_second_is_bridged(silence, segment_count):
+    stamps = HOVER.stamps(100.0)
+    silent = (stamps > 30.001) & (stamps < 30.0 + silence - 0.001)
+    telemetry = HOVER.telemetry(motor_time=stamps[~silent])
+    assert len(settled_segments(Signals(telemetry))) == segment_count
+
+
 def test_a_uniform_source_keeps_its_samples():
     telemetry = HOVER.telemetry(motor_time=HOVER.stamps(100.0) + 0.0004)
     flight = aligned_flight(Signals(telemetry), settled_segments(Signals(telemetry))[0])

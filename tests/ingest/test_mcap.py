@@ -159,6 +159,14 @@ def test_frames_may_come_in_pieces(encoding, recorder):
     )
 
 
+def test_a_channel_of_encoding_mavlink_may_begin_within_a_frame(recorder):
+    content = b"".join(HOVER)[3:]
+    for begin in range(0, len(content), 100):
+        recorder.write("serial", content[begin : begin + 100], "mavlink", schema=False)
+    messages = recorder.log().components[0].messages
+    assert messages == {"ATTITUDE": 300, "SERVO_OUTPUT_RAW": 300}
+
+
 def test_who_is_heard_in_frames_is_not_read_again_from_json(recorder):
     for row, frame in enumerate(flight(TIMES[:20], system=1)):
         recorder.write("raw", frame, "mavlink", schema=False)

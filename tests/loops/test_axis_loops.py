@@ -37,6 +37,7 @@ from mavdem.loops.advice import (
     MAX_GAIN_STEP,
     MAX_NOISE_RATIO,
     MIN_BANDWIDTH_RATIO,
+    _GainSearch,
     advise,
     gain_reduction_advice,
 )
@@ -287,6 +288,22 @@ def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it
     if factor < 2:
         assert found.after.lean_in_wind < 0.85 * before.lean_in_wind
         assert found.after.bandwidth > 0.98 * MIN_BANDWIDTH_RATIO * before.bandwidth
+
+
+@mark.parametrize("factor", [0.95, 0.8, 0.5])
+def test_gains_that_cost_over_a_tenth_of_a_bandwidth_are_penalised_for_that(factor):
+    search = _GainSearch(made_up(), MARGIN_TARGETS["default"])
+    log_factors = np.full(len(search.logged_gains), np.log(factor))
+    logged = search.search_loop
+    slowed = logged.with_parameters(search.gains(log_factors))
+    ratios = np.array(
+        [
+            slowed.rate.bandwidth / logged.rate.bandwidth,
+            slowed.attitude.bandwidth / logged.attitude.bandwidth,
+        ]
+    )
+    penalty = search.cost(log_factors, 1.0) - np.log(slowed.angle_deviation(logged.wind))
+    assert penalty == approx(np.maximum(1 - ratios / 0.9, 0.0).sum(), abs=1e-9)
 
 
 @mark.parametrize("factor", [1.0, 1.7])  # surely, and perhaps

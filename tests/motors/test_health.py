@@ -10,9 +10,14 @@ from pytest import approx, mark
 
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorsBetween
 from mavdem.motors.balance import BalanceFigures
-from mavdem.motors.change_hypotheses import DETECTABLE_RISE, FAULT_RISE, ChangeHypotheses
+from mavdem.motors.change_hypotheses import (
+    DETECTABLE_RISE,
+    FAULT_RISE,
+    ChangeHypotheses,
+    ChangeProbabilities,
+)
 from mavdem.motors.deviation import Deviation
-from mavdem.motors.health import MIN_REPORTED_PROBABILITY, assess_motor_health
+from mavdem.motors.health import MIN_REPORTED_PROBABILITY, _fault, assess_motor_health
 from mavdem.motors.healthy_flights import HealthFigures, distinct_flights, healthy_flights
 from mavdem.motors.signatures import motor_signatures
 
@@ -86,6 +91,16 @@ def test_a_weak_motor_is_found_and_named(motor):
     for one in (one for one in found if one.suspect_motor):
         figures = one.fact.figures
         assert figures["motor_probability"] <= figures["probability"] == one.fault_probability
+
+
+@mark.parametrize("share, suspect", [(0.81, 2), (0.79, None)])
+def test_a_motor_is_named_from_four_fifths_of_the_probability_of_a_fault(share, suspect):
+    fault_probability = 0.9
+    faults = fault_probability * np.array([1 - share, share, 0.0, 0.0])
+    change = ChangeProbabilities({"healthy": 0.1}, faults, faults, np.zeros((3, 4)), np.zeros(1))
+    assessment = _fault(MadeUpVehicle(1).flight(), change, fault_probability, {})
+    assert assessment.suspect_motor == suspect
+    assert assessment.fact.subject == ("" if suspect is None else MOTORS[suspect - 1])
 
 
 def test_a_fault_among_the_first_flights_is_not_taken_for_healthy():

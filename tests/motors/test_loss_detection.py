@@ -158,6 +158,19 @@ def test_what_changes_with_the_heading_names_no_motor():
     assert not changes(time, there, turned(turn, back))
 
 
+@mark.parametrize("earlier_share, named_motors", [(0.0, [1]), (0.6, [])])
+def test_a_change_that_shows_at_an_earlier_heading_names_no_motor(earlier_share, named_motors):
+    """Before the break the nose points elsewhere for 3 s, where a share of the same rise shows."""
+    time, commands = flight(1, 60.0, 0.005)
+    rise = 0.2 * np.eye(4)[0]
+    heading = turned(
+        (107.0, 108.0, 2.1), (111.0, 112.0, -2.1), (118.0, 120.0, 1.05), (130.0, 132.0, 2.1)
+    )
+    is_elsewhere = (time >= 107.5) & (time < 111.5)
+    rises = np.outer((time >= 119.0) + earlier_share * is_elsewhere, rise)
+    assert [alarm.motor for alarm in changes(time, commands + rises, heading)] == named_motors
+
+
 def test_no_motor_is_named_before_ten_seconds_were_steady():
     time, commands = flight(1, 60.0, 0.005)
     weak = commands + after(time, 0.12 * np.eye(4)[0])

@@ -107,6 +107,13 @@ def test_how_a_line_moves_with_the_throttle_names_it(kind, code, exponents):
     assert (slow[0].kind, fast[0].kind) == (LineKind.UNNAMED, LineKind.MOTOR)
 
 
+@mark.parametrize("exponent", [0.0, 0.5, 1.0, -1.0, -2.0])
+def test_a_sharp_line_is_found_however_it_moves_with_the_throttle(exponent):
+    (line,) = lined((100.3, 20.0, exponent), spread=0.2).lines
+    assert line.frequency == approx(100.3, abs=0.1)
+    assert line.exponent == approx(exponent)
+
+
 def test_without_a_throttle_that_moves_there_is_no_name_and_without_a_spectrum_that_is_said():
     (still,) = lined((100.3, 1000.0, 0.0), wide=3.0, spread=0.0).lines
     assert still.kind is LineKind.UNNAMED
