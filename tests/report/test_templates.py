@@ -18,6 +18,7 @@ from mavdem.experiments.truth import ComparedParameter, TruthComparison
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.margins import TrackingLight
+from mavdem.facts.sources import Repair
 from mavdem.ingest import read_log
 from mavdem.report import palette
 from mavdem.report.blocks import Sentence, Table, markdown, plain_text
@@ -26,7 +27,12 @@ from mavdem.report.condition import log_blocks
 from mavdem.report.numbers import abbreviated_list, one_line_list, plus_minus, rounded
 from mavdem.report.pages.page import notebook_html
 from mavdem.report.screen import analysis_blocks, pole_sentences
-from mavdem.report.templates import rounded_below, sentences_by_axes
+from mavdem.report.templates import (
+    as_clause,
+    capitalize_first,
+    rounded_below,
+    sentences_by_axes,
+)
 from mavdem.report.truth import truth_blocks
 
 NAN = float("nan")
@@ -198,3 +204,18 @@ def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():
     ):
         (poles,) = pole_sentences(np.array(A))
         assert poles.text == said
+
+
+def test_an_identifier_keeps_its_letters_at_the_beginning_of_a_clause_or_sentence():
+    assert as_clause("BrokenProcessPool: a worker died.") == "BrokenProcessPool: a worker died"
+    assert as_clause("GPS lost.") == "GPS lost" and as_clause("Motor 3 failed.") == "motor 3 failed"
+    assert capitalize_first("gyroRate is 0") == "gyroRate is 0"
+    assert capitalize_first("motor 3 failed") == "Motor 3 failed"
+
+
+def test_one_dropout_is_singular_and_several_are_plural():
+    texts = [
+        str(Fact(Repair.LOGGER_DROPPED_OUT, count=count, duration=2.0, longest_gap=1.0))
+        for count in (1, 2)
+    ]
+    assert "dropped out 1 time," in texts[0] and "dropped out 2 times," in texts[1]
