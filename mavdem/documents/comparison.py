@@ -9,7 +9,7 @@ from mavdem.units import Nats, Number, Seconds, SquaredOutput
 
 
 class Paired(Document):
-    """Paired test of the first method with each other one, over the whole test part."""
+    """Paired test of the first method with another one, by the errors of the same windows."""
 
     ratio: Number
     """median of the first method's error over the other's"""
@@ -26,7 +26,7 @@ class Paired(Document):
 
 
 class OverFlights(Document):
-    """Each method over all flights, the lowest error first."""
+    """One method over all flights."""
 
     method: str
     """name of the method"""
@@ -55,7 +55,7 @@ class OverFlights(Document):
 
 
 class Horizon(Document):
-    """Each horizon."""
+    """One method over all windows of a flight, up to one horizon of its forecasts."""
 
     steps: int
     """horizon in steps"""
@@ -68,7 +68,7 @@ class Horizon(Document):
 
 
 class Standing(Document):
-    """Each method, the lowest error first."""
+    """One method over all windows of a flight."""
 
     method: str
     """name of the method"""
@@ -99,7 +99,7 @@ class Standing(Document):
 
 
 class Mspe(Document):
-    """Errors over the whole test part."""
+    """Mean squared errors over the whole test part of a window."""
 
     per_output: list[SquaredOutput]
     """mean squared error of each output"""
@@ -108,7 +108,7 @@ class Mspe(Document):
 
 
 class Outcome(Document):
-    """Each method, by name."""
+    """One method in one window."""
 
     failure: SentenceAndFact
     """why there is no forecast; empty where there is one"""
@@ -127,7 +127,7 @@ class Outcome(Document):
 
 
 class ComparedWindow(Document):
-    """Each window."""
+    """One window of a flight, with the outcome of each method."""
 
     start: int
     """first sample of the window"""
@@ -138,7 +138,7 @@ class ComparedWindow(Document):
 
 
 class ComparedFlight(Document):
-    """Each flight."""
+    """One flight, with the outcomes of all methods."""
 
     flight: str
     """name of the flight"""
@@ -159,7 +159,7 @@ class ComparedFlight(Document):
 
 
 class Comparison(Document):
-    """The same without the inputs of the time ahead."""
+    """Methods compared by their forecasts of held-out windows."""
 
     reference: str
     """the first method, with which the others are compared"""

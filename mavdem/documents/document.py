@@ -65,7 +65,7 @@ def fact_field(attribute: str, meaning: str) -> Any:
 
 
 class Document(BaseModel):
-    """A record of a document: immutable, of exactly these keys."""
+    """A record of a JSON document: immutable, of exactly these keys."""
 
     # The models are built when they are first used, since all of them together take long. Arrays and other results are
     # read by their attributes, and the docstrings of fields become descriptions in the schemas.
@@ -144,7 +144,7 @@ class Document(BaseModel):
 
 
 class Sentence(Document):
-    """A fact with its words."""
+    """A fact: its code, level, time and figures, with its sentence and remedy in words."""
 
     code: str
     """what it says"""
@@ -190,7 +190,7 @@ FactList = Annotated[list[Sentence], BeforeValidator(_facts_only)]
 
 
 class Judged(Document):
-    """What is judged of the flight."""
+    """Headline, lights and next step of a flight."""
 
     headline: SentenceAndFact
     """the worst that was found, or how the flight was lost, one sentence"""

@@ -20,7 +20,7 @@ from mavdem.units import (
 
 
 class Quantity(Document):
-    """Which quantity."""
+    """Which quantity is compared."""
 
     kind: str
     """share, effect, mean effect, damping or lag"""
@@ -31,7 +31,7 @@ class Quantity(Document):
 
 
 class Change(Document):
-    """Quantities that are known in both."""
+    """One quantity that is known before and after, A and B."""
 
     quantity: Quantity
     """which quantity"""
@@ -52,7 +52,7 @@ class Change(Document):
 
 
 class Incomparable(Document):
-    """Quantities that are not known in both."""
+    """One quantity that is not known in both A and B."""
 
     quantity: SentenceText
     """name of the quantity"""
@@ -61,7 +61,7 @@ class Incomparable(Document):
 
 
 class FlightConditions(Document):
-    """Conditions of A and of B."""
+    """Mean conditions of the flights of A or of B."""
 
     voltage: Volts
     """mean voltage"""
@@ -78,7 +78,7 @@ class FlightConditions(Document):
 
 
 class Difference(Document):
-    """What differs from the baseline."""
+    """What differs between the flights of A, such as a baseline, and those of B."""
 
     vehicles: list[list[str]]
     """names in A and in B"""
@@ -101,7 +101,7 @@ class Difference(Document):
 
 
 class ParameterChange(Document):
-    """Parameters that somebody set to other values in B."""
+    """A parameter that somebody set to another value in B."""
 
     name: str
     """name of the parameter"""
@@ -126,7 +126,7 @@ class Diff(Difference):
 
 
 class FailedLog(Document):
-    """Logs without a flight."""
+    """A log without a flight."""
 
     file: str
     """name of the log"""
@@ -137,7 +137,7 @@ class FailedLog(Document):
 
 
 class SinceBaseline(Document):
-    """Latest flight of each vehicle beside the baseline."""
+    """The latest flight of a vehicle, compared with its baseline."""
 
     file: str
     """log of the latest flight"""

@@ -92,7 +92,7 @@ class Provenance(Document):
 
 
 class SegmentSamples(Document):
-    """Segments of settled flight that the model is trained on."""
+    """A segment of settled flight that the model is trained on."""
 
     start: Seconds
     """on the boot clock"""
@@ -101,7 +101,7 @@ class SegmentSamples(Document):
 
 
 class Matrices(Document):
-    """Ẋ = A x + B (u − u₀) + d, y = C x + y₀, in units of inputs and outputs, and s."""
+    """The model Ẋ = A x + B (u − u₀) + d, y = C x + y₀, in units of inputs and outputs, and s."""
 
     A: list[list[float]]
     """(n, n)"""
@@ -118,7 +118,7 @@ class Matrices(Document):
 
 
 class ModelErrors(Document):
-    """Half widths of 90 % intervals, by the simulation-error fit."""
+    """Half widths of the 90 % intervals of A, B and C, by the simulation-error fit."""
 
     A: list[list[Number]]
     """(n, n)"""
@@ -142,7 +142,7 @@ class FreeEnergy(Document):
 
 
 class HeldOut(Document):
-    """Forecasts of windows that no model has seen."""
+    """Errors of forecasts in held-out windows, which no model was trained on."""
 
     @model_validator(mode="before")
     @classmethod
@@ -199,7 +199,7 @@ class HeldOut(Document):
 
 
 class Errors(Document):
-    """Errors one step ahead in the training data, by method, the lowest first."""
+    """Errors of one method, in the held-out windows."""
 
     per_output: list[SquaredAngleOrRate]
     """mean squared error of each output"""
@@ -251,7 +251,7 @@ class Joint(Document):
 
 
 class PhysicalInterval(Document):
-    """Half widths of 90 % intervals."""
+    """Half widths of the 90 % intervals of the physical parameters."""
 
     @field_validator("effect", mode="before")
     @classmethod
@@ -299,7 +299,7 @@ class Physical(Document):
 
 
 class Gust(Document):
-    """In order of time."""
+    """A gust: where the torque of the wind is far from its running level."""
 
     sample: int
     """first sample of the gust"""
@@ -312,7 +312,7 @@ class Gust(Document):
 
 
 class Spectrum(Document):
-    """Spectrum of the estimate and of its model."""
+    """Spectrum of the estimated wind torque and of its model."""
 
     frequency: list[Hertz]
     """frequencies of both densities"""
@@ -350,7 +350,7 @@ class WindTorque(Document):
 
 
 class AxisFigures(Document):
-    """With --axis all: roll, pitch and yaw."""
+    """Physical parameters and wind torque of one axis."""
 
     physical: Physical | None
     """physical parameters of the axis"""
@@ -361,7 +361,7 @@ class AxisFigures(Document):
 
 
 class TrueParameter(Document):
-    """Parameters beside their truth."""
+    """An estimated parameter beside its true value in the simulator."""
 
     name: str
     """name of the parameter; lag of the motors: motor time constant"""
@@ -408,7 +408,7 @@ class Truth(Document):
 
 
 class LearnedFigures(Document, is_partial=True):
-    """What is known with a model only."""
+    """Figures of a learned model; their keys are absent without one."""
 
     flight: Provenance
     """where the training data come from; keys in italics are there with a model only, but for error"""
@@ -462,7 +462,7 @@ class LearnedFigures(Document, is_partial=True):
 
 
 class Report(LearnedFigures, Tier, MotorHealth, Findings):
-    """What is known of a vehicle and axis."""
+    """All results of one vehicle and axis."""
 
     axes: dict[str, AxisFigures]
     """with --axis all: roll, pitch and yaw"""
@@ -493,7 +493,7 @@ class Report(LearnedFigures, Tier, MotorHealth, Findings):
 
 
 class LearnReport(Report):
-    """Report.json, and `--json` of learn and open."""
+    """The document report.json of learn, and `--json` of learn and open."""
 
     source: str
     """the log"""

@@ -20,7 +20,7 @@ from mavdem.units import Hertz, Number, Seconds, UnixSeconds
 
 
 class Unread(Document):
-    """Frames that could not be decoded."""
+    """Frames of one message of one component that could not be decoded."""
 
     message_id: int
     """MAVLink id of the message"""
@@ -37,7 +37,7 @@ class Unread(Document):
 
 
 class Speaker(Document):
-    """All components that sent something."""
+    """A component that sent messages."""
 
     system: int
     """MAVLink id"""
@@ -56,7 +56,7 @@ class Speaker(Document):
 
 
 class Stream(Document):
-    """Messages by name."""
+    """Messages of one name."""
 
     count: int
     """number of messages"""
@@ -65,7 +65,7 @@ class Stream(Document):
 
 
 class AutopilotAlarm(Document):
-    """What the autopilot itself warned of (STATUSTEXT), the worst first."""
+    """A warning of the autopilot itself (STATUSTEXT)."""
 
     severity: str
     """emergency, alert, critical, error or warning"""
@@ -80,7 +80,7 @@ class AutopilotAlarm(Document):
 
 
 class Vehicle(Tier, MotorHealth, Findings):
-    """The vehicles among them."""
+    """A vehicle of the log."""
 
     system: int
     """MAVLink id"""

@@ -25,7 +25,7 @@ CommaSeparated = Annotated[list[str], BeforeValidator(_split_at_commas)]
 
 
 class Stage(Document):
-    """How far a log is, and what is known of it."""
+    """How far the reading of a log is, and what is known of the flight."""
 
     id: str
     """of its link, /f/ID"""
@@ -95,7 +95,7 @@ class FlightReview(Document):
 
 
 class RefusedLog(Document):
-    """A file that is no log."""
+    """An uploaded file that is no log."""
 
     name: str
     """of the file"""
@@ -104,7 +104,7 @@ class RefusedLog(Document):
 
 
 class Added(Document):
-    """What became of an upload."""
+    """What became of the files of an upload."""
 
     flights: list[Flight]
     """logs, which are read now"""
@@ -113,14 +113,14 @@ class Added(Document):
 
 
 class Progress(Stage):
-    """How far a log is."""
+    """How far the reading of a log is, also in words."""
 
     words: str
     """the stage in words"""
 
 
 class Change(Document):
-    """What is to be changed of a flight; what is not named stays."""
+    """Changes to a flight; keys that are absent stay as they are."""
 
     sharing: Sharing = Sharing.PRIVATE
     """private, link or public"""
@@ -135,7 +135,7 @@ class Change(Document):
 
 
 class Baseline(Document):
-    """Healthy flights."""
+    """The healthy flights with which the others of their vehicles are compared."""
 
     flights: Annotated[list[str], Field(max_length=1000)]
     """ids"""

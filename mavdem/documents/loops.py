@@ -38,7 +38,7 @@ from mavdem.units import (
 
 
 class Margins(Document):
-    """Figures of the rate loop."""
+    """Stability margins and other figures of one loop, rate or attitude."""
 
     crossover: Hertz
     """highest frequency at which the gain is 1"""
@@ -86,7 +86,7 @@ class Measured(Document):
 
 
 class Loop(Document):
-    """The loops with the gains of the log."""
+    """The rate and the attitude loop of one axis."""
 
     axis: str
     """roll, pitch or yaw"""
@@ -105,7 +105,7 @@ class Loop(Document):
 
 
 class Target(Document):
-    """The margins asked for."""
+    """Stability margins that were asked for."""
 
     phase_margin: Degrees
     """least phase margin"""
@@ -116,7 +116,7 @@ class Target(Document):
 
 
 class Gain(Document):
-    """Gains by the autopilot's name."""
+    """A gain of the autopilot."""
 
     now: ParameterValue
     """value in the log"""
@@ -164,7 +164,7 @@ class Noise(Document):
 
 
 class AxisAdvice(Document, is_partial=True):
-    """Loops and gains of each axis."""
+    """The loops of one axis and the gains to set."""
 
     refusal: AdviceAndFact
     """why there are no loops; no other key is there then"""
@@ -279,7 +279,7 @@ class TwinVehicle(Document):
 
 
 class Alike(Document):
-    """Figures of the recorded flight, and their mean over the twin's."""
+    """Figures of the recorded flight of one axis beside the mean of flights of the twin."""
 
     levels: list[Decibels]
     """level of the rate's spectrum by band, the twin's over the recorded"""

@@ -54,7 +54,7 @@ class Convert(Converted, is_partial=True):
 
 
 class Listed(Document):
-    """All scenarios."""
+    """A scenario of the list."""
 
     name: str
     """name of the scenario"""
@@ -96,7 +96,7 @@ class Fly(Document, is_partial=True):
 
 
 class ListedClaim(Document):
-    """All claims."""
+    """A claim of the list."""
 
     name: str
     """name of the claim"""
@@ -107,7 +107,7 @@ class ListedClaim(Document):
 
 
 class Claim(Document):
-    """Where the claim stands in the paper."""
+    """A claim of the paper, and where it stands there."""
 
     section: str
     """section of the paper"""
@@ -118,7 +118,7 @@ class Claim(Document):
 
 
 class Check(Document):
-    """Conditions of the claim."""
+    """One condition of a claim."""
 
     rule: str
     """the condition"""
@@ -129,7 +129,7 @@ class Check(Document):
 
 
 class Item(Document):
-    """The paper's claims."""
+    """One claim of the paper, reproduced."""
 
     name: str
     """name of the claim, as in --list"""
@@ -150,7 +150,7 @@ class Item(Document):
 
 
 class Reproduce(Document, is_partial=True):
-    """Numbers.json, and `--json` of reproduce."""
+    """The document numbers.json, and `--json` of reproduce."""
 
     claims: list[ListedClaim]
     """all claims; with --list, and nothing else"""

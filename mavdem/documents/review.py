@@ -72,7 +72,7 @@ class Response(Document):
 
 
 class Responses(Document):
-    """A loop's measured response, and what is said of it."""
+    """The response of one loop to its setpoint, and the facts about it."""
 
     measured: Response | None
     """null where it is not known"""
@@ -105,7 +105,7 @@ class Spectrogram(Document):
 
 
 class Line(Document):
-    """A line of a spectrum."""
+    """A line of a spectrum: a narrow peak, such as of a motor."""
 
     kind: str
     """motor, frame, alias or unnamed"""
@@ -126,7 +126,7 @@ class Line(Document):
 
 
 class Spectrum(Document):
-    """Power of a sensor, or of what was asked of the motors, by frequency."""
+    """Power of a gyro, an accelerometer or a demand of the motors, by frequency."""
 
     unit: str
     """of what was measured"""
@@ -149,7 +149,7 @@ class Spectrum(Document):
 
 
 class Noise(Document):
-    """What is said of the spectra."""
+    """The facts about the spectra."""
 
     facts: list[Sentence]
     """lines of the gyro, what the filters take, and the notch filter to set"""

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class LiveSamples(Document):
-    """Number of rows."""
+    """Numbers of rows of a session."""
 
     learnt: int
     """number of rows that the learner used"""
@@ -55,7 +55,7 @@ class Latency(Document):
 
 
 class Ahead(Document):
-    """Band of a prediction."""
+    """Uncertainty of a prediction."""
 
     seconds: Seconds
     """how far ahead"""

@@ -36,7 +36,7 @@ from mavdem.units import (
 
 
 class Segment(Document):
-    """The longest segment of settled flight."""
+    """A segment of settled flight."""
 
     boot: int
     """number of the vehicle's boot, from 0"""
@@ -47,14 +47,14 @@ class Segment(Document):
 
 
 class LongSegment(Segment):
-    """Segments of settled flight, the longest first."""
+    """A segment of settled flight with its duration."""
 
     duration: Seconds
     """from start to end"""
 
 
 class Mixer(Document):
-    """Channels and places of the motors."""
+    """Channels and positions of the motors."""
 
     channels: list[int]
     """output channel of each motor, from 1"""
@@ -117,7 +117,7 @@ class Hover(Document):
 
 
 class Steady(Document):
-    """Steady command about each axis, as a share of the motors' range."""
+    """Steady command about one axis, as a share of the range of the motors."""
 
     mean: float
     """mean over settled flight"""
@@ -128,7 +128,7 @@ class Steady(Document):
 
 
 class Lean(Document):
-    """Mean roll and pitch."""
+    """Mean roll or pitch."""
 
     mean: Radians
     """mean over settled flight"""
@@ -165,7 +165,7 @@ class Battery(Document):
 
 
 class Oscillation(Document):
-    """A limit cycle."""
+    """A limit cycle of the vehicle."""
 
     axis: str
     """the axis that turns faster: roll or pitch"""
@@ -238,7 +238,7 @@ class Identity(Document):
 
 
 class MotorAlarm(Document):
-    """Motors that lost thrust in flight."""
+    """A motor that lost or regained thrust in flight, or a lasting change of torque."""
 
     time: Seconds
     """when it was found, on the boot clock"""
@@ -266,7 +266,7 @@ class MotorAlarm(Document):
 
 
 class FalseAlarms(Document):
-    """Rate of false alarms."""
+    """Rate of false alarms of lost thrust."""
 
     at_most: PerHour
     """upper bound with 95 % confidence"""
@@ -275,7 +275,7 @@ class FalseAlarms(Document):
 
 
 class MotorHealth(Document):
-    """MotorHealth."""
+    """Changes of motors that were detected in flight."""
 
     alarms: list[MotorAlarm]
     """motors that lost thrust in flight"""
@@ -299,7 +299,7 @@ class NextTier(Document):
 
 
 class Tier(Document):
-    """Tier."""
+    """What can be learned from a log, by its rates and messages."""
 
     tier: str | None
     """what the log allows: a (full model), b (slow motion) or c (condition only)"""
@@ -312,7 +312,7 @@ class Tier(Document):
 
 
 class Quality(Document):
-    """What was measured on that segment."""
+    """Figures of a segment of settled flight that decide what can be learned from it."""
 
     armed: Seconds
     """time armed, over all boots"""
@@ -380,7 +380,7 @@ class Verdict(Document):
 
 
 class Override(Document):
-    """What makes the flight itself doubtful, the worst first."""
+    """A reason why the flight itself is doubtful, such as an oscillation."""
 
     @model_validator(mode="before")
     @classmethod
@@ -404,7 +404,7 @@ class Override(Document):
 
 
 class Finding(Document):
-    """What the model is good for."""
+    """How good the model is for one purpose."""
 
     purpose: str
     """control effectiveness, damping and time constant, wind torque, prediction or residuals"""
@@ -415,7 +415,7 @@ class Finding(Document):
 
 
 class Findings(Judged):
-    """Findings."""
+    """What was found in a flight: events, doubts about the flight, and what the model is good for."""
 
     events: list[Sentence]
     """what happened, in order"""

@@ -27,7 +27,7 @@ COURSE_DECIMALS = 4
 
 
 class WindMinute(Document):
-    """Mean wind of each minute."""
+    """Mean wind of one minute."""
 
     start: Seconds
     """on the boot clock"""
@@ -44,7 +44,7 @@ class WindMinute(Document):
 
 
 class WindLayer(Document):
-    """Mean wind of layers of 10 m."""
+    """Mean wind of a layer of 10 m of height."""
 
     height: Metres
     """height of the middle of the layer"""
@@ -55,7 +55,7 @@ class WindLayer(Document):
 
 
 class Drag(Document):
-    """Drag of the vehicle."""
+    """Drag of the vehicle, linear and quadratic in the airspeed."""
 
     linear: list[PerSecond]
     """linear drag along body x and y"""
@@ -80,7 +80,7 @@ class Drag(Document):
 
 
 class WindVelocity(Document):
-    """Wind in m/s."""
+    """The wind in m/s: its mean, its gusts and its course over time."""
 
     speed: Speed
     """speed of the mean wind"""
