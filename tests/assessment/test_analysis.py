@@ -36,7 +36,7 @@ def slow():
 
 
 @mark.slow
-def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_is_told(slow):
+def test_the_slow_motion_is_learnt_where_it_predicts_better(slow):
     told = plain_text(analysis_blocks(slow))
     slow = slow.analysis
     assert slow.tier.tier == "b" and slow.learned is not None and slow.held_out is not None

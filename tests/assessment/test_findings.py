@@ -62,7 +62,7 @@ def of_vehicle(oscillation=None, **hover):
         ({"count": 4}, LIMITED, 0.04),
     ],
 )
-def test_prediction_is_good_only_beside_the_better_baseline_and_with_a_band_that_holds(
+def test_prediction_is_good_only_beside_the_better_baseline_with_a_band_that_holds(
     figures, grade, ratio
 ):
     finding = found(PREDICTION, model(physical()), held_out(**figures))
@@ -100,7 +100,7 @@ def test_parameters_are_good_up_to_a_width_of_their_intervals(share, expected):
     assert (found(EFFECT, learned).grade, found(MOTION, learned).grade) == expected
 
 
-def test_parameters_doubted_for_one_reason_are_named_together_and_a_reason_is_given_once():
+def test_parameters_doubted_for_one_reason_are_named_together_and_the_reason_once():
     known = physical(damping=Status.BIASED, lag=Status.BIASED)
     known.reasons |= dict.fromkeys(("damping", "lag"), prose("Why."))
     doubted = found(MOTION, model(known))

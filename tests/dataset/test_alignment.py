@@ -90,7 +90,7 @@ def eight_and_twelve(phase):
     return np.round(phase * 0.004 + np.cumsum(steps), 3)
 
 
-def test_signals_of_another_axis_know_what_was_found_and_those_of_another_flight_do_not():
+def test_signals_of_another_axis_share_results_and_those_of_another_flight_do_not():
     signals = Signals(HOVER.telemetry())
     found = settled_segments(signals)
     assert settled_segments(signals.for_axis("roll")) is found
@@ -223,7 +223,7 @@ def test_what_never_rose_was_never_in_the_air_whatever_is_reported():
         )
 
 
-def test_a_vehicle_that_hovers_below_any_threshold_flies_as_its_land_detector_reports():
+def test_a_vehicle_that_hovers_below_any_threshold_flies_by_its_land_detector():
     telemetry = reported()
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
     pulses = np.where(in_air(time), 1120, 1050) + np.zeros((4, 1))

@@ -121,7 +121,7 @@ def with_contradiction(telemetry, start, end):
     return changed(telemetry, "ATTITUDE", rollspeed=wrong)
 
 
-def test_the_longest_segment_that_can_be_learned_from_is_taken_or_the_longest_explains():
+def test_the_longest_learnable_segment_is_taken_or_the_longest_explains():
     telemetry = with_contradiction(LONG.telemetry(), 0.0, 100.0)
     longest, second = settled_segments(Signals(telemetry))
     learnability = judged(telemetry)
@@ -149,7 +149,7 @@ def test_where_nothing_shows_flight_nothing_is_claimed_about_it():
     assert reason.code is Reason.NO_EVIDENCE_OF_FLIGHT
 
 
-def test_a_hover_on_little_of_the_motors_range_is_a_flight_where_the_autopilot_idles_lower():
+def test_a_hover_on_little_of_the_range_is_a_flight_where_the_autopilot_idles_lower():
     telemetry = HOVER.telemetry()
     strong = with_pulses(telemetry, 1000 + (pulses(telemetry) - 1000) // 3)
     assert refused_for(strong).figures["least_collective"] == approx(0.2)
@@ -283,7 +283,7 @@ REFUSED = {
 
 
 @mark.parametrize("name", REFUSED)
-def test_what_cannot_be_learned_from_is_refused_with_the_figures_that_decided_and_a_remedy(name):
+def test_an_unlearnable_flight_is_refused_with_the_deciding_figures_and_a_remedy(name):
     telemetry, code, remedy, figures = REFUSED[name]
     reason = refused_for(telemetry)
     assert reason.code is code
@@ -453,7 +453,7 @@ def test_a_message_that_cannot_be_is_left_out_and_reported(field, wrong):
     assert abs(flight.outputs).max() < 1
 
 
-def test_one_wild_rate_does_not_speak_for_the_whole_and_degrees_are_reported_as_such():
+def test_one_wild_rate_does_not_decide_and_degrees_are_reported_as_such():
     telemetry = Hover(sway=0.01).telemetry()
     rate = telemetry.messages["ATTITUDE"]["rollspeed"].copy()
     rate[3000] = 30.0

@@ -175,7 +175,7 @@ def test_without_parameters_the_moving_channels_are_assumed_and_said():
     }
 
 
-def test_the_tilt_servo_of_a_tricopter_is_no_motor_and_an_unknown_frame_has_no_places():
+def test_a_tricopter_s_tilt_servo_is_no_motor_and_an_unknown_frame_has_no_places():
     parameters = {"FRAME_CLASS": 7.0} | {f"SERVO{n}_FUNCTION": 32.0 + n for n in (1, 2, 4, 7)}
     found = motor_geometry(
         "TRICOPTER", "ARDUPILOTMEGA", parameters, moving_channels=[1, 2, 4, 7], bank_size=8
@@ -256,7 +256,7 @@ def test_a_message_without_motors_that_move_leaves_the_next():
     assert_array_equal(motors.outputs, HOVER.motors(time))
 
 
-def test_the_range_of_pulse_widths_is_that_of_the_throttle_when_the_autopilot_says_so():
+def test_the_range_of_pulse_widths_is_the_throttle_s_where_the_autopilot_says_so():
     throttle = {"RCMAP_THROTTLE": 3.0, "RC3_MIN": 1150.0, "RC3_MAX": 1900.0}
     idle = output_scale(np.array([[1220.0], [1500.0]]), throttle).fraction(np.array([1220.0]))
     assert idle[0] < min_airborne_collective(throttle), (
@@ -319,7 +319,7 @@ def test_a_stop_is_where_motors_stay_as_nowhere_below(stay, close, depth, highes
     assert motor_outputs._observed_upper_stop(shares[:, None]) == (highest if stops else 1.0)
 
 
-def test_a_position_is_in_metres_north_east_and_down_of_the_first_also_across_the_date_line():
+def test_a_position_is_metres_north_east_down_of_the_first_also_across_the_date_line():
     # Before the first fix, and damaged.
     degrees = np.array([[0.0, 0.0], [60.0, 179.9999], [60.0001, -179.9999], [95.0, 0.0]])
     fields = dict(zip(("lat", "lon"), np.round(1e7 * degrees.T), strict=True), relative_alt=5000.0)

@@ -48,7 +48,7 @@ def regressed(choice):
 
 
 @mark.parametrize("choice", [LONGER, SHORTER])
-def test_the_terms_of_the_free_energy_are_what_they_are_named_and_sum_to_the_log_evidence(choice):
+def test_the_terms_of_the_free_energy_are_as_named_and_sum_to_the_log_evidence(choice):
     """Given Σ, the samples are Gaussian about the random walk, of covariance Σ ⊗ (1 + X P⁻¹ Xᵀ)."""
     design, error, precision, spread, found = regressed(choice)
     noise = error.T @ np.linalg.solve(spread, error) / len(design) + ROUNDING_TOLERANCE * np.eye(K)
@@ -117,7 +117,7 @@ def test_the_motors_that_turn_the_axis_are_found(direction):
     assert abs(found @ expected) > 0.98
 
 
-def test_motors_that_answer_the_axis_turn_it_where_slow_ones_tell_its_future_as_well():
+def test_motors_that_answer_the_axis_turn_it_where_slow_ones_also_foretell_it():
     noise = np.outer(default_rng(0).standard_normal(700), 20 * X_FRAME)
     inputs = TRAIN.inputs + noise + np.outer(np.arange(700), [1, 1, -1, -1])
     (found,) = joint.axis_mixer(replace(TRAIN, inputs=inputs, effect_directions=None)).T

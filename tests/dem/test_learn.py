@@ -192,7 +192,7 @@ def test_wrong_forecast_inputs_are_named():
 
 
 @mark.parametrize("settings", [PLANT, Settings.paper(), replace(PLANT, order=3, forecasts="joint")])
-def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physical_model(settings):
+def test_from_zero_row_0_is_the_trim_and_inputs_move_the_rest_by_the_physical_model(settings):
     flight = simulated(wind=0.5)
     learned = learn(flight[:700], settings)
     model = learned.model

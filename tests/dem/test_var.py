@@ -81,7 +81,7 @@ def given(
     return mean[asked] + gain @ (values - mean[known]), spread.diagonal()
 
 
-def test_predicted_filtered_and_smoothed_are_those_of_the_joint_gaussian_for_each_of_several_pasts():
+def test_predictions_filtering_and_smoothing_are_the_joint_gaussian_s_for_each_past():
     true = model()
     samples = np.stack([run(true, LAGS + STEPS, seed) for seed in (1, 2)])
     pasts = samples[:, :LAGS]

@@ -93,7 +93,7 @@ def test_a_method_without_an_answer_says_why_and_errs_infinitely(method, error, 
     assert found.scores[UNKNOWN].steps == HORIZONS
 
 
-def test_a_window_without_a_unit_of_error_fails_for_every_method_and_a_fault_of_our_own_is_raised():
+def test_a_window_without_a_unit_of_error_fails_for_all_and_our_own_fault_is_raised():
     with raises(TypeError):
         evaluate_window(Method("hold", lambda: None), WINDOWS[0])
     flight = FLIGHTS["a"]

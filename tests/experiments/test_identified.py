@@ -36,7 +36,7 @@ NO_FEEDBACK = np.zeros((2, 2))
 
 @mark.slow
 @mark.parametrize("order", [1, 4])
-def test_subspace_identification_recovers_a_system_to_within_three_times_what_an_efficient_estimate_errs(
+def test_subspace_identification_errs_at_most_three_times_an_efficient_estimate(
     order,
 ):
     """At 16 times the samples no less, which a biased one would miss by four times more."""

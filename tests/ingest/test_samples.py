@@ -48,7 +48,7 @@ def test_whole_batches_are_samples_before_the_filters_and_behind_them():
     assert [*raw_samples(tables, {**IDS, "INS_LOG_BAT_OPT": 2.0})] == ["GYRO_AFTER"]
 
 
-def test_samples_without_gaps_have_stamps_of_their_own_and_imu_is_behind_the_filters():
+def test_samples_without_gaps_have_their_own_stamps_and_imu_is_behind_the_filters():
     time = np.arange(10) / 10
     axes = dict.fromkeys(("GyrX", "GyrY", "GyrZ"), time)
     stamps = {"time": time, "boot": np.zeros(10, int), "I": np.zeros(10)}

@@ -166,7 +166,7 @@ def test_what_the_autotune_adds_to_the_rates_is_injected(tmp_path):
     assert Signals(vehicle, axis="pitch").injected_signals == ()
 
 
-def test_drivers_that_publish_outputs_in_turn_are_told_apart_by_their_number_of_outputs(tmp_path):
+def test_drivers_that_publish_in_turn_are_told_apart_by_their_number_of_outputs(tmp_path):
     """PX4 1.12: one driver's constant outputs, 4, between the motors', of which it says that there are none."""
     turns = [4 if row % 3 == 2 else 0 for row in range(60)]
     values = [[1500.0] * 4 if used else [1000.0 + row] * 4 for row, used in enumerate(turns)]

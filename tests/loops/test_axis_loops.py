@@ -162,7 +162,7 @@ def test_a_controller_that_is_not_known_says_why(parameters, weights, code, figu
     assert refused(controller_from_parameters, parameters, "roll", weights) == Fact(code, **figures)
 
 
-def test_what_the_controllers_model_leaves_out_is_said_of_the_parameters_that_have_it():
+def test_parameters_that_the_controller_model_leaves_out_are_reported():
     names = ["ATC_RAT_RLL_SMAX", "ATC_RAT_RLL_PDMX", "FSTRATE_ENABLE", "MOT_BAT_VOLT_MAX"]
     unmodelled = ARDUPILOT | dict.fromkeys([*names, "ATC_RAT_PIT_SMAX"], 1.0)
     cautions = controller_from_parameters(unmodelled, "roll", X_ROLL).cautions
@@ -256,9 +256,7 @@ def made_up(factor=1.0):
         4.5: "default",
     }.items(),
 )
-def test_advised_gains_have_the_margins_in_95_of_100_plants_and_let_wind_move_it_least(
-    factor, tune
-):
+def test_advised_gains_have_the_margins_in_95_percent_of_plants_and_resist_wind(factor, tune):
     found = advise(before := made_up(factor), tune, more=True)
     least_phase, least_gain, most = MARGIN_TARGETS[tune]
     frequency = np.geomspace(0.05, 90, 2000)

@@ -166,7 +166,7 @@ def test_another_boot_at_the_same_stamps_does_not_count(log):
     assert np.array_equal(both.covariance, alone.covariance)
 
 
-def test_a_plant_that_cannot_be_drawn_is_not_found_and_an_unknown_margin_at_most_half_a_turn(
+def test_a_plant_without_draws_is_refused_and_an_unknown_margin_is_at_most_half_a_turn(
     log, monkeypatch
 ):
     signals, flights = flown(thinned(log, 16))

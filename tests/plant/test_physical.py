@@ -336,7 +336,7 @@ def test_bands_hold_commanded_flights():
 
 
 @mark.slow
-def test_nothing_is_identifiable_where_motors_only_react_to_the_wind_and_there_is_no_band():
+def test_nothing_is_identifiable_where_motors_only_react_to_wind_and_no_band_exists():
     flight = in_closed_loop(0, steering=0.0, wind=3.0)
     learned = mavdem.learn(flight, SETTINGS)
     found = learned.physical

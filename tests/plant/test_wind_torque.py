@@ -73,7 +73,7 @@ def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping
     assert_allclose(found.variance, variance, atol=1e-8 * variance.max())
 
 
-def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_common_is_no_torque():
+def test_a_steady_difference_of_motors_balances_wind_and_their_mean_is_no_torque():
     flight = in_closed_loop(2, steering=0.0, samples=1500)
 
     def torque(shift, known):
@@ -139,7 +139,7 @@ def test_a_gust_is_found_where_it_is_with_its_length_and_size():
     assert detect_gusts(torque, np.full(6000, 10.0), record_of(6000)).gusts == ()
 
 
-def test_a_gust_lasts_as_long_as_the_estimate_resolves_and_returns_to_the_level_it_left():
+def test_a_gust_lasts_as_long_as_the_estimate_resolves_and_returns_to_its_level():
     torque = turbulent(3, 6000)
     torque[3000:3003] += 12.0  # 30 ms
     torque[4000:] += 20.0  # a step stays
@@ -270,7 +270,7 @@ def test_an_earlier_flight_counts_by_its_precision():
 
 
 @mark.slow
-def test_with_a_prior_a_calm_hover_has_a_torque_whose_band_is_as_wide_as_steering_makes_it():
+def test_with_a_prior_the_torque_band_of_a_calm_hover_is_as_wide_as_steering_makes_it():
     """Without wind: what is drawn is error. A motor that is known to be weak adds what its loss is unsure by."""
     calm = in_closed_loop(1, steering=0.0, samples=900, wind=0.0)
     steering = in_closed_loop(2, steering=1.0, wind=0.0)

@@ -114,13 +114,13 @@ def test_a_sharp_line_is_found_however_it_moves_with_the_throttle(exponent):
     assert line.exponent == approx(exponent)
 
 
-def test_without_a_throttle_that_moves_there_is_no_name_and_without_a_spectrum_that_is_said():
+def test_a_steady_throttle_names_no_line_and_a_missing_spectrum_is_reported():
     (still,) = lined((100.3, 1000.0, 0.0), wide=3.0, spread=0.0).lines
     assert still.kind is LineKind.UNNAMED
     assert [fact.code for fact in MeasuredNoise({}, {}).facts] == [Codes.NO_SPECTRUM]
 
 
-def test_the_eight_strongest_lines_over_six_times_the_noise_are_kept_that_are_8_percent_apart():
+def test_the_eight_strongest_lines_above_the_noise_and_8_percent_apart_are_kept():
     hertz = [17, 35, 45, 100, 109, 200, 214, 420, 280, 470, 330]
     powers = [90, 80, 70, 60, 50, 40, 39, 30, 5.7, 5.4, 4.5]
     found = lined(*zip(hertz, powers, np.zeros(11), strict=True)).lines

@@ -406,7 +406,7 @@ time.sleep(3600)
 
 
 @mark.slow
-def test_the_server_is_reached_from_this_machine_only_reports_to_nobody_and_ends_with_who_started_it(
+def test_the_server_is_local_reports_to_nobody_and_ends_with_its_starter(
     tmp_path,
 ):
     ports = free_port(), free_port()

@@ -101,7 +101,7 @@ def test_band_holds_and_a_jump_is_followed():
 
 
 @mark.parametrize("legs", [5.0, 0.0])
-def test_the_share_of_the_torque_is_known_where_the_air_s_velocity_along_the_body_changes(legs):
+def test_the_torque_share_is_known_where_the_air_velocity_along_the_body_changes(legs):
     time, attitude, velocity, _ = flight(legs=legs, turning=0.0, seed=5)
     wind = mavdem.estimate_wind(time, attitude, velocity)
     noise = default_rng(0).normal(0.0, 2.0, len(time))
@@ -134,7 +134,7 @@ def test_air_along_the_body_that_changes_by_less_than_1_m_s_explains_nothing(siz
         (9.0, 7.01, "not identifiable"),
     ],
 )
-def test_a_speed_is_reported_to_0_7_metres_a_second_or_12_percent_and_at_all_to_a_factor_of_eight(
+def test_the_band_of_a_speed_is_0_7_m_s_or_12_percent_and_at_most_a_factor_of_eight(
     speed, half, status
 ):
     assert speed_status(speed, speed - half, speed + half) == status
@@ -256,7 +256,7 @@ def test_a_vehicle_that_something_holds_shows_no_wind(lean, seconds, refused):
     assert (reason is not None and reason.code is NoWind.STUCK) == refused
 
 
-def test_a_message_without_a_yaw_and_a_spin_after_flight_are_left_out_and_a_clock_that_jumps_by_days_refused():
+def test_a_missing_yaw_and_a_spin_on_the_ground_are_left_out_and_a_clock_jump_refused():
     telemetry = recorded("sitl_events/ap_short_with_climb.tlog")
     columns = telemetry.messages["ATTITUDE"]
 
