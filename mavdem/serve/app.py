@@ -43,17 +43,17 @@ Endpoint = Callable[[HttpRequest], Awaitable[Response]]
 """A coroutine function that answers a request."""
 
 
-class Reading(Protocol):
-    """What reads the waiting logs of the library, in the background."""
+class BackgroundReading(Protocol):
+    """The work that reads the waiting logs of the library in the background, such as ``ReadingThreads``."""
 
     def start(self) -> None:
-        """Starts it."""
+        """Starts the work."""
 
     def notify(self) -> None:
-        """Notifies it that a log was added."""
+        """Reports that a log was added to the library."""
 
     def stop(self) -> None:
-        """Ends it."""
+        """Ends the work, and returns when it has ended."""
 
 
 class Server:
@@ -63,7 +63,7 @@ class Server:
         self,
         library: Library,
         rights: Rights,
-        reading: Reading,
+        reading: BackgroundReading,
         sample_log: Path | None = None,
         open_recording: Callable[[Path], str] | None = None,
         monitor: LinkMonitor | None = None,

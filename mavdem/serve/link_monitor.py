@@ -90,7 +90,7 @@ class LinkMonitor:
         return self._page
 
     def _run(self) -> None:
-        """Is the thread: runs sessions until the server ends or one of them fails."""
+        """Runs in the thread: holds one session after the other until the server ends or a session fails."""
         try:
             with LearningProcess() as executor:
                 while not self._is_stopping.is_set():

@@ -67,10 +67,10 @@ class Rights:
         return self._secret_allows(secret or "", use)
 
     def require(self, request: HTTPConnection, use: Use) -> None:
-        """Checks that the sender of a request has the right to a use.
+        """Checks that the sender of a request may use the flights of the library in this way.
 
         Raises:
-            Refusal: he has not.
+            Refusal: the sender has no such right.
         """
         if not self.allows(request, use):
             raise Refusal(Request.NO_RIGHT, name=use)

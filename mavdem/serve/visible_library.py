@@ -1,4 +1,4 @@
-"""The library as the sender of a request may see it: flights by their links, lists, and what all pages show of him."""
+"""The library as the sender of a request may see it: flights, searches, and values that all pages need."""
 
 import json
 from collections.abc import Iterator, Sequence
