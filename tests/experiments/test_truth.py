@@ -8,7 +8,7 @@ from pytest import fixture, mark, raises
 from refusals import unreadable
 
 from mavdem.dem.record import Record
-from mavdem.experiments.paper.runner import hover
+from mavdem.experiments.paper.flights import settled_hover
 from mavdem.experiments.truth import compare_with_truth, read_truth, truth_of
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import Forecasts
@@ -41,7 +41,7 @@ def motion(scenario):
 
 @fixture(scope="module")
 def flight(scenario, motion):
-    flown = hover(scenario, motion)
+    flown = settled_hover(scenario, motion)
     return replace(
         flown,
         outputs=flown.outputs[:, 2:],

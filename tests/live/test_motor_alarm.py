@@ -12,7 +12,7 @@ from pytest import approx, fixture, mark
 
 from mavdem.assessment.axis.analysis import motor_alarms
 from mavdem.dataset.signals import Signals
-from mavdem.experiments.paper.runner import write_log
+from mavdem.experiments.paper.flights import write_log
 from mavdem.facts.session import Session, Spent
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream

@@ -16,7 +16,7 @@ from mavdem.assessment.axis.loops import loop_of_axis
 from mavdem.dataset.flights import usable_segments
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.dem.record import Record
-from mavdem.experiments.paper.runner import write_log
+from mavdem.experiments.paper.flights import write_log
 from mavdem.facts.identifiability import Status
 from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Loops, Responses

@@ -7,7 +7,7 @@ from unittest.mock import Mock, patch
 import numpy as np
 
 from mavdem.dem import Settings
-from mavdem.experiments.paper.runner import logged
+from mavdem.experiments.paper.flights import simulated_flight
 from mavdem.live import LiveStream
 from mavdem.live.session import LiveSession
 from sitl_scenarios.mavlink.live import Ground, fly_live
@@ -88,7 +88,7 @@ def undisturbed(scenario, seed):
         "stream": stream,
         "vehicle": vehicle,
     }
-    return logged(scenario.model_copy(update=changes))
+    return simulated_flight(scenario.model_copy(update=changes))
 
 
 def error_ratios(learned, flight):

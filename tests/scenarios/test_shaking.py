@@ -6,7 +6,7 @@ from scipy.signal import periodogram, welch
 
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
-from mavdem.experiments.paper.runner import write_log
+from mavdem.experiments.paper.flights import write_log
 from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest import read_log
 from mavdem.loops.controllers import controller_from_parameters

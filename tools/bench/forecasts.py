@@ -18,7 +18,7 @@ import numpy as np
 
 import mavdem
 from mavdem.evaluate import METHODS, Comparison, Method, Window, compare, windows
-from mavdem.experiments.paper.runner import SHARED, recorded_flights
+from mavdem.experiments.paper.flights import DATA_FOLDER, recorded_flights
 from mavdem.report.blocks import Table, markdown
 from mavdem.report.comparison import comparison_report
 
@@ -65,7 +65,7 @@ def main(most: int | None, preset: str, settings: str) -> None:
     parts = [window for named in recorded_flights() for window in cut(*named, most)]
     if not parts:
         sys.exit(
-            f"There are no recorded flights in {SHARED}; name their folder in MAVDEM_SHARED_DATA."
+            f"There are no recorded flights in {DATA_FOLDER}; name their folder in MAVDEM_SHARED_DATA."
         )
     compared = compare(parts, [ours, *joint])
     print(markdown([by_flight(compared), *comparison_report(compared)]))

@@ -28,7 +28,7 @@ from mavdem.assessment.axis import Options
 from mavdem.assessment.record import NoLoop
 from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.errors import Refusal
-from mavdem.experiments.paper.runner import write_log
+from mavdem.experiments.paper.flights import write_log
 from mavdem.facts import Fact
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest import Log, read_log

@@ -27,7 +27,7 @@ from mavdem import Flight
 from mavdem.confidence import coverage_factor
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable, Unreadable
-from mavdem.experiments.paper.runner import SHARED, logged
+from mavdem.experiments.paper.flights import DATA_FOLDER, simulated_flight
 from mavdem.facts.identifiability import Status
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.vocabulary import IN_AIR
@@ -136,7 +136,7 @@ def judged(case: Case) -> list[Values]:
     """A row of each window of a flight, and of the whole: estimates and the wind torque beside the truth."""
     try:
         of = scenario(case)
-        flight = logged(of)
+        flight = simulated_flight(of)
         motion = fly(of)
     except (NotLearnable, Unreadable) as reason:
         click.echo(f"{case}: refused: {reason}", err=True)
@@ -236,7 +236,7 @@ def usdlog(path: Path) -> NDArray[Any]:
 
 def crazyflie(axis: str) -> list[Values]:
     """Rows of an axis of a Crazyflie 2.1 with roll and pitch excited, really flown."""
-    rows = usdlog(SHARED / "real/crazyflie/roll_pitch_excitation.usdlog")
+    rows = usdlog(DATA_FOLDER / "real/crazyflie/roll_pitch_excitation.usdlog")
     gyro, directions = AXES[axis]
     time = np.arange(56.0 * RATE, 89.0 * RATE) / RATE  # where it is excited
     columns = [rows[f"motor.m{motor}"] / 65535 for motor in range(1, 5)]

@@ -22,7 +22,7 @@ from scipy.signal import spectrogram
 
 from mavdem.cli.twin import twin_command
 from mavdem.dataset.flights import choose_vehicle
-from mavdem.experiments.paper.runner import write_log
+from mavdem.experiments.paper.flights import write_log
 from mavdem.ingest import read_log
 from sitl_scenarios.files import load, with_parameters, with_vehicle
 from sitl_scenarios.gains import control_parameters

@@ -18,7 +18,7 @@ from flights import TABLES, Values, command, drawn, rows_of, share, show
 from numpy.random import Generator, default_rng
 
 from mavdem import Drag, wind
-from mavdem.experiments.paper.runner import write_log
+from mavdem.experiments.paper.flights import write_log
 from mavdem.facts.identifiability import Status
 from mavdem.wind_velocity.compass import meteorological_direction
 from sitl_scenarios.files import load, scenario_of

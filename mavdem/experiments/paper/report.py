@@ -1,4 +1,4 @@
-"""The report of `mavdem reproduce`: a page with its figures, the numbers, and a recording for Rerun."""
+"""The report of ``mavdem reproduce``: a page with a chapter for each claim of the paper, and ``numbers.json``."""
 
 import platform
 from collections.abc import Sequence
@@ -11,59 +11,73 @@ from mavdem.experiments.paper import (
     CLAIMS,
     INTRODUCTION,
     Claim,
-    forecasts,
+    authors_code,
+    benchmark,
+    generalized_coordinates,
     landscape,
+    model_order,
     noise,
-    oracle,
-    order,
+    prediction,
 )
-from mavdem.experiments.paper.runner import ClaimStatus, ExperimentResult, findings
+from mavdem.experiments.paper.checks import (
+    ClaimStatus,
+    ExperimentResult,
+    claim_status,
+    joined_findings,
+)
 from mavdem.facts import Level
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table
 from mavdem.report.pages.page import Chapter
 from mavdem.report.pages.page import render_document as page
 
 EXPERIMENTS = (
-    *(noise.run, forecasts.prediction, forecasts.coordinates, forecasts.benchmark),
-    *(order.run, oracle.run, landscape.run),
+    noise.run,
+    prediction.run,
+    generalized_coordinates.run,
+    benchmark.run,
+    model_order.run,
+    authors_code.run,
+    landscape.run,
 )
+"""The functions that run the experiments, in the order of ``CLAIMS``."""
+
 ITEMS = dict(zip(CLAIMS, EXPERIMENTS, strict=True))
+"""The experiment of each claim: a function that takes the :class:`Runner`."""
 
 PAGE = "index.html"
+"""File name of the page in the folder of the report."""
+
 NUMBERS = "numbers.json"
+"""File name of the numbers in that folder."""
+
 TITLE = "A Brain Inspired Learning Algorithm for the Perception of a Quadrotor in Wind"
+"""Title of the paper."""
 
 
 @dataclass(frozen=True)
 class ItemReport:
-    """A claim and the result of its experiment."""
+    """The report on one claim: the claim and the result of its experiment."""
 
     claim: Claim
+    """The claim of the paper."""
+
     result: ExperimentResult
+    """The result of its experiment."""
 
     @property
     def status(self) -> ClaimStatus:
-        """Whether the claim is reproduced, from the checks; without any, it is not tried."""
-        held = [check.holds for check in self.result.checks]
-        if not held:
-            return ClaimStatus.UNTRIED
-        return (
-            ClaimStatus.REPRODUCED
-            if all(held)
-            else ClaimStatus.PARTLY
-            if any(held)
-            else ClaimStatus.NOT
-        )
+        """Whether the claim is reproduced, by its checks; without any, it is not tried."""
+        return claim_status(self.result.checks)
 
     @property
     def sentence(self) -> str:
-        """The status and the findings behind it."""
+        """The status and the findings of all checks, or why there are none, as one sentence."""
         if not self.result.checks:
             return f"Not tried: {' '.join(self.result.remarks)}"
-        return f"{self.status.value.capitalize()}: {findings(self.result.checks)}."
+        return f"{self.status.value.capitalize()}: {joined_findings(self.result.checks)}."
 
     def to_dict(self) -> JsonValues:
-        """Returns plain JSON values by name."""
+        """Returns the entry of this claim in ``numbers.json``, as plain JSON values by name."""
         claim = self.claim
         return {
             "name": claim.name,
@@ -77,25 +91,34 @@ class ItemReport:
         }
 
     def chapter(self) -> Chapter:
-        """Returns its part of the page: the claim, what was found, the rules of the checks, tables and figures."""
+        """Returns the chapter of the page: the claim, the findings, the rules of the checks, tables and figures."""
         claim = self.claim
         result = self.result
-        blocks: Blocks = [
-            Sentence(f"“{claim.quote}” ({', '.join(claim.labels)})", f"{claim.section}:"),
-            Sentence(self.sentence),
-        ]
+        quotation = f"“{claim.quote}” ({', '.join(claim.labels)})"
+        blocks: Blocks = [Sentence(quotation, f"{claim.section}:"), Sentence(self.sentence)]
+        # Without checks, the sentence above already contains the remarks.
         if result.checks:
-            checks = [
-                ["holds" if check.holds else "fails", check.finding, check.rule]
-                for check in sorted(result.checks, key=lambda check: check.holds)
-            ]
-            blocks += [Table(["check", "finding", "holds if"], checks, words=True), *result.tables]
-            blocks += map(Sentence, (*claim.remarks, *result.remarks))
+            blocks.append(self._check_table())
+            blocks += result.tables
+            for remark in (*claim.remarks, *result.remarks):
+                blocks.append(Sentence(remark))
         return Chapter(claim.title, blocks, [picture.group for picture in result.pictures])
+
+    def _check_table(self) -> Table:
+        """Returns the table of all checks with their findings and rules, those that fail first."""
+        rows = []
+        for check in sorted(self.result.checks, key=lambda check: check.holds):
+            rows.append(["holds" if check.holds else "fails", check.finding, check.rule])
+        return Table(["check", "finding", "holds if"], rows, words=True)
 
 
 def document(reports: Sequence[ItemReport], seconds: float) -> JsonValues:
-    """Returns all numbers as plain JSON values, the content of ``numbers.json``."""
+    """Returns the content of ``numbers.json``: all numbers as plain JSON values.
+
+    Args:
+        reports: one for each claim whose experiment ran.
+        seconds: how long all experiments took, s.
+    """
     return {
         "paper": TITLE,
         "mavdem": version("mavdem"),
@@ -106,26 +129,30 @@ def document(reports: Sequence[ItemReport], seconds: float) -> JsonValues:
 
 
 def write(folder: Path, reports: Sequence[ItemReport], seconds: float) -> None:
-    """Writes the page."""
+    """Writes the page: a table of all claims with their status, then a chapter for each.
+
+    Args:
+        folder: folder of the report, which is created if need be.
+        reports: one for each claim whose experiment ran.
+        seconds: how long all experiments took, s.
+
+    Raises:
+        OSError: the folder or the page cannot be written.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    levels = {ClaimStatus.REPRODUCED: Level.GOOD}
-    rows = [
-        [
-            report.claim.title,
-            Rated(report.status.value, levels.get(report.status, Level.UNKNOWN)),
-            report.sentence,
-        ]
-        for report in reports
-    ]
+    rows = []
+    for report in reports:
+        # Only a claim that is reproduced is coloured: the others are no warnings about the product.
+        level = Level.GOOD if report.status is ClaimStatus.REPRODUCED else Level.UNKNOWN
+        rows.append([report.claim.title, Rated(report.status.value, level), report.sentence])
     blocks: Blocks = [
         Sentence(INTRODUCTION),
         Table(["item", "status", "findings"], rows, words=True),
         Sentence(f"All numbers are in `{NUMBERS}`. It took {seconds:.0f} s."),
     ]
-    subtitle = f"The experiments of {TITLE} (Anil Meera and Wisse), run again."
     html = page(
         "The paper’s experiments, run again",
-        subtitle,
+        f"The experiments of {TITLE} (Anil Meera and Wisse), run again.",
         blocks,
         [report.chapter() for report in reports],
     )

@@ -1,315 +1,242 @@
-"""What an experiment is made of: the paper's claim, the flights it runs on, and the checks that decide it.
+"""Runner of the paper's experiments: trains the paper's methods on windows of flights, in worker processes.
 
-The rules of checks are fixed before the numbers are known. Methods run on the windows of five simulated flights, in
-place of the paper's, and of recorded ones, in worker processes; what several experiments share is computed once.
+Results that several experiments need are computed once and stored by the runner.
 """
 
-import os
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
-from enum import StrEnum
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import chain
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
-from scipy.io import loadmat
 
 from mavdem import evaluate
 from mavdem.arrays import Array
-from mavdem.containers import JsonValues, Names
-from mavdem.dataset import read_flight
 from mavdem.dem import Settings, learn
 from mavdem.dem.parallel import parallel_map
-from mavdem.errors import NotLearnable
 from mavdem.experiments.comparison import Method, Outcome, run_trial
 from mavdem.experiments.held_out import Progress
-from mavdem.experiments.scores import FROM_ZERO, KNOWN, REFERENCE_RATE
-from mavdem.experiments.window import Window, part_samples, windows
+from mavdem.experiments.paper.flights import (
+    ARDRONE_NAME,
+    ARDRONE_RECORDING,
+    TEST_SAMPLES,
+    TRAINING_SAMPLES,
+    read_ardrone_flight,
+    simulated_experiment,
+)
+from mavdem.experiments.scores import FROM_ZERO, KNOWN
+from mavdem.experiments.window import Window, windows
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
-from mavdem.files import PathName
-from mavdem.flight import Flight
-from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import interpolated
-from mavdem.ingest.tlog import write_tlog
-from mavdem.ingest.vocabulary import IN_AIR
-from mavdem.report.blocks import Block
-from mavdem.report.figures.style import Picture
-from sitl_scenarios.files import load
-from sitl_scenarios.mavlink.transmitter import recorded
-from sitl_scenarios.motion import Motion, estimated_angles
-from sitl_scenarios.scenario import Scenario
-from sitl_scenarios.simulation import fly
-
-EXPERIMENTS = (1, 2, 3, 4, 5)
-SHOWN_EXPERIMENT = 2  # the experiment that the paper's figures of one flight show
-
-SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", "shared/data"))
-"""The folder of the recorded flights, which are no part of the product: unless named, one in the working directory."""
-
-TRAIN, TEST = part_samples(
-    1 / REFERENCE_RATE
-)  # samples of a window, as in the paper, at every rate
-REAL = "the real AR.Drone"
-"""TU Delft's recorded flight: the paper's vehicle in the paper's laboratory."""
-ARDRONE = SHARED / "ardrone_tudelft" / "expData10_29_25.mat"
-# left out at the start of the hover, while the motion of the take-off decays
-SKIPPED_HOVER_SECONDS = 3.0
-
-
-def simulated_experiment(number: int) -> Flight:
-    """Returns the simulated flight in place of experiment 1 to 5 of the paper, as its log holds it."""
-    return logged(load(f"paper_{number}"), f"paper_{number}")
-
-
-def logged(scenario: Scenario, name: str = "flight") -> Flight:
-    """Returns a simulated flight: flown, written as a telemetry log of this name and read again."""
-    motion = fly(scenario)
-    with TemporaryDirectory() as folder:
-        log = Path(folder) / f"{name}.tlog"
-        write_log(log, scenario, motion)
-        return read_flight(log)
-
-
-def write_log(path: PathName, scenario: Scenario, motion: Motion) -> None:
-    """Writes a telemetry log of a simulated flight."""
-    with open(path, "wb") as file:
-        write_tlog(file, recorded(scenario, motion))
-
-
-def hover(scenario: Scenario, motion: Motion) -> Flight:
-    """Returns the settled hover of a simulated flight as its autopilot estimates it, without a MAVLink link in between.
-
-    Inputs are the motors. Outputs are y (m), ẏ (m/s), φ (rad) and φ̇ (rad/s). The rate is the scenario's.
-    """
-    airborne = motion.time[motion.landed_state == IN_AIR]
-    rate = scenario.stream.rate
-    time = (
-        np.arange(round((airborne[0] + SKIPPED_HOVER_SECONDS) * rate), int(airborne[-1] * rate))
-        / rate
-    )
-    columns = (
-        motion.known_position[:, 1],
-        motion.known_velocity[:, 1],
-        estimated_angles(motion)[:, 0],
-        motion.known_rates[:, 0],
-    )
-    outputs = interpolated(time, motion.time, np.column_stack(columns))
-    motors = interpolated(time, motion.time, motion.outputs)
-    return Flight(time, motors, outputs, dt=1 / rate)
-
-
-def recorded_flights() -> Iterator[tuple[str, Flight]]:
-    """Yields each recorded flight that a roll model can be trained on, by name; one for each vehicle of a log."""
-    for path in sorted(SHARED.glob("sitl_*/*.tlog")):
-        vehicles = read_log(path).vehicles
-        for vehicle in vehicles:
-            name = f"{vehicle.system}:{vehicle.component}"
-            try:
-                flight = read_flight(path, vehicle=name)
-            except NotLearnable:
-                continue
-            yield path.stem if len(vehicles) == 1 else f"{path.stem} {name}", flight
-    if ARDRONE.exists():
-        yield ARDRONE.parent.name, ardrone(ARDRONE)
-
-
-def ardrone(path: Path) -> Flight:
-    """Returns TU Delft's AR.Drone 2.0 in wind.
-
-    It has roll from motion capture, roll rate from the IMU and four PWM, at 120 Hz.
-    """
-    data = loadmat(path, squeeze_me=True, struct_as_record=False)["expData"].origData
-    rate = 120
-    # It is airborne from 21.7 s on, and never lands in the recording.
-    time = np.arange(2600, len(data.otTime)) / rate
-    time = time[time <= min(data.otTime[-1], data.imuTime[-1], data.navTime[-1])]
-    roll = np.interp(time, data.otTime, data.otOrient[2])
-    roll_rate = np.interp(time, data.imuTime, data.imuVAng[0])
-    motors = [np.interp(time, data.navTime, motor) for motor in data.navMotor]
-    return Flight(time, np.stack(motors, axis=1), np.stack([roll, roll_rate], axis=1), dt=1 / rate)
-
 
 Job = TypeVar("Job")
 JobResult = TypeVar("JobResult")
 Key = TypeVar("Key", bound=Hashable)
 
+EXPERIMENT_NUMBERS = (1, 2, 3, 4, 5)
+"""Numbers of the paper's five flights."""
 
-class ClaimStatus(StrEnum):
-    """How much of a claim is reproduced."""
+FIGURE_EXPERIMENT = 2
+"""The experiment that the paper's figures of a single flight show."""
 
-    REPRODUCED = "reproduced"
-    PARTLY = "partly"
-    NOT = "not reproduced"
-    UNTRIED = "not tried"
+RANDOM_PRIOR_COUNT = 40
+"""Random priors of the parameters, η^θ, that DEM is trained from on each experiment; a choice."""
 
+PAPER_SETTINGS = Settings.paper()
+"""The paper's settings of DEM: generalized coordinates of order p = 2."""
 
-class Check(NamedTuple):
-    """One condition for a claim; ``rule`` and ``finding`` (the result with its numbers) are clauses."""
-
-    rule: str
-    holds: bool
-    finding: str
-
-
-def findings(checks: Sequence[Check]) -> str:
-    """Returns the findings of the checks that fail, then of those that hold."""
-    parts = (
-        [check.finding for check in checks if not check.holds],
-        [check.finding for check in checks if check.holds],
-    )
-    return "; but ".join("; ".join(part) for part in parts if part)
-
-
-def percent(share: float) -> str:
-    """Returns a share as ``90 %``, three digits at most."""
-    return f"{100 * share:.3g} %"
-
-
-def plain(errors: dict[str, Array]) -> dict[str, list[float]]:
-    """Returns errors by name as plain JSON values."""
-    return {name: values.tolist() for name, values in errors.items()}
-
-
-@dataclass(frozen=True)
-class ExperimentResult:
-    """What running an experiment gave."""
-
-    # these decide the status; without any, ``remarks`` has the reason
-    checks: tuple[Check, ...] = ()
-    numbers: JsonValues = field(default_factory=dict)  # plain JSON values by name
-    tables: tuple[Block, ...] = ()  # with the sentences above them
-    pictures: tuple[Picture, ...] = ()
-    remarks: Names = ()  # sentences
-
-
-PAPER = Settings.paper()
-PAPER_P1 = replace(PAPER, p=1, d=1, window=2)
+PAPER_SETTINGS_P1 = replace(PAPER_SETTINGS, p=1, d=1, window=2)
 """The paper's settings without generalized coordinates: the first derivative, which the model needs, and no more."""
 
-WITH = MethodName.PAPER
-WITHOUT = MethodName.PAPER_P1
-PEERS = ("subspace(2)", "PEM(2)", "EM(2)")  # the paper's, with as many states as its model
-MEAN = HeldOutForecast.CONSTANT_MEAN
+DEM_P2 = MethodName.PAPER
+"""Name of DEM with ``PAPER_SETTINGS``."""
 
-METHODS = [method for method in evaluate.METHODS if method.name in (WITH, WITHOUT, *PEERS, MEAN)]
+DEM_P1 = MethodName.PAPER_P1
+"""Name of DEM with ``PAPER_SETTINGS_P1``."""
 
-DATA = "the data"
-ZERO = "state 0"
-STARTS = {DATA: KNOWN, ZERO: FROM_ZERO}
-"""The question of a forecast from the end of training, and from state 0 as in the authors' code."""
+PEER_METHODS = ("subspace(2)", "PEM(2)", "EM(2)")
+"""The methods that the paper compares DEM with, with two states each, as many as its model has."""
+
+CONSTANT_MEAN = HeldOutForecast.CONSTANT_MEAN
+"""Name of the baseline that forecasts the mean of the training data."""
+
+METHODS = [
+    method
+    for method in evaluate.METHODS
+    if method.name in (DEM_P2, DEM_P1, *PEER_METHODS, CONSTANT_MEAN)
+]
+"""The methods that are trained on the windows of every flight."""
+
+DATA_START = "the data"
+"""Name of a forecast that starts from the state estimated at the end of training."""
+
+ZERO_START = "state 0"
+"""Name of a forecast that starts from state 0, as in the authors' code."""
+
+QUESTION_BY_START = {DATA_START: KNOWN, ZERO_START: FROM_ZERO}
+"""The forecast of an ``Outcome`` by the name of its start."""
 
 
-def errors_of(trials: Iterable[Outcome], start: str) -> Array:
-    """Returns (trials,) the MSPE of forecasts from ``start``, summed over outputs; infinite without a forecast."""
-    return np.array([trial.mspe(STARTS[start]).sum() for trial in trials])
+def forecast_errors(outcomes: Iterable[Outcome], start: str) -> Array:
+    """Returns the MSPE of each outcome's forecast, summed over the outputs.
+
+    Args:
+        outcomes: N outcomes of methods on windows.
+        start: start of the forecasts, a key of ``QUESTION_BY_START``.
+
+    Returns:
+        (N,) errors; infinite where there is no forecast.
+    """
+    question = QUESTION_BY_START[start]
+    return np.array([outcome.mspe(question).sum() for outcome in outcomes])
 
 
-def median_draw(trials: list[Outcome], start: str) -> Outcome:
-    """Returns that of the trials from random priors whose error is the median."""
-    return trials[np.argsort(errors_of(trials, start), kind="stable")[len(trials) // 2]]
+def median_outcome(outcomes: list[Outcome], start: str) -> Outcome:
+    """Returns the outcome with the median error (of an even number, the upper one of the two in the middle).
+
+    Args:
+        outcomes: outcomes of one method from several random priors.
+        start: start of the forecasts, a key of ``QUESTION_BY_START``.
+    """
+    by_error = np.argsort(forecast_errors(outcomes, start), kind="stable")
+    return outcomes[by_error[len(outcomes) // 2]]
+
+
+def random_prior_methods(settings: Settings, count: int) -> list[Method]:
+    """Returns ``count`` methods that train DEM with the same settings, each from another random prior of θ."""
+    methods = []
+    for seed in range(count):
+        train = partial(learn, settings=replace(settings, seed=seed))
+        methods.append(Method(f"prior {seed}", train))
+    return methods
 
 
 @dataclass(eq=False)
 class Runner:
-    """Runs jobs on workers, or in this process, and keeps the results that several experiments share.
+    """Runs jobs of the experiments on workers, and stores the results that several experiments use.
 
-    ``numbers`` are of simulated flights; ``uses_recorded`` whether to use the real flight, and the authors' results,
-    if on this machine; ``draws_of_prior`` of η^θ. ``progress`` is called with the share of all jobs so far that are
-    done.
+    The properties that are computed once take minutes: they simulate flights and train models.
     """
 
     executor: Executor | None = None
-    numbers: Sequence[int] = EXPERIMENTS
+    """Executor of the jobs; without one they run in this process."""
+
+    experiment_numbers: Sequence[int] = EXPERIMENT_NUMBERS
+    """Numbers of the paper's experiments that are simulated."""
+
     uses_recorded: bool = True
-    draws_of_prior: int = 40
+    """Whether to use the recorded AR.Drone and the authors' results where they are on this machine."""
+
+    prior_count: int = RANDOM_PRIOR_COUNT
+    """Random priors that DEM is trained from on each experiment."""
+
     progress: Progress = lambda share: None
-    begun: int = 0  # jobs, of which so many are ``done``
-    done: int = 0
+    """Function that is called with the share, 0 to 1, of all jobs so far that have finished."""
+
+    submitted_jobs: int = 0
+    """Number of jobs so far."""
+
+    finished_jobs: int = 0
+    """Number of jobs so far that have finished."""
 
     @property
-    def shown(self) -> int:
-        """The experiment in the figures of one flight."""
-        return SHOWN_EXPERIMENT if SHOWN_EXPERIMENT in self.numbers else self.numbers[0]
+    def figure_experiment(self) -> int:
+        """Number of the experiment in figures of a single flight: the paper's, or else the first that is simulated."""
+        if FIGURE_EXPERIMENT in self.experiment_numbers:
+            return FIGURE_EXPERIMENT
+        return self.experiment_numbers[0]
 
-    def each(self, work: Callable[[Job], JobResult], jobs: Iterable[Job]) -> list[JobResult]:
-        """Returns ``work`` of each job, done on the workers; both must pickle."""
-        todo = list(jobs)
+    def map_jobs(self, work: Callable[[Job], JobResult], jobs: Iterable[Job]) -> list[JobResult]:
+        """Calls a function for each job, on the workers if there are any, and reports the progress.
+
+        Args:
+            work: the function; it and the jobs must pickle.
+            jobs: its arguments.
+
+        Returns:
+            The results in the order of the jobs.
+        """
+        job_list = list(jobs)
+        self.submitted_jobs += len(job_list)
+        results_as_they_come: Iterable[JobResult]
+        if self.executor is None:
+            results_as_they_come = map(work, job_list)
+        else:
+            results_as_they_come = parallel_map(work, job_list, self.executor)
         results = []
-        self.begun += len(todo)
-        for result in (
-            map(work, todo) if self.executor is None else parallel_map(work, todo, self.executor)
-        ):
+        for result in results_as_they_come:
             results.append(result)
-            self.done += 1
-            self.progress(self.done / self.begun)
+            self.finished_jobs += 1
+            self.progress(self.finished_jobs / self.submitted_jobs)
         return results
 
-    def try_all(
-        self, jobs: Mapping[Key, Iterable[tuple[Method, Window]]]
+    def run_trials(
+        self, trials: Mapping[Key, Sequence[tuple[Method, Window]]]
     ) -> dict[Key, list[Outcome]]:
-        """Returns the trials of the jobs of each key."""
-        todo = {key: list(own) for key, own in jobs.items()}
-        done = iter(self.each(run_trial, chain.from_iterable(todo.values())))
-        return {key: [next(done) for _ in own] for key, own in todo.items()}
+        """Trains methods on windows and evaluates their forecasts, all trials in one batch of jobs.
+
+        Args:
+            trials: by key, pairs of a method and a window.
+
+        Returns:
+            By the same keys, the outcome of each pair.
+        """
+        all_trials: list[tuple[Method, Window]] = []
+        for trials_of_key in trials.values():
+            all_trials += trials_of_key
+        outcomes = iter(self.map_jobs(run_trial, all_trials))
+        outcomes_by_key = {}
+        for key, trials_of_key in trials.items():
+            outcomes_by_key[key] = [next(outcomes) for _ in trials_of_key]
+        return outcomes_by_key
 
     @cached_property
-    def windows(self) -> dict[int, tuple[Window, ...]]:
-        """All windows of each simulated flight; the first, of 850 samples, is the paper's experiment."""
-        flown = self.each(simulated_experiment, self.numbers)
-        cut = zip(self.numbers, flown, strict=True)
-        return {
-            number: windows(f"experiment {number}", flight, TRAIN, TEST) for number, flight in cut
-        }
+    def simulated_windows(self) -> dict[int, tuple[Window, ...]]:
+        """All windows of each simulated flight, by number of the experiment, in the order of time."""
+        flights = self.map_jobs(simulated_experiment, self.experiment_numbers)
+        windows_by_number = {}
+        for number, flight in zip(self.experiment_numbers, flights, strict=True):
+            windows_by_number[number] = windows(
+                f"experiment {number}", flight, TRAINING_SAMPLES, TEST_SAMPLES
+            )
+        return windows_by_number
 
     @property
-    def experiments(self) -> dict[int, Window]:
-        """850 samples of each simulated flight."""
-        return {number: cut[0] for number, cut in self.windows.items()}
+    def experiment_windows(self) -> dict[int, Window]:
+        """The first 850 samples of each simulated flight, by number: as much as the paper's experiments have."""
+        return {number: cut[0] for number, cut in self.simulated_windows.items()}
 
     @property
-    def sample(self) -> Window:
-        """The experiment in the figures of one flight."""
-        return self.experiments[self.shown]
+    def figure_window(self) -> Window:
+        """The experiment that figures of a single flight show."""
+        return self.experiment_windows[self.figure_experiment]
 
     @cached_property
-    def recorded(self) -> tuple[Window, ...]:
-        """All windows of the real flight; none where there is none."""
-        if not (self.uses_recorded and ARDRONE.exists()):
+    def ardrone_windows(self) -> tuple[Window, ...]:
+        """All windows of the recorded AR.Drone; empty if its recording is not on this machine or not to be used."""
+        if not self.uses_recorded or not ARDRONE_RECORDING.exists():
             return ()
-        return windows(REAL, ardrone(ARDRONE), TRAIN, TEST)
+        flight = read_ardrone_flight(ARDRONE_RECORDING)
+        return windows(ARDRONE_NAME, flight, TRAINING_SAMPLES, TEST_SAMPLES)
 
     @cached_property
-    def trials(self) -> dict[tuple[str, str], list[Outcome]]:
-        """All methods on windows of all flights: by flight and method, a trial a window."""
-        flights = [cut for cut in (*self.windows.values(), self.recorded) if cut]
-        return self.try_all(
-            {
-                (cut[0].flight, method.name): [(method, window) for window in cut]
-                for cut in flights
-                for method in METHODS
-            }
-        )
+    def outcomes(self) -> dict[tuple[str, str], list[Outcome]]:
+        """Outcomes of ``METHODS`` by name of the flight and name of the method, one for each window of the flight."""
+        trials = {}
+        for flight_windows in (*self.simulated_windows.values(), self.ardrone_windows):
+            if not flight_windows:
+                continue
+            for method in METHODS:
+                key = (flight_windows[0].flight, method.name)
+                trials[key] = [(method, window) for window in flight_windows]
+        return self.run_trials(trials)
 
     @cached_property
-    def draws(self) -> dict[tuple[str, int], list[Outcome]]:
-        """DEM with the paper's settings: by method and experiment, a trial a random prior."""
-        methods = {WITH: self.priors(PAPER), WITHOUT: self.priors(PAPER_P1)}
-        return self.try_all(
-            {
-                (name, number): [(fit, window) for fit in fits]
-                for name, fits in methods.items()
-                for number, window in self.experiments.items()
-            }
-        )
-
-    def priors(self, settings: Settings) -> list[Method]:
-        """Returns DEM with these settings from each random prior."""
-        seeds = range(self.draws_of_prior)
-        return [
-            Method(f"prior {seed}", partial(learn, settings=replace(settings, seed=seed)))
-            for seed in seeds
-        ]
+    def random_prior_outcomes(self) -> dict[tuple[str, int], list[Outcome]]:
+        """Outcomes of DEM by name of the method and number of the experiment, one for each random prior."""
+        trials: dict[tuple[str, int], list[tuple[Method, Window]]] = {}
+        for name, settings in ((DEM_P2, PAPER_SETTINGS), (DEM_P1, PAPER_SETTINGS_P1)):
+            methods = random_prior_methods(settings, self.prior_count)
+            for number, window in self.experiment_windows.items():
+                trials[name, number] = [(method, window) for method in methods]
+        return self.run_trials(trials)

@@ -1,28 +1,33 @@
-"""What the page on section IV shows of the algorithm is so."""
+"""The landscape of the free energy: the peak rises and sharpens, and ascents from a circle of priors end at it."""
 
 import numpy as np
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
 from mavdem.experiments.paper import landscape
-from mavdem.experiments.paper.landscape import A, B
+from mavdem.experiments.paper.scalar_system import TRUE_A, TRUE_B
 
 
 @mark.slow
 def test_fifty_priors_end_at_one_point_but_not_under_the_papers_settings(monkeypatch):
-    for axis in ("AXIS_A", "AXIS_B"):
-        monkeypatch.setattr(landscape, axis, getattr(landscape, axis)[::14])
+    for grid in ("GRID_A", "GRID_B"):
+        monkeypatch.setattr(landscape, grid, getattr(landscape, grid)[::14])
     result = landscape.run(None)
     assert [check.holds for check in result.checks] == [True, True, False]
     assert result.numbers["peak"] == approx([-143579.0, -43661.0, -529.97, 355.35, 409.02], 1e-3)
-    sharpness = [14332.7, 26663.4, 60605.2, 77665.6, 93184.8]
-    assert result.numbers["curvature_along_A"] == approx(sharpness, 1e-3)
+    curvatures = [14332.7, 26663.4, 60605.2, 77665.6, 93184.8]
+    assert result.numbers["curvature_along_A"] == approx(curvatures, 1e-3)
     assert result.numbers["ends_over_posterior_sd"]["the paper’s"] == approx(4.34, 0.05)
-    _, (axes,) = (picture.draw().axes for picture in result.pictures)
+    _, ascent_picture = result.pictures
+    (axes,) = ascent_picture.draw().axes
     assert (axes.get_xlim(), axes.get_ylim()) == ((-10, 4), (-4, 10))
-    truth, estimate, *paths = (line.get_xydata() for line in axes.lines)
-    assert truth.tolist() == [[A, B]]
-    starts, ends = np.moveaxis([path[[0, -1]] for path in paths], 1, 0)
+    lines = [line.get_xydata() for line in axes.lines]
+    truth = lines[0]
+    estimate = lines[1]
+    paths = lines[2:]
+    assert truth.tolist() == [[TRUE_A, TRUE_B]]
     assert len(paths) == 50
-    assert_allclose(np.linalg.norm(starts - landscape.CENTRE, axis=1), 5.0)
+    starts = np.array([path[0] for path in paths])
+    ends = np.array([path[-1] for path in paths])
+    assert_allclose(np.linalg.norm(starts - landscape.CIRCLE_CENTRE, axis=1), 5.0)
     assert_allclose(ends, np.broadcast_to(estimate, ends.shape), rtol=1e-4)

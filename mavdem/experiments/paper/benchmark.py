@@ -1,0 +1,204 @@
+"""Section V.H of the paper: forecasts of DEM compared with those of PEM, subspace identification and EM."""
+
+from collections.abc import Mapping
+from functools import partial
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.experiments.comparison import Outcome
+from mavdem.experiments.paper import figures
+from mavdem.experiments.paper.checks import Check, ExperimentResult, lists_by_name, percent
+from mavdem.experiments.paper.error_tables import errors_by_experiment
+from mavdem.experiments.paper.flights import ARDRONE_NAME
+from mavdem.experiments.paper.runner import (
+    CONSTANT_MEAN,
+    DATA_START,
+    DEM_P2,
+    PEER_METHODS,
+    QUESTION_BY_START,
+    Runner,
+    forecast_errors,
+    median_outcome,
+)
+from mavdem.experiments.scores import KNOWN
+from mavdem.report.blocks import Block, Sentence
+from mavdem.report.figures.style import Picture
+from mavdem.report.numbers import listed, rounded
+
+COMPARED_METHODS = (DEM_P2, *PEER_METHODS, CONSTANT_MEAN)
+"""Names of the methods in the order of tables and legends."""
+
+ErrorsByMethod = dict[str, Array]
+"""MSPE (flights,) of each method on the same flights, by name of the method."""
+
+
+def run(runner: Runner) -> ExperimentResult:
+    """Compares the methods on the five experiments, and on the windows of the recorded AR.Drone."""
+    experiment_errors = {start: _experiment_errors(runner, start) for start in QUESTION_BY_START}
+    forecasts = _figure_forecasts(runner)
+    test_outputs = runner.figure_window.test.outputs
+    squared_errors = {}
+    for name, forecast in forecasts.items():
+        squared_errors[name] = ((forecast - test_outputs) ** 2).sum(axis=1)
+    ardrone_errors = _ardrone_errors(runner)
+    checks = []
+    for start, errors in experiment_errors.items():
+        checks.append(lowest_error_check(errors, f"from {start}"))
+    checks.append(_steps_check(squared_errors, runner.figure_window.flight))
+    if ardrone_errors:
+        medians = {
+            name: np.median(errors, keepdims=True) for name, errors in ardrone_errors.items()
+        }
+        checks.append(lowest_error_check(medians, f"on {ARDRONE_NAME}"))
+    numbers = {}
+    for start, errors in experiment_errors.items():
+        numbers[f"mspe, from {start}"] = lists_by_name(errors)
+    numbers["squared_errors_by_step"] = lists_by_name(squared_errors)
+    numbers[f"mspe, windows of {ARDRONE_NAME}"] = lists_by_name(ardrone_errors)
+    remarks = []
+    if not runner.ardrone_windows:
+        remarks.append("The recorded flights are not on this machine and are left out.")
+    return ExperimentResult(
+        checks=tuple(checks),
+        numbers=numbers,
+        tables=_error_tables(experiment_errors, list(runner.experiment_windows)),
+        pictures=_pictures(runner, forecasts, squared_errors),
+        remarks=tuple(remarks),
+    )
+
+
+def _experiment_errors(runner: Runner, start: str) -> ErrorsByMethod:
+    """Returns the errors of the methods on the experiments, of forecasts from ``start``."""
+    errors = {}
+    for method in COMPARED_METHODS:
+        outcomes = []
+        for number in runner.experiment_windows:
+            outcomes.append(_experiment_outcome(runner, method, number, start))
+        errors[method] = forecast_errors(outcomes, start)
+    return errors
+
+
+def _experiment_outcome(runner: Runner, method: str, number: int, start: str) -> Outcome:
+    """Returns the outcome of a method on one experiment; of DEM, from the random prior with the median error.
+
+    Args:
+        runner: has the outcomes.
+        method: name of the method.
+        number: number of the experiment.
+        start: start of the forecasts whose errors decide which prior is the median, a key of ``QUESTION_BY_START``.
+    """
+    if method == DEM_P2:
+        return median_outcome(runner.random_prior_outcomes[DEM_P2, number], start)
+    flight_name = runner.experiment_windows[number].flight
+    # The first window of the flight is the experiment.
+    return runner.outcomes[flight_name, method][0]
+
+
+def _figure_forecasts(runner: Runner) -> dict[str, Array]:
+    """Returns forecasts (H, m) from the data in the experiment of the figures, by method, where there are any."""
+    forecasts = {}
+    for method in COMPARED_METHODS:
+        outcome = _experiment_outcome(runner, method, runner.figure_experiment, DATA_START)
+        if outcome.forecasts:
+            forecasts[method] = outcome.forecasts[KNOWN]
+    return forecasts
+
+
+def _ardrone_errors(runner: Runner) -> ErrorsByMethod:
+    """Returns the errors (windows,) on the recorded AR.Drone by method; empty without the recording."""
+    if not runner.ardrone_windows:
+        return {}
+    errors = {}
+    for method in COMPARED_METHODS:
+        errors[method] = forecast_errors(runner.outcomes[ARDRONE_NAME, method], DATA_START)
+    return errors
+
+
+def lowest_error_check(errors: ErrorsByMethod, conditions: str) -> Check:
+    """Checks that DEM has a lower error than each of the paper's other methods on every flight.
+
+    Args:
+        errors: MSPE of each method on the same flights.
+        conditions: names the start of the forecasts, or the flight, in the sentences.
+    """
+    lowest_peer_errors = np.min([errors[name] for name in PEER_METHODS], axis=0)
+    flight_count = len(lowest_peer_errors)
+    lower_count = int((errors[DEM_P2] < lowest_peer_errors).sum())
+    mean_ratio = float(np.exp(np.mean(np.log(errors[DEM_P2] / lowest_peer_errors))))
+    return Check(
+        f"{DEM_P2}, {conditions}: its error is lower than that of {listed(PEER_METHODS)} on every flight",
+        lower_count == flight_count,
+        f"{DEM_P2}, {conditions}, has a lower error than the paper’s peers on {lower_count} of {flight_count}; its "
+        f"error is {rounded(mean_ratio, 3)} times that of the best of them",
+    )
+
+
+def _steps_check(squared_errors: Mapping[str, Array], flight: str) -> Check:
+    """Checks that DEM has the lowest squared error of the paper's methods at more than half of the steps.
+
+    Args:
+        squared_errors: (H,) summed over the outputs, by method; the constant mean is always among them, and a method
+            without a forecast is not.
+        flight: name of the flight in the sentences.
+    """
+    no_forecast = np.full_like(squared_errors[CONSTANT_MEAN], np.inf)
+    dem_errors = squared_errors.get(DEM_P2, no_forecast)
+    peer_errors = [squared_errors.get(name, no_forecast) for name in PEER_METHODS]
+    # Argmin takes the first of equal errors, which is DEM's.
+    lowest_method = np.array([dem_errors, *peer_errors]).argmin(axis=0)
+    share = float((lowest_method == 0).mean())
+    return Check(
+        f"{DEM_P2}, {flight}: of the paper’s four methods it has the least squared error at over half of the steps",
+        share > 0.5,
+        f"{DEM_P2} has the least squared error of the four at {percent(share)} of the steps of {flight}",
+    )
+
+
+def _error_tables(
+    experiment_errors: Mapping[str, ErrorsByMethod], numbers: list[int]
+) -> tuple[Block, ...]:
+    """Returns a table of the errors by method and experiment for each start, each after a sentence on it.
+
+    Args:
+        experiment_errors: errors on the experiments, by start of the forecasts.
+        numbers: numbers of the experiments.
+    """
+    blocks: list[Block] = []
+    for start, errors in experiment_errors.items():
+        # The table takes (experiments, priors), and here each method has one prior.
+        columns = {name: values[:, None] for name, values in errors.items()}
+        blocks.append(Sentence("", f"MSPE of the five experiments, from {start}."))
+        blocks.append(errors_by_experiment("method", columns, numbers))
+    return tuple(blocks)
+
+
+def _pictures(
+    runner: Runner, forecasts: Mapping[str, Array], squared_errors: Mapping[str, Array]
+) -> tuple[Picture, ...]:
+    """Returns the figures of the forecasts and of their errors by step, in the experiment of the figures.
+
+    Args:
+        runner: has the window of the experiment.
+        forecasts: (H, m) by method.
+        squared_errors: (H,) summed over outputs, by method.
+    """
+    window = runner.figure_window
+    return (
+        Picture(
+            "Forecasts of the test data",
+            f"Of {window.flight}, from the data.",
+            partial(figures.draw_forecasts, window, {"": forecasts}),
+        ),
+        Picture(
+            "Squared error by step",
+            f"n steps ahead on {window.flight}, summed over outputs.",
+            partial(
+                figures.draw_lines,
+                {"": squared_errors},
+                "steps ahead, n",
+                first=1,
+                scale="log",
+            ),
+        ),
+    )

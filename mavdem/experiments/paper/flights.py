@@ -1,0 +1,151 @@
+"""Flights for the paper's experiments: simulated in place of the paper's, which are not public, and recorded."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from scipy.io import loadmat
+
+from mavdem.dataset import read_flight
+from mavdem.errors import NotLearnable
+from mavdem.experiments.scores import REFERENCE_RATE
+from mavdem.experiments.window import part_samples
+from mavdem.files import PathName
+from mavdem.flight import Flight
+from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import interpolated
+from mavdem.ingest.tlog import write_tlog
+from mavdem.ingest.vocabulary import IN_AIR
+from sitl_scenarios.files import load
+from sitl_scenarios.mavlink.transmitter import recorded
+from sitl_scenarios.motion import Motion, estimated_angles
+from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.simulation import fly
+
+TRAINING_SAMPLES, TEST_SAMPLES = part_samples(1 / REFERENCE_RATE)
+"""Samples of the training and of the test part of a window: 700 and 150, as in the paper, at every sampling rate."""
+
+DATA_FOLDER = Path(os.environ.get("MAVDEM_SHARED_DATA", "shared/data"))
+"""Folder of the recorded flights, which are not part of the package.
+
+The environment variable ``MAVDEM_SHARED_DATA`` names it; the default is a folder of the working directory.
+"""
+
+ARDRONE_RECORDING = DATA_FOLDER / "ardrone_tudelft" / "expData10_29_25.mat"
+"""MATLAB file of TU Delft's recorded AR.Drone 2.0 in wind: the paper's vehicle in the paper's laboratory."""
+
+ARDRONE_NAME = "the real AR.Drone"
+"""Name of that flight in sentences and documents."""
+
+ARDRONE_RATE = 120
+"""Hz, the rate at which the recorded AR.Drone is sampled, as in the paper's experiments."""
+
+ARDRONE_FIRST_SAMPLE = 2600
+"""First sample of the recording that is used: the AR.Drone is airborne from 21.7 s on, and never lands."""
+
+TAKE_OFF_SECONDS = 3.0
+"""s that are left out at the start of a simulated hover, while the motion of the take-off decays; a choice."""
+
+
+def simulated_experiment(number: int) -> Flight:
+    """Returns the simulated flight that replaces an experiment of the paper, 1 to 5, as read from its telemetry log."""
+    return simulated_flight(load(f"paper_{number}"), f"paper_{number}")
+
+
+def simulated_flight(scenario: Scenario, name: str = "flight") -> Flight:
+    """Simulates a scenario, writes it as a telemetry log and reads the flight from that log.
+
+    The flight thus has the message rates, clocks and rounding of a real log.
+
+    Args:
+        scenario: the scenario to fly.
+        name: stem of the log's file name.
+    """
+    motion = fly(scenario)
+    with TemporaryDirectory() as folder:
+        log = Path(folder) / f"{name}.tlog"
+        write_log(log, scenario, motion)
+        return read_flight(log)
+
+
+def write_log(path: PathName, scenario: Scenario, motion: Motion) -> None:
+    """Writes a telemetry log (``.tlog``) of the simulated ``motion`` of a scenario."""
+    with open(path, "wb") as file:
+        write_tlog(file, recorded(scenario, motion))
+
+
+def settled_hover(scenario: Scenario, motion: Motion) -> Flight:
+    """Returns the hover of a simulated flight as its autopilot estimates it, without a MAVLink link in between.
+
+    The first seconds in the air, ``TAKE_OFF_SECONDS``, are left out.
+
+    Args:
+        scenario: gives the sampling rate.
+        motion: the simulated motion, with the autopilot's estimates.
+
+    Returns:
+        A flight with the motors as inputs and four outputs: lateral position y (m), its rate ẏ (m/s), roll angle
+        φ (rad) and roll rate φ̇ (rad/s).
+    """
+    airborne_times = motion.time[motion.landed_state == IN_AIR]
+    rate = scenario.stream.rate
+    first_sample = round((airborne_times[0] + TAKE_OFF_SECONDS) * rate)
+    after_last_sample = int(airborne_times[-1] * rate)
+    time = np.arange(first_sample, after_last_sample) / rate
+    lateral_position = motion.known_position[:, 1]
+    lateral_velocity = motion.known_velocity[:, 1]
+    roll = estimated_angles(motion)[:, 0]
+    roll_rate = motion.known_rates[:, 0]
+    estimates = np.column_stack([lateral_position, lateral_velocity, roll, roll_rate])
+    outputs = interpolated(time, motion.time, estimates)
+    motors = interpolated(time, motion.time, motion.outputs)
+    return Flight(time, motors, outputs, dt=1 / rate)
+
+
+def recorded_flights() -> Iterator[tuple[str, Flight]]:
+    """Yields the name and the flight of each recording in ``DATA_FOLDER`` that a roll model can be trained on.
+
+    These are the logs of SITL sessions, one flight for each vehicle of a log, and the recorded AR.Drone.
+    """
+    for path in sorted(DATA_FOLDER.glob("sitl_*/*.tlog")):
+        vehicles = read_log(path).vehicles
+        for vehicle in vehicles:
+            vehicle_name = f"{vehicle.system}:{vehicle.component}"
+            try:
+                flight = read_flight(path, vehicle=vehicle_name)
+            except NotLearnable:
+                continue
+            if len(vehicles) == 1:
+                yield path.stem, flight
+            else:
+                yield f"{path.stem} {vehicle_name}", flight
+    if ARDRONE_RECORDING.exists():
+        yield ARDRONE_RECORDING.parent.name, read_ardrone_flight(ARDRONE_RECORDING)
+
+
+def read_ardrone_flight(path: Path) -> Flight:
+    """Reads TU Delft's recorded AR.Drone 2.0 in wind from its MATLAB file.
+
+    Motion capture, inertial sensor and motors have clocks of their own rates; all are interpolated to
+    ``ARDRONE_RATE``.
+
+    Returns:
+        A flight with the PWM of four motors as inputs, and as outputs roll (rad) from motion capture and roll rate
+        (rad/s) from the inertial sensor.
+    """
+    data = loadmat(path, squeeze_me=True, struct_as_record=False)["expData"].origData
+    # In the names of the file "ot" is the motion capture, "imu" the inertial sensor and "nav" the motors' log.
+    time = np.arange(ARDRONE_FIRST_SAMPLE, len(data.otTime)) / ARDRONE_RATE
+    end_time = min(data.otTime[-1], data.imuTime[-1], data.navTime[-1])
+    time = time[time <= end_time]
+    roll = np.interp(time, data.otTime, data.otOrient[2])
+    roll_rate = np.interp(time, data.imuTime, data.imuVAng[0])
+    motors = [np.interp(time, data.navTime, motor) for motor in data.navMotor]
+    return Flight(
+        time,
+        np.stack(motors, axis=1),
+        np.stack([roll, roll_rate], axis=1),
+        dt=1 / ARDRONE_RATE,
+    )

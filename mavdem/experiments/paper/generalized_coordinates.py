@@ -1,0 +1,176 @@
+"""Section V.G of the paper: DEM forecasts with generalized coordinates (p = 2) and without (p = 1)."""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.evaluate import paired
+from mavdem.experiments.paired_test import Paired
+from mavdem.experiments.paper import figures
+from mavdem.experiments.paper.checks import Check, ExperimentResult, percent
+from mavdem.experiments.paper.error_tables import errors_by_experiment
+from mavdem.experiments.paper.flights import ARDRONE_NAME
+from mavdem.experiments.paper.runner import (
+    DATA_START,
+    DEM_P1,
+    DEM_P2,
+    QUESTION_BY_START,
+    Runner,
+    forecast_errors,
+    median_outcome,
+)
+from mavdem.report.blocks import Block, Sentence
+from mavdem.report.figures.style import Picture
+from mavdem.report.numbers import rounded
+
+PAPER_MSPE_P2 = (0.0521, 0.0133, 0.0583, 0.0458, 0.1172)
+"""MSPE with p = 2 of experiments 1 to 5, summed over outputs (Table II, ``SSE_GC``); 0.2867 in total."""
+
+PAPER_MSPE_P1 = (0.1197, 0.0640, 0.1647, 0.0518, 0.0951)
+"""MSPE with p = 1 of the same experiments (Table II, ``SSE_GC``); 0.4953 in total."""
+
+MIN_SHARE_OF_EXPERIMENTS = 0.8
+"""Share of the experiments on which p = 2 must have the lower error: it has on four of the paper's five."""
+
+
+class ErrorsByOrder(NamedTuple):
+    """MSPE of DEM's forecasts, summed over the outputs, by embedding order p."""
+
+    p2: Array
+    """(experiments, priors) errors with generalized coordinates."""
+
+    p1: Array
+    """(experiments, priors) errors without them."""
+
+
+def run(runner: Runner) -> ExperimentResult:
+    """Compares DEM with p = 2 and p = 1 on the experiments, from many random priors, and on the recorded AR.Drone."""
+    errors = {}
+    for start in QUESTION_BY_START:
+        errors[f"paper’s settings, from {start}"] = ErrorsByOrder(
+            p2=_errors_over_priors(runner, DEM_P2, start),
+            p1=_errors_over_priors(runner, DEM_P1, start),
+        )
+    checks = [lower_error_check(errors_by_order, data) for data, errors_by_order in errors.items()]
+    recorded_comparisons = []
+    if runner.ardrone_windows:
+        comparison = _compare_on_ardrone(runner)
+        recorded_comparisons.append(comparison)
+        checks.append(_ardrone_check(comparison))
+    numbers = {"paper": {"with": PAPER_MSPE_P2, "without": PAPER_MSPE_P1}}
+    for data, errors_by_order in errors.items():
+        numbers[data] = {
+            "with": errors_by_order.p2.tolist(),
+            "without": errors_by_order.p1.tolist(),
+        }
+    return ExperimentResult(
+        checks=tuple(checks),
+        numbers={
+            **numbers,
+            "recorded_flights": [comparison._asdict() for comparison in recorded_comparisons],
+        },
+        tables=_error_table(runner, errors),
+        pictures=(_forecast_picture(runner),),
+    )
+
+
+def _errors_over_priors(runner: Runner, method: str, start: str) -> Array:
+    """Returns the MSPE (experiments, priors) of DEM's forecasts on the simulated flights.
+
+    Args:
+        runner: has the outcomes of the methods.
+        method: ``DEM_P2`` or ``DEM_P1``.
+        start: start of the forecasts, a key of ``QUESTION_BY_START``.
+    """
+    rows = []
+    for number in runner.experiment_windows:
+        rows.append(forecast_errors(runner.random_prior_outcomes[method, number], start))
+    return np.array(rows)
+
+
+def lower_error_check(errors: ErrorsByOrder, data: str) -> Check:
+    """Checks that p = 2 has the lower error in total, and on most experiments.
+
+    The error of an experiment is the median over random priors.
+
+    Args:
+        errors: MSPE by order.
+        data: names the settings and the start of the forecasts in the sentences.
+    """
+    medians_p2 = np.median(errors.p2, axis=1)
+    medians_p1 = np.median(errors.p1, axis=1)
+    lower_count = int((medians_p2 < medians_p1).sum())
+    is_lower_in_total = medians_p2.sum() < medians_p1.sum()
+    is_lower_on_most = lower_count >= MIN_SHARE_OF_EXPERIMENTS * len(medians_p2)
+    return Check(
+        f"{data}: the total MSPE over experiments is lower with p = 2 than with p = 1, and also on at least "
+        f"{percent(MIN_SHARE_OF_EXPERIMENTS)} of them (median over random priors)",
+        bool(is_lower_in_total and is_lower_on_most),
+        f"{data}: the total MSPE is {rounded(medians_p2.sum(), 3)} with p = 2 and {rounded(medians_p1.sum(), 3)} "
+        f"with p = 1, lower with p = 2 on {lower_count} of {len(medians_p2)}",
+    )
+
+
+def _compare_on_ardrone(runner: Runner) -> Paired:
+    """Compares the errors with p = 2 and with p = 1 on the windows of the recorded AR.Drone."""
+    errors_p2 = forecast_errors(runner.outcomes[ARDRONE_NAME, DEM_P2], DATA_START)
+    errors_p1 = forecast_errors(runner.outcomes[ARDRONE_NAME, DEM_P1], DATA_START)
+    return paired(errors_p2, errors_p1)
+
+
+def _ardrone_check(comparison: Paired) -> Check:
+    """Checks that the error with p = 2 is lower than that with p = 1 on the median window of the AR.Drone."""
+    return Check(
+        f"{ARDRONE_NAME}, from {DATA_START}: the median over windows of the error with p = 2 over that with p = 1 is "
+        "less than 1",
+        comparison.ratio < 1,
+        f"on {ARDRONE_NAME} the error ratio of p = 2 to p = 1 is {rounded(comparison.ratio, 3)}",
+    )
+
+
+def _error_table(runner: Runner, errors: Mapping[str, ErrorsByOrder]) -> tuple[Block, ...]:
+    """Returns the table of errors by experiment, the paper's first, after a sentence that introduces it.
+
+    Args:
+        runner: has the numbers of the experiments.
+        errors: MSPE by order, by name of the settings and of the start.
+    """
+    numbers = list(runner.experiment_windows)
+    indices = [number - 1 for number in numbers]
+    # The paper reports one error for each experiment, as of a single prior.
+    paper_errors = ErrorsByOrder(
+        p2=np.array(PAPER_MSPE_P2)[indices, None],
+        p1=np.array(PAPER_MSPE_P1)[indices, None],
+    )
+    rows = {}
+    for name, errors_by_order in {"the paper, its flights": paper_errors, **errors}.items():
+        rows[f"{name}, p = 1"] = errors_by_order.p1
+        rows[f"{name}, p = 2"] = errors_by_order.p2
+    title = Sentence(
+        "over random priors the median and, in brackets, the 10 % and 90 % quantiles.",
+        "Influence of generalized coordinates on MSPE:",
+    )
+    return title, errors_by_experiment("DEM", rows, numbers)
+
+
+def _forecast_picture(runner: Runner) -> Picture:
+    """Returns the figure of the forecasts with both orders, a column for each start of the forecasts."""
+    outcomes = {}
+    for label, method in (("p = 2", DEM_P2), ("p = 1", DEM_P1)):
+        prior_outcomes = runner.random_prior_outcomes[method, runner.figure_experiment]
+        outcomes[label] = median_outcome(prior_outcomes, DATA_START)
+    panels = {}
+    for start, question in QUESTION_BY_START.items():
+        panels[f"from {start}"] = {
+            label: outcome.forecasts[question]
+            for label, outcome in outcomes.items()
+            if outcome.forecasts
+        }
+    return Picture(
+        "Forecasts of the test data",
+        "With generalized coordinates (p = 2) and without, each from the random prior with the median error.",
+        partial(figures.draw_forecasts, runner.figure_window, panels),
+    )

@@ -1,0 +1,165 @@
+"""Section V.E of the paper: DEM predicts the outputs one step ahead, and 150 steps ahead on unseen data."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dem import Learned, learn
+from mavdem.evaluate import mspe, relative_mspe
+from mavdem.experiments.paper import figures
+from mavdem.experiments.paper.checks import Check, ExperimentResult, percent
+from mavdem.experiments.paper.error_tables import RANGE_PERCENTILES
+from mavdem.experiments.paper.runner import (
+    DATA_START,
+    DEM_P2,
+    PAPER_SETTINGS,
+    QUESTION_BY_START,
+    ZERO_START,
+    Runner,
+    forecast_errors,
+)
+from mavdem.experiments.window import Window
+from mavdem.report.figures.style import Picture
+from mavdem.report.numbers import listed, rounded
+
+MIN_EXPLAINED_VARIANCE = 0.99
+"""Share of each output's training variance that one-step predictions must explain at least; a choice."""
+
+MAX_ITERATIONS = 10
+"""Iterations within which the parameters must converge: what the check takes for the paper's "few"."""
+
+CONVERGED_FRACTION = 0.05
+"""Parameters have converged when none is further from its end than this fraction of the largest such distance."""
+
+MAX_PRIOR_RATIO = 2.0
+"""Highest ratio of the 90 % to the 10 % quantile of the forecasts' errors over random priors; a choice."""
+
+
+def run(runner: Runner) -> ExperimentResult:
+    """Learns a model of one experiment, with the paper's settings, and forecasts its test data."""
+    window = runner.figure_window
+    learned = learn(window.train, PAPER_SETTINGS)
+    outcomes = runner.random_prior_outcomes[DEM_P2, runner.figure_experiment]
+    forecasts = {}
+    for start in QUESTION_BY_START:
+        from_zero = start == ZERO_START
+        forecasts[f"from {start}"] = learned.forecast(window.test.inputs, from_zero=from_zero)
+    picture = Picture(
+        "Outputs, measured and predicted",
+        "By DEM with the paper’s settings: one step ahead on training data, and 150 steps ahead on test data "
+        "(grey background), from the data and from state 0, as in the authors’ code.",
+        partial(figures.draw_forecasts, window, {"": forecasts}, learned.one_step()),
+    )
+    return ExperimentResult(
+        checks=prediction_checks(window, learned, forecast_errors(outcomes, DATA_START)),
+        numbers={
+            "free_energy": learned.free_energy.total.tolist(),
+            "theta": learned.learning.theta.tolist(),
+        },
+        pictures=(picture,),
+    )
+
+
+def prediction_checks(
+    window: Window, learned: Learned, prior_errors: Sequence[float] | Array
+) -> tuple[Check, ...]:
+    """Checks the claims on prediction, convergence and free energy.
+
+    Args:
+        window: training and test data.
+        learned: the model that was learned from the training data.
+        prior_errors: MSPE of the forecasts of models that were learned from several random priors.
+    """
+    return (
+        *_one_step_checks(window, learned),
+        _forecast_check(window, learned),
+        *_convergence_checks(learned),
+        _prior_check(prior_errors),
+    )
+
+
+def _one_step_checks(window: Window, learned: Learned) -> tuple[Check, Check]:
+    """Checks that one-step predictions explain the training outputs and are better than holding the last sample."""
+    train = window.train
+    one_step_errors = mspe(train.outputs[1:], learned.one_step()[1:]).per_output
+    hold_errors = mspe(train.outputs[1:], train.outputs[:-1]).per_output
+    explained = 1 - one_step_errors / train.outputs.var(axis=0)
+    error_ratios = one_step_errors / hold_errors
+    return (
+        Check(
+            f"one-step predictions explain over {percent(MIN_EXPLAINED_VARIANCE)} of each output’s training variance",
+            bool((explained > MIN_EXPLAINED_VARIANCE).all()),
+            f"one-step predictions explain {listed(map(percent, explained))} of the variance of "
+            f"{listed(train.output_names)}",
+        ),
+        Check(
+            "one-step predictions of each output have a lower MSPE than holding its last sample",
+            bool((error_ratios < 1).all()),
+            f"the one-step MSPE is {listed(rounded(ratio, 3) for ratio in error_ratios)} times that of holding the "
+            "last sample",
+        ),
+    )
+
+
+def _forecast_check(window: Window, learned: Learned) -> Check:
+    """Checks that the forecast of the whole test part is better than the mean of the training data."""
+    error_ratio = relative_mspe(window.train, window.test, learned.forecast(window.test.inputs))
+    return Check(
+        "150 steps ahead, from the data, the error is less than that of the constant mean",
+        error_ratio < 1,
+        f"150 steps ahead the error is {rounded(error_ratio, 3)} times that of the constant mean",
+    )
+
+
+def _convergence_checks(learned: Learned) -> tuple[Check, Check]:
+    """Checks that the parameters converge soon and that no iteration lowers the free energy."""
+    iteration = first_converged_iteration(learned.learning.theta)
+    free_energy_steps = np.diff(learned.free_energy.total)
+    never_decreases = bool((free_energy_steps >= 0).all())
+    if never_decreases:
+        course = "increases"
+    else:
+        course = "does not always increase"
+    return (
+        Check(
+            f"after {MAX_ITERATIONS} iterations every parameter is within {percent(CONVERGED_FRACTION)} of the "
+            "largest distance from its end",
+            iteration <= MAX_ITERATIONS,
+            f"the parameters have converged at iteration {iteration}",
+        ),
+        Check(
+            "F̄ decreases in no iteration",
+            never_decreases,
+            f"F̄ {course} over {len(free_energy_steps)} iterations",
+        ),
+    )
+
+
+def _prior_check(prior_errors: Sequence[float] | Array) -> Check:
+    """Checks that the forecasts' errors (MSPE) hardly depend on the random prior from which a model was learned."""
+    low, high = np.percentile(prior_errors, RANGE_PERCENTILES)
+    return Check(
+        f"over random priors, the 10 % and 90 % quantiles of the forecasts’ errors differ by less than a factor of "
+        f"{MAX_PRIOR_RATIO:g}",
+        bool(high < MAX_PRIOR_RATIO * low),
+        f"forecasts from {len(prior_errors)} random priors have an MSPE from {rounded(low, 3)} to {rounded(high, 3)} "
+        "(10 % and 90 % quantiles)",
+    )
+
+
+def first_converged_iteration(theta: Array) -> int:
+    """Returns the first iteration from which on all parameters stay close to their final values.
+
+    The distance of an iteration is the largest difference of any parameter from its final value. It is close if it is
+    at most ``CONVERGED_FRACTION`` of the largest distance of all iterations.
+
+    Args:
+        theta: (iterations + 1, k) parameters at the start and after each iteration.
+    """
+    distance = abs(theta - theta[-1]).max(axis=1)
+    distant_iterations = np.flatnonzero(distance > CONVERGED_FRACTION * distance.max())
+    if len(distant_iterations) == 0:
+        return 0
+    return int(distant_iterations[-1]) + 1
