@@ -1,4 +1,4 @@
-"""A simulated vehicle on the network: sends, receives and obeys a ground station while it flies."""
+"""Live flight: a simulated vehicle that exchanges MAVLink datagrams with a ground station while it flies."""
 
 import select
 import socket
@@ -10,68 +10,86 @@ from time import monotonic
 
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
-from sitl_scenarios.mavlink.transmitter import LossyLink, Timed, Transmitter
+from sitl_scenarios.mavlink.transmitter import LossyLink, TimedFrame, Transmitter
 from sitl_scenarios.motion import Progress
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 
+MAX_DATAGRAM = 2048
+"""Largest datagram that is received, bytes: no common network carries a longer one in one piece."""
+
+TICK_SECONDS = 0.004
+"""Wall-clock time whose frames are sent together, s; a choice."""
+
+MAX_TICK_FLIGHT_SECONDS = 0.5
+"""Longest simulated time whose frames are sent together, s, however fast the simulation runs; a choice."""
+
 
 @dataclass
 class LiveOutcome:
-    """What came of a live flight."""
+    """Counts and durations of a live flight."""
 
-    sent: int = 0  # frames that were put on the network; ``commands`` that were accepted
+    sent: int = 0
+    """Number of frames that were sent."""
     commands: int = 0
-    flown: float = 0.0  # s of the flight, ``took``: s of wall time
+    """Number of commands that were accepted."""
+    flown: float = 0.0
+    """Simulated time, s."""
     took: float = 0.0
-    stopped: bool = False  # whether it was ended before it was over
+    """Wall-clock time, s."""
+    stopped: bool = False
+    """Whether the user ended the flight before its end."""
 
 
 class Ground:
-    """The way to a ground station: a socket of the vehicle's own, and the address HOST:PORT it speaks to.
-
-    Nothing else reaches it there. Raises ValueError: no such host, or no way to it.
-    """
+    """Connection to a ground station: a UDP socket that exchanges datagrams with this one address only."""
 
     def __init__(self, host: str, port: int) -> None:
+        """Opens a socket; raises ValueError if the host does not exist or cannot be reached."""
         try:
-            family, kind, protocol, _, address = socket.getaddrinfo(
-                host, port, type=socket.SOCK_DGRAM
-            )[0]
-            self._own = socket.socket(family, kind, protocol)
-            self._own.connect(address)
+            addresses = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+            family, kind, protocol, _, address = addresses[0]
+            self._socket = socket.socket(family, kind, protocol)
+            self._socket.connect(address)
         except (OSError, UnicodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "it is no name of a host"
             raise ValueError(
                 f"nothing can be sent to {host[:80]}:{port} ({reason}): name one host"
             ) from None
-        self._own.setblocking(False)
+        self._socket.setblocking(False)
 
     def close(self) -> None:
         """Closes the socket."""
-        self._own.close()
+        self._socket.close()
 
     def send(self, frame: bytes) -> bool:
-        """Sends a datagram; returns whether it could be sent: one that could not is lost, as on any network."""
+        """Sends a frame as one datagram; returns whether it could be sent.
+
+        A datagram that cannot be sent is lost, as on any network.
+        """
         try:
-            self._own.send(frame)
+            self._socket.send(frame)
         except OSError:
             return False
         return True
 
-    def received(self, until: float) -> Iterator[bytes]:
-        """Yields what comes before ``until`` on the monotonic clock; where that is past, one datagram, if one waits.
+    def received(self, end_time: float) -> Iterator[bytes]:
+        """Yields the datagrams that arrive before a time, and returns then.
 
-        What cannot be looked at in time waits in the socket, whose room is limited.
+        If the time is past already, it yields one datagram at most. Datagrams that cannot be handled in time wait in
+        the socket's buffer, whose size is limited.
+
+        Args:
+            end_time: Time on the monotonic clock, s.
         """
         while True:
-            patience = max(until - monotonic(), 0.0)
-            ready, _, _ = select.select([self._own], [], [], patience)
-            # Some systems report here that the other end does not listen.
+            timeout = max(end_time - monotonic(), 0.0)
+            ready, _, _ = select.select([self._socket], [], [], timeout)
+            # Some systems report here, as an error, that the other end does not listen.
             with suppress(OSError):
                 if ready:
-                    yield self._own.recv(2048)  # no network carries a longer datagram in one piece
-            if monotonic() >= until:
+                    yield self._socket.recv(MAX_DATAGRAM)
+            if monotonic() >= end_time:
                 return
 
 
@@ -82,30 +100,39 @@ def fly_live(
     speed: float,
     progress: Progress,
 ) -> LiveOutcome:
-    """Flies to the end, or until Ctrl-C, sending every frame in a datagram of its own, and obeying.
+    """Flies to the end, or until Ctrl-C, sends every frame in its own datagram, and executes received commands.
 
-    It flies ``speed`` seconds in a second. ``progress`` is called with the seconds flown. Raises ValueError: as
-    ``Transmitter``; or the vehicle tumbles.
+    Args:
+        scenario: What is flown.
+        simulation: Its simulation.
+        ground: Connection to the ground station.
+        speed: Simulated seconds per second of wall-clock time.
+        progress: Called with the seconds that have been flown.
+
+    Raises:
+        ValueError: The scenario has rates of a message that is not sent, or the vehicle tumbles.
     """
     transmitter = Transmitter(scenario)
     commands = CommandHandler(transmitter, simulation)
     outcome = LiveOutcome()
     link = LossyLink(scenario)
-    began = monotonic()
+    start_time = monotonic()
     try:
-        for now, due in _ticks(link, simulation, transmitter, speed):
+        for now, frames in _ticks(link, simulation, transmitter, speed):
             outcome.flown = now
             progress(now)
-            outcome.sent += sum(map(ground.send, due))
-            for datagram in ground.received(began + now / speed):
-                if not link.out(now):
-                    for message in addressed_messages(
-                        datagram, transmitter.system, AUTOPILOT_COMPONENT
-                    ):
-                        commands.answer(message)
+            outcome.sent += sum(map(ground.send, frames))
+            for datagram in ground.received(start_time + now / speed):
+                # While the link is lost, datagrams are read and dropped.
+                if link.is_lost(now):
+                    continue
+                for message in addressed_messages(
+                    datagram, transmitter.system, AUTOPILOT_COMPONENT
+                ):
+                    commands.handle(message)
     except KeyboardInterrupt:
         outcome.stopped = True
-    outcome.took = monotonic() - began
+    outcome.took = monotonic() - start_time
     outcome.commands = commands.accepted
     return outcome
 
@@ -113,23 +140,34 @@ def fly_live(
 def _ticks(
     link: LossyLink, simulation: Simulation, transmitter: Transmitter, speed: float
 ) -> Iterator[tuple[float, list[bytes]]]:
-    """Seconds flown, tick by tick, and the frames that arrive by then; after the flight, what is still on its way."""
-    way = deque[Timed]()
-    # What falls due in 4 ms of wall time is sent together, but at most half a second of the flight.
-    cycles = max(round(min(0.004 * speed, 0.5) / simulation.cycle), 1)
+    """Advances the simulation tick by tick, and yields the frames that arrive at the ground station.
+
+    After the flight it goes on until all frames that are delayed have arrived.
+
+    Yields:
+        Seconds flown, and the frames that have arrived by then since the tick before.
+    """
+    in_transit = deque[TimedFrame]()
+    tick = min(TICK_SECONDS * speed, MAX_TICK_FLIGHT_SECONDS)
+    cycles = max(round(tick / simulation.cycle), 1)
     start = None
     now = 0.0
     while not simulation.finished:
         motion = simulation.advance(cycles)
         start = float(motion.time[0]) if start is None else start
         now = float(motion.time[-1])
-        way.extend(link.pass_on(transmitter.send(motion)))
-        yield now - start, _due(way, now)
-    way.extend(link.rest())
-    while way and start is not None:
+        in_transit.extend(link.pass_on(transmitter.send(motion)))
+        yield now - start, _arrived(in_transit, now)
+    in_transit.extend(link.held_frames())
+    while in_transit and start is not None:
         now += cycles * simulation.cycle
-        yield now - start, _due(way, now)
+        yield now - start, _arrived(in_transit, now)
 
 
-def _due(way: deque[Timed], now: float) -> list[bytes]:
-    return [way.popleft()[1] for _ in range(len(way)) if way[0][0] <= now]
+def _arrived(in_transit: deque[TimedFrame], now: float) -> list[bytes]:
+    """Removes the frames that arrive until ``now`` (s of the flight) from those in transit, and returns them."""
+    arrived = []
+    while in_transit and in_transit[0][0] <= now:
+        _, frame = in_transit.popleft()
+        arrived.append(frame)
+    return arrived

@@ -55,8 +55,20 @@ def by_column(names: str, values: NDArray[Any]) -> Arrays:
     return dict(zip(names.split(), values.T, strict=True))
 
 
-def written(name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autopilot) -> Payloads:
-    """Returns the payloads (N,) of a message, one for each row of ``motion``, at ``boot`` (N,), µs since boot."""
+def message_payloads(
+    name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autopilot
+) -> Payloads:
+    """Returns the payloads of one message for rows of a motion.
+
+    Args:
+        name: Name of the message.
+        motion: N rows of the flight.
+        boot: Their times since boot, µs; (N,).
+        autopilot: Autopilot that sends the message.
+
+    Returns:
+        (N,) payloads of the message's wire type.
+    """
     fields: dict[str, Any] = {"time_boot_ms": boot // 1000 % 2**32}
     modes = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]
     base = modes[:, 0] + ARMED * motion.armed

@@ -43,7 +43,7 @@ class Vehicle:
 
     def hears(self, message):
         for one in addressed_messages(bytes(message.pack(GROUND)), 1, 1):
-            self.commands.answer(one)
+            self.commands.handle(one)
 
     def command(self, number, *given, seconds=1.0):
         """The result, and what was said in the second after."""
