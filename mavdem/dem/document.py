@@ -52,6 +52,7 @@ def from_text(result_type: type[ResultType], text: str) -> ResultType:
     version = _schema_version(text)
     if version is not None and version > VERSION:
         raise Unreadable(ModelFile.OF_LATER_VERSION)
+    # What cannot be parsed, lacks a key or has a wrong value is refused in the same way.
     try:
         return _adapter(cast(Any, result_type)).validate_json(text, strict=True)
     except (ValidationError, TypeError) as error:
@@ -65,7 +66,16 @@ def from_text(result_type: type[ResultType], text: str) -> ResultType:
 
 
 def _schema_version(text: object) -> int | None:
-    """Returns the version of the schema in a document's heading; None where it has none, or is no text."""
+    """Returns the version of the schema in a document's heading.
+
+    The heading is the document's beginning, so that a later version is recognized before the document is parsed.
+
+    Args:
+        text: The document, or what was given in its place.
+
+    Returns:
+        The version; None where there is no heading, as in earlier versions and other files, or no text.
+    """
     if not isinstance(text, str):
         return None
     heading = HEADING_PATTERN.match(text)

@@ -77,8 +77,10 @@ def fit(record: Record, settings: CompleteSettings) -> Fit:
     """
     scaling = Scaling.from_record(record, settings)
     model = generative_model(settings, scaling, record)
+    # All that DEM needs of the data are their second moments.
     samples = SufficientStatistics.from_segments(*generalized_data(settings, scaling, record))
     ascent = maximise_free_energy(model, samples, settings.iterations)
+    # DEM carries no state from sample to sample; a Kalman filter with its parameters and noises does.
     gain = _kalman_gain(model, ascent.posterior, _noise_smoothness(settings, record.dt), record.dt)
     predictor = predictor_from_theta(ascent.posterior.theta, model.sizes, gain, record.dt)
     return Fit(settings, scaling, model, ascent, gain, predictor)
@@ -110,7 +112,8 @@ def generative_model(
     p = settings.p
     d = settings.d
     motors = record.inputs.shape[1]
-    # Hidden states form a chain, and each of them needs one more derivative of the last output.
+    # Under the regulated prior the first m states are the outputs. The hidden states form a chain, and each of them
+    # needs one more derivative of the last output.
     max_order = m + p
     if settings.prior == "regulated":
         is_too_high = n > max_order and not settings.last_derivative_zero
@@ -121,6 +124,7 @@ def generative_model(
     r = motors + 1 if scaling.constant else motors
     smoothness = _noise_smoothness(settings, record.dt)
     q = p if settings.last_derivative_zero else p - 1
+    # One row for each derivative of the inputs; the constant input, if there is one, is the last column.
     input_precisions = np.full((d + 1, r), settings.input_precision)
     input_precisions[:, motors:] = CONSTANT_INPUT_PRECISION
     theta_mean, theta_precision = _parameter_prior(settings, scaling, record, r)
@@ -170,10 +174,12 @@ def _parameter_prior(
         k = n * n + n * r + m * n
         mean = default_rng(settings.seed).uniform(-1, 1, k)
         return mean, np.eye(k) * settings.parameter_precision
+    # The prior of an attitude loop: what is known of any multirotor before a flight.
     if settings.prior == "regulated":
         return regulated_prior(
             settings, n, motors, scaling.constant, scaling.output_scale, derivative_pairs(record)
         )
+    # A Gaussian that the user gives, of the vehicle's parameters only: the engine may have a constant input as well.
     indices = vehicle_parameter_indices(n, motors, m, scaling.constant)
     mean, precision = explicit_prior(
         settings.prior, settings.parameter_precision, indices, scaling.parameter_scale(n)
@@ -202,6 +208,9 @@ def vehicle_parameter_indices(
         motors: number of inputs without the constant one.
         m: number of outputs.
         has_constant_input: whether the engine has a constant input after the motors.
+
+    Returns:
+        Indices in θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], increasing.
     """
     r = motors + 1 if has_constant_input else motors
     is_of_vehicle_B = np.ones((n, r), bool)
@@ -255,7 +264,8 @@ def _kalman_gain(
     """
     A, B, C = unpack(posterior.theta, *model.sizes)
     noise_variances = np.exp(-posterior.lambda_)
-    # The error of the inputs moves the states through B, and adds to the process noise.
+    # The error of the inputs moves the states through B, and adds to the process noise. Of the generalized inputs, the
+    # first r are the inputs themselves, without derivatives.
     input_covariance = np.linalg.inv(model.input_precision)[: model.r, : model.r]
     process_covariance = np.diag(noise_variances[model.state_groups]) + B @ input_covariance @ B.T
     measurement_variances = noise_variances[model.output_groups]
@@ -268,7 +278,7 @@ def predictor_from_theta(
     gain: Array,
     dt: float,
 ) -> StateSpace:
-    """Returns the discrete model in innovation form.
+    """Returns the discrete model in innovation form, which predicts each sample from those before it.
 
     Args:
         theta: (k,) parameters, in the engine's units.

@@ -130,9 +130,10 @@ class Learned(ImmutableResult, ForecasterBase):
         return self.record.dt
 
     def model_interval(self, level: float = CONFIDENCE_LEVEL) -> LinearModel:
-        """Returns the uncertainty of the model's parameters.
+        """Returns the uncertainty of the model's parameters, as half widths of their posterior intervals.
 
-        The bias of closed loop, where the inputs are correlated with the disturbance, is not included.
+        They follow from the posterior covariance of the simulation-error fit, with its degrees of freedom. The bias of
+        closed loop, where the inputs are correlated with the disturbance, is not included.
 
         Args:
             level: Probability of the intervals.
@@ -143,6 +144,7 @@ class Learned(ImmutableResult, ForecasterBase):
         """
         n, r = self.model.B.shape
         m = len(self.model.C)
+        # Without a simulation-error fit there are no degrees of freedom, and NaN makes all half widths NaN.
         freedom = np.nan
         if self.simulation_fit is not None:
             freedom = self.simulation_fit.degrees_of_freedom
@@ -198,13 +200,15 @@ class Learned(ImmutableResult, ForecasterBase):
             return None
 
     def with_physical(self, physical: Physical | NotIdentifiable) -> Learned:
-        """Returns a copy with other physical parameters.
+        """Returns a copy with other physical parameters, such as those that were estimated elsewhere.
 
         The wind torque of the copy will be estimated with them; all else that has been computed is kept.
 
         Args:
             physical: The physical parameters, or the reason why there are none.
         """
+        # Computed properties are kept in the instance's dictionary. The dataclass is frozen, so that one is set there,
+        # and the wind torque of the former parameters is removed.
         changed = copy(self)
         object.__setattr__(changed, "_physical_fit", physical)
         vars(changed).pop("wind_torque", None)
@@ -228,7 +232,11 @@ class Learned(ImmutableResult, ForecasterBase):
 
     @property
     def _forecaster(self) -> JointModel | PlantForecasts:
-        """The model that forecasts, given the inputs: by ``Settings.forecasts``, the plant where inputs are unknown."""
+        """The model that forecasts with given inputs.
+
+        The joint model of outputs and motors; or the plant A, B, C, where ``Settings.forecasts`` asks for it or the
+        settings do not use the recorded inputs.
+        """
         if self.settings.forecasts == "joint" and self.scaling.known:
             return self.joint
         return self.plant
@@ -328,12 +336,14 @@ class Learned(ImmutableResult, ForecasterBase):
     def useful_steps(self) -> Indices:
         """Longest useful horizon of predictions for each output, (m,), in samples, up to 1.5 s.
 
-        A prediction is useful where its expected squared error is below half of the output's variance.
+        A prediction is useful where its expected squared error is below ``USEFUL_VARIANCE_SHARE`` of the output's
+        variance, the squared error of always predicting the mean.
         """
         longest = max(1, round(FORECAST_HORIZON_SECONDS / self.dt))
         # The error of a longer horizon counts as no smaller, so that all shorter horizons are useful too.
         errors = np.maximum.accumulate(self.predict_with_variance(longest).variance)
         is_useful = errors < USEFUL_VARIANCE_SHARE * self.record.outputs.var(axis=0)
+        # The useful horizons are the first ones, so that their number is the longest.
         return is_useful.sum(axis=0)
 
     def forecast_variance(self, inputs: ArrayLike) -> Array:
@@ -418,7 +428,10 @@ class Learned(ImmutableResult, ForecasterBase):
 
     @property
     def window_center_samples(self) -> Indices:
-        """Indices (T′,) of the training samples that have a whole embedding window around them in their segment."""
+        """Indices (T′,) of the training samples that have a whole embedding window around them in their segment.
+
+        They are the samples that the generalized data, and with them ``free_energy_of_samples``, belong to.
+        """
         window = self.settings.window
         centers = []
         for start, length in zip(self.record.segment_starts, self.record.lengths, strict=True):
@@ -428,6 +441,8 @@ class Learned(ImmutableResult, ForecasterBase):
 
     def process_noise(self) -> tuple[Indices, Array]:
         """Estimates the process noise w = x′ − A x − B v: the wind and everything else outside the model.
+
+        The states x, their rates x′ and the inputs v are DEM's posterior means at each sample.
 
         Returns:
             Indices of the samples, :attr:`window_center_samples`, (T′,), and the noise there, (T′, n), in units of the
@@ -439,6 +454,7 @@ class Learned(ImmutableResult, ForecasterBase):
         noise_map = np.zeros((n, len(self.state_map)))
         if self.settings.p > 0:
             noise_map = np.eye(n, len(self.state_map), k=n)
+        # The inputs follow the p + 1 derivatives of the n states.
         first_input = n * (self.settings.p + 1)
         noise_map[:, :n] -= A
         noise_map[:, first_input : first_input + B.shape[1]] -= B

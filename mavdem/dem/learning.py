@@ -97,6 +97,7 @@ def learn_with_fit(train: TrainingData, settings: Settings | None = None) -> tup
             fitted = fit(record, settings)
         except LinAlgError:
             raise NotLearnable(ModelRefusal.FIT_BREAKS_DOWN) from None
+        # Refinement changes the parameters, not the data or their units.
         segments = generalized_data(settings, fitted.scaling, record)
         refined_fit = _refined_by_simulation(fitted, record)
         return _learned_from_fit(refined_fit, record, np.concatenate(segments)), refined_fit
@@ -105,12 +106,17 @@ def learn_with_fit(train: TrainingData, settings: Settings | None = None) -> tup
 def learn_forecasts(train: TrainingData, settings: Settings | None) -> JointModel | Learned:
     """Learns only what is needed to forecast a flight.
 
-    That is the joint model alone, unless the settings ask for forecasts by the plant: DEM's A, B and C, which take most
-    of the time of :func:`learn`, play no part in the forecasts of the joint model.
+    That is the joint model alone, a vector autoregression of outputs and motors, unless the settings ask for forecasts
+    by the plant: DEM's A, B and C, which take most of the time of :func:`learn`, play no part in the forecasts of the
+    joint model.
 
     Args:
         train: As for :func:`learn`.
         settings: As for :func:`learn`.
+
+    Returns:
+        The joint model, or the result of :func:`learn` where the settings need DEM's model; both have the same
+        forecasts as the result of :func:`learn`.
 
     Raises:
         ValueError: As :func:`learn`, but not where DEM breaks down.
@@ -154,11 +160,15 @@ def prepared_training(
 def complete_settings(settings: Settings, record: Record) -> CompleteSettings:
     """Chooses what the settings leave open: order, input order d, embedding window and prior precision.
 
-    A window that is not given lasts ``EMBEDDING_SECONDS``, or is the shortest possible where segments are too short.
+    The order is one more than there are outputs, since the motors' lag is a hidden state. A window that is not given
+    lasts ``EMBEDDING_SECONDS``, or is the shortest possible where segments are too short.
 
     Args:
         settings: Settings, some of which may be ``None``.
         record: The training data.
+
+    Returns:
+        The settings with a value for each of these.
 
     Raises:
         NotLearnable: Fewer than half of the samples have a whole window in their segment.
@@ -176,12 +186,13 @@ def complete_settings(settings: Settings, record: Record) -> CompleteSettings:
     if settings.window is None:
         # A derivative of order k needs at least k + 1 samples.
         min_window = max(settings.p, d) + 1
+        # The usual window is tried first, and then the shortest.
         usual_window = _odd_window(EMBEDDING_SECONDS / record.dt, min_window)
         windows = [usual_window, _odd_window(0, min_window)]
     else:
         windows = [settings.window]
     for window in windows:
-        # With fewer windows the derivatives would come from too few of the samples.
+        # Segments shorter than the window have no derivatives; those that remain must cover half of the samples.
         if record.window_count(window) >= len(record) // 2:
             chosen = {
                 "order": order,
@@ -200,7 +211,12 @@ def complete_settings(settings: Settings, record: Record) -> CompleteSettings:
 
 
 def _odd_window(samples: float, min_window: int) -> int:
-    """Returns the odd window next to ``samples``, at least ``min_window``: an odd window has a sample at its centre."""
+    """Returns the length of an embedding window, in samples: odd, so that it has a sample at its centre.
+
+    Args:
+        samples: Wanted length, in samples; it is rounded, and an even number is increased by one.
+        min_window: Shortest length.
+    """
     window = max(round(samples), min_window)
     return window + 1 - window % 2
 
@@ -244,6 +260,9 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
         fit: The fit.
         record: The training data.
         data: (T′, q) generalized data of the samples with a whole window: derivatives of outputs and inputs.
+
+    Returns:
+        The result, with the parameters of the vehicle alone: the trim that the engine learns becomes an offset.
     """
     order = fit.model.n
     ascent = fit.ascent
@@ -253,6 +272,7 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
         order, record.inputs.shape[1], fit.model.m, scaling.constant
     )
     scale = scaling.parameter_scale(order)
+    # Where simulations have refined θ, their posterior holds, and theirs is the last search.
     precision = fit.model.prior.theta_precision
     covariance = ascent.posterior.theta_covariance
     converged = ascent.converged
@@ -292,9 +312,11 @@ def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
         fit: The fit.
         record: The training data.
     """
+    # The regulated prior relates a rate to its angle, so that their units must agree.
     unit_error = suspected_unit_error(record.outputs, record.dt)
     if unit_error is not None and fit.settings.prior == "regulated":
         yield unit_error
+    # The largest real part of the eigenvalues, 1/s: its inverse is the time in which a mode grows by the factor e.
     abscissa = fit.scaling.physical_model(fit.ascent.posterior.theta, fit.model.n).spectral_abscissa
     if abscissa > 0:
         yield Fact(ModelCaution.MODEL_GROWS, growth_time=1 / abscissa)

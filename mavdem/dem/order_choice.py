@@ -85,6 +85,7 @@ class OrderChoice:
             The mean over the flights that have both of F̄ᵒ at ``order`` less F̄ᵒ at ``reference``, nats, and the
             standard error of that mean, which is 0 for a single flight. NaN and 0 if no flight has both.
         """
+        # Column i has the order i + 1.
         gains = self.free_energy[:, order - 1] - self.free_energy[:, reference - 1]
         gains = gains[np.isfinite(gains)]
         if not len(gains):
@@ -108,7 +109,7 @@ class OrderChoice:
         raise ValueError("no order was fitted")
 
     def _is_strong_gain(self, order: int, reference: int) -> bool:
-        """Returns whether an order gains strong evidence over a lower one."""
+        """Returns whether ``order`` gains strong evidence over a lower one, ``reference``."""
         gain, standard_error = self.gain(order, reference)
         return gain > max(STRONG_EVIDENCE_NATS, STANDARD_ERRORS * standard_error)
 
@@ -119,9 +120,14 @@ class OrderChoice:
 
     @property
     def reason(self) -> Fact:
-        """Why this order is chosen: the largest gain of a higher one, and what it would have to exceed."""
+        """Why this order is chosen, for a report.
+
+        The fact has the largest mean gain of a higher order over the chosen one, nats (``None`` where no higher one was
+        fitted), and the evidence and standard errors that it would have had to exceed.
+        """
         chosen = self.chosen
         largest_gain = None
+        # The orders from 1 after the chosen one are the higher ones.
         for higher in self.orders[chosen:].tolist():
             gain, _ = self.gain(higher, chosen)
             if np.isfinite(gain) and (largest_gain is None or gain > largest_gain):
@@ -146,16 +152,20 @@ def free_energy_by_order(
     max_order: int = DEFAULT_MAX_ORDER,
     known_inputs: bool = True,
 ) -> FlightFreeEnergy:
-    """Returns F̄ᵒ of one ``flight``, or of its segments, by order.
+    """Fits models with 1, 2, … states to one flight, and returns the free energy F̄ᵒ of each.
 
-    It increases with the number of states and saturates. Models with 1, 2, … states, with A, B and C free, are fitted
-    to the same data under priors of the same form. Only states that the outputs show are counted: not a state that no
-    output depends on, or that nothing excites; but states of coloured wind are.
+    All models have A, B and C free, the same data and priors of the same form. So their free energies, which are
+    approximate log evidences, can be compared: F̄ᵒ increases with the number of states and saturates. Only states that
+    the outputs show are counted. A state that no output depends on, or that nothing excites, does not count; the states
+    of coloured wind do.
 
     Args:
         flight: a ``Flight`` or segments of one.
         max_order: the highest order that is fitted, up to ``LARGEST_ORDER``.
         known_inputs: whether the recorded inputs drive the system; if not, as many unknown ones do, η̃ᵛ = 0.
+
+    Returns:
+        F̄ᵒ of the orders 1 to ``max_order``, and why orders are missing.
 
     Raises:
         ValueError: an argument of the wrong kind; or a flight that is too short, or for which no order can be fitted.

@@ -78,7 +78,10 @@ MAX_ROUNDS = 200
 
 @dataclass(frozen=True, eq=False)
 class BlackBoxData:
-    """Generalized data of a flight for models of any order, in units of the flight's own."""
+    """Outputs and inputs of a flight with their time derivatives, to which models of any order are fitted.
+
+    All are in units of the flight's own: outputs, and all inputs together, of variance 1, and ``time_unit``.
+    """
 
     statistics: SufficientStatistics
     """Statistics of the generalized data [ỹ; η̃] of all samples."""
@@ -106,7 +109,7 @@ class BlackBoxData:
 
     @classmethod
     def from_record(cls, record: Record, max_order: int, known_inputs: bool) -> BlackBoxData:
-        """Filters and embeds a record.
+        """Filters a record by a Gaussian kernel, embeds it into generalized coordinates, and scales it.
 
         Args:
             record: training data.
@@ -123,6 +126,7 @@ class BlackBoxData:
         recorded_inputs = record.inputs.shape[1]
         # The scaling "channel" has a constant input, which follows the recorded ones.
         r = recorded_inputs + 1
+        # The p + 1 derivatives of m outputs are as many values as the largest model has states, and some more.
         p = max(MIN_EMBEDDING_ORDER, ceil((max_order + SPARE_VALUES) / m) - 1)
         data_of_segments = []
         for inputs, outputs in scaling.scale_segments(record):
@@ -139,8 +143,9 @@ class BlackBoxData:
                 effective_samples=effective_samples,
                 least_samples=float(MIN_SAMPLES_FOR_STATISTICS),
             )
+        # The first m columns are the outputs, the next m are their first derivatives.
         time_unit = _time_of_change(data[:, :m], data[:, m : 2 * m])
-        # The k-th derivative is per time to the k.
+        # The k-th derivative is per time to the k. Outputs have the orders 0 to p, inputs 0 to p − 1.
         derivative_orders = np.concatenate(
             [np.repeat(np.arange(p + 1), m), np.repeat(np.arange(p), r)]
         )
@@ -174,10 +179,14 @@ class BlackBoxData:
         )
 
     def generative_model(self, order: int) -> GenerativeModel:
-        """Returns the generative model with ``order`` states.
+        """Returns the generative model with ``order`` states, in the units of the data.
 
         All parameters have prior mean 0 and variance 1, and x has variance 1 about 0. The outputs share one noise
-        precision, and each state has its own.
+        precision, and each state has its own. So λ has 1 + ``order`` entries: that of the measurement noise, and one
+        for the process noise of each state.
+
+        Args:
+            order: number of states n.
         """
         n = order
         m = self.m
@@ -228,6 +237,7 @@ def embed_by_kernel(
         Generalized vectors (T', (order + 1) · m), order after order, of the samples where the whole kernel fits; none
         where it is longer than the signal.
     """
+    # Samples to either side of the kernel's centre. Without the tolerance, rounding might add one more.
     reach = ceil(KERNEL_REACH * width / dt * (1 - ROUNDING_TOLERANCE))
     if len(samples) <= 2 * reach:
         return np.empty((0, (order + 1) * samples.shape[1]))
@@ -239,26 +249,41 @@ def embed_by_kernel(
 
 
 def _samples_per_effective_sample(width: float, dt: float) -> float:
-    """Returns how many samples of noise of kernel width ``width``, s, are worth one independent: Σₖ ρ(k dt)²."""
+    """Returns how many samples of smooth noise carry as much information as one independent sample.
+
+    That is Σₖ ρ(k dt)², with the autocorrelation ρ(τ) = exp(−τ²/4s²) of noise of kernel width s; the sum is √(2π) s/dt.
+
+    Args:
+        width: kernel width s, s.
+        dt: sampling step, s.
+    """
     return sqrt(2 * pi) * width / dt
 
 
 def kernel_width(record: Record) -> float:
     """Returns the width σ of the Gaussian kernel that filters a record, s.
 
-    It is a fraction of the time in which the outputs change by their standard deviation, not so wide that too few
-    effective samples are left, and not so narrow that the kernel is undersampled.
+    It is a fraction, ``RELATIVE_KERNEL_WIDTH``, of the time in which the outputs change by their standard deviation. It
+    is not so wide that fewer than ``MIN_KERNEL_SAMPLES`` effective samples are left, and not below
+    ``MIN_KERNEL_STEPS`` sampling steps, where the kernel would be undersampled.
+
+    Args:
+        record: training data.
     """
     _, statistics = record.channel_statistics
     m = record.outputs.shape[1]
     derivatives_of_segments = []
     for _, outputs in record.segments:
         scaled = (outputs - statistics.mean) / np.sqrt(statistics.variance)
-        derivatives_of_segments.append(embed_by_kernel(scaled, 1, 2 * record.dt, record.dt))
+        # The rates come from a narrow kernel, which averages the noise of a few samples only.
+        rate_kernel_width = 2 * record.dt
+        derivatives_of_segments.append(embed_by_kernel(scaled, 1, rate_kernel_width, record.dt))
     derivatives = np.concatenate(derivatives_of_segments)
-    # A width of 1 with a step of 1: samples per effective sample and per step of width.
-    samples_per_width = _samples_per_effective_sample(1.0, 1.0)
-    width = len(record) * record.dt / (samples_per_width * MIN_KERNEL_SAMPLES)
+    # The widest kernel: the number of samples per effective sample is proportional to the width in steps, and this is
+    # the number for a width of one step.
+    samples_per_step_of_width = _samples_per_effective_sample(1.0, 1.0)
+    width = len(record) * record.dt / (samples_per_step_of_width * MIN_KERNEL_SAMPLES)
+    # Segments that are too short for a kernel show no rates.
     if len(derivatives):
         time_of_change = _time_of_change(derivatives[:, :m], derivatives[:, m:])
         width = min(width, RELATIVE_KERNEL_WIDTH * time_of_change)
@@ -266,12 +291,24 @@ def kernel_width(record: Record) -> float:
 
 
 def _time_of_change(values: Array, rates: Array) -> float:
-    """Returns the time, s, in which signals (T, m) with ``rates`` (T, m), per second, change by their deviation."""
+    """Returns the time in which signals change by their standard deviation: the ratio of their size to their rate.
+
+    Args:
+        values: (T, m) signals, of about the same variance.
+        rates: (T, m) their rates, per second.
+
+    Returns:
+        RMS deviation of the signals over the RMS deviation of the rates, s.
+    """
     return np.sqrt(values.var(axis=0).mean() / rates.var(axis=0).mean())
 
 
 def fits_by_order(data: BlackBoxData, max_order: int) -> tuple[Iterate | None, ...]:
-    """Fits models with 1 to ``max_order`` states.
+    """Fits models with 1 to ``max_order`` states to the same data, each by itself.
+
+    Args:
+        data: the generalized data.
+        max_order: largest number of states.
 
     Returns:
         The iterate of highest F̄ᵒ of each order; ``None`` where the fit broke down.
@@ -287,7 +324,14 @@ def fits_by_order(data: BlackBoxData, max_order: int) -> tuple[Iterate | None, .
 
 
 def _fit(data: BlackBoxData, order: int) -> Iterate:
-    """Fits a model of ``order`` states, starting from the data and the prior means of the noises.
+    """Fits a model of ``order`` states by DEM, from θ that regressions give and the prior means of the noises.
+
+    Args:
+        data: the generalized data.
+        order: number of states.
+
+    Returns:
+        The last iterate, which has the highest free energy.
 
     Raises:
         numpy.linalg.LinAlgError: the fit breaks down.
@@ -309,7 +353,8 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
 
     The states are linear functions of the generalized data: first the outputs, then those parts of their first, second,
     … derivative that the states so far and the inputs do not explain, the largest parts first. The rate of each state
-    is the same function of the next higher derivatives.
+    is the same function of the next higher derivatives. With states and rates as functions of the data, A, B and C
+    follow by regression.
 
     Args:
         data: the generalized data.
@@ -322,19 +367,21 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
         numpy.linalg.LinAlgError: there are too few derivatives for as many states.
     """
     y, v = _signal_selectors(data)
-    # Linear functions of the data, one in each row.
+    # Linear functions of the data, one in each row: as many states as have been found so far, and their rates.
     states = np.zeros((0, len(data.statistics.gram)))
     rates = states
     for k in range(data.p):
         unexplained = y[k]
         rate_of_unexplained = y[k + 1]
+        # From the first derivative on, what the states and the inputs up to order k − 1 explain is taken off.
         if k:
             regressors = np.vstack([states, *v[:k]])
             regressor_rates = np.vstack([rates, *v[1 : k + 1]])
             coefficients = _regression(data, y[k], regressors, ROUNDING_TOLERANCE)
             unexplained = unexplained - coefficients @ regressors
             rate_of_unexplained = rate_of_unexplained - coefficients @ regressor_rates
-        # Parts are compared in units of the derivative's standard deviation.
+        # The unexplained parts are compared in units of the derivative's standard deviation, and their principal
+        # components, the largest first, become further states, as many as are still missing.
         deviation = np.sqrt(np.diag(_mean_products(data, y[k], y[k])))
         scaled = unexplained / deviation[:, None]
         directions = _principal_directions(_mean_products(data, scaled, scaled))
@@ -348,7 +395,15 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
 
 
 def _signal_selectors(data: BlackBoxData) -> tuple[list[Array], list[Array]]:
-    """Returns the matrices that select y, y', … and v, v', … from a sample of the generalized data."""
+    """Returns the matrices that select y, y', … and v, v', … from a sample of the generalized data.
+
+    Args:
+        data: the generalized data [ỹ; η̃].
+
+    Returns:
+        p + 1 matrices (m, dim [ỹ; η̃]), one for each derivative of the outputs, and p matrices (r, dim [ỹ; η̃]), one for
+        each derivative of the inputs.
+    """
     identity = np.eye(len(data.statistics.gram))
     outputs, inputs = np.split(identity, [data.m * (data.p + 1)])
     return np.split(outputs, data.p + 1), np.split(inputs, data.p)
@@ -376,6 +431,8 @@ def _regression(
 ) -> Array:
     """Regresses linear functions of the data on others, by least squares with a ridge.
 
+    The means over all samples that the normal equations need follow from the second moments of the data alone.
+
     Args:
         data: the generalized data.
         targets: (a, dim [ỹ; η̃]) functions to explain, one in each row.
@@ -385,6 +442,7 @@ def _regression(
     Returns:
         Coefficients (a, b).
     """
+    # Regressors are scaled to variance 1, so that the ridge means the same for each; one that is 0 stays so.
     deviation = np.sqrt(np.diag(_mean_products(data, regressors, regressors)))
     unit = np.where(deviation > 0, deviation, 1.0)[:, None]
     scaled = regressors / unit
@@ -401,6 +459,9 @@ def _principal_directions(symmetric: Array) -> Array:
 def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Array:
     """Estimates θ by regression, in coordinates in which states have variance 1 and their noises are independent.
 
+    The data determine the states only up to a linear map. The priors are for these coordinates: x has variance 1, and
+    each state a noise of its own.
+
     Args:
         data: the generalized data.
         states: (n, dim [ỹ; η̃]) linear functions of the data that are the states.
@@ -411,6 +472,7 @@ def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Arr
     """
     n = len(states)
     y, v = _signal_selectors(data)
+    # The states are whitened: divided by their standard deviations along their principal axes.
     variances, axes = np.linalg.eigh(_mean_products(data, states, states))
     min_variance = ROUNDING_TOLERANCE * variances.max()
     whitening = (axes / np.sqrt(np.maximum(variances, min_variance))).T
@@ -422,6 +484,7 @@ def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Arr
     dynamics = _regression(data, rates, regressors, ridge)
     noise = rates - dynamics @ regressors
     noise_covariance = _mean_products(data, noise, noise)
+    # A rotation keeps the variance of the states, and makes their noises independent.
     rotation = _principal_directions(noise_covariance)
     A, B = np.split(rotation @ dynamics, [n], axis=1)
     # An unknown input has no data, and a fit that starts with its column of B at 0 would leave all of its effect to the
@@ -431,4 +494,5 @@ def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Arr
     noise_deviations = np.sqrt(np.diag(rotation @ noise_covariance @ rotation.T)[driven_states])
     B[driven_states, unknown_inputs] = noise_deviations
     C = _regression(data, y[0], rotation @ states, ridge)
+    # The rows of A were rotated with the rates; its columns belong to the states, which are rotated as well.
     return pack(A @ rotation.T, B, C)

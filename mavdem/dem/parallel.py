@@ -87,12 +87,17 @@ def _map_on_executor(
     Args:
         executor: Executor that does the work.
         work: Function to call.
-        jobs: Arguments of the calls.
+        jobs: Arguments of the calls; they may be endless, since each is taken only when there is room for it.
+
+    Raises:
+        concurrent.futures.BrokenExecutor: A worker died.
     """
+    # Jobs that are with the executor, the earliest first.
     futures: deque[Future[Result]] = deque()
     try:
         for job in jobs:
             futures.append(executor.submit(partial(_work_unless_stopped, work), job))
+            # Results that are there are passed on at once; where too many jobs wait, so is the next one when it comes.
             while futures and (len(futures) >= JOBS_AHEAD or futures[0].done()):
                 yield futures[0].result()
                 futures.popleft()
@@ -202,7 +207,16 @@ class LearningProcess(Executor):
         self._start()
 
     def submit(self, job: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
-        """Runs a job in the process; see ``concurrent.futures.Executor``."""
+        """Runs a job in the process, and in a new process where the last one has been killed.
+
+        Args:
+            job: Function of a module, which can be pickled.
+            *args: Its arguments.
+            **kwargs: Its named arguments.
+
+        Returns:
+            The future of its result, as ``concurrent.futures.Executor`` has it.
+        """
         try:
             return self._pool.submit(job, *args, **kwargs)
         except BrokenExecutor:
@@ -232,10 +246,12 @@ def blocked_signals(*numbers: signal.Signals) -> Iterator[None]:
     Args:
         *numbers: The signals.
     """
+    # Signals that were received in the block, in their order.
     postponed = []
     original_handlers = {}
     if current_thread() is main_thread():
         for number in numbers:
+            # A signal that is ignored stays so, and a handler that Python did not install cannot be replaced.
             if signal.getsignal(number) not in (None, signal.SIG_IGN):
                 original_handlers[number] = signal.signal(
                     number, lambda received, _: postponed.append(received)

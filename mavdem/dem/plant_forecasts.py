@@ -18,8 +18,8 @@ from mavdem.dem.scaling import Scaling
 FORECAST_HORIZON_SECONDS = 1.5
 """Length of a test forecast, s: a few periods of the roll motion, as in the paper at 100 Hz."""
 
-MAX_TEST_FORECASTS = 200
-"""Most forecasts of the training data from which the errors are estimated; they are spread evenly over the flight."""
+TEST_FORECASTS = 200
+"""About how many forecasts of the training data the errors are estimated from, spread evenly over the flight."""
 
 FILTER_SETTLING_SHARE = 4
 """The filter runs for a horizon divided by this number before a test forecast begins, to find the hidden states."""
@@ -27,9 +27,10 @@ FILTER_SETTLING_SHARE = 4
 
 @dataclass(frozen=True, eq=False)
 class PlantForecasts:
-    """Forecasts of outputs after the training data by the plant; the counterpart of ``JointModel``.
+    """Forecasts of outputs after the training data by the plant A, B, C with its Kalman filter.
 
-    Arguments and results of its methods are in physical units.
+    It has the methods of ``JointModel``, which forecasts by outputs and motors together. Arguments and results of its
+    methods are in physical units.
 
     Attributes:
         record: The training data.
@@ -58,17 +59,20 @@ class PlantForecasts:
         return np.concatenate(predictions)
 
     def half_widths(self, variance: Array, level: float, steps: int) -> Array:
-        """Returns half widths, (H, m), of the band of forecasts.
+        """Returns half widths of the band of forecasts, for normally distributed errors.
 
         Args:
             variance: Expected squared errors of the forecasts, (H, m).
             level: Probability that a sample lies in the band.
-            steps: Number of samples from the beginning of one forecast to the next; it does not matter here.
+            steps: Not used: ``JointModel`` needs the length of the forecasts, and both have the same arguments.
+
+        Returns:
+            Half widths, (H, m), in the units of the outputs.
         """
         return half_width(variance, level)
 
     def forecast_from_zero_state(self, inputs: Array) -> Array:
-        """Forecasts from state 0, with the outputs at their trim.
+        """Simulates the plant from state 0, with the outputs at their trim, as the paper's figures do.
 
         Args:
             inputs: Inputs, (H, r).
@@ -77,6 +81,7 @@ class PlantForecasts:
             Outputs, (H, m); row 0 is the trim.
         """
         scaled_inputs = self.scaling.scale_inputs(inputs)
+        # In the engine's units the trim is 0. Without inputs there is no row at all.
         first_row = np.zeros((min(1, len(inputs)), len(self.scaling.output_trim)))
         scaled_outputs = first_row
         if len(scaled_inputs) > 1:
@@ -94,11 +99,12 @@ class PlantForecasts:
             steps: Number of samples from the beginning of one forecast to the next.
             inputs: Inputs after the training data, (H, r).
             outputs: Outputs of the same samples, (H, m), which a forecast uses before its beginning.
-            smooth: No matter here: causes of motion are no measurements of it.
+            smooth: Not used: the plant takes the inputs as causes of the motion, and later causes tell nothing of it.
 
         Returns:
             Forecast outputs and their expected squared errors, (H, m) each.
         """
+        # The state of the first sample to forecast, by the filter over the last segment of the training data.
         last_inputs, last_outputs = self.record.segments[-1]
         state = self.process.state_after(
             self.scaling.scale_inputs(last_inputs), self.scaling.scale_outputs(last_outputs)
@@ -120,18 +126,24 @@ class PlantForecasts:
     def mean_squared_errors(self) -> Array:
         """Mean squared errors of forecasts of the training data, by the number of steps ahead.
 
+        Forecasts with known inputs start at many samples of the training data, each from the state of the filter there.
+        Their errors contain noise, wind and the errors of the model, so that no assumption about these is needed.
+
         Shape (L, m), in the squares of the outputs' units; row i is i + 1 steps ahead. Infinite where forecasts
         overflow.
         """
         usual_horizon = round(FORECAST_HORIZON_SECONDS / self.record.dt)
+        # In a short record a forecast takes two thirds of the longest segment: the filter needs the samples before it.
         horizon = max(1, min(usual_horizon, 2 * self.record.longest_segment // 3))
-        stride = max(1, len(self.record) // MAX_TEST_FORECASTS)
+        stride = max(1, len(self.record) // TEST_FORECASTS)
         squared_errors = []
         for inputs, outputs in self.scaling.scale_segments(self.record):
+            # Forecast i has the samples after starts[i] for its own; states[i] is that of the first of them.
             starts = np.arange(horizon // FILTER_SETTLING_SHARE, len(outputs) - horizon, stride)
             first_state = self.process.second_state(inputs[0], outputs[0])
             states = self.process.predicted_states(first_state, inputs[1:], outputs[1:])[starts]
             forecasts = self.process.simulate_from(starts + 1, horizon, states, inputs)
+            # (forecasts, horizon): the sample that belongs to each step of each forecast.
             rows = starts[:, None] + 1 + np.arange(horizon)
             squared_errors.append((outputs[rows] - forecasts) ** 2)
         mean = np.concatenate(squared_errors).mean(axis=0) * self.scaling.output_scale**2

@@ -40,10 +40,11 @@ DerivativePairs = tuple[tuple[int, int], ...]
 
 
 def derivative_pairs(record: Record) -> DerivativePairs:
-    """Finds the outputs that are time derivatives of other outputs, by comparing changes with integrals.
+    """Finds the outputs that are time derivatives of other outputs, such as the rate of an angle.
 
-    Changes are taken over ``RATE_INTEGRATION_SPAN``, which is long enough to average noise and short compared with the
-    motion.
+    The change of output i over a short span of time is compared with the integral of output j over the same span. Where
+    the integral explains more than ``MIN_EXPLAINED_SHARE`` of the variance of the changes, output j is the derivative.
+    The span is ``RATE_INTEGRATION_SPAN``, long enough to average noise and short compared with the motion.
 
     Args:
         record: training data.
@@ -67,6 +68,7 @@ def derivative_pairs(record: Record) -> DerivativePairs:
     # Entry (i, j): variance of the changes of output i that the integral of output j leaves unexplained.
     differences = output_changes[:, :, None] - integral_changes[:, None]
     unexplained = differences.var(axis=0)
+    # No output is its own derivative.
     np.fill_diagonal(unexplained, np.inf)
     allowed = (1 - MIN_EXPLAINED_SHARE) * output_changes.var(axis=0)[:, None]
     is_derivative = unexplained < allowed
@@ -101,6 +103,7 @@ def explicit_prior(
         )
     mean = np.zeros(len(scale))
     precision = default_precision * np.eye(len(scale))
+    # A parameter in the engine's units is the physical one over its scale; a precision has the inverse square.
     mean[indices] = theta / scale[indices]
     precision[np.ix_(indices, indices)] = theta_precision * np.outer(scale[indices], scale[indices])
     return mean, precision
@@ -145,6 +148,7 @@ def regulated_prior(
     C_precision = np.full((m, n), KNOWN_PRECISION)
     np.fill_diagonal(A[:m, :m], -DAMPING_RATE)
     for angle, rate in pairs:
+        # Row "angle" is φ' = p and row "rate" is p' = −ω₀² φ − 2ζω₀ p, in scaled units.
         A[angle, angle] = 0.0
         A[angle, rate] = output_scale[rate] / output_scale[angle]
         A[rate, angle] = -(NATURAL_FREQUENCY**2) * output_scale[angle] / output_scale[rate]

@@ -61,7 +61,7 @@ class ChannelStatistics(NamedTuple):
 
     @property
     def varying(self) -> Flags:
-        """Which channels vary by more than rounding, (k,)."""
+        """Which channels vary by more than rounding, (k,) booleans: the others are constant, and teach nothing."""
         size = np.maximum(abs(self.lowest), abs(self.highest))
         # The inverse of the largest value is the smallest whose square does not vanish.
         return self.highest - self.lowest > np.maximum(ROUNDING_TOLERANCE * size, 1 / MAX_ABS_VALUE)
@@ -145,6 +145,7 @@ class Record:
         validated_step(self.dt)
         require_finite_and_bounded(self.inputs, "inputs")
         require_finite_and_bounded(self.outputs, "outputs")
+        # Both tables must have one row for each sample of all segments.
         rows = sum(self.lengths)
         shapes = [table.shape for table in (self.inputs, self.outputs)]
         if not rows or any(len(shape) != 2 or shape[0] != rows for shape in shapes):
@@ -234,16 +235,17 @@ class Record:
         return list(zip(np.split(self.inputs, cuts), np.split(self.outputs, cuts), strict=True))
 
     def sample_indices(self, times: Sequence[float]) -> list[int]:
-        """Finds the samples at given times.
+        """Finds the samples at given times, such as those of events in the flight.
 
         Args:
             times: Times on the flight's clock, s.
 
         Returns:
-            Indices of the samples, sorted, each once. Times outside of all segments, and those of a segment's first
-            sample, are left out. Without a clock there are none.
+            Indices of the samples next to these times, in the record, sorted, each once. Times outside of all segments,
+            and those of a segment's first sample, are left out. Without a clock there are none.
         """
         indices = set()
+        # Without a clock there are no start times, and so no segments here.
         segments = list(zip(self.begins, self.segment_starts.tolist(), self.lengths, strict=False))
         for time in times:
             for start_time, first_sample, length in segments:
@@ -313,6 +315,7 @@ def cross_validation_folds(lengths: Sequence[int], count: int) -> list[list[Fold
     total = sum(lengths)
     folds = []
     for number in range(count):
+        # The fold's samples, numbered over all segments; what it shares with each segment is a piece.
         fold_start = total * number // count
         fold_stop = total * (number + 1) // count
         segment_start = 0
@@ -337,7 +340,15 @@ class _Samples(NamedTuple):
 
 
 def _checked_samples(segment: UniformSamples) -> _Samples:
-    """Returns the samples of one segment as arrays; raises ``ValueError`` where they are no such samples."""
+    """Returns the samples of one segment as arrays, of a ``Flight`` or of anything with its attributes.
+
+    Args:
+        segment: The segment, with inputs (T, r), outputs (T, m) and dt, s. Where it came from the user, it may be
+            anything.
+
+    Raises:
+        ValueError: An attribute is missing or is no number, or the tables have other shapes or no columns.
+    """
     try:
         inputs = as_real_array(segment.inputs, "inputs")
         outputs = as_real_array(segment.outputs, "outputs")
@@ -374,7 +385,11 @@ def _common_step(steps: Sequence[float]) -> float:
 
 
 def _start_times(flights: Sequence[UniformSamples]) -> Numbers:
-    """Returns the time of each segment's first sample on the flight's clock, s; empty unless all have times."""
+    """Returns the time of each segment's first sample on the flight's clock, s.
+
+    Samples without a clock have no ``time``. Unless all segments have one, the result is empty: the field of a record
+    has a time for every segment, or none.
+    """
     times: list[Sequence[float]] = [getattr(flight, "time", ()) for flight in flights]
     if not all(len(time) for time in times):
         return ()
@@ -384,7 +399,16 @@ def _start_times(flights: Sequence[UniformSamples]) -> Numbers:
 def _common_directions(flights: Sequence[UniformSamples], motors: int) -> Array | None:
     """Returns the effect directions (r,) that all segments have in common.
 
-    None where they differ, where a segment has none, or where all directions are zero, so that no motor has an effect.
+    Args:
+        flights: The segments; an effect direction is the relative effect of a motor on the axis, by the mixer geometry.
+        motors: Number of inputs, r.
+
+    Returns:
+        The directions (r,). None where they differ, where a segment has none, or where all are zero, so that no motor
+        has an effect.
+
+    Raises:
+        ValueError: Directions are not r finite numbers.
     """
     given = [getattr(flight, "effect_directions", None) for flight in flights]
     directions = [validated_directions(values, motors) for values in given if values is not None]
@@ -398,8 +422,17 @@ def _common_directions(flights: Sequence[UniformSamples], motors: int) -> Array 
 def _controller_fields(flights: Sequence[UniformSamples]) -> JsonValues:
     """Returns the fields of a record that describe the controller, as far as the segments have them.
 
-    These are its parameters and the range of the inputs, of the first segment, and the setpoints, where all segments
-    have the same.
+    These are its parameters and the range of the inputs, from the ``provenance`` of the first segment, and the
+    setpoints, where all segments have the same ones.
+
+    Args:
+        flights: The segments. ``provenance["parameters"]`` has the autopilot's parameters by name,
+            ``provenance["earlier"]`` their values before a change, and ``provenance["scale"]`` the inputs at no
+            throttle, "low", and at full throttle, "high".
+
+    Returns:
+        Values of the fields ``parameters``, ``earlier``, ``input_range`` and, where there are any, ``setpoints`` and
+        ``setpoint_names`` of :class:`Record`.
     """
     provenance: Mapping[str, Any] = getattr(flights[0], "provenance", {})
     scale = provenance.get("scale", {})
@@ -410,6 +443,7 @@ def _controller_fields(flights: Sequence[UniformSamples]) -> JsonValues:
     }
     names = getattr(flights[0], "setpoint_names", ())
     if names and all(getattr(flight, "setpoint_names", ()) == names for flight in flights):
+        # Not every kind of segment has this attribute, so that it is read by name.
         setpoints = [getattr(flight, "setpoints") for flight in flights]  # noqa: B009
         fields["setpoints"] = np.concatenate(setpoints)
         fields["setpoint_names"] = names

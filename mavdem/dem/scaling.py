@@ -46,6 +46,10 @@ class Scaling:
         that the noise of a motor that hardly moves is not amplified. "paper" scales the inputs alone, all by one mean
         and one range. "none" leaves physical units.
 
+        Args:
+            record: training data, from whose means, variances and ranges the scaling is computed.
+            settings: settings with the name of the scaling, and whether the inputs are known.
+
         Raises:
             NotLearnable: an output is constant, or all known inputs are.
         """
@@ -102,13 +106,17 @@ class Scaling:
     def state_scale(self, order: int) -> Array:
         """Returns the physical size of the engine's unit of each of n = ``order`` states, (n,).
 
-        The first states are the outputs; hidden states have the unit of the last output.
+        The first states have the units of the outputs; hidden states have that of the last output.
         """
         output_columns = np.minimum(np.arange(order), len(self.output_scale) - 1)
         return self.output_scale[output_columns]
 
     def parameter_scale(self, order: int) -> Array:
-        """Returns the physical size of the engine's unit of each parameter in θ, (k,), for ``order`` states."""
+        """Returns the physical size of the engine's unit of each parameter in θ, (k,), for ``order`` states.
+
+        A parameter in A or B has the unit of its row's state over that of its column's state or input, per second; one
+        in C that of its output over that of its state.
+        """
         state_scale = self.state_scale(order)
         per_input = 1 / self.input_scale
         if self.constant:
@@ -130,5 +138,6 @@ class Scaling:
         m = len(self.output_trim)
         engine_inputs = r + 1 if self.constant else r
         A, B, C = unpack(theta * self.parameter_scale(order), order, engine_inputs, m)
+        # The constant input is 1, so that its column of B is a constant rate of the states.
         offset = B[:, r].copy() if self.constant else np.zeros(order)
         return LinearModel(A, B[:, :r].copy(), C, offset, self.input_trim, self.output_trim)

@@ -77,11 +77,14 @@ class Gaussian:
             raise ValueError(
                 f"mean must be finite numbers of shape (k,), not of shape {means.shape}"
             )
+        # One number, or a diagonal, becomes the whole matrix.
         if precisions.ndim == 0:
             precisions = np.full(len(means), precisions)
         if precisions.ndim == 1 and len(precisions) == len(means):
             precisions = np.diag(precisions)
         require_positive_definite(precisions, "precision", len(means))
+        # Tuples of floats, in place of arrays, make the distribution hashable and comparable. The dataclass is frozen,
+        # so that its fields can only be set in this way.
         object.__setattr__(self, "mean", tuple(means.tolist()))
         object.__setattr__(self, "precision", tuple(map(tuple, precisions.tolist())))
 
@@ -197,8 +200,14 @@ class Settings:
     forecasts: Literal["joint", "plant"] = "joint"
 
     def __post_init__(self) -> None:
-        """Checks each field by its annotation, and the settings as a whole."""
+        """Checks each field by its annotation, and the settings as a whole.
+
+        Raises:
+            ValueError: A value does not fit, or two settings contradict each other; the message names the setting.
+        """
+        # Numbers of numpy become Python's own, which the annotations ask for.
         values = {name: plain(value) for name, value in vars(self).items()}
+        # The values are set again as pydantic returns them, such as tuples for lists; the dataclass is frozen.
         for name, value in checked_values(type(self), values).items():
             object.__setattr__(self, name, value)
         self._require_consistent()
@@ -215,6 +224,7 @@ class Settings:
             raise self._contradiction(
                 "correlation", '"continuous" with the uniform prior, which leaves C free'
             )
+        # Without a derivative there would be no equation of motion left.
         if self.p == 0 and not continuous:
             raise self._contradiction("correlation", '"continuous" with p = 0')
         if self.prior == "regulated" and not self.known_inputs:
@@ -306,6 +316,7 @@ class Settings:
         unknown = set(values) - names - FORMER_SETTINGS
         if unknown:
             raise ValueError(f"not a setting: {', '.join(sorted(unknown))}")
+        # In JSON a Gaussian prior is an object, and any other prior is a word.
         if isinstance(values.get("prior"), dict):
             values = values | {"prior": Gaussian.from_dict(values["prior"])}
         return cls(**{name: values[name] for name in names & set(values)})

@@ -72,6 +72,7 @@ def first_problem(error: ValidationError) -> str:
         value is shortened.
     """
     problem = error.errors(include_url=False)[0]
+    # The location of a value is the list of keys and indices that lead to it.
     name = ".".join(map(str, problem["loc"]))
     if problem["type"].startswith("missing"):
         return f"{name} is missing"
@@ -94,7 +95,10 @@ def is_number(value: object) -> TypeGuard[float]:
 
 
 def is_integer(value: object) -> TypeGuard[int]:
-    """Returns whether a value is one integer that fits 64 bits, of Python's or numpy's; ``True`` is none."""
+    """Returns whether a value is one integer that fits 64 bits, of Python's or numpy's.
+
+    ``True`` and ``False`` are none, although Python counts them as integers. A larger number would overflow in arrays.
+    """
     return (
         isinstance(value, int | np.integer)
         and not isinstance(value, bool)

@@ -56,13 +56,19 @@ class AnomalyMarks:
         self._marked_sample = -np.inf
 
     def add(self, surprise: float) -> bool:
-        """Takes the surprise of the next sample; returns whether the sample is marked.
+        """Takes the surprise of the next sample, and decides whether the sample is marked.
 
-        A surprise that is not finite, as after a gap, is ignored. There is at most one mark in ``REFRACTORY_SECONDS``.
+        Args:
+            surprise: Drop of the sample's free energy below its recent median, in units of usual drops. A surprise that
+                is not finite, as after a gap, is ignored.
+
+        Returns:
+            Whether the evidence exceeds the limit, and the last mark is at least ``REFRACTORY_SECONDS`` ago.
         """
         if not np.isfinite(surprise):
             return False
         self._sample_count += 1
+        # An exponential average. The logarithm keeps one huge surprise from counting like a change that lasts.
         self._evidence += self._smoothing * (np.log1p(max(surprise, 0.0)) - self._evidence)
         self._current_peak = max(self._current_peak, self._evidence)
         samples_since_mark = self._sample_count - self._marked_sample

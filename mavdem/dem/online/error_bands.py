@@ -62,7 +62,8 @@ class ErrorBands:
 
         It sorts all errors, and is therefore called once for each block of samples.
         """
-        # Sorting puts infinity and NaN last, so that the first ``count`` sizes are the finite ones.
+        # Sorting puts infinity and NaN last, so that the first ``count`` sizes are the finite ones. Sizes have the
+        # shape (1 + H, m, capacity), counts and quantiles (1 + H, m, 1).
         sizes = np.sort(abs(self._errors))
         count = np.isfinite(sizes).sum(axis=-1, keepdims=True)
         # The next error is below the k-th smallest of n with probability k / (n + 1).

@@ -76,6 +76,7 @@ class PredictionMaps(NamedTuple):
             (H + 1, m) outputs at each horizon and, last, of the latest sample. What overflows is not finite.
         """
         channels = self.scaling.scaled(np.hstack([outputs, inputs @ self.axis_mixer]))
+        # The L + 1 latest samples in one row, in the order of the weights.
         latest_first = latest_samples(channels, MAX_LAGS + 1)[::-1].ravel()
         m = outputs.shape[1]
         predictions = self.weights.dot(latest_first) + self.constants
@@ -148,6 +149,8 @@ class OnlineForecaster:
     def predict(self, memory: SampleMemory) -> ArrayPair:
         """Compares the latest sample with its predictions, and predicts the next ones.
 
+        The order matters: the sample is compared with what was predicted of it before its own predictions are stored.
+
         Args:
             memory: Memory to which the latest sample has been added.
 
@@ -161,6 +164,7 @@ class OnlineForecaster:
         expected = np.full(self._outputs, np.nan)
         ahead = np.tile(latest, (len(self._horizons), 1))
         if self._maps is not None:
+            # (H + 1, m): at each horizon and, last, of the latest sample itself.
             predictions = self._maps.predict(inputs, outputs)
             if len(outputs) > 1:
                 expected = predictions[-1]
@@ -179,8 +183,10 @@ class OnlineForecaster:
             may_fit: Whether the model is fitted when a fit is due. While another thread computes a fit, it is put off,
                 so that samples do not wait.
         """
+        # Without the mixer the inputs cannot be combined to channels. The blocks come again with :meth:`relearn`.
         if self.axis_mixer is None:
             return
+        # The samples of the first second determine the scaling, and are counted together when it is known.
         if self._scaling is None:
             self._blocks_before_scaling.append(block)
             self._scaling = self._scaling_of_first_second(self.axis_mixer)
@@ -205,7 +211,15 @@ class OnlineForecaster:
         return np.hstack([block.outputs, block.inputs @ axis_mixer])
 
     def _scaling_of_first_second(self, axis_mixer: Array) -> ChannelScaling | None:
-        """Returns mean and deviation of each channel in the blocks so far; None before they last a second."""
+        """Returns the scaling of the channels by the samples of the first second.
+
+        Args:
+            axis_mixer: (r, c) combinations of the inputs.
+
+        Returns:
+            Mean and standard deviation of each channel in the blocks so far; None before these last
+            ``FIRST_FIT_SECONDS``.
+        """
         blocks = self._blocks_before_scaling
         if sum(len(block.outputs) for block in blocks) * self._dt < FIRST_FIT_SECONDS:
             return None
@@ -228,12 +242,14 @@ class OnlineForecaster:
             The new sums.
         """
         channels = scaling.scaled(self._channels(block, axis_mixer))
+        # Within a segment the first samples of a block follow from the last ones of the block before.
         if not block.starts_segment and len(self._latest_channels):
             channels = np.vstack([self._latest_channels, channels])
         self._latest_channels = channels[-MAX_LAGS:]
         self._samples_since_fit += len(block.outputs)
         statistics = LagStatistics.from_segments([channels], MAX_LAGS)
         if self._statistics is not None:
+            # Weight of earlier samples after the time of the new ones.
             remaining_weight = np.exp(-statistics.row_count * self._dt / MEMORY_SECONDS)
             statistics = statistics.plus_discounted(self._statistics, remaining_weight)
         self._statistics = statistics
@@ -250,12 +266,14 @@ class OnlineForecaster:
         Raises:
             numpy.linalg.LinAlgError: The regression fails for these samples; it may succeed with more.
         """
+        # The whole grid would take too long at each fit. With one alternative at a time, all are tried in turn.
         candidates = self._hyperparameters, next(self._alternatives)
         chosen, regression = select_hyperparameters(statistics, MAX_LAGS, candidates)
         process = VectorAutoregression.from_regression(regression, scaling)
+        # A mode of this magnitude grows about by the factor e over the longest horizon.
         if process.spectral_radius > 1 + 1 / self._horizons[-1]:
-            # The beginning of a manoeuvre can look like motion that grows for ever. The model is kept, and the next
-            # block, which shows how the manoeuvre goes on, is fitted at once.
+            # The beginning of a manoeuvre can look like motion that grows for ever. The last model is kept, and the
+            # next block, which shows how the manoeuvre goes on, is fitted at once.
             self._samples_since_fit = round(REFIT_SECONDS / self._dt)
             return
         self._hyperparameters = chosen
@@ -264,7 +282,7 @@ class OnlineForecaster:
     def _prediction_maps(
         self, axis_mixer: Array, process: VectorAutoregression, scaling: ChannelScaling
     ) -> PredictionMaps:
-        """Returns the maps that predict with a fitted process.
+        """Returns the linear maps by which a fitted process predicts, computed once for all samples until the next fit.
 
         Args:
             axis_mixer: (r, c) combinations of the inputs that are channels of the process.
@@ -272,6 +290,7 @@ class OnlineForecaster:
             scaling: Centre and scale of each channel.
         """
         m = self._outputs
+        # Of the predictions of all channels at all steps, only the outputs at the horizons are needed.
         all_maps, all_constants = process.prediction_maps(int(self._horizons[-1]))
         horizon_maps = all_maps[self._horizons - 1, :m]
         horizon_constants = all_constants[self._horizons - 1, :m]

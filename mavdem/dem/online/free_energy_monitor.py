@@ -57,7 +57,7 @@ class FreeEnergyMonitor(NamedTuple):
 
     @classmethod
     def from_fit(cls, learned: Learned, fit: Fit, end_time: float) -> FreeEnergyMonitor:
-        """Returns the monitor of a learned model.
+        """Returns the monitor of a learned model, with F(t) of its latest training samples as the past.
 
         Args:
             learned: The model.
@@ -78,9 +78,16 @@ class FreeEnergyMonitor(NamedTuple):
         )
 
     def evaluate(self, memory: SampleMemory) -> float:
-        """Returns F(t) at the centre of the latest window of samples, without its terms of θ and λ, in nats.
+        """Computes how well the latest samples agree with the model: F(t) at the centre of their embedding window.
 
-        NaN where there are too few samples for a window since the last gap.
+        The samples of the window give the derivatives of outputs and inputs, as in the fit; the states are the linear
+        map of these that DEM has found.
+
+        Args:
+            memory: Memory with the latest samples.
+
+        Returns:
+            F(t) without its terms of θ and λ, nats; NaN where the last gap is too near for a whole window.
         """
         window = self.learned.settings.window
         inputs, outputs = memory.latest_samples(window)
@@ -132,9 +139,10 @@ class Surprise:
         """
         if len(self._past_values) < MIN_PAST_VALUES:
             return
+        # The 5 % quantile, the lower quartile and the median.
         low, quartile, self._median = np.quantile(
             self._past_values, [INTERVAL_QUANTILES[0], 0.25, 0.5]
         )
         unit = min(self._median - low, MAX_QUARTILES * (self._median - quartile))
-        # Of an F(t) that did not vary a drop is still a finite number.
+        # Where F(t) did not vary, this floor keeps the surprise of a drop finite.
         self._unit = max(unit, ROUNDING_TOLERANCE)

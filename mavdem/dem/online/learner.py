@@ -83,7 +83,19 @@ class _Sample(NamedTuple):
 
 
 def _learn_and_monitor(record: Record, settings: Settings, end_time: float) -> FreeEnergyMonitor:
-    """Learns a model of a record whose last sample is of ``end_time``, in s; runs in the executor."""
+    """Learns a model of a record, and prepares all that the learner needs of it; runs in the executor.
+
+    Args:
+        record: The samples in the memory.
+        settings: Settings of the fit.
+        end_time: Time of the last sample of the record, s.
+
+    Returns:
+        The monitor, which holds the model; it is sent back from the process of the executor.
+
+    Raises:
+        ValueError: The samples do not support a model.
+    """
     learned, fit = learn_with_fit(record, settings)
     # The joint model is computed when it is first used: it is used here, so that samples do not wait for it later.
     learned.joint  # noqa: B018
@@ -137,9 +149,11 @@ class OnlineLearner:
         self._n_outputs = validated_count(n_outputs, "n_outputs")
         self.horizons = _validated_horizons(horizons)
         block_size = max(1, round(MEMORY_BLOCK_SECONDS / dt))
+        # A memory that is no finite number of blocks is refused like one that is too short.
         max_blocks = 0
         if is_number(memory) and np.isfinite(memory / dt):
             max_blocks = round(memory / dt / block_size)
+        # The first fit waits for at least as many samples.
         if max_blocks * block_size < 2 * MIN_SAMPLES:
             raise ValueError(
                 f"memory must be at least {2 * MIN_SAMPLES * dt:g} s at this dt, not {memory!r}"
@@ -213,11 +227,13 @@ class OnlineLearner:
         See Also:
             :func:`mavdem.learn`: from a whole flight.
         """
+        # First the sample is checked and remembered. A gap before it ends the segment.
         sample = self._checked_sample(time, inputs, outputs)
         step = self._dt if self._last_time is None else sample.time - self._last_time
         self._count_gaps(step)
         has_completed_block = self._memory.add(sample.inputs, sample.outputs, sample.time)
         self._sample_count += 1
+        # Then come the estimates, by what was learned before this sample.
         wind_torque, wind_torque_band = np.nan, np.nan
         if self.follows_torque:
             wind_torque, wind_torque_band = self._wind_torque.update(sample.inputs, weak)
@@ -229,6 +245,7 @@ class OnlineLearner:
             physical=None if smoother is None else smoother.physical,
         )
         self._last_time = sample.time
+        # Last, the learner learns from it: quantiles and forecasts once for each block, the model when it is due.
         if has_completed_block:
             self._error_bands.update()
             self._surprise.update_quantiles()
@@ -247,11 +264,13 @@ class OnlineLearner:
         Args:
             time: Time on the clock of the latest segments, s.
         """
+        # Samples before and after the forgotten ones do not follow each other.
         self._begin_segment()
         if not drop_blocks_since(self._memory.blocks, time):
             return
         self._forecaster.relearn(self._memory.blocks, self._forecaster.axis_mixer)
         self._wind_torque.drop_blocks_since(time)
+        # A running fit uses the forgotten samples: it is dropped, and a new one is due at once.
         if self._pending_fit is not None:
             self._pending_fit.cancel()
             self._pending_fit = None
@@ -261,10 +280,13 @@ class OnlineLearner:
             self._next_fit_sample += self._samples_before_fit
 
     def learn_now(self, timeout: float | None = None) -> Learned:
-        """Returns the result of ``learn`` on the samples in the memory; the model in use is not changed.
+        """Learns a model from the samples in the memory at once; the model in use is not changed.
 
         Args:
             timeout: Longest time to wait for the executor, s; without an end unless given.
+
+        Returns:
+            The result of ``learn``.
 
         Raises:
             ValueError: The samples do not support a model, or there is no block of samples yet.
@@ -278,7 +300,16 @@ class OnlineLearner:
         return self._executor.submit(learn, record, self._settings).result(timeout)
 
     def _checked_sample(self, time: float, inputs: ArrayLike, outputs: ArrayLike) -> _Sample:
-        """Returns a sample as arrays; raises ``ValueError`` where values do not fit or are not finite."""
+        """Returns a sample as arrays, so that a wrong value does not reach the memory.
+
+        Args:
+            time: Time of the sample, s.
+            inputs: Motor outputs, (r,).
+            outputs: Measured motion, (m,).
+
+        Raises:
+            ValueError: There are more or fewer values, or one is not finite or too large; the message names it.
+        """
         return _Sample(
             time=float(_checked_row(time, "time", 1)[0]),
             inputs=_checked_row(inputs, "inputs", self._n_inputs),
@@ -286,7 +317,14 @@ class OnlineLearner:
         )
 
     def _count_gaps(self, step: float) -> None:
-        """Begins a segment where a ``step``, in s, from the last sample shows a gap, and counts the gaps in a row."""
+        """Begins a new segment where samples are missing before this one, and counts such gaps in a row.
+
+        A gap is a step that differs from ``dt`` by more than ``MAX_STEP_DEVIATION``. After ``MAX_GAPS`` in a row the
+        samples do not come every ``dt`` at all, which ``obstacle`` then states, until there is a step without a gap.
+
+        Args:
+            step: Time from the last sample to this one, s; negative where the clock was set back.
+        """
         if abs(step - self._dt) > MAX_STEP_DEVIATION * self._dt:
             self._begin_segment()
             self._gaps_in_a_row += 1
@@ -297,7 +335,11 @@ class OnlineLearner:
         self._gaps_in_a_row = 0
 
     def _begin_segment(self) -> None:
-        """Ends the segment of the samples so far; the next sample begins another."""
+        """Ends the segment of the samples so far; the next sample begins another.
+
+        Nothing is predicted or differentiated across the boundary. The samples that do not fill a block yet become a
+        shorter one, from which the forecasts still learn.
+        """
         has_completed_block = self._memory.end_segment()
         if has_completed_block:
             self._learn_from_last_block()
@@ -306,14 +348,24 @@ class OnlineLearner:
         self._last_time = None
 
     def _learn_from_last_block(self) -> None:
-        """Learns the forecasts, and the wind torque, from the block that was just completed."""
+        """Updates the forecasts and the wind torque with the block that was just completed.
+
+        The forecaster and the estimator of the wind torque take every block. They fit their parameters when that is
+        due, unless the caller puts it off by ``refits`` or ``fits_physical``.
+        """
         block = self._memory.blocks[-1]
         self._forecaster.add_block(block, self.refits)
         if self.follows_torque:
             self._wind_torque.add(block, self.fits_physical)
 
     def _estimate(self, sample: _Sample) -> Estimate:
-        """Returns the estimates as of a sample that is in the memory already, except those of the wind torque."""
+        """Returns the estimates as of the latest sample, except those of the wind torque.
+
+        These are the predictions with their bands and, where there is a model, the free energy of the samples under it.
+
+        Args:
+            sample: The latest sample, which the memory has already.
+        """
         expected, ahead = self._forecaster.predict(self._memory)
         # The bands are those of the errors before this sample, whose errors are added for the next one.
         half_widths = self._error_bands.half_widths
@@ -335,6 +387,7 @@ class OnlineLearner:
         surprise = np.nan
         if np.isfinite(free_energy):
             surprise = self._surprise.add(free_energy)
+        # The free energy belongs to the centre of the embedding window, which ends with this sample.
         window = monitor.learned.settings.window
         samples_since_center = window - 1 - window // 2
         return estimate._replace(
@@ -362,7 +415,12 @@ class OnlineLearner:
         self._adopt(finished_fit.result)
 
     def _start_fit_when_due(self) -> None:
-        """Calls ``learn`` on the samples in the memory, in the executor or here, where that is due."""
+        """Starts a fit of the model to the samples in the memory, when it is due and no other is running.
+
+        With an executor the result is adopted at a later sample; without one, the fit is computed here and now. The
+        next fit is due ``LEARNING_SECONDS`` of samples later, or more where the memory holds more than
+        ``FULL_RATE_SAMPLES``, since a fit then takes longer.
+        """
         is_due = self.refits and self._sample_count >= self._next_fit_sample
         if not is_due or self._pending_fit is not None or not self._memory.blocks:
             return
@@ -384,7 +442,9 @@ class OnlineLearner:
             self.obstacle = self._reason_of_no_model()
 
     def _adopt(self, result: Callable[[], FreeEnergyMonitor]) -> None:
-        """Takes the result of a fit into use.
+        """Takes the result of a fit into use, or states why the fit failed.
+
+        F(t) of the new model has a level of its own, so that surprise begins with that of the training samples.
 
         Args:
             result: Function that returns the result, or raises the error of the fit, which becomes the obstacle.
@@ -406,10 +466,13 @@ class OnlineLearner:
             self._forecaster.relearn(self._memory.blocks, fitted_mixer)
 
     def _retry_later(self, error: BaseException) -> None:
-        """States why a fit failed, and lets it be tried again soon.
+        """States why a fit failed, and lets it be tried again after as many samples as before the first fit.
 
-        Without a model the older half of the memory is dropped, since a vehicle that stood on the ground may have taken
-        off.
+        Where the samples have not supported any model yet, the older half of the memory is dropped: a vehicle that
+        stood on the ground may have taken off. A failure of the executor drops nothing.
+
+        Args:
+            error: The error of the fit or of the executor.
         """
         self.obstacle = Fact(
             Online.LEARNING_FAILED,
@@ -423,7 +486,17 @@ class OnlineLearner:
 
 
 def _validated_horizons(horizons: tuple[int, ...]) -> tuple[int, ...]:
-    """Returns steps ahead as integers; raises ``ValueError`` unless they are positive and increase."""
+    """Checks the horizons of the predictions.
+
+    Args:
+        horizons: Steps ahead to predict.
+
+    Returns:
+        The steps as integers.
+
+    Raises:
+        ValueError: There are none, or they do not increase, or one is not from 1 to ``MAX_STEPS``.
+    """
     steps: list[int] = []
     if np.ndim(horizons):
         steps = [validated_count(number, "horizons", MAX_STEPS) for number in horizons]
@@ -433,7 +506,19 @@ def _validated_horizons(horizons: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _checked_row(values: Any, name: str, columns: int) -> Array:
-    """Returns the values of one sample, (columns,); raises ``ValueError``, with this ``name``, where they are wrong."""
+    """Checks the values of one sample, in the same way as a table of samples for ``learn``.
+
+    Args:
+        values: The values; of a single column, one number.
+        name: Name of the argument, for the message of an error.
+        columns: Number of values that there must be.
+
+    Returns:
+        The values as an array, (columns,).
+
+    Raises:
+        ValueError: There are more or fewer, or one is not finite or larger than ``MAX_ABS_VALUE``.
+    """
     row: Array = validated_table([values], name, columns)[0]
     require_finite_and_bounded(row, name)
     return row

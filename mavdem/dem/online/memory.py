@@ -30,7 +30,7 @@ class MemoryBlock(NamedTuple):
 def record_from_blocks(
     blocks: Iterable[MemoryBlock], dt: float, effect_directions: Array | None
 ) -> Record:
-    """Joins blocks to a record for a fit.
+    """Joins blocks to a record for a fit, with a segment for each run of blocks without a gap.
 
     Args:
         blocks: Blocks in the order of time, at least one. The first begins a segment, also where the block before it,
@@ -39,6 +39,7 @@ def record_from_blocks(
         effect_directions: (r,) relative effect of each input on the axis, where it is known.
     """
     blocks = list(blocks)
+    # Number of samples of each segment.
     lengths: list[int] = []
     for block in blocks:
         if block.starts_segment or not lengths:
@@ -62,6 +63,7 @@ def drop_blocks_since(blocks: deque[MemoryBlock], time: float) -> bool:
     Returns:
         Whether any block was dropped.
     """
+    # End of the earliest block that was dropped. A block that ends later is of an earlier boot.
     earliest_dropped = np.inf
     while blocks and time < blocks[-1].end_time < earliest_dropped:
         earliest_dropped = blocks.pop().end_time
@@ -151,7 +153,10 @@ class SampleMemory:
         return np.array(inputs), np.array(outputs)
 
     def _complete_block(self) -> None:
-        """Moves the samples that belong to no block yet to a new block."""
+        """Moves the samples that belong to no block yet to a new block, the last of ``blocks``.
+
+        Where there are ``max_blocks`` already, the oldest one is dropped.
+        """
         inputs, outputs = self.latest_samples(self._open_samples)
         block = MemoryBlock(inputs, outputs, self._next_block_starts_segment, self._latest_time)
         self.blocks.append(block)

@@ -12,7 +12,7 @@ MODEL, LAST_SAMPLE, MEAN = range(3)
 
 
 class PredictionErrors:
-    """Compares each sample of a stream with what was predicted of it at each of H horizons.
+    """Compares each sample of a stream with its predictions at H horizons, by the model and by two trivial ways.
 
     Attributes:
         latest: (H, m) errors of the model's predictions of the latest sample; NaN where it was not predicted.
@@ -28,14 +28,17 @@ class PredictionErrors:
         """
         self._horizons = np.array(horizons)
         self._horizon_indices = np.arange(len(horizons))
+        # Weight of a new squared error in an exponential average with the time constant ERROR_SECONDS.
         self._update_weight = 1 - np.exp(-dt / ERROR_SECONDS)
-        # Ring buffer: for each of the latest samples what was predicted at it, by each way at each horizon. With one
-        # slot more than the longest horizon, a sample's predictions are there until they can be compared.
+        # Ring buffer (slots, 3, H, m): for each of the latest samples what was predicted at it, by each of the three
+        # ways at each horizon. With one slot more than the longest horizon, a sample's predictions are there until they
+        # can be compared.
         self._predictions = np.full((horizons[-1] + 1, 3, len(horizons), outputs), np.nan)
         self._next_slot = 0
         self._sample_count = 0
+        # Mean of all samples so far, (m,).
         self._mean = np.zeros(outputs)
-        # Averages of the squared errors at each horizon, of each way of prediction.
+        # Averages (H, 3, m) of the squared errors at each horizon, of each way of prediction; NaN before the first.
         self._mean_squares = np.full((len(horizons), 3, outputs), np.nan)
         self.latest = np.full((len(horizons), outputs), np.nan)
 
@@ -48,14 +51,21 @@ class PredictionErrors:
         self._mean_squares[:] = np.nan
 
     def compare(self, sample: Array) -> None:
-        """Compares the next sample, (m,), with what was predicted of it at earlier samples."""
+        """Compares the next sample with what was predicted of it, and updates the averages of the squared errors.
+
+        Args:
+            sample: (m,) the sample.
+        """
+        # The prediction at horizon h was made h samples ago.
         slots = (self._next_slot - self._horizons) % len(self._predictions)
+        # (H, 3, m) errors of each way of prediction at each horizon.
         errors = sample - self._predictions[slots, :, self._horizon_indices]
         self.latest = errors[:, MODEL]
         squares = errors**2
         # The first error of all is the beginning of its average.
         averages = np.where(np.isfinite(self._mean_squares), self._mean_squares, squares)
         averages += self._update_weight * (squares - averages)
+        # Where there was no prediction the average stays as it was.
         self._mean_squares = np.where(np.isfinite(squares), averages, self._mean_squares)
         self._sample_count += 1
         self._mean += (sample - self._mean) / self._sample_count
