@@ -1,13 +1,13 @@
-"""Reads scenarios, by name or from TOML files, writes them, and says in a sentence what is wrong in one."""
+"""Scenario files: reads scenarios by name or from TOML files, checks, changes and writes them with comments."""
 
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -16,26 +16,31 @@ from sitl_scenarios.parameter_controller import check_parameters
 from sitl_scenarios.plan import flight_times
 from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind, shortened
 
-KINDS: dict[str, tuple[type[BaseModel], ...]] = {
+SECTION_KINDS: dict[str, tuple[type[BaseModel], ...]] = {
     "wind": get_args(get_args(Wind)[0]),
     "excitation": get_args(get_args(Excitation)[0]),
 }
-"""Of the sections that have a ``kind``."""
-WRONG_KEYS = {"extra_forbidden": "is no key of a scenario", "missing": "is missing"}
+"""Models of the sections that have a ``kind``, one for each kind, by the section's key."""
 
+KEY_ERRORS = {"extra_forbidden": "is no key of a scenario", "missing": "is missing"}
+"""What is wrong with a key, by pydantic's type of error."""
 
-def _sentence(detail: Any) -> str:
-    """What pydantic found in one place."""
-    if detail["type"] == "value_error":
-        return str(detail["ctx"]["error"])
-    key = ".".join(shortened(str(word)) for word in detail["loc"]) or "it"
-    if detail["type"] in WRONG_KEYS:
-        return f"{key} {WRONG_KEYS[detail['type']]}"
-    message = detail["msg"].replace("Input should be", "must be").replace("an object", "a table")
-    given = detail["input"]
-    shown = "" if isinstance(given, dict | list) else f", not {shortened(json.dumps(given))}"
-    return f"{key} {message}{shown}"
+BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+"""Key that needs no quotes in TOML."""
 
+LIMITS = {
+    "minimum": "from",
+    "exclusiveMinimum": "more than",
+    "maximum": "to",
+    "exclusiveMaximum": "to less than",
+}
+"""Words before a limit of a value, by the limit's name in JSON schemas."""
+
+MAX_ERROR_LENGTH = 300
+"""Longest sentence on one error of a scenario, in characters."""
+
+MAX_ERRORS_LENGTH = 1000
+"""Longest text on all errors of a scenario, in characters."""
 
 _FOLDER = files("sitl_scenarios") / "scenarios"
 
@@ -51,26 +56,28 @@ def names() -> tuple[str, ...]:
     )
 
 
-def load(name_or_path: str | Path) -> Scenario:
-    """Returns a scenario that comes with the package, or the one in a file.
+class ScenarioSource(NamedTuple):
+    """Content of a scenario file."""
 
-    What ends in .toml or has a folder is a path, everything else a name of ``names()``. Raises ValueError: there is
-    none, or it is none: one sentence that names the file and what is wrong in it.
+    label: str
+    """Name of the file in messages of errors."""
+    content: bytes
+    """TOML text in UTF-8."""
+
+
+def load(name_or_path: str | Path) -> Scenario:
+    """Reads a scenario that comes with the package, or the one in a file.
+
+    Args:
+        name_or_path: A path, if it ends in .toml or has a folder; otherwise a name of ``names()``.
+
+    Raises:
+        ValueError: There is no such scenario, or the file is not one. The message names the file and the error.
     """
-    given = str(name_or_path)
-    if given in names():
-        label = f"{given}.toml"
-        source = (_FOLDER / f"{given}.toml").read_bytes()
-    elif isinstance(name_or_path, Path) or given.endswith(".toml") or "/" in given:
-        label = Path(name_or_path).name
-        source = _content(Path(name_or_path))
-    else:
-        raise ValueError(
-            f"there is no scenario {shortened(given)!r}: `mavdem fly --list` names them, or give a .toml file"
-        )
+    label, content = _source(name_or_path)
     try:
         # TOML is UTF-8 by its specification; some editors put a byte order mark before it.
-        return scenario_of(tomllib.loads(source.decode("utf-8-sig")))
+        return scenario_of(tomllib.loads(content.decode("utf-8-sig")))
     except UnicodeError:
         raise ValueError(
             f"{label} is no scenario or vehicle file: these are text, in TOML"
@@ -79,9 +86,25 @@ def load(name_or_path: str | Path) -> Scenario:
         raise ValueError(f"{label}: {error}") from None
 
 
+def _source(name_or_path: str | Path) -> ScenarioSource:
+    """Reads the file of a scenario, by its name or path; raises ValueError if there is none or it cannot be read."""
+    text = str(name_or_path)
+    if text in names():
+        file_name = f"{text}.toml"
+        return ScenarioSource(file_name, (_FOLDER / file_name).read_bytes())
+    if isinstance(name_or_path, Path) or text.endswith(".toml") or "/" in text:
+        path = Path(name_or_path)
+        return ScenarioSource(path.name, _content(path))
+    raise ValueError(
+        f"there is no scenario {shortened(text)!r}: `mavdem fly --list` names them, or give a .toml file"
+    )
+
+
 def _content(path: Path) -> bytes:
+    """Returns the bytes of a file; raises ValueError if it cannot be read."""
     try:
-        if path.is_char_device():  # it may never end
+        # Reading a device may never end.
+        if path.is_char_device():
             raise OSError("it is a device")
         return path.read_bytes()
     except OSError as error:
@@ -89,35 +112,69 @@ def _content(path: Path) -> bytes:
 
 
 def scenario_of(table: dict[str, Any]) -> Scenario:
-    """Returns the scenario in a table of plain values; raises ValueError: a sentence on all wrong keys."""
+    """Returns the scenario of a table of plain values, as TOML has them.
+
+    Raises:
+        ValueError: Keys or values are wrong. The message has a sentence on each.
+    """
     try:
-        # By way of JSON, in whose arrays pydantic takes the tuples that it would refuse to take in Python's lists.
+        # The table takes the way over JSON: pydantic refuses Python's lists for tuples, but takes JSON's arrays.
         scenario = Scenario.model_validate_json(json.dumps(table, default=str))
     except ValidationError as error:
-        sentences = (shortened(_sentence(detail), 300) for detail in error.errors())
-        raise ValueError(shortened("; ".join(dict.fromkeys(sentences)), 1000)) from None
+        sentences = [
+            shortened(_error_sentence(detail), MAX_ERROR_LENGTH) for detail in error.errors()
+        ]
+        unique_sentences = list(dict.fromkeys(sentences))
+        raise ValueError(shortened("; ".join(unique_sentences), MAX_ERRORS_LENGTH)) from None
+    # Both checks raise ValueError.
     flight_times(scenario)
     check_parameters(scenario)
     return scenario
 
 
-def with_vehicle(scenario: Scenario, other: Scenario) -> Scenario:
-    """Returns the scenario with the vehicle, its sensors and its autopilot of another."""
-    table = scenario.model_dump(mode="json") | other.model_dump(
-        mode="json", include={"vehicle", "sensors"}
-    )
-    return scenario_of(table | {"stream": table["stream"] | {"autopilot": other.stream.autopilot}})
+def _error_sentence(detail: Any) -> str:
+    """Returns a sentence on one error of a scenario, from pydantic's details of it."""
+    if detail["type"] == "value_error":
+        return str(detail["ctx"]["error"])
+    key = ".".join(shortened(str(word)) for word in detail["loc"]) or "it"
+    if detail["type"] in KEY_ERRORS:
+        return f"{key} {KEY_ERRORS[detail['type']]}"
+    message = detail["msg"].replace("Input should be", "must be").replace("an object", "a table")
+    value = detail["input"]
+    # Tables and lists would be too long to repeat.
+    if isinstance(value, dict | list):
+        return f"{key} {message}"
+    return f"{key} {message}, not {shortened(json.dumps(value))}"
 
 
-def with_parameters(scenario: Scenario, changed: Iterable[str]) -> Scenario:
-    """Returns the scenario with parameters of the autopilot ``changed`` to "NAME=VALUE"; raises ValueError."""
-    own = control_parameters(scenario)
+def with_vehicle(scenario: Scenario, vehicle_scenario: Scenario) -> Scenario:
+    """Returns a scenario with the vehicle, its sensors and its autopilot of another scenario."""
     table = scenario.model_dump(mode="json")
-    for name, _, value in (assignment.partition("=") for assignment in changed):
-        if name not in own:
-            near = get_close_matches(name[:100].upper(), own, n=3)
-            similar = f"similar: {', '.join(near)}" if near else "no similar parameter exists"
-            raise ValueError(f"the autopilot has no {shortened(name)!r} here: {similar}")
+    table |= vehicle_scenario.model_dump(mode="json", include={"vehicle", "sensors"})
+    table["stream"] |= {"autopilot": vehicle_scenario.stream.autopilot}
+    return scenario_of(table)
+
+
+def with_parameters(scenario: Scenario, assignments: Iterable[str]) -> Scenario:
+    """Returns a scenario with other parameters of its autopilot.
+
+    Args:
+        scenario: The scenario to change.
+        assignments: Parameters to set, each as "NAME=VALUE".
+
+    Raises:
+        ValueError: The autopilot does not have a parameter, or its value is not possible.
+    """
+    parameters = control_parameters(scenario)
+    table = scenario.model_dump(mode="json")
+    for assignment in assignments:
+        name, _, value = assignment.partition("=")
+        if name not in parameters:
+            similar_names = get_close_matches(name[:100].upper(), parameters, n=3)
+            hint = "no similar parameter exists"
+            if similar_names:
+                hint = f"similar: {', '.join(similar_names)}"
+            raise ValueError(f"the autopilot has no {shortened(name)!r} here: {hint}")
         try:
             table["vehicle"]["parameters"][name] = float(value)
         except ValueError:
@@ -125,55 +182,70 @@ def with_parameters(scenario: Scenario, changed: Iterable[str]) -> Scenario:
     return scenario_of(table)
 
 
-BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")  # a key that TOML needs no quotes around
-LIMITS = {
-    "minimum": "from",
-    "exclusiveMinimum": "more than",
-    "maximum": "to",
-    "exclusiveMaximum": "to less than",
-}
-"""The JSON schema's limits, in words."""
-
-
 def in_toml(scenario: Scenario) -> str:
-    """Returns a scenario file with every value, its meaning and its range; read again it is the same scenario."""
+    """Returns a scenario as a TOML file with every value, and its meaning and range as a comment.
+
+    Read again, the file gives the same scenario.
+    """
     sections = {
         key: value
         for key, value in scenario
-        if isinstance(value, tuple | BaseModel) or key in KINDS
+        if isinstance(value, tuple | BaseModel) or key in SECTION_KINDS
     }
-    lines = [*_pairs(scenario, sections)]
+    lines = _value_lines(scenario, excluded=sections)
     for key, value in sections.items():
-        if key in KINDS:
-            lines += ["", f"# {'[[wind]]' if key == 'wind' else f'[{key}]'}: its kind is one of"]
-            for model in KINDS[key]:
-                kind, *others = model.model_fields.items()
-                kinds = " or ".join(get_args(kind[1].annotation))
-                lines.append(f"#   {kinds}: {', '.join(name for name, _ in others)}")
+        is_list = isinstance(value, tuple)
+        header = f"[[{key}]]" if is_list else f"[{key}]"
+        if key in SECTION_KINDS:
+            lines += _kind_lines(key)
         elif not value:
-            lines += ["", f"# [[{key}]]: {', '.join(Moment.model_fields)}"]
-        header = f"[[{key}]]" if isinstance(value, tuple) else f"[{key}]"
-        for section in value if isinstance(value, tuple) else [value] * (value is not None):
-            meaning = (type(section).__doc__ or "").splitlines()[0].removesuffix(".")
-            lines += ["", f"{header}  # {meaning}", *_pairs(section)]
+            lines += ["", f"# {header}: {', '.join(Moment.model_fields)}"]
+        section_list = value if is_list else [value]
+        for section in section_list:
+            if section is not None:
+                docstring = type(section).__doc__ or ""
+                meaning = docstring.splitlines()[0].removesuffix(".")
+                lines += ["", f"{header}  # {meaning}", *_value_lines(section)]
     return "\n".join(lines)
 
 
-def _pairs(section: BaseModel, leaving_out: Iterable[str] = ()) -> Iterator[str]:
+def _kind_lines(key: str) -> list[str]:
+    """Returns comment lines that list the kinds of a section, and the keys of each kind."""
+    header = "[[wind]]" if key == "wind" else f"[{key}]"
+    lines = ["", f"# {header}: its kind is one of"]
+    for model in SECTION_KINDS[key]:
+        # The first field of each model is its kind, a Literal.
+        kinds = " or ".join(get_args(model.model_fields["kind"].annotation))
+        keys = [name for name in model.model_fields if name != "kind"]
+        lines.append(f"#   {kinds}: {', '.join(keys)}")
+    return lines
+
+
+def _value_lines(section: BaseModel, excluded: Collection[str] = ()) -> list[str]:
+    """Returns a line of TOML for each key of a section but the excluded ones, with meaning and range as a comment."""
     schema = type(section).model_json_schema(mode="validation")["properties"]
-    for key, value in section.model_dump(mode="json", exclude=set(leaving_out)).items():
-        notes = schema[key].get("description", "").removesuffix("."), _allowed(schema[key])
-        comment = "; ".join(filter(None, notes))
-        yield f"{_key(key)} = {_toml(value)}" + (f"  # {comment}" if comment else "")
+    lines = []
+    for key, value in section.model_dump(mode="json", exclude=set(excluded)).items():
+        line = f"{_toml_key(key)} = {_toml_value(value)}"
+        meaning = schema[key].get("description", "").removesuffix(".")
+        notes = [note for note in (meaning, _value_range(schema[key])) if note]
+        if notes:
+            line += f"  # {'; '.join(notes)}"
+        lines.append(line)
+    return lines
 
 
-def _allowed(schema: Mapping[str, Any]) -> str:
-    """The values that a key may have, by its JSON schema."""
-    for inside in (*schema.get("anyOf", ())[:1], schema.get("additionalProperties")):
-        if isinstance(inside, dict):
-            return _allowed(inside)
+def _value_range(schema: Mapping[str, Any]) -> str:
+    """Returns the possible values of a key in words, by its JSON schema; empty where all values are possible."""
+    # An optional value has the schema of the value first; that of a table's values is under additionalProperties.
+    alternatives = schema.get("anyOf", ())
+    if alternatives and isinstance(alternatives[0], dict):
+        return _value_range(alternatives[0])
+    table_values = schema.get("additionalProperties")
+    if isinstance(table_values, dict):
+        return _value_range(table_values)
     if "enum" in schema:
-        return " or ".join(map(str, schema["enum"]))
+        return " or ".join(str(value) for value in schema["enum"])
     if schema.get("type") == "boolean":
         return "true or false"
     return " ".join(
@@ -181,21 +253,23 @@ def _allowed(schema: Mapping[str, Any]) -> str:
     )
 
 
-def _key(key: str) -> str:
+def _toml_key(key: str) -> str:
+    """Returns a key as TOML writes it, in quotes where it needs them."""
     if BARE_KEY.fullmatch(key):
         return key
-    return _toml(key)
+    return _toml_value(key)
 
 
-def _toml(value: Any) -> str:
+def _toml_value(value: Any) -> str:
+    """Returns a plain value as TOML writes it: text, number, truth value, list or table; None becomes inf."""
     if isinstance(value, dict):
-        return (
-            "{" + ", ".join(f"{_key(key)} = {_toml(inside)}" for key, inside in value.items()) + "}"
-        )
+        pairs = [f"{_toml_key(key)} = {_toml_value(element)}" for key, element in value.items()]
+        return "{" + ", ".join(pairs) + "}"
     if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
+        return "[" + ", ".join(_toml_value(element) for element in value) + "]"
     if value is None:
-        return "inf"  # the time that never comes
-    # Of text, numbers and truth values JSON's forms are TOML's too; what a terminal obeys is escaped besides.
+        # In a scenario None is a time that never comes, or a published value.
+        return "inf"
+    # TOML writes text, numbers and truth values like JSON. Characters that control a terminal are escaped as well.
     text = json.dumps(value, ensure_ascii=False)
     return "".join(letter if letter.isprintable() else f"\\U{ord(letter):08x}" for letter in text)

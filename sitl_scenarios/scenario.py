@@ -1,4 +1,4 @@
-"""Scenario: vehicle, wind, excitation, messages, faults and damage; everything that decides a simulated flight.
+"""Scenario: the sections of a scenario file, with all that decides a simulated flight: vehicle, wind, faults.
 
 A scenario file is the same in TOML, a table for each section; what it leaves out has the value given here. Directions
 are degrees clockwise from north: wind comes *from* its direction, as in weather reports. ``mavdem fly --describe``
@@ -27,14 +27,15 @@ from mavdem.loops.autopilot_parameters import DEFAULT_LOOP_RATES, LOOP_RATE_PARA
 from sitl_scenarios.motion import Array, Pair
 
 
-def shortened(text: str, longest: int = 60) -> str:
-    """Returns text cut to ``longest`` characters, with an ellipsis where it was longer."""
-    if len(text) <= longest:
+def shortened(text: str, max_length: int = 60) -> str:
+    """Returns text cut to ``max_length`` characters, with an ellipsis where it was longer."""
+    if len(text) <= max_length:
         return text
-    return f"{text[: longest - 2]} …"
+    return f"{text[: max_length - 2]} …"
 
 
-MAX_SECONDS = 7200.0  # Seconds of a flight: an hour is much, and two are enough
+MAX_SECONDS = 7200.0
+"""Longest flight, s: a choice, far above the endurance of multirotors."""
 
 Positive = Annotated[float, Field(gt=0, le=MAX_SECONDS)]  # also of what is no time
 NotNegative = Annotated[float, Field(ge=0, le=MAX_SECONDS)]
@@ -79,7 +80,8 @@ class Load(Section):
     """How far it moves to the right, mm; to the left where negative"""
 
 
-MAX_WINDS = 16  # Winds, and moments, that are summed
+MAX_WINDS = 16
+"""Largest number of winds, and of moments, that are summed; a choice."""
 
 Kernel = Annotated[float, Field(ge=1e-3, le=60)]
 """Seconds. What is shorter than the steps of the physics is white to them; what is longer changes in no flight."""
@@ -95,7 +97,11 @@ Direction = Annotated[
 
 
 def towards(direction: float) -> Array:
-    """Returns (3,) unit vector NED that wind from ``direction`` degrees, clockwise from north, moves along."""
+    """Returns the direction in which a wind blows, a unit vector NED, (3,).
+
+    Args:
+        direction: Where the wind comes from, degrees clockwise from north.
+    """
     angle = radians(direction)
     return np.array([-cos(angle), -sin(angle), 0.0])
 
@@ -110,7 +116,7 @@ Drag = Annotated[tuple[Share, Share] | None, _OrInf]  # Along the body's x and y
 
 
 SENSORS, WIND, MOMENT, STICKS, SHAKING = range(5)
-"""Purposes of random numbers; winds and moments are numbered further, each in its own list."""
+"""Purposes of random numbers; winds, moments and sticks are numbered further, each in its own list."""
 
 
 class BodySpec(Section):
@@ -177,7 +183,7 @@ class VehicleSpec(Section):
 
     @property
     def layout(self) -> Literal["x", "plus"]:
-        """The frame that the autopilot is set to."""
+        """Frame that the autopilot is set to: that of ``mixer`` if it is given, otherwise the vehicle's own."""
         return self.mixer or self.frame
 
 
@@ -263,15 +269,24 @@ class Profile(Section):
     """Clockwise turn in time, from arming, degrees/s"""
 
     def at(self, height: float, time: float) -> Pair:
-        """Returns cosine and sine of the clockwise turn, times the share of the reference's speed, at m and s."""
+        """Returns how the winds at the reference height change with height and time: a rotation and a scaling.
+
+        Args:
+            height: Height above the ground, m.
+            time: Time since arming, s.
+
+        Returns:
+            Cosine and sine of the clockwise turn of the wind, both times the ratio of its speed to that given.
+        """
         z = max(height, 0.0)
-        share = 1.0
+        speed_ratio = 1.0
         if self.law == "log":
-            at_height = log(max(z / self.roughness, 1.0))
-            share = at_height / log(self.reference / self.roughness)
-        turned = self.veer * (z - self.reference) + self.turn * time
-        angle = radians(turned)
-        return share * cos(angle), share * sin(angle)
+            # The logarithmic law has no wind below the roughness length.
+            log_height = log(max(z / self.roughness, 1.0))
+            speed_ratio = log_height / log(self.reference / self.roughness)
+        turn_degrees = self.veer * (z - self.reference) + self.turn * time
+        angle = radians(turn_degrees)
+        return speed_ratio * cos(angle), speed_ratio * sin(angle)
 
 
 Wind = Annotated[
@@ -466,6 +481,13 @@ class Faults(Section):
     """Hz to which another ground station sets all streams every 15 s, as MAVProxy does with 4; 0: there is none."""
 
 
+POSITION_TOLERANCE = 1e-6
+"""Largest distance between the beginning and the end of a course, m, along each axis: for rounding only."""
+
+MIN_COURSE_HEIGHT = 0.5
+"""Smallest height of a course above the ground, m; a choice."""
+
+
 class Scenario(Section):
     """A flight from arming to disarming: climb, hover with the excitation and in the wind given, land."""
 
@@ -495,17 +517,24 @@ class Scenario(Section):
 
     @property
     def cycle(self) -> float:
-        """Of the autopilot's control, s."""
-        kind = self.stream.autopilot
-        return 1 / self.vehicle.parameters.get(LOOP_RATE_PARAMETERS[kind], DEFAULT_LOOP_RATES[kind])
+        """Period of the autopilot's control loop, s: by its loop rate among the parameters, or its default."""
+        autopilot = self.stream.autopilot
+        default_rate = DEFAULT_LOOP_RATES[autopilot]
+        loop_rate = self.vehicle.parameters.get(LOOP_RATE_PARAMETERS[autopilot], default_rate)
+        return 1 / loop_rate
 
     def random(self, *purpose: int) -> Generator:
-        """Returns the random numbers for one purpose; what others draw does not change them."""
+        """Returns the random number generator for one purpose, independent of those for all others.
+
+        Args:
+            purpose: One of ``SENSORS``, ``WIND``, ``MOMENT``, ``STICKS`` and ``SHAKING``, and the number of the wind,
+                moment or axis in its list.
+        """
         return default_rng(np.random.SeedSequence(self.seed, spawn_key=purpose))
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Scenario:
-        """What no key can be wrong in by itself."""
+    def _check_consistency(self) -> Scenario:
+        """Checks the keys of the excitation against each other; raises ValueError where they contradict."""
         match self.excitation:
             case Doublets(width=width, period=period) if 2 * width > period:
                 raise ValueError(
@@ -520,10 +549,12 @@ class Scenario(Section):
                     )
             case Course(moves=moves):
                 legs = [(move.north, move.east, move.up) for move in moves]
-                at = np.cumsum(legs, axis=0)
-                if abs(at[-1]).max() > 1e-6:
+                positions = np.cumsum(legs, axis=0)
+                if abs(positions[-1]).max() > POSITION_TOLERANCE:
                     raise ValueError("the course must end where it began")
-                lowest = self.height + at[:, 2].min()
-                if lowest < 0.5:
-                    raise ValueError(f"the course must stay 0.5 m above the ground, not {lowest:g}")
+                lowest = self.height + positions[:, 2].min()
+                if lowest < MIN_COURSE_HEIGHT:
+                    raise ValueError(
+                        f"the course must stay {MIN_COURSE_HEIGHT:g} m above the ground, not {lowest:g}"
+                    )
         return self
