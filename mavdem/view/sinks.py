@@ -63,7 +63,7 @@ holds it ends for any reason, even if it is killed. It runs in a session of its 
 
 
 def show(path: PathName) -> str:
-    """Opens a recording in the Rerun viewer, and returns at once.
+    """Opens the recording at ``path`` in the Rerun viewer, and returns at once.
 
     Returns:
         Why it cannot be opened, in one sentence; empty if it can.

@@ -99,6 +99,11 @@ class Identified(Baseline):
     ) -> Forecast:
         """Returns forecasts as :meth:`rolling_forecast_known_inputs`, of a model on which inputs have no effect.
 
+        Args:
+            steps: samples of each forecast.
+            inputs: (H, r) after the training data, which have no effect.
+            outputs: (H, m) of the same samples.
+
         Raises:
             ValueError: inputs have an effect on the model.
         """
