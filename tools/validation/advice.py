@@ -16,7 +16,7 @@ from pathlib import Path
 import click
 import numpy as np
 import pandas as pd
-from flights import Values, command, rows_of, show
+from flights import Values, command, evaluate_flights, print_table
 from loops import CACHE, HALF, HALVES, PLANT, loops_in, simulated
 
 from mavdem.assessment.record import NoLoop
@@ -73,7 +73,7 @@ def judged(seed: int, rate: float, margins: str, cache: Path) -> list[Values]:
 @CACHE
 def main(half: str, rate: float, margins: str, flights: int, cache: Path, jobs: int) -> None:
     judge = partial(judged, rate=rate, margins=margins, cache=cache)
-    rows = rows_of(judge, HALVES[half][:flights], jobs)
+    rows = evaluate_flights(judge, HALVES[half][:flights], jobs)
     rows = rows.reindex(columns=["advice", *GOALS, "lean"])
     for name, met in LEANS.items():
         of_kind = rows["goal met before"].isin(met)
@@ -83,7 +83,7 @@ def main(half: str, rate: float, margins: str, flights: int, cache: Path, jobs: 
     table = grouped[GOALS].sum().astype(int)
     table.insert(0, "loops", grouped.size())
     table[[*LEANS]] = grouped[[*LEANS]].median()
-    show(f"Half {half}, {rate:g} Hz, margins {margins}", table.reset_index())
+    print_table(f"Half {half}, {rate:g} Hz, margins {margins}", table.reset_index())
 
 
 if __name__ == "__main__":

@@ -21,7 +21,17 @@ from unittest.mock import Mock, patch
 import click
 import numpy as np
 import pandas as pd
-from flights import TABLES, Values, command, drawn, flight_of, rows_of, share, show, telemetry_of
+from flights import (
+    TABLES,
+    Values,
+    command,
+    draw_values,
+    evaluate_flights,
+    percent_true,
+    print_table,
+    scenario_from_values,
+    simulated_telemetry,
+)
 from numpy.random import default_rng
 
 import mavdem.live.clock
@@ -55,9 +65,13 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
     kind_number = list(KINDS).index(kind)
     rng = default_rng([kind_number, number])
     length, flights = (200.0, 3) if kind == SOUND else (50.0, 1)
-    values = drawn(TABLES["alarms"], rng) | {"seed": number, "duration": length, "flights": flights}
+    values = draw_values(TABLES["alarms"], rng) | {
+        "seed": number,
+        "duration": length,
+        "flights": flights,
+    }
     if kind != HOVER:
-        values |= drawn(TABLES["alarms_moved"], rng)
+        values |= draw_values(TABLES["alarms_moved"], rng)
     start = rng.uniform(24.0, 32.0)
     second = start + rng.uniform(6.0, 14.0)
     motor, other = (rng.permutation(4)[:2] + 1).tolist()
@@ -77,12 +91,12 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
             "right": far * np.sin(bearing),
         }
     values["stream"]["rate"] = rate
-    return flight_of(values, "SERVO_OUTPUT_RAW")
+    return scenario_from_values(values, "SERVO_OUTPUT_RAW")
 
 
 def watched(flight: Scenario) -> tuple[float, tuple[MotorAlarm, ...]]:
     """Hours settled, and what is said of the motors in a flight."""
-    signals = Signals(telemetry_of(flight, fly(flight)))
+    signals = Signals(simulated_telemetry(flight, fly(flight)))
     hours = sum(end - begin for begin, end in settled_intervals(signals, 0)) / 3600
     return hours, motor_alarms(signals)
 
@@ -143,9 +157,9 @@ def replayed(recording: Path) -> list[Values]:
         f"{alarm.time:.1f} s {alarm.name} {alarm.size:.0%}" for alarm in alarms
     )
     row["gusts"] = sum(event.fact.code is Session.GUST_FELT for event in history.events)
-    row["torque known"] = share(finite)
+    row["torque known"] = percent_true(finite)
     holds = abs(torque[finite]) <= band[finite]
-    row["0 in band"] = share(holds)
+    row["0 in band"] = percent_true(holds)
     return [row]
 
 
@@ -153,15 +167,15 @@ def replayed(recording: Path) -> list[Values]:
 @click.argument("recordings", nargs=-1, type=click.Path(exists=True, path_type=Path))
 def main(recordings: tuple[Path, ...], rate: float, flights: int, jobs: int) -> None:
     if recordings:
-        rows = rows_of(replayed, recordings, jobs)
-        show("A live session", rows.sort_values("0 in band"))
+        rows = evaluate_flights(replayed, recordings, jobs)
+        print_table("A live session", rows.sort_values("0 in band"))
         return
     asked = [
         (kind, number) for kind, count in KINDS.items() for number in range(min(count, flights))
     ]
-    rows = rows_of(partial(judged, rate=rate), asked, jobs)
+    rows = evaluate_flights(partial(judged, rate=rate), asked, jobs)
     lines = rows.groupby(["flights", "half"], sort=False).apply(line_of)
-    show(f"Motors at {rate:g} Hz", lines.reset_index())
+    print_table(f"Motors at {rate:g} Hz", lines.reset_index())
 
 
 if __name__ == "__main__":

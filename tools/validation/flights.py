@@ -1,4 +1,7 @@
-"""Simulated flights to validate on, drawn by tables and judged in processes; and tables of what came of them."""
+"""Simulated flights for validation: drawing scenarios, evaluating many in processes, and printing tables of results.
+
+The tables of ``flights.toml`` state what scenarios are drawn from, one table for each script of this folder.
+"""
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
@@ -12,97 +15,146 @@ from numpy.random import Generator
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.report.blocks import Sentence, Table, markdown
+from mavdem.report.blocks import Blocks, Sentence, Table, markdown
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 
 Values = dict[str, Any]
-TABLES: Values = load_adjacent_toml(__file__, "flights.toml")
-SCALED = ("speed", "sd", "wind_at_20_feet")
-"""Of winds and moments, with the size of the vehicle."""
+"""Values by name: a table of a TOML file, or a row of a table of results."""
+
 Main = Callable[..., None]
+"""The main function of a script."""
+
+TABLES: Values = load_adjacent_toml(__file__, "flights.toml")
+"""What the scripts draw their scenarios from, by name of the table."""
+
+SCALED_FIELDS = ("speed", "sd", "wind_at_20_feet")
+"""Fields of winds and moments that are scaled with the size of the vehicle, by ``TABLES["scales"]``."""
 
 
 def command(usage: str, **defaults: float) -> Callable[[Main], click.Command]:
-    """A command with an option for each of the defaults, and for the number of processes."""
+    """Returns a decorator that makes the main function of a script a command.
 
-    def made(main: Main) -> click.Command:
+    Args:
+        usage: help text of the command.
+        defaults: names of numeric options and their default values. The number of processes, ``jobs``, is always one.
+    """
+
+    def decorate(main: Main) -> click.Command:
         for name, default in {"jobs": 2, **defaults}.items():
             main = click.option(f"--{name}", default=default, show_default=True)(main)
         return click.command(help=usage)(main)
 
-    return made
+    return decorate
 
 
-def drawn(table: Any, rng: Generator) -> Any:
-    """The values of a table, where it has ranges and choices one of each."""
+def draw_values(table: Any, rng: Generator) -> Any:
+    """Draws values from a table of ``flights.toml``.
+
+    Args:
+        table: any TOML value. ``{from, to}`` is a range that a number is drawn from uniformly, ``{by_ratio}`` a range
+            that it is drawn from uniformly in its logarithm, and ``{one_of}`` a list that one item is drawn from.
+        rng: generator of random numbers.
+
+    Returns:
+        The same value, with a number or an item in place of each range or list.
+    """
     match table:
         case {"from": low, "to": high}:
             return float(rng.uniform(low, high))
         case {"by_ratio": limits}:
             return float(np.exp(rng.uniform(*np.log(limits))))
         case {"one_of": choices}:
-            return drawn(choices[rng.integers(len(choices))], rng)
+            return draw_values(choices[rng.integers(len(choices))], rng)
         case dict():
-            return {name: drawn(value, rng) for name, value in table.items()}
+            return {name: draw_values(value, rng) for name, value in table.items()}
         case list():
-            return [drawn(value, rng) for value in table]
+            return [draw_values(value, rng) for value in table]
     return table
 
 
-def flight_of(values: Values, *as_fast: str) -> Scenario:
-    """The scenario of values; messages ``as_fast`` come at the stream's rate."""
+def scenario_from_values(values: Values, *full_rate_messages: str) -> Scenario:
+    """Returns the scenario of drawn values, with winds and moments scaled to the size of the vehicle.
+
+    Args:
+        values: a scenario as in a TOML file. ``lag`` may state one lag, s, for rotors that speed up and slow down.
+        full_rate_messages: names of messages that are sent at the rate of the stream.
+    """
     table = dict(values)
     model = table["vehicle"].get("model", "iris")
-    for section, scales in TABLES["scales"].items():
-        table[section] = [
-            row | {name: scales[model] * row[name] for name in SCALED if name in row}
-            for row in table.get(section, [])
-        ]
+    for section, scale_by_model in TABLES["scales"].items():
+        scaled_rows = []
+        for row in table.get(section, []):
+            scaled = {
+                name: scale_by_model[model] * row[name] for name in SCALED_FIELDS if name in row
+            }
+            scaled_rows.append(row | scaled)
+        table[section] = scaled_rows
     if table.get("excitation") == {"kind": "none"}:
         del table["excitation"]
     if "lag" in table:
         lag = table.pop("lag")
         table["vehicle"] = table["vehicle"] | {"lag_up": lag, "lag_down": lag}
-    if as_fast:
+    if full_rate_messages:
         stream = table["stream"]
-        table["stream"] = stream | {"rates": dict.fromkeys(as_fast, stream["rate"])}
+        rates = dict.fromkeys(full_rate_messages, stream["rate"])
+        table["stream"] = stream | {"rates": rates}
     return scenario_of(table)
 
 
-def telemetry_of(scenario: Scenario, motion: Motion) -> Telemetry:
-    """What the vehicle of a simulated flight sent."""
+def simulated_telemetry(scenario: Scenario, motion: Motion) -> Telemetry:
+    """Returns the telemetry that the vehicle of a simulated flight sends."""
     return assemble(recorded(scenario, motion)).vehicles[0]
 
 
-def rows_of(judge: Callable[[Any], list[Values]], flights: Iterable[Any], jobs: int) -> Any:
-    """What is found of each of the flights, rows of one frame; how many are done goes to standard error."""
+def evaluate_flights(
+    evaluate: Callable[[Any], list[Values]], flights: Iterable[Any], jobs: int
+) -> Any:
+    """Evaluates flights in processes; the number of finished flights goes to standard error.
+
+    Args:
+        evaluate: function that returns rows of results for one flight; it must pickle.
+        flights: its arguments, one for each flight.
+        jobs: number of processes.
+
+    Returns:
+        A data frame of the rows of all flights, in the order of the flights.
+    """
     rows = []
     with ProcessPoolExecutor(jobs) as pool:
-        for number, judged in enumerate(pool.map(judge, flights), start=1):
+        for number, flight_rows in enumerate(pool.map(evaluate, flights), start=1):
             click.echo(f"{number} flights", err=True)
-            rows += judged
+            rows += flight_rows
     return pd.DataFrame(rows)
 
 
-def share(held: Any) -> str:
-    """Of what is true, in percent."""
-    if len(held):
-        return f"{np.mean(held):.0%}"
+def percent_true(conditions: Any) -> str:
+    """Returns the share of conditions that are true as text in percent; a dash if there are no conditions."""
+    if len(conditions):
+        return f"{np.mean(conditions):.0%}"
     return "–"
 
 
-def show(title: str, rows: Any, *more: str) -> None:
-    """Prints rows, a frame or made into one, as a table in Markdown, and sentences under it."""
+def print_table(title: str, rows: Any, *sentences: str) -> None:
+    """Prints a table in Markdown, between a title and further sentences.
+
+    Args:
+        title: sentence above the table.
+        rows: a data frame, or what one can be made from.
+        sentences: printed below the table.
+    """
     table = pd.DataFrame(rows)
-    cells = [[_text(cell) for cell in row] for row in table.itertuples(index=False)]
-    under = [Sentence(text) for text in more]
-    click.echo(markdown([Sentence(title), Table(list(table), cells, words=True), *under]) + "\n")
+    cells = [[_cell_text(cell) for cell in row] for row in table.itertuples(index=False)]
+    blocks: Blocks = [Sentence(title), Table(list(table), cells, words=True)]
+    for sentence in sentences:
+        blocks.append(Sentence(sentence))
+    click.echo(markdown(blocks) + "\n")
 
 
-def _text(cell: Any) -> str:
+def _cell_text(cell: Any) -> str:
+    """Returns the text of a cell: numbers with three digits, and nothing for NaN."""
     if not isinstance(cell, float):
         return str(cell)
     if np.isnan(cell):

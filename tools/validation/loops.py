@@ -18,7 +18,7 @@ from typing import Any
 import click
 import numpy as np
 import pandas as pd
-from flights import Values, command, rows_of, share, show
+from flights import Values, command, evaluate_flights, percent_true, print_table
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 from physical import Case, scenario, varied
@@ -277,8 +277,8 @@ def line_of(rows: Any) -> pd.Series:
         errors = errors / rows["true"]
     line = {"given": len(rows), "rms": (errors**2).mean() ** 0.5}
     line |= {"median": errors.median(), "size": errors.abs().median()}
-    line["close"] = share(errors.abs() <= CLOSE)
-    line["inside"] = share(rows["true"].between(rows["low"], rows["high"]))
+    line["close"] = percent_true(errors.abs() <= CLOSE)
+    line["inside"] = percent_true(rows["true"].between(rows["low"], rows["high"]))
     return pd.Series(line)
 
 
@@ -296,19 +296,19 @@ def main(
 ) -> None:
     hertz = [float(rate) for rate in rates.split()]
     read = partial(judged, rates=hertz, cache=cache)
-    rows = rows_of(read, logs or HALVES[half][:flights], jobs)
+    rows = evaluate_flights(read, logs or HALVES[half][:flights], jobs)
     if logs:
         is_shown = rows["figure"].isin(SHOWN) | (rows["cause"] != "")
-        show("Logs", rows[is_shown])
+        print_table("Logs", rows[is_shown])
         return
     axes = rows.drop_duplicates(["log", "rate", "axis"])
     counts = axes.groupby(["rate", "cause"]).size()
-    show("Given or refused, axes", counts.reset_index(name="axes"))
+    print_table("Given or refused, axes", counts.reset_index(name="axes"))
     given = rows[rows["cause"] == ""]
     both = pd.concat([given, given.assign(axis="all")])
     grouped = both.groupby(["figure", "rate", "axis"], sort=False).apply(line_of)
     for figure, table in grouped.reset_index().groupby("figure", sort=False):
-        show(figure, table.drop(columns="figure"))
+        print_table(figure, table.drop(columns="figure"))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,15 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 import pandas as pd
-from flights import TABLES, Values, command, flight_of, rows_of, share, show
+from flights import (
+    TABLES,
+    Values,
+    command,
+    evaluate_flights,
+    percent_true,
+    print_table,
+    scenario_from_values,
+)
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
@@ -101,7 +109,7 @@ def scenario(case: Case) -> Scenario:
         "moments": FLOWN["moments"].get(case.wind, []),
         "stream": {"rate": case.rate, "autopilot": case.autopilot},
     }
-    return flight_of(values | {"excitation": FLOWN["steering"][case.steering]})
+    return scenario_from_values(values | {"excitation": FLOWN["steering"][case.steering]})
 
 
 def truth_of(motion: Motion, of: Scenario, part: Flight) -> Values:
@@ -179,19 +187,19 @@ def wind_of(torque: WindTorque, true: Array) -> Values:
 def line_of(some: Any, name: str) -> pd.Series:
     """Of a parameter: share that is reported, and how often intervals hold the truth."""
     status = some[f"{name} status"]
-    line = {"number": len(some)} | {kind: share(status == kind) for kind in STATUSES}
+    line = {"number": len(some)} | {kind: percent_true(status == kind) for kind in STATUSES}
     reported = some[status == Status.REPORTED]
-    line["inside"] = share(reported[f"{name} inside"])
+    line["inside"] = percent_true(reported[f"{name} inside"])
     worst = max(reported[f"{name} error"], key=abs, default=np.nan)
     line["worst"] = f"{worst:+.0%}"
     biased = some[status == Status.BIASED]
-    line["inside, where biased"] = share(biased[f"{name} inside"])
+    line["inside, where biased"] = percent_true(biased[f"{name} inside"])
     return pd.Series(line)
 
 
 def simulated(seed: int, part: int, jobs: int) -> None:
     """Share that is reported, and how often intervals hold the truth, by steering; and of the wind torque."""
-    rows = rows_of(judged, cases(seed, part), jobs)
+    rows = evaluate_flights(judged, cases(seed, part), jobs)
     click.echo(f"{rows['seed'].nunique()} flights, seed {seed}.\n")
     is_slow = rows["rate"] == 50
     slow = rows[is_slow].assign(steering="all, 50 Hz")
@@ -199,15 +207,15 @@ def simulated(seed: int, part: int, jobs: int) -> None:
     grouped = pd.concat([slow, rows, quick]).groupby(["steering", "of"], sort=False)
     for name in PARAMETERS:
         lines = grouped.apply(line_of, name)
-        show(f"**{name.capitalize()}**", lines.reset_index())
+        print_table(f"**{name.capitalize()}**", lines.reset_index())
     insides = ["standard deviation inside", "mean inside", "course inside"]
     table = []
     for status in STATUSES:
         alike = rows[rows["effect status"] == status]
         some = alike.dropna(subset=insides)
-        shares = {inside: share(some[inside]) for inside in insides}
+        shares = {inside: percent_true(some[inside]) for inside in insides}
         table.append({"effect": status, "flights": len(some), **shares})
-    show("**Wind torque**, where it is resolved", table)
+    print_table("**Wind torque**, where it is resolved", table)
 
 
 def row_of(flight: Flight) -> Values:
@@ -259,7 +267,7 @@ TITLE = (
 @click.argument("which", type=click.Choice(["simulated", "crazyflie"]))
 def main(which: str, seed: int, every: int, jobs: int) -> None:
     if which == "crazyflie":
-        show(TITLE, rows_of(crazyflie, AXES, jobs))
+        print_table(TITLE, evaluate_flights(crazyflie, AXES, jobs))
     else:
         simulated(seed, every, jobs)
 

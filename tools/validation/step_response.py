@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Step responses measured on simulated flights, beside those of the true closed loops; prints a row for each flight.
+"""Step responses measured on simulated flights, compared with the true ones; prints a row for each flight.
 
 Vehicles, gains, autopilots, winds, manoeuvres and rates are drawn by the flight's number. The truth is that of
 ``sitl_scenarios.truth``: the controller, hold, rotors, body and delay, linearised. It takes about two minutes on two
@@ -8,8 +8,19 @@ processors.
 Usage: tools/validation/step_response.py [--flights N] [--first N] [--jobs N]
 """
 
+from typing import Any
+
 import numpy as np
-from flights import TABLES, Values, command, drawn, flight_of, rows_of, show, telemetry_of
+from flights import (
+    TABLES,
+    Values,
+    command,
+    draw_values,
+    evaluate_flights,
+    print_table,
+    scenario_from_values,
+    simulated_telemetry,
+)
 from numpy.random import default_rng
 
 from mavdem.assessment.flights import settled_flight
@@ -20,57 +31,85 @@ from mavdem.loops.step_response import (
     rate_step_response,
     step_from_frequency_response,
 )
+from sitl_scenarios.motion import Motion
 from sitl_scenarios.parameter_controller import controller_for
+from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
+SEED = 43
+"""Seed of the flights, together with their number; another seed draws other flights."""
 
-def judged(number: int) -> list[Values]:
-    """A row of the rate and one of the attitude loop of roll, in the flight of that number."""
-    rng = default_rng([43, number])
-    values = drawn(TABLES["step_response"], rng) | {"seed": number}
-    flight = flight_of(values, "ATTITUDE_TARGET")
-    motion = fly(flight)
-    truths = truth(flight, motion)
-    signals = Signals(telemetry_of(flight, motion))
-    parts = settled_flight(signals)
-    outer = truths["roll_attitude_loop"]
-    frequency = truths["loop_frequency"]
-    stiff = controller_for(flight).attitude_gains[0]
-    rate = outer * 2j * np.pi * frequency / stiff
-    closed = {"rate": rate, "attitude": outer / (1 + outer)}
-    responses = {
-        "rate": rate_step_response(signals, parts),
-        "attitude": attitude_step_response(signals, parts),
+
+def evaluate_flight(number: int) -> list[Values]:
+    """Simulates the flight of a number and compares its measured step responses of roll with the true ones.
+
+    Returns:
+        A row for the rate loop and one for the attitude loop; overshoots in percent of the step.
+    """
+    rng = default_rng([SEED, number])
+    values = draw_values(TABLES["step_response"], rng) | {"seed": number}
+    scenario = scenario_from_values(values, "ATTITUDE_TARGET")
+    motion = fly(scenario)
+    signals = Signals(simulated_telemetry(scenario, motion))
+    settled_parts = settled_flight(signals)
+    frequency, responses = true_closed_loops(scenario, motion)
+    measured_responses = {
+        "rate": rate_step_response(signals, settled_parts),
+        "attitude": attitude_step_response(signals, settled_parts),
     }
     rows = []
-    for loop, measured in responses.items():
+    for loop, measured in measured_responses.items():
         row = {"loop": loop, "flight": number}
         if isinstance(measured, Fact):
             row["why not"] = measured.code.name
         else:
-            step = step_from_frequency_response(frequency, closed[loop], measured.time)
-            held = abs(step - measured.step) <= measured.step_half
-            overshoot = 100 * measured.overshoot.value
-            row |= {"inside, %": 100 * held.mean(), "overshoot, %": overshoot}
-            row |= {"true": 100 * (step.max() - 1), "peak": measured.peak.value}
-            row["true peak"] = abs(closed[loop]).max()
+            true_response = responses[loop]
+            true_step = step_from_frequency_response(frequency, true_response, measured.time)
+            is_inside = abs(true_step - measured.step) <= measured.step_half
+            row["inside, %"] = 100 * is_inside.mean()
+            row["overshoot, %"] = 100 * measured.overshoot.value
+            row["true"] = 100 * (true_step.max() - 1)
+            row["peak"] = measured.peak.value
+            row["true peak"] = abs(true_response).max()
         rows.append(row)
     return rows
 
 
+def true_closed_loops(scenario: Scenario, motion: Motion) -> tuple[Any, dict[str, Any]]:
+    """Returns the true frequency responses of the closed loops of roll.
+
+    The attitude controller commands a rate of K times the angle error. The open attitude loop is therefore
+    L = K T / (iω), with the closed rate loop T; the closed attitude loop is L / (1 + L).
+
+    Returns:
+        Frequencies (F,), Hz, and the complex responses (F,) of the "rate" and of the "attitude" loop.
+    """
+    truths = truth(scenario, motion)
+    frequency = truths["loop_frequency"]
+    attitude_open_loop = truths["roll_attitude_loop"]
+    attitude_gain = controller_for(scenario).attitude_gains[0]
+    rate_closed_loop = attitude_open_loop * 2j * np.pi * frequency / attitude_gain
+    attitude_closed_loop = attitude_open_loop / (1 + attitude_open_loop)
+    return frequency, {"rate": rate_closed_loop, "attitude": attitude_closed_loop}
+
+
 @command(__doc__, flights=20, first=0)
 def main(flights: int, first: int, jobs: int) -> None:
-    every = rows_of(judged, range(first, first + flights), jobs)
-    for loop, rows in every.groupby("loop"):
-        rated = rows.dropna(subset="true")
-        errors = rated["overshoot, %"] - rated["true"]
-        off = errors.abs()
-        inside = f"inside {rated['inside, %'].mean():.0f} %"
-        points = f"{off.median():.1f} points (median), {off.max():.1f} at most"
-        within = f"{(off <= 3).sum()} within 3"
-        under = f"{len(rated)} of {flights}: {inside}, overshoot off by {points}, {within}."
-        show(f"The {loop} of roll", rows.drop(columns="loop"), under)
+    all_rows = evaluate_flights(evaluate_flight, range(first, first + flights), jobs)
+    for loop, rows in all_rows.groupby("loop"):
+        measured_rows = rows.dropna(subset="true")
+        overshoot_errors = (measured_rows["overshoot, %"] - measured_rows["true"]).abs()
+        inside = f"inside {measured_rows['inside, %'].mean():.0f} %"
+        median_and_max = (
+            f"{overshoot_errors.median():.1f} points (median), {overshoot_errors.max():.1f} at most"
+        )
+        within_3_points = f"{(overshoot_errors <= 3).sum()} within 3"
+        summary = (
+            f"{len(measured_rows)} of {flights}: {inside}, overshoot off by {median_and_max}, "
+            f"{within_3_points}."
+        )
+        print_table(f"The {loop} of roll", rows.drop(columns="loop"), summary)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,15 @@ from tempfile import TemporaryDirectory
 import click
 import numpy as np
 from click.testing import CliRunner
-from flights import TABLES, Values, command, drawn, flight_of, rows_of, show
+from flights import (
+    TABLES,
+    Values,
+    command,
+    draw_values,
+    evaluate_flights,
+    print_table,
+    scenario_from_values,
+)
 from numpy.random import default_rng
 from scipy.signal import spectrogram
 
@@ -40,12 +48,12 @@ FILTERS = {"ardupilot": "INS_GYRO_FILTER", "px4": "IMU_GYRO_CUTOFF"}
 def vehicle(seed: int, number: int) -> Scenario:
     """Returns a flight of a vehicle of its own, all axes excited."""
     rng = default_rng([seed, number])
-    values = drawn(TABLES["twin"], rng) | {"seed": number}
+    values = draw_values(TABLES["twin"], rng) | {"seed": number}
     defaults = load("iris_identification").model_dump(mode="json")
     name = FILTERS[values["stream"]["autopilot"]]
     values["vehicle"]["parameters"] = {name: values.pop("cutoff")}
     sections = {key: defaults[key] | values[key] for key in ("vehicle", "sensors", "stream")}
-    scenario = flight_of(defaults | values | sections)
+    scenario = scenario_from_values(defaults | values | sections)
     hover = in_hover(scenario, 1.0)
     margin = truth(hover, fly(hover))["roll_rate_margins"][2]
     excess = margin - MARGIN
@@ -127,15 +135,15 @@ def judged(number: int, seed: int) -> list[Values]:
 def main(logs: tuple[str, ...], seed: int, vehicles: int, jobs: int) -> None:
     if logs:
         log, hot = logs
-        show("Recorded", compared(Path(log).name, log, recorded(hot)))
+        print_table("Recorded", compared(Path(log).name, log, recorded(hot)))
         return
-    rows = rows_of(partial(judged, seed=seed), range(vehicles), jobs)
+    rows = evaluate_flights(partial(judged, seed=seed), range(vehicles), jobs)
     close, like = (
         (abs(np.log(rows[f"{unit} of the twin"] / rows[unit])) <= np.log(factor)).sum()
         for unit, factor in (("Hz", 1.05), ("°/s", 1.5))
     )
     under = f"{close} within 5 % of frequency, {like} within 1.5 of size."
-    show(f"{vehicles} vehicles, seed {seed}", rows, under)
+    print_table(f"{vehicles} vehicles, seed {seed}", rows, under)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""The wind in m/s compared with the truth of simulated flights; prints a row a kind in Markdown.
+"""Estimates of the wind (m/s) compared with the truth of simulated flights; prints a row for each kind of flight.
 
 Flown are the ``wind_*`` scenarios with other vehicles, drags, winds, misalignments and rates; "its drag" is after a
 flight with legs of the same vehicle. (Of a recorded flight, `mavdem wind LOG` prints the same.)
@@ -14,7 +14,15 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
-from flights import TABLES, Values, command, drawn, rows_of, share, show
+from flights import (
+    TABLES,
+    Values,
+    command,
+    draw_values,
+    evaluate_flights,
+    percent_true,
+    print_table,
+)
 from numpy.random import Generator, default_rng
 
 from mavdem import Drag, wind
@@ -25,96 +33,149 @@ from sitl_scenarios.files import load, scenario_of
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
-NAMES = ("legs", "hover", "turns", "jump", "calm", "turning", "profile")
-AFTER_LEGS = ("hover", "turns", "jump")
+KINDS = ("legs", "hover", "turns", "jump", "calm", "turning", "profile")
+"""Kinds of flights: the scenarios ``wind_*``."""
+
+KINDS_AFTER_LEGS = ("hover", "turns", "jump")
+"""Kinds that are also flown with the drag that a flight with legs of the same vehicle gives."""
+
 SHARES = ("speed inside", "direction inside", "band")
+"""Columns that are shares: intervals and samples of the band that hold the truth."""
+
 COUNTS = ("speed reported", "speed right", "direction reported", "direction right")
+"""Columns that are numbers of flights."""
+
+MIN_DIRECTION_SPEED = 0.3
+"""m/s; a slower wind has no direction that an interval could miss."""
+
+MAX_SPEED_ERROR = 0.7
+MAX_RELATIVE_SPEED_ERROR = 0.12
+"""A reported speed is right if its error is at most 0.7 m/s or 12 %, whichever is more."""
+
+MAX_DIRECTION_ERROR = 10.0
+"""Degrees; a reported direction is right if its error is at most this."""
 
 
-def scenario(name: str, vehicle: Values, rng: Generator) -> Scenario:
-    """A scenario with another vehicle, in other wind."""
-    values = load(f"wind_{name}").model_dump(mode="json") | {"vehicle": vehicle}
-    factor = rng.uniform(0.4, 1.7)
-    turn = rng.uniform(0, 360)
+def draw_scenario(kind: str, vehicle: Values, rng: Generator) -> Scenario:
+    """Draws a scenario of a kind: its wind scaled and turned, with misaligned sensors and other message rates.
+
+    Args:
+        kind: one of ``KINDS``.
+        vehicle: the vehicle, as in a scenario's file.
+        rng: generator of random numbers.
+    """
+    values = load(f"wind_{kind}").model_dump(mode="json") | {"vehicle": vehicle}
+    speed_factor = rng.uniform(0.4, 1.7)
+    rotation = rng.uniform(0, 360)
     for part in values["wind"]:
         if part["kind"] != "gust":
-            part["speed"] *= factor
-        turned = part["direction"] + turn
-        part["direction"] = turned % 360
-    tilts = rng.normal(0, 0.7, 2)
-    values["sensors"]["misalignment"] = tilts.tolist()
-    stream = drawn(TABLES["wind"]["stream"], rng)
+            part["speed"] *= speed_factor
+        part["direction"] = (part["direction"] + rotation) % 360
+    misalignment = rng.normal(0, 0.7, 2)
+    values["sensors"]["misalignment"] = misalignment.tolist()
+    stream = draw_values(TABLES["wind"]["stream"], rng)
     stream["rates"] = {"LOCAL_POSITION_NED": stream.pop("position")}
     values["stream"] |= stream
     return scenario_of(values | {"seed": int(rng.integers(1_000_000))})
 
 
-def flown(name: str, flight: Scenario, drag: Drag | None = None) -> tuple[Values, Drag]:
-    """Returns what holds the truth, what is reported and right of speed and direction, and the drag after it."""
-    motion = fly(flight)
+def evaluate_scenario(
+    label: str, scenario: Scenario, drag: Drag | None = None
+) -> tuple[Values, Drag]:
+    """Simulates a flight, estimates its wind and compares it with the truth.
+
+    Args:
+        label: name of the kind of flight in the table.
+        scenario: the scenario to fly.
+        drag: drag of the vehicle from an earlier flight, if there is one.
+
+    Returns:
+        The row of the flight, and the drag for the next flight of the vehicle.
+    """
+    motion = fly(scenario)
     with TemporaryDirectory() as folder:
         log = Path(folder) / "flight.tlog"
-        write_log(log, flight, motion)
-        estimated = wind(log, drag=drag)
-    north, east = (np.interp(estimated.time, motion.time, part) for part in motion.wind[:, :2].T)
-    truth = np.column_stack([north, east])
-    mean = truth.mean(axis=0)
-    speed = float(np.hypot(*mean))
-    direction = meteorological_direction(*mean)
-    apart = abs((estimated.direction - direction + 180) % 360 - 180)
-    low, high = estimated.speed_interval
-    has_speed = estimated.status["speed"] is Status.REPORTED and not estimated.calm
-    has_direction = (
-        estimated.status["direction"] is Status.REPORTED and estimated.direction_identifiable
+        write_log(log, scenario, motion)
+        estimate = wind(log, drag=drag)
+    north, east = (np.interp(estimate.time, motion.time, part) for part in motion.wind[:, :2].T)
+    true_wind = np.column_stack([north, east])
+    mean_wind = true_wind.mean(axis=0)
+    true_speed = float(np.hypot(*mean_wind))
+    true_direction = meteorological_direction(*mean_wind)
+    # The difference of two directions is taken between −180 and 180 degrees.
+    direction_error = abs((estimate.direction - true_direction + 180) % 360 - 180)
+    speed_error = abs(estimate.speed - true_speed)
+    max_speed_error = max(MAX_SPEED_ERROR, MAX_RELATIVE_SPEED_ERROR * true_speed)
+    low, high = estimate.speed_interval
+    reports_speed = estimate.status["speed"] is Status.REPORTED and not estimate.calm
+    reports_direction = (
+        estimate.status["direction"] is Status.REPORTED and estimate.direction_identifiable
     )
-    row: Values = {"flights": name}
-    row["speed inside"] = low <= speed <= high or estimated.calm
-    row["direction inside"] = apart <= estimated.direction_interval or speed < 0.3
-    in_band = abs(estimated.velocity - truth) <= estimated.band
-    row["band"] = np.mean(in_band)
-    row["speed reported"] = has_speed
-    limit = max(0.7, 0.12 * speed)
-    error = abs(estimated.speed - speed)
-    row["speed right"] = has_speed and error <= limit
-    row["direction reported"] = has_direction
-    row["direction right"] = has_direction and apart <= 10
-    return row, estimated.drag.for_next_flight()
+    row: Values = {
+        "flights": label,
+        "speed inside": low <= true_speed <= high or estimate.calm,
+        "direction inside": (
+            direction_error <= estimate.direction_interval or true_speed < MIN_DIRECTION_SPEED
+        ),
+        "band": np.mean(abs(estimate.velocity - true_wind) <= estimate.band),
+        "speed reported": reports_speed,
+        "speed right": reports_speed and speed_error <= max_speed_error,
+        "direction reported": reports_direction,
+        "direction right": reports_direction and direction_error <= MAX_DIRECTION_ERROR,
+    }
+    return row, estimate.drag.for_next_flight()
 
 
-def judged(case: tuple[int, str], seed: int) -> list[Values]:
-    """Rows of the flights of one vehicle."""
-    number, name = case
-    name_number = NAMES.index(name)
-    rng = default_rng([seed, number, name_number])
+def draw_vehicle(rng: Generator) -> Values:
+    """Draws a vehicle whose drag differs between its axes by up to a third."""
     lowest = np.log([0.12, 0.003])
     highest = np.log([0.7, 0.04])
-    linear, quadratic = np.exp(rng.uniform(lowest, highest))
-    axes = rng.uniform(0.85, 1.15) ** np.array([1, -1])
-    vehicle = {"model": str(rng.choice(["iris", "ardrone2"]))}
-    vehicle["drag_linear"] = (linear * axes).tolist()
-    vehicle["drag_quadratic"] = (quadratic * axes).tolist()
-    flight = scenario(name, vehicle, rng)
-    row, _ = flown(name, flight)
-    if name not in AFTER_LEGS:
+    linear_drag, quadratic_drag = np.exp(rng.uniform(lowest, highest))
+    axis_factors = rng.uniform(0.85, 1.15) ** np.array([1, -1])
+    return {
+        "model": str(rng.choice(["iris", "ardrone2"])),
+        "drag_linear": (linear_drag * axis_factors).tolist(),
+        "drag_quadratic": (quadratic_drag * axis_factors).tolist(),
+    }
+
+
+def evaluate_vehicle(case: tuple[int, str], seed: int) -> list[Values]:
+    """Evaluates the flights of one vehicle.
+
+    A vehicle of ``KINDS_AFTER_LEGS`` flies three times: in that kind, with legs, and again in that kind with the drag
+    that the legs gave.
+
+    Args:
+        case: number of the vehicle, and kind of its flight.
+        seed: seed of all flights.
+
+    Returns:
+        A row for each flight.
+    """
+    number, kind = case
+    rng = default_rng([seed, number, KINDS.index(kind)])
+    vehicle = draw_vehicle(rng)
+    row, _ = evaluate_scenario(kind, draw_scenario(kind, vehicle, rng))
+    if kind not in KINDS_AFTER_LEGS:
         return [row]
-    first = scenario("legs", vehicle, rng)
-    legs, drag = flown("legs", first)
-    second = scenario(name, vehicle, rng)
-    again, _ = flown(f"{name}, its drag", second, drag)
-    return [row, legs, again]
+    legs_row, drag = evaluate_scenario("legs", draw_scenario("legs", vehicle, rng))
+    row_with_drag, _ = evaluate_scenario(
+        f"{kind}, its drag", draw_scenario(kind, vehicle, rng), drag
+    )
+    return [row, legs_row, row_with_drag]
 
 
 @command(__doc__, seed=0, flights=5)
 def main(seed: int, flights: int, jobs: int) -> None:
-    cases = product(range(flights), NAMES)
-    rows = rows_of(partial(judged, seed=seed), cases, jobs)
-    both = pd.concat([rows, rows.assign(flights="all")])
-    grouped = both.groupby("flights", sort=False)
-    table = grouped[[*SHARES]].agg(share)
+    cases = product(range(flights), KINDS)
+    rows = evaluate_flights(partial(evaluate_vehicle, seed=seed), cases, jobs)
+    rows_and_total = pd.concat([rows, rows.assign(flights="all")])
+    grouped = rows_and_total.groupby("flights", sort=False)
+    table = grouped[[*SHARES]].agg(percent_true)
     table.insert(0, "number", grouped.size())
     sums = grouped[[*COUNTS]].sum()
     table[[*COUNTS]] = sums.astype(int)
-    show(f"Seed {seed}", table.reset_index())
+    print_table(f"Seed {seed}", table.reset_index())
 
 
 if __name__ == "__main__":
