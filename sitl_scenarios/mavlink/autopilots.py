@@ -40,21 +40,26 @@ class Autopilot:
     # whether integer parameters are copied bit by bit into PARAM_VALUE's float, rather than cast
     bitwise: bool
 
-    def rates(self, rate: float, instead: Mapping[str, float]) -> dict[str, float]:
-        """Returns the rates, Hz, of every message it sends by itself, or ``instead``.
+    def rates(self, rate: float, replacements: Mapping[str, float]) -> dict[str, float]:
+        """Returns the rates of all messages that the autopilot can send, Hz by name; 0 for those on request only.
 
-        Raises ValueError: that has one it does not send.
+        Args:
+            rate: Rate of attitude and motor outputs, Hz.
+            replacements: Rates that replace the usual ones, Hz by name.
+
+        Raises:
+            ValueError: A replacement names a message that the autopilot does not send.
         """
-        usual = (
-            dict.fromkeys(self.fast, rate) | dict.fromkeys(self.quarter, rate / 4) | dict(self.slow)
-        )
-        for name in instead:
+        usual = dict.fromkeys(self.fast, rate)
+        usual |= dict.fromkeys(self.quarter, rate / 4)
+        usual |= self.slow
+        for name in replacements:
             if name not in usual:
                 names = ", ".join(usual)
                 raise ValueError(
                     f"stream.rates: {self.name} sends no {shortened(name)} here: choose among {names}"
                 )
-        return {**usual, **instead}
+        return {**usual, **replacements}
 
 
 # By ``scenario.stream.autopilot``

@@ -1,4 +1,4 @@
-"""Messages: payloads by column for rows of a motion, and the autopilot's parameters.
+"""Messages: the MAVLink payloads of a simulated flight, and the parameters that the autopilot reports.
 
 Fields, units and signs are those of the definitions (https://mavlink.io/en/messages/common.html): angles rad, body
 rates rad/s, north-east-down m and m/s, PWM µs; parameters travel in PARAM_VALUE's float as
@@ -29,8 +29,12 @@ SENSORS = sum(
     mavlink_constant(f"MAV_SYS_STATUS_SENSOR_{name}")
     for name in ("3D_GYRO", "3D_ACCEL", "3D_MAG", "ABSOLUTE_PRESSURE")
 )
-FENCE = mavlink_constant("MAV_SYS_STATUS_GEOFENCE")  # which is not breached
-UNUSED = np.iinfo(np.uint16).max  # a channel that is not there
+FENCE = mavlink_constant("MAV_SYS_STATUS_GEOFENCE")
+"""Bit of the geofence, which reports as healthy: it is not breached."""
+
+UNUSED = np.iinfo(np.uint16).max
+"""Value of RC channels that do not exist, by the definition of RC_CHANNELS."""
+
 UNKNOWN_RSSI = np.iinfo(np.uint8).max
 # PX4's in its simulators; on a sphere of 6371 km
 HOME = (47.397742, 8.545594, 488.0)
@@ -43,7 +47,16 @@ CHANNELS: int = (
 
 
 def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
-    """Returns messages, (count,) of their wire type; fields that are not given are zero."""
+    """Returns payloads of one message, with the given values in its fields and zero in all others.
+
+    Args:
+        name: Name of the message.
+        count: Number of payloads.
+        fields: Values of fields: one for all payloads, or one for each, (count, …).
+
+    Returns:
+        (count,) payloads of the message's wire type.
+    """
     table = np.zeros(count, dtype=definitions_by_name()[name].wire)
     for field, values in fields.items():
         table[field] = values
@@ -51,7 +64,7 @@ def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
 
 
 def by_column(names: str, values: NDArray[Any]) -> Arrays:
-    """Returns the columns (N,) of ``values`` (N, n) by names between spaces."""
+    """Returns the columns (N,) of ``values`` (N, n) by their ``names``, which spaces separate."""
     return dict(zip(names.split(), values.T, strict=True))
 
 
@@ -155,33 +168,53 @@ def message_payloads(
     return payload(name, len(boot), **fields)
 
 
-REAL32 = mavlink_constant("MAV_PARAM_TYPE_REAL32")  # of all that are no integers
+REAL32 = mavlink_constant("MAV_PARAM_TYPE_REAL32")
+"""Type of all parameters that are no integers."""
+
+PX4_X_AIRFRAME = 4001
+"""SYS_AUTOSTART of PX4's generic quadrotor with an X frame."""
+
+PX4_PLUS_AIRFRAME = 5001
+"""SYS_AUTOSTART of PX4's generic quadrotor with a + frame."""
 
 
 class Parameter(NamedTuple):
-    """A parameter of MAV_PARAM_TYPE ``kind``; ``value`` is whole where that is an integer type."""
+    """A parameter as the autopilot reports it."""
 
     name: str
+    """Name of the parameter."""
     kind: int
+    """Its MAV_PARAM_TYPE."""
     value: float
+    """Its value, a whole number where the type is an integer."""
 
     def encoded(self, bitwise: bool) -> float:
-        """Returns PARAM_VALUE.param_value."""
+        """Returns the value as PARAM_VALUE.param_value carries it.
+
+        Args:
+            bitwise: Whether the bits of an integer are copied into the float (PX4), rather than its value
+                (ArduPilot).
+        """
         if bitwise and self.kind != REAL32:
-            return float(struct.unpack("<f", struct.pack("<i", int(self.value)))[0])
+            integer_bytes = struct.pack("<i", int(self.value))
+            return float(struct.unpack("<f", integer_bytes)[0])
         return self.value
 
 
 def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
-    """Returns an autopilot's parameters in alphabetical order."""
+    """Returns all parameters that the autopilot of a scenario reports, in alphabetical order.
+
+    They are the autopilot's fixed ones, those of the system id and the frame, and those of its controllers.
+    """
     system = scenario.stream.system
-    as_x = scenario.vehicle.layout == "x"
-    own = {"MAV_SYSID": system, "FRAME_TYPE": int(as_x)}
+    is_x_frame = scenario.vehicle.layout == "x"
+    identity = {"MAV_SYSID": system, "FRAME_TYPE": int(is_x_frame)}
     if autopilot.name == "px4":
-        own = {"MAV_SYS_ID": system, "SYS_AUTOSTART": 4001 if as_x else 5001}
+        autostart = PX4_X_AIRFRAME if is_x_frame else PX4_PLUS_AIRFRAME
+        identity = {"MAV_SYS_ID": system, "SYS_AUTOSTART": autostart}
     kinds = {name: kind for kind, parameters in autopilot.parameters.items() for name in parameters}
     values: dict[str, float] = {}
-    for parameters in (*autopilot.parameters.values(), own, control_parameters(scenario)):
+    for parameters in (*autopilot.parameters.values(), identity, control_parameters(scenario)):
         values |= parameters
     return [
         Parameter(name, kinds.get(name, REAL32), float(values[name])) for name in sorted(values)
