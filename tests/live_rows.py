@@ -1,8 +1,9 @@
 """Rows of a live flight, made up, with predictions whose errors are known."""
 
-from types import SimpleNamespace
-
 import numpy as np
+from partial_records import partial_record
+
+from mavdem.dem.online.estimate import Estimate
 
 DT = 0.01
 REPORTED_HORIZON = (0.01, 0.25)
@@ -14,7 +15,8 @@ def flown(history, seconds, segment=0, start=100.0, learnt=True, boot=0):
     motion = np.stack([np.sin(time), np.cos(time)], axis=-1)
     for now, row in zip(time, motion, strict=True):
         later = now + np.array(REPORTED_HORIZON)
-        estimate = SimpleNamespace(
+        estimate = partial_record(
+            Estimate,
             time=now,
             ahead_times=later,
             ahead=np.stack([np.sin(later) + 0.1, np.cos(later) - 0.2], axis=-1),

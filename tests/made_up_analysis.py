@@ -1,16 +1,21 @@
 """A made-up analysis of a log, with figures that no fit decides, as reports and findings read it."""
 
-from types import SimpleNamespace
-
 import numpy as np
 from frames import geometry
 from numpy.random import default_rng
+from partial_records import partial_record
 from refusals import prose
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.figures import LogAnalysis
+from mavdem.assessment.condition import Condition
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.lights import VEHICLE_LIGHTS
+from mavdem.assessment.tier import Tier
+from mavdem.dataset.learnability import Learnability
+from mavdem.dataset.quality import QualityFigures
+from mavdem.dem import Learned
+from mavdem.dem.record import Record
 from mavdem.evaluate import HeldOut
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
@@ -18,29 +23,11 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
 from mavdem.ingest import Log
 from mavdem.motors.hover import HoverFigures
-from mavdem.plant import DetectedGust
+from mavdem.plant import DetectedGust, Physical, WindTorque
+from mavdem.plant.parameters import PhysicalInterval
 
 MOTORS = geometry().names
 NAN = float("nan")
-
-
-class Parameters(SimpleNamespace):
-    """Physical parameters as they are read by reports."""
-
-    def interval(self, level=None):
-        return self.half
-
-    def mean_effect(self, level=None):
-        return self.mean
-
-    @property
-    def identifiable(self):
-        return self.status["effect"] != Status.NOT_IDENTIFIABLE
-
-
-class Halves(SimpleNamespace):
-    def __iter__(self):
-        return iter((self.effect, self.damping, self.lag, self.delay))
 
 
 def physical(share=None, **status):
@@ -48,35 +35,36 @@ def physical(share=None, **status):
     effect = np.array([-0.0684, 0.0698, 0.0686, -0.0693])
     damping = 1.9
     lag = 0.0177
-    half = Halves(effect=np.full(4, 0.0037), damping=0.54, lag=0.0018, delay=0.004)
+    half_widths = PhysicalInterval(np.full(4, 0.0037), damping=0.54, lag=0.0018, delay=0.004)
+    half_width_of_mean = 0.003
     if share is not None:
-        half = Halves(
-            effect=share * abs(effect), damping=share * damping, lag=share * lag, delay=0.004
-        )
+        half_widths = PhysicalInterval(share * abs(effect), share * damping, share * lag, 0.004)
+        half_width_of_mean = 0.069 * share
     for name, value in status.items():
         if value == Status.NOT_IDENTIFIABLE:
-            setattr(half, name, NAN * getattr(half, name))
+            unknown = {name: NAN * getattr(half_widths, name)}
+            half_widths = half_widths._replace(**unknown)
     names = ("effect", "damping", "lag")
-    return Parameters(
+    return partial_record(
+        Physical,
         effect=effect,
         damping=damping,
         lag=lag,
         delay=0.003,
-        half=half,
-        mean=(0.069, 0.003 if share is None else 0.069 * share),
         status={name: status.get(name, Status.REPORTED) for name in names},
         reasons={name: prose(f"Why {name}.") if name in status else None for name in names},
         wind_share=0.07,
+        interval=lambda self, level=None: half_widths,
+        mean_effect=lambda self, level=None: (0.069, half_width_of_mean),
     )
 
 
 def model(parameters, **wind):
     """A learned model as reports read it, with other figures of the ``wind``."""
     rng = default_rng(0)
-    record = SimpleNamespace(
+    record = Record(
         inputs=rng.normal(size=(900, 4)),
         outputs=rng.normal(size=(900, 2)),
-        segment_starts=np.zeros(1, dtype=int),
         begins=(76.0,),
         lengths=(900,),
         dt=0.01,
@@ -86,7 +74,10 @@ def model(parameters, **wind):
         input_units=("µs",) * 4,
         output_units=("rad", "rad/s"),
     )
-    known = {
+    wind_figures = {
+        "torque": np.zeros(900),
+        "band": np.ones(900),
+        "spectrum": None,
         "sd": 0.977,
         "mean": -1.71,
         "mean_band": 0.07,
@@ -98,13 +89,14 @@ def model(parameters, **wind):
         "gust_threshold": 3.28,
         "false_gusts_per_minute": 0.1,
     }
-    return SimpleNamespace(
+    return partial_record(
+        Learned,
         record=record,
         physical=parameters,
         physical_reason=None,
         stable=True,
-        wind_torque=SimpleNamespace(**(known | wind)),
-        one_step=lambda: np.zeros((900, 2)),
+        wind_torque=WindTorque(**(wind_figures | wind)),
+        one_step=lambda self: np.zeros((900, 2)),
         dt=0.01,
     )
 
@@ -142,11 +134,13 @@ HOVER = HoverFigures(
 def analysis(parameters):
     learned = model(parameters)
     windows = held_out()
-    learnability = SimpleNamespace(figures=SimpleNamespace(consistency=0.99), learnable=True)
-    condition = SimpleNamespace(hover=HOVER, oscillation=None)
+    learnability = partial_record(
+        Learnability, figures=QualityFigures(consistency=0.99), learnable=True
+    )
+    condition = Condition(60.0, hover=HOVER)
     return LogAnalysis(
         learnability,
-        SimpleNamespace(tier="a"),
+        partial_record(Tier, tier="a"),
         condition,
         None,
         learned=learned,

@@ -1,10 +1,10 @@
 """Findings: a bad result never looks good, and each limit holds at its edge."""
 
-from dataclasses import make_dataclass, replace
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 from made_up_analysis import HOVER, held_out, model, physical
+from partial_records import partial_record
 from pytest import approx, mark
 from refusals import prose
 
@@ -16,6 +16,8 @@ from mavdem.assessment.axis.findings import (
     with_own_torque_marked,
 )
 from mavdem.assessment.axis.residuals import Residuals
+from mavdem.assessment.condition import Condition
+from mavdem.dem import Learned
 from mavdem.documents import vehicle
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import (
@@ -46,7 +48,7 @@ def found(purpose, *known, **more):
 
 def of_vehicle(oscillation=None, **hover):
     """The condition of a vehicle with other figures of its motors."""
-    return SimpleNamespace(hover=replace(HOVER, **hover), oscillation=oscillation)
+    return Condition(60.0, hover=replace(HOVER, **hover), oscillation=oscillation)
 
 
 @mark.parametrize(
@@ -101,15 +103,15 @@ def test_parameters_are_good_up_to_a_width_of_their_intervals(share, expected):
 
 
 def test_parameters_doubted_for_one_reason_are_named_together_and_the_reason_once():
-    known = physical(damping=Status.BIASED, lag=Status.BIASED)
-    known.reasons |= dict.fromkeys(("damping", "lag"), prose("Why."))
-    doubted = found(MOTION, model(known))
+    parameters = physical(damping=Status.BIASED, lag=Status.BIASED)
+    parameters.reasons.update(dict.fromkeys(("damping", "lag"), prose("Why.")))
+    doubted = found(MOTION, model(parameters))
     assert doubted.grade is LIMITED
     (doubt,) = doubted.reason.figures["doubts"]
     assert (doubt.code, doubt.figures["names"]) == (Because.PARAMETERS_DOUBTED, ("damping", "lag"))
-    known = physical(**dict.fromkeys(("effect", "damping", "lag"), Status.NOT_IDENTIFIABLE))
-    known.reasons["damping"] = known.reasons["effect"]
-    assert found(MOTION, model(known)).reason.code is Because.SAME_AS_EFFECT
+    parameters = physical(**dict.fromkeys(("effect", "damping", "lag"), Status.NOT_IDENTIFIABLE))
+    parameters.reasons["damping"] = parameters.reasons["effect"]
+    assert found(MOTION, model(parameters)).reason.code is Because.SAME_AS_EFFECT
 
 
 @mark.parametrize(
@@ -131,7 +133,7 @@ def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(changes, 
     unknown = found(WIND, model(physical(effect=Status.NOT_IDENTIFIABLE), **changes))
     assert (unknown.grade, unknown.reason.code) == (NONE, Because.EFFECT_UNKNOWN)
     learned = model(physical())
-    learned.wind_torque = None
+    learned = learned.with_wind_torque(None)
     assert found(WIND, learned).reason.code is Because.WIND_NOT_ESTIMATED
 
 
@@ -254,12 +256,12 @@ def test_warnings_are_only_where_they_mean_something():
     assert larger.figures["ratio"] == approx(3.0, abs=0.01)
     failed = replace(held_out(), failures=(prose("It is too short."),))
     assert [one.code for one in model_warnings(learned, failed)] == [Forecasts.PART_NOT_LEARNED]
-    unstable = SimpleNamespace(stable=False, physical=None)
+    unstable = partial_record(Learned, stable=False, physical=None)
     assert [one.code for one in model_warnings(unstable, None)] == [Caveat.UNSTABLE_MODEL]
 
 
 def test_the_torque_of_a_vehicle_that_oscillates_is_not_the_winds():
-    torque = make_dataclass("Torque", [("reason", object, None)])()
-    learned = SimpleNamespace(wind_torque=torque, with_wind_torque=lambda other: other.reason)
+    learned = model(physical())
     assert with_own_torque_marked(learned, False) is learned
-    assert with_own_torque_marked(learned, True) == Fact(Because.OWN_TORQUE)
+    marked = with_own_torque_marked(learned, True)
+    assert marked.wind_torque.reason == Fact(Because.OWN_TORQUE)

@@ -1,11 +1,14 @@
 """The headline is the worst that was found, and the next step fits its reason."""
 
-from types import SimpleNamespace
-
+from partial_records import partial_record
 from pytest import mark
 from refusals import prose
 
+from mavdem.assessment.condition import Condition
+from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import headline_of, next_step_of
+from mavdem.dataset.learnability import Learnability
+from mavdem.dataset.quality import QualityFigures
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending
@@ -24,13 +27,14 @@ def lights(**levels):
 
 
 def headline(known, ending=None, events=(), airborne=60.0, oscillation=None):
-    learnability = SimpleNamespace(reason=GROUNDED, figures=SimpleNamespace(airborne=airborne))
-    evidence = SimpleNamespace(
+    learnability = Learnability("roll", False, GROUNDED, figures=QualityFigures(airborne=airborne))
+    evidence = partial_record(
+        Evidence,
         ending=ending,
         events=events,
-        warnings_in_flight=lambda codes: events,
+        warnings_in_flight=lambda self, codes: events,
         learnability=learnability,
-        condition=SimpleNamespace(oscillation=oscillation),
+        condition=Condition(60.0, oscillation=oscillation),
     )
     return headline_of(evidence, known)
 

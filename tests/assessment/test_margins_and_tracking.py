@@ -238,7 +238,7 @@ def test_nothing_after_the_vehicle_was_lost_counts():
     assert tracking_light(lost).level == "unknown"
 
 
-def test_oscillation_a_loss_or_a_motor_at_its_stop_without_a_hover_grounds_a_vehicle():
+def test_oscillation_a_loss_or_a_motor_at_its_stop_without_hover_grounds_a_vehicle():
     lost = Fact(Ending.CRASHED, time=20.0)
     stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, time=15.0, boot=0)
     caught = Fact(MotionEvent.ATTITUDE_CAUGHT, Level.WATCH)

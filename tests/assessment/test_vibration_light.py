@@ -1,11 +1,11 @@
 """The light of vibration, by the limits of the autopilot, in flight only."""
 
-from types import SimpleNamespace
-
 import numpy as np
 from hover import Hover, changed, columns
+from partial_records import partial_record
 from pytest import approx, mark
 
+from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights.vibration import (
     ARDUPILOT_LEVELS,
     CLIP_LIMITS,
@@ -29,7 +29,7 @@ def light(levels, clips=0, autopilot="ARDUPILOTMEGA"):
     fields |= {"vibration_z": shaken[:, 0]} if autopilot == "PX4" else {}
     fields |= {"levels": shaken} if len(levels) != 3 else {}
     made = changed(telemetry, "VIBRATION", **columns(time, **fields))
-    return vibration_light(SimpleNamespace(signals=Signals(made, inputs="motors")))
+    return vibration_light(partial_record(Evidence, signals=Signals(made, inputs="motors")))
 
 
 @mark.parametrize("autopilot, limits", [("ARDUPILOTMEGA", ARDUPILOT_LEVELS), ("PX4", PX4_LEVELS)])
@@ -55,7 +55,7 @@ def test_clips_are_counted():
 
 def test_without_the_message_it_is_not_known():
     telemetry = HOVER.telemetry(10.0, 10.0)
-    found = vibration_light(SimpleNamespace(signals=Signals(telemetry, inputs="motors")))
+    found = vibration_light(partial_record(Evidence, signals=Signals(telemetry, inputs="motors")))
     assert (found.code, found.level) == (VibrationLight.VIBRATION_UNKNOWN, "unknown")
     # Nor where zeros stand for it.
     assert light([0, 0, 0]).code is VibrationLight.VIBRATION_UNKNOWN

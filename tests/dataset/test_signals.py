@@ -319,7 +319,7 @@ def test_a_stop_is_where_motors_stay_as_nowhere_below(stay, close, depth, highes
     assert motor_outputs._observed_upper_stop(shares[:, None]) == (highest if stops else 1.0)
 
 
-def test_a_position_is_metres_north_east_down_of_the_first_also_across_the_date_line():
+def test_a_position_is_metres_north_east_down_of_the_first_even_over_the_date_line():
     # Before the first fix, and damaged.
     degrees = np.array([[0.0, 0.0], [60.0, 179.9999], [60.0001, -179.9999], [95.0, 0.0]])
     fields = dict(zip(("lat", "lon"), np.round(1e7 * degrees.T), strict=True), relative_alt=5000.0)

@@ -99,7 +99,7 @@ def test_gradients_are_those_of_the_free_energy(model, seed):
 
 
 @of_any_model
-def test_curvatures_of_the_internal_energy_are_the_free_energy_s_without_uncertainty(model, seed):
+def test_internal_energy_has_the_curvatures_of_free_energy_without_uncertainty(model, seed):
     """Without mean-field terms; those of the free energy are compared with differences above."""
     samples, posterior = random_samples_and_posterior(seed, model)
     sure = posterior._replace(

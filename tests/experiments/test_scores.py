@@ -1,11 +1,11 @@
 """Scores: what counts at which horizon, and beside what; the paired test at the level it says; and windows."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
+from partial_records import partial_record
 from pytest import approx, mark, raises
 from scipy.stats import wilcoxon
 
@@ -76,7 +76,11 @@ INF = np.inf
 
 
 def overlapping(count, hop=425, flight="a"):
-    return [SimpleNamespace(flight=flight, start=hop * k, stop=hop * k + 850) for k in range(count)]
+    """Windows of 850 samples, each of which begins so many after the one before."""
+    starts = range(0, hop * count, hop)
+    return [
+        partial_record(Window, flight=flight, start=start, stop=start + 850) for start in starts
+    ]
 
 
 def test_windows_that_overlap_are_not_tested_together():

@@ -1,12 +1,13 @@
 """Estimates beside the truth of a simulated flight, and no other flight's; their numbers are in tests/golden."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
+from partial_records import partial_record
 from pytest import fixture, mark, raises
 from refusals import unreadable
 
+from mavdem.dem import Learned
 from mavdem.dem.record import Record
 from mavdem.experiments.paper.flights import settled_hover
 from mavdem.experiments.truth import compare_with_truth, read_truth, truth_of
@@ -56,8 +57,8 @@ def flight(scenario, motion):
 def learned(flight):
     record = Record.from_flights(flight)
     found = physical(record)
-    return SimpleNamespace(
-        record=record, physical=found, wind_torque=estimate_wind_torque(found, record)
+    return partial_record(
+        Learned, record=record, physical=found, wind_torque=estimate_wind_torque(found, record)
     )
 
 
@@ -87,7 +88,9 @@ def test_an_interval_that_misses_and_one_that_is_not_there_are_told_apart(learne
     off = read._replace(
         damping=9.0, status=read.status | {"lag": Status.NOT_IDENTIFIABLE, "damping": Status.BIASED}
     )
-    changed = SimpleNamespace(record=learned.record, physical=off, wind_torque=learned.wind_torque)
+    changed = partial_record(
+        Learned, record=learned.record, physical=off, wind_torque=learned.wind_torque
+    )
     found = {one.name: one for one in compared(changed, path, flight).parameters}
     assert found["damping"].inside is False and found["lag of the motors"].inside is None
     table = truth_blocks(compared(changed, path, flight))[1]
@@ -115,8 +118,8 @@ def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(
     }
     np.savez(tmp_path / "weak.npz", **weak)
     late = flight[round((20.5 - flight.time[0]) / flight.dt) :]
-    cut = SimpleNamespace(
-        record=Record.from_flights(late), physical=learned.physical, wind_torque=None
+    cut = partial_record(
+        Learned, record=Record.from_flights(late), physical=learned.physical, wind_torque=None
     )
     effects = [one.truth for one in compared(cut, tmp_path / "weak.npz", late).parameters[:4]]
     assert effects == [1.0, 2.0, 3.0, 4.0]

@@ -2,25 +2,29 @@
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import control
 import numpy as np
 from mcap.reader import make_reader
 from numpy.testing import assert_allclose, assert_array_equal
+from partial_records import partial_record
 from pytest import fixture, mark, raises, warns
 from recorded_flights import FLIGHT
 from refusals import prose, refused
 from simulated import simulated
 
 import mavdem
+from mavdem.dem import Learned
+from mavdem.dem.record import Record
 from mavdem.evaluate import held_out_test
 from mavdem.export.control_systems import identified_parameters
 from mavdem.export.mcap_channels import write_channels
 from mavdem.export.tables import columns
+from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPlant
 from mavdem.flight import Flight
+from mavdem.plant import Physical
 from mavdem.report.series import series_of
 
 
@@ -69,16 +73,19 @@ def test_a_system_has_the_names_and_the_matrices_of_the_model(learned):
         assert_array_equal(own, expected)
 
 
+IDENTIFIABLE = partial_record(Physical, status={"effect": Status.REPORTED})
+
+
 @mark.parametrize(
     "physical, names, code",
     [
         (None, ("roll", "roll rate"), NoPlant.NO_PLANT),
-        (SimpleNamespace(caution=None), ("roll", "roll rate", "pitch"), NoPlant.TOO_MANY_OUTPUTS),
+        (IDENTIFIABLE, ("roll", "roll rate", "pitch"), NoPlant.TOO_MANY_OUTPUTS),
     ],
 )
 def test_a_model_without_a_plant_says_why(physical, names, code):
-    record = SimpleNamespace(output_names=names)
-    model = SimpleNamespace(physical=physical, physical_reason=prose("Why."), record=record)
+    record = partial_record(Record, output_names=names)
+    model = partial_record(Learned, physical=physical, physical_reason=prose("Why."), record=record)
     assert refused(identified_parameters, model).code is code
 
 

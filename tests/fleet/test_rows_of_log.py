@@ -2,21 +2,27 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
+from partial_records import partial_record
 from pytest import approx, mark
 from recorded_flights import LOGS
 from refusals import unreadable
 
 import mavdem
 from mavdem.assessment.assess import assess_signals
+from mavdem.dem import Learned
+from mavdem.dem.record import Record
 from mavdem.facts.fleet import NoPrior
+from mavdem.facts.identifiability import Status
 from mavdem.fleet import priors
 from mavdem.fleet import rows_of_log as module
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.rows_of_log import rows_of_log
+from mavdem.loops.axis_loops import Loop
+from mavdem.plant import Physical
+from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.vehicle_drag import Drag
 
 DRAG = json.dumps({"speed": 4.0, "drag": Drag(np.zeros(6), np.eye(6)).as_dict()})
@@ -40,15 +46,13 @@ def test_a_slow_log_gives_what_it_holds_says_why_no_more_and_has_one_page():
 
 def test_still_air_is_no_wind_and_a_drags_interval_is_a_half_width():
     drag = Drag(np.zeros(6), np.eye(6))
-    air = {
-        "speed_identifiable": True,
-        "direction_identifiable": False,
-        "speed": 0.4,
-        "speed_interval": (0.0, 1.0),
-    }
-    still, wind = (
-        module.wind_columns(SimpleNamespace(drag=drag, calm=calm, **air)) for calm in (1, 0)
+    status = {"speed": Status.REPORTED, "direction": Status.NOT_IDENTIFIABLE}
+    calm_air, moving_air = (
+        partial_record(WindVelocity, drag=drag, status=status, speed=0.4, speed_interval=interval)
+        for interval in ((0.0, 1.0), (0.1, 1.0))
     )
+    still = module.wind_columns(calm_air)
+    wind = module.wind_columns(moving_air)
     assert still["wind_speed"] is None and still["wind_speed_interval"] == (0.0, 1.0)
     assert wind["wind_speed"] == 0.4
     low, high = drag.interval("linear")
@@ -57,7 +61,7 @@ def test_still_air_is_no_wind_and_a_drags_interval_is_a_half_width():
 
 def test_a_margin_is_in_radians_and_its_interval_a_half_width():
     known = {"gain_margin": 9.0, "gain_margin_interval": (8.0, 10.0)}
-    loop = SimpleNamespace(phase_margin=180.0, phase_margin_interval=(90.0, 270.0), **known)
+    loop = partial_record(Loop, phase_margin=180.0, phase_margin_interval=(90.0, 270.0), **known)
     found = module.margin_columns(loop)
     assert (found["phase_margin"], found["phase_margin_interval"]) == (np.pi, np.pi / 2)
     assert found["gain_margin_interval"] == 1.0
@@ -115,12 +119,12 @@ def test_what_says_nothing_of_the_next_flight_is_refused(tmp_path, read, text, c
 
 
 def test_a_model_of_the_axis_whose_effect_is_known_is_a_prior_and_no_other(tmp_path, monkeypatch):
-    physical = SimpleNamespace(identifiable=True)
-    record = SimpleNamespace(output_names=("pitch", "pitch rate"))
-    learned = SimpleNamespace(record=record, physical=physical)
+    physical = partial_record(Physical, status={"effect": Status.REPORTED})
+    record = partial_record(Record, output_names=("pitch", "pitch rate"))
+    learned = partial_record(Learned, record=record, physical=physical)
     monkeypatch.setattr(priors.Learned, "from_json", lambda _: learned)
     (tmp_path / "model.json").write_text("")
     assert earlier_flight(tmp_path, "pitch") is learned
     assert unreadable(earlier_flight, tmp_path, "roll").code is NoPrior.MODEL_OF_OTHER_AXIS
-    physical.identifiable = False
+    physical.status["effect"] = Status.NOT_IDENTIFIABLE
     assert unreadable(earlier_flight, tmp_path, "pitch").code is NoPrior.MODEL_WITHOUT_EFFECT

@@ -2,7 +2,6 @@
 
 import tomllib
 from dataclasses import replace
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -10,14 +9,18 @@ from hover import Hover, changed, columns
 from known_gains import ARDUPILOT, PX4, X_ROLL
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
+from partial_records import partial_record
 from pytest import approx, mark
 from refusals import refused
 from scipy.signal import lfilter
 
+from mavdem.assessment import Assessment
 from mavdem.assessment.axis.gains import autotune_fact
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning import tuned
+from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.segments import settled_segments
@@ -58,6 +61,7 @@ from mavdem.plant import Physical
 from mavdem.plant.sampled_plant import WindComponent, gaussian_kernel_noise
 from mavdem.report.charts.flight_charts import loop_charts
 from mavdem.report.vehicle_files import vehicle_text
+from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.vehicle_drag import Drag
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.scenario import SteadyWind
@@ -328,18 +332,19 @@ def test_an_effectiveness_that_seems_low_changes_nothing_unless_margins_surely_l
 def tuned_by(loops, tracking=TrackingLight.FOLLOWS_SETPOINT, **options):
     """Of a vehicle with nothing else to say, with a notch."""
     followed = dict.fromkeys(AXES, Fact(tracking))
-    evidence = SimpleNamespace(loops=loops, gain_reduction=None, reasons_not_to_fly=())
+    evidence = partial_record(Evidence, loops=loops, gain_reduction=None, reasons_not_to_fly=())
     notch = Fact(NotchAdvice.SET_NOTCH, settings=(("INS_HNTCH_FREQ", 80.0),))
     even = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
     judgement = Judgement(even, even, {"motors": even})
-    known = SimpleNamespace(
+    assessment = partial_record(
+        Assessment,
         judgement=judgement,
         evidence=evidence,
         margins=(),
         tracking=followed,
-        noise=SimpleNamespace(notch=notch),
+        noise=MeasuredNoise({}, {}, notch),
     )
-    return tuned(known, [*loops], is_written=False, **options)
+    return tuned(assessment, [*loops], is_written=False, **options)
 
 
 @mark.slow
@@ -514,8 +519,11 @@ def test_setpoints_of_rates_are_flown_beside_what_the_angles_error_asks_for(
 
 @mark.parametrize("known", [True, False])
 def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
-    air = SimpleNamespace(
-        speed=3.0, direction=80.0, speed_identifiable=known, direction_identifiable=True
+    status = dict.fromkeys(("speed", "direction"), Status.REPORTED)
+    if not known:
+        status["speed"] = Status.NOT_IDENTIFIABLE
+    air = partial_record(
+        WindVelocity, speed=3.0, speed_interval=(2.0, 4.0), direction=80.0, status=status
     )
     body = twin(made_up(), air=air)
     scenario = scenario_of(tomllib.loads(vehicle_text(body, ".toml", "a.tlog")))

@@ -166,9 +166,7 @@ def test_another_boot_at_the_same_stamps_does_not_count(log):
     assert np.array_equal(both.covariance, alone.covariance)
 
 
-def test_a_plant_without_draws_is_refused_and_an_unknown_margin_is_at_most_half_a_turn(
-    log, monkeypatch
-):
+def test_a_plant_without_draws_is_refused_and_unknown_margins_end_at_half_a_turn(log, monkeypatch):
     signals, flights = flown(thinned(log, 16))
 
     def plant_with(share):

@@ -1,6 +1,6 @@
 """The closed loop: spectra against simulation at any rate, slopes against differences, plants given back."""
 
-from types import SimpleNamespace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -176,10 +176,18 @@ def test_messages_of_several_rates_count_at_the_slowest():
     assert np.log(lossy.mean_density[:few] / whole.mean_density[:few]).real == approx(0.0, abs=0.3)
 
 
+@dataclass(frozen=True)
+class PosteriorStandIn:
+    """Stands for an ``AxisPosterior`` of which no value is asked for."""
+
+    prior_sd: np.ndarray | None = None
+    saturated_share: float = 0.0
+
+
 def test_maxima_at_several_times_of_steps_count_as_their_evidence_and_each_once():
     """Two of one curvature, the other three times as probable, and one of them found again; a prior of variance 1."""
     size = len(PRIOR_MEAN)
-    axis = SimpleNamespace(prior_sd=np.ones(size))
+    axis = PosteriorStandIn(prior_sd=np.ones(size))
     one, other = (PRIOR_MEAN + far * (np.arange(size) == STEP_TIME) for far in (-2.0, 2.0))
     other[0] += 1.0
     values = (one, 5.0), (other, 5.0 + np.log(3)), (other + 1e-3, 4.9 + np.log(3))
@@ -213,7 +221,7 @@ def test_limits_explain_a_controller_of_less_gain_and_none_of_more():
     def of(gain, limited, likeliest=1.0):
         theta, best = (PRIOR_MEAN + np.log(each) * row for each in (gain, gain * likeliest))
         return IdentifiedAxis(
-            SimpleNamespace(saturated_share=limited), theta, np.eye(len(theta)), best
+            PosteriorStandIn(saturated_share=limited), theta, np.eye(len(theta)), best
         )
 
     assert of(0.5, 0.6).controller_consistent and of(0.5, 0.6).saturation_loss == approx(0.5)

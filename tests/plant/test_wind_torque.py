@@ -270,7 +270,7 @@ def test_an_earlier_flight_counts_by_its_precision():
 
 
 @mark.slow
-def test_with_a_prior_the_torque_band_of_a_calm_hover_is_as_wide_as_steering_makes_it():
+def test_with_a_prior_the_torque_band_in_calm_hover_is_as_wide_as_steering_makes_it():
     """Without wind: what is drawn is error. A motor that is known to be weak adds what its loss is unsure by."""
     calm = in_closed_loop(1, steering=0.0, samples=900, wind=0.0)
     steering = in_closed_loop(2, steering=1.0, wind=0.0)

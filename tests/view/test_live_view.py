@@ -8,7 +8,6 @@ import time
 import urllib.request
 from contextlib import closing, contextmanager
 from threading import Event
-from types import SimpleNamespace
 from urllib.parse import parse_qs, urlsplit
 from uuid import uuid4
 
@@ -17,12 +16,14 @@ import psutil
 import rerun as rr
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
+from partial_records import partial_record
 from pytest import MonkeyPatch, approx, fail, fixture, mark, raises
 from refusals import prose
 from rerun_file import chunks, drawn, views
 
 from mavdem.dem import Estimate, LinearModel
 from mavdem.facts import Level
+from mavdem.facts.identifiability import Status
 from mavdem.facts.session import Session
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
@@ -31,6 +32,7 @@ from mavdem.live.session_status import Latency, PredictionBand, UsefulHorizon
 from mavdem.live.stream import LatestPose
 from mavdem.live.wind import WindEstimate
 from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.plant import Physical
 from mavdem.view.live_content import Channels, figures, status_document
 from mavdem.view.live_view import LiveView, SinkThread
 from mavdem.view.sinks import RecordingFile, Viewer, WebServer, sinks_for
@@ -282,10 +284,18 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
         status, row, CHANNELS, None
     )
     assert "learned up to 5.0 s ago" in status_document(status, row, CHANNELS, 55.0)
-    physical = SimpleNamespace(
-        mean_effect=lambda level: (0.1, 0.01),
+    # The half width of a 90 % interval is 1.645 standard deviations.
+    effect_variance = (0.01 / 1.645) ** 2
+    physical = partial_record(
+        Physical,
+        effect=np.array([0.1]),
         damping=3.0,
-        interval=lambda level: SimpleNamespace(damping=np.nan),
+        covariance=np.diag([effect_variance, 1.0, 1.0, 1.0]),
+        status={
+            "effect": Status.REPORTED,
+            "damping": Status.NOT_IDENTIFIABLE,
+            "lag": Status.REPORTED,
+        },
     )
     status = SessionStatus(
         wind=WIND,

@@ -1,11 +1,11 @@
 """The wind in m/s: made-up flights with known drag, recorded ones that something is done to, and what is no flight."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 from hover import changed
 from numpy.random import default_rng
+from partial_records import partial_record
 from pytest import approx, mark, raises
 from recorded_flights import recorded, shared
 from refusals import refused
@@ -23,7 +23,7 @@ from mavdem.facts.wind import NoWind, WindDoubt, WindShare
 from mavdem.live.wind import LiveWind
 from mavdem.report.condition import wind_blocks
 from mavdem.wind_velocity.compass import meteorological_direction
-from mavdem.wind_velocity.estimation import lower_speed_bound, speed_status
+from mavdem.wind_velocity.estimation import WindVelocity, lower_speed_bound, speed_status
 from mavdem.wind_velocity.from_log import (
     YAW_RESET,
     _resets,
@@ -117,10 +117,8 @@ def test_the_torque_share_is_known_where_the_air_velocity_along_the_body_changes
 def test_air_along_the_body_that_changes_by_less_than_1_m_s_explains_nothing(size, code):
     time = np.arange(0.0, 120.0, 0.1)
     along = np.outer(size * np.sign(np.sin(2 * np.pi * (time + 1) / 30)), [1.0, 0.0])
-    assert (
-        torque_share_of_wind(SimpleNamespace(time=time, along=along), time, along[:, 0]).code
-        is code
-    )
+    wind = partial_record(WindVelocity, time=time, along=along)
+    assert torque_share_of_wind(wind, time, along[:, 0]).code is code
 
 
 @mark.parametrize(
@@ -256,7 +254,7 @@ def test_a_vehicle_that_something_holds_shows_no_wind(lean, seconds, refused):
     assert (reason is not None and reason.code is NoWind.STUCK) == refused
 
 
-def test_a_missing_yaw_and_a_spin_on_the_ground_are_left_out_and_a_clock_jump_refused():
+def test_a_missing_yaw_and_a_ground_spin_are_left_out_and_a_clock_jump_is_refused():
     telemetry = recorded("sitl_events/ap_short_with_climb.tlog")
     columns = telemetry.messages["ATTITUDE"]
 
