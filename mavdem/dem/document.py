@@ -45,6 +45,9 @@ def from_text(result_type: type[ResultType], text: str) -> ResultType:
         result_type: The dataclass of the result.
         text: The document, as :func:`to_text` returns it.
 
+    Returns:
+        The result, an instance of ``result_type``.
+
     Raises:
         Unreadable: The document has a later version of the schema, or is no such document; the message names the first
             key that is missing or whose value is wrong.

@@ -347,7 +347,7 @@ class Learned(ImmutableResult, ForecasterBase):
         return is_useful.sum(axis=0)
 
     def forecast_variance(self, inputs: ArrayLike) -> Array:
-        """Returns the expected squared errors of :meth:`forecast`.
+        """Returns the expected squared errors of :meth:`forecast`, from which its band follows.
 
         Args:
             inputs: Inputs after the training data, (H, r).
@@ -491,6 +491,9 @@ class Learned(ImmutableResult, ForecasterBase):
 
         Args:
             model: ``"physical"`` for the physical plant with its delay, ``"dem"`` for DEM's A, B and C.
+
+        Returns:
+            The model, a ``control.StateSpace``.
 
         Raises:
             ImportError: The package ``control`` is not installed.

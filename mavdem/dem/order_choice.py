@@ -98,7 +98,8 @@ class OrderChoice:
     def chosen(self) -> int:
         """The lowest order over which no higher one gains strong evidence.
 
-        A gain is strong where it exceeds ``STRONG_EVIDENCE_NATS`` and ``STANDARD_ERRORS`` standard errors of its mean.
+        A gain of F̄ᵒ, averaged over the flights, is strong where it exceeds ``STRONG_EVIDENCE_NATS`` and, with several
+        flights, ``STANDARD_ERRORS`` standard errors of its mean.
         """
         has_fit = np.isfinite(self.free_energy).any(axis=0)
         fitted_orders = self.orders[has_fit].tolist()
@@ -231,7 +232,15 @@ def free_energy_of_flights(
 def _free_energy_or_reason(
     flight: TrainingData, max_order: int, known_inputs: bool
 ) -> FlightFreeEnergy | NotLearnable:
-    """Returns :func:`free_energy_by_order` or, as a value that other processes can return, why there is none."""
+    """Returns :func:`free_energy_by_order` or, as a value, the reason why there is none.
+
+    It runs in a worker process. An exception would end the work on all flights; a value concerns this flight alone.
+
+    Args:
+        flight: a ``Flight`` or segments of one.
+        max_order: the highest order that is fitted.
+        known_inputs: whether the recorded inputs drive the system.
+    """
     try:
         return free_energy_by_order(flight, max_order, known_inputs)
     except ValueError as error:

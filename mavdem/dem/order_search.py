@@ -116,6 +116,9 @@ class BlackBoxData:
             max_order: largest number of states that the data are to be fitted with.
             known_inputs: whether the recorded inputs are used; if not, as many unknown ones are estimated.
 
+        Returns:
+            The second moments of the data of all segments, with the units and orders that belong to them.
+
         Raises:
             NotLearnable: the record has too few effective samples, or an output is constant.
         """

@@ -274,7 +274,11 @@ def _is_importing_main() -> bool:
 
 
 def _initialize_worker(stop_pipe: Connection) -> None:
-    """Prepares a worker process: it stops when ``stop_pipe`` becomes readable, and ends with its parent."""
+    """Prepares a worker process: it ends with its parent, and can be told to stop.
+
+    Args:
+        stop_pipe: Receiving end of a pipe that becomes readable when the results are no longer wanted.
+    """
     global _stop_pipe
     _stop_pipe = stop_pipe
     # The signal was blocked while the process started. A worker alone may be ended, and a broken pool ends its others

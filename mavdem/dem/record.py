@@ -141,7 +141,11 @@ class Record:
     setpoint_names: Names = ()
 
     def __post_init__(self) -> None:
-        """Checks values and shapes, also of a record that was read from a document."""
+        """Checks values and shapes, also of a record that was read from a document.
+
+        Raises:
+            ValueError: A table or the step is wrong; the message names it.
+        """
         validated_step(self.dt)
         require_finite_and_bounded(self.inputs, "inputs")
         require_finite_and_bounded(self.outputs, "outputs")
@@ -389,6 +393,9 @@ def _start_times(flights: Sequence[UniformSamples]) -> Numbers:
 
     Samples without a clock have no ``time``. Unless all segments have one, the result is empty: the field of a record
     has a time for every segment, or none.
+
+    Args:
+        flights: The segments.
     """
     times: list[Sequence[float]] = [getattr(flight, "time", ()) for flight in flights]
     if not all(len(time) for time in times):

@@ -80,7 +80,14 @@ class Scaling:
         )
 
     def scale_inputs(self, inputs: Array) -> Array:
-        """Converts recorded inputs (T, r) to the engine's units, (T, r), or (T, r + 1) with the constant input."""
+        """Converts recorded inputs to the engine's units, and adds the constant input where the engine has one.
+
+        Args:
+            inputs: (T, r) inputs, in the unit of the recorded inputs.
+
+        Returns:
+            (T, r) inputs, or (T, r + 1) with a last column of ones. Recorded inputs that are not used are 0.
+        """
         scaled = np.zeros_like(inputs)
         if self.known:
             scaled = (inputs - self.input_trim) / self.input_scale
@@ -115,7 +122,10 @@ class Scaling:
         """Returns the physical size of the engine's unit of each parameter in θ, (k,), for ``order`` states.
 
         A parameter in A or B has the unit of its row's state over that of its column's state or input, per second; one
-        in C that of its output over that of its state.
+        in C that of its output over that of its state. Physical parameters are the engine's times this size.
+
+        Args:
+            order: number of states n.
         """
         state_scale = self.state_scale(order)
         per_input = 1 / self.input_scale
@@ -133,6 +143,10 @@ class Scaling:
         Args:
             theta: (k,) parameters in the engine's units, with the column of B for the constant input, if there is one.
             order: number of states.
+
+        Returns:
+            The model about the trim. The column of B for the constant input becomes its ``offset``, which is 0 without
+            one.
         """
         r = len(self.input_trim)
         m = len(self.output_trim)

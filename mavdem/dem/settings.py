@@ -213,7 +213,11 @@ class Settings:
         self._require_consistent()
 
     def _require_consistent(self) -> None:
-        """Raises ``ValueError`` where a setting contradicts another; no field can be checked for that by itself."""
+        """Checks the settings that depend on one another, which no field can be checked for by itself.
+
+        Raises:
+            ValueError: A setting contradicts another; the message names it.
+        """
         continuous = self.last_derivative_zero
         # A derivative of order k needs at least k + 1 samples.
         min_window = max(self.p, self.d or 0) + 1
@@ -289,7 +293,10 @@ class Settings:
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """Reads settings from the text of a JSON object, as :meth:`to_json` returns it.
+        """Reads settings from the text of a JSON object; those that are left out have their defaults.
+
+        Args:
+            text: The text, as :meth:`to_json` returns it.
 
         Raises:
             ValueError: The text is no JSON object of settings; the message names a key or value that is wrong.

@@ -65,7 +65,10 @@ def _pydantic_model(record: type) -> type[BaseModel]:
 
 
 def first_problem(error: ValidationError) -> str:
-    """Describes the first of the problems that pydantic found.
+    """Describes the first of the problems that pydantic found, in the words of this package's other errors.
+
+    Args:
+        error: The error that pydantic has raised for a document or a record.
 
     Returns:
         ``<field> must be …, not <value>`` or ``<field> is missing``. The field is a dotted path into the document; the

@@ -172,6 +172,9 @@ def theta_curvature(posterior: Posterior) -> Array:
 
     The internal action Ū is F̄ without entropies and mean-field terms: the log joint density at the means, summed over
     the samples.
+
+    Args:
+        posterior: the posterior, at whose means the derivative is taken.
     """
     error_curvature = posterior.model.error_curvature_in_theta(
         np.exp(posterior.lambda_), posterior.moments.joint_moments
@@ -182,7 +185,11 @@ def theta_curvature(posterior: Posterior) -> Array:
 def lambda_curvature(posterior: Posterior) -> Array:
     """Returns the second derivative Ū_λλ of the internal action by the log noise precisions, (g, g).
 
-    Of Ū only −½ Σ_g e^λ (squared errors) and the prior are not linear in λ.
+    The squared errors weighted by e^λ, and the prior, are the only parts of the log joint density Ū that are not linear
+    in λ.
+
+    Args:
+        posterior: the posterior, at whose means the derivative is taken.
     """
     squares = posterior.moments.squared_errors_by_noise(posterior.theta)
     error_curvature = np.diag(0.5 * np.exp(posterior.lambda_) * squares)

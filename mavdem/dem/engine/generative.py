@@ -1,4 +1,6 @@
-"""The generative model of DEM in generalized coordinates, and the embedding of samples into these coordinates.
+"""The generative model of DEM: data ỹ, η̃ and hidden X, all with their time derivatives, and the prediction errors ε̃.
+
+ỹ are the outputs, η̃ the recorded inputs, and X = [x̃; ṽ] the states and the true inputs, which are estimated:
 
     ỹ = C̃ x̃ + z̃,   D x̃ = Ã x̃ + B̃ ṽ + w̃,   ṽ = η̃ + input noise            Eq. ``generative_process``
 
@@ -150,7 +152,15 @@ class Prior(NamedTuple):
     """(g, g) prior precision P^λ."""
 
     def squared_errors(self, theta: Array, lambda_: Array) -> tuple[float, float]:
-        """Returns (θ − η^θ)ᵀ P^θ (θ − η^θ) of parameters ``theta`` (k,), and the same of ``lambda_`` (g,)."""
+        """Returns the squared deviations of θ and of λ from their prior means, weighted by the prior precisions.
+
+        Args:
+            theta: (k,) parameters θ.
+            lambda_: (g,) log noise precisions λ.
+
+        Returns:
+            (θ − η^θ)ᵀ P^θ (θ − η^θ), and the same of λ: twice the nats that a deviation costs.
+        """
         theta_error = theta - self.theta_mean
         lambda_error = lambda_ - self.lambda_mean
         return (
@@ -170,7 +180,7 @@ class SufficientStatistics(NamedTuple):
 
     @classmethod
     def from_segments(cls, *segments: Array) -> SufficientStatistics:
-        """Sums up the statistics of generalized data over all segments.
+        """Counts the samples of all segments, and sums up the outer products of their generalized data.
 
         Args:
             *segments: (T, (p + 1)m + (d + 1)r) generalized data [ỹ; η̃] of each segment, one row for each sample.
@@ -312,7 +322,11 @@ class GenerativeModel:
 
     @cached_property
     def _operator_structure(self) -> OperatorStructure:
-        """Where the blocks −C̃, −Ã and −B̃ put the parameters into the error operator, and its constant part."""
+        """Where the blocks −C̃, −Ã and −B̃ put the parameters into the error operator E, and its constant part.
+
+        It depends on the sizes and embedding orders only, and is computed once; for each θ, :meth:`error_operator` then
+        only fills in the parameters. E has a row for each prediction error and a column for each entry of [ỹ; η̃; X].
+        """
         n, r, m = self.sizes
         rows = self.error_rows
         data_columns = rows.inputs.stop
@@ -466,7 +480,11 @@ class GenerativeModel:
 
     @cached_property
     def _precision_structure(self) -> PrecisionStructure:
-        """Π̃ at λ = 0, and the index in λ by which each of its columns is scaled."""
+        """Π̃ at λ = 0, and the index in λ by which each of its columns is scaled.
+
+        At λ = 0 all noises have variance 1. The blocks S⊗I of outputs and states then have only the temporal precision
+        S of smooth noise and its derivatives; the blocks of the inputs and of a prior of x do not depend on λ.
+        """
         rows = self.error_rows
         at_zero = np.zeros((rows.state_prior.stop, rows.state_prior.stop))
         at_zero[rows.outputs, rows.outputs] = np.kron(
@@ -550,7 +568,7 @@ class GeneralizedMoments:
         return error_map @ self.samples.gram @ self.joint_map.T
 
     def error_moments(self, theta: Array) -> Array:
-        """Returns Σ_t ε̃ε̃ᵀ for parameters θ (k,).
+        """Returns the second moments Σ_t ε̃ε̃ᵀ of the prediction errors, (dim ε̃, dim ε̃), for parameters θ (k,).
 
         The map from the data to the errors is formed before the moments: errors are far smaller than the signals that
         they are differences of, and would be lost in the rounding of the joint moments.

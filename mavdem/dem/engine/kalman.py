@@ -125,12 +125,12 @@ class SteadyStateFilter(NamedTuple):
 
     @classmethod
     def design(cls, A: Array, process_covariance: Array, noise_sd: float) -> SteadyStateFilter:
-        """Computes the filter.
+        """Computes the steady-state filter of a system whose first state is measured, C = [1 0 … 0].
 
         Args:
             A: (n, n) state transition matrix.
             process_covariance: (n, n) covariance of the process noise.
-            noise_sd: standard deviation of the measurement noise.
+            noise_sd: standard deviation of the measurement noise, in the unit of the first state.
 
         Raises:
             numpy.linalg.LinAlgError: there is no steady filter.
@@ -388,6 +388,9 @@ def smooth_states(
         initial_state: (n,) mean of the state at the first sample, whose covariance is the identity.
         inputs: (T, k) inputs u.
         outputs: (T, m) outputs y.
+
+    Returns:
+        The states given all outputs, and the log likelihood of the outputs.
 
     Raises:
         numpy.linalg.LinAlgError: a covariance overflows.

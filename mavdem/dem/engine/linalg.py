@@ -71,7 +71,10 @@ def inverse(matrix: Array) -> Array:
 
 
 def logdet(matrix: Array) -> float:
-    """Returns the logarithm of the determinant of a symmetric positive definite matrix (k, k).
+    """Returns the logarithm of the determinant of a symmetric positive definite matrix, by Cholesky's factorization.
+
+    Args:
+        matrix: (k, k) symmetric positive definite.
 
     Raises:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
@@ -79,6 +82,7 @@ def logdet(matrix: Array) -> float:
     scale, scaled = _scaled_to_unit_diagonal(matrix)
     factor, info = dpotrf(scaled)
     _raise_if_not_factorized(info)
+    # The determinant is Π (L_ii / s_i)², with the Cholesky factor L of the scaled matrix and the scale s.
     return 2.0 * float(np.log(factor.diagonal() / scale).sum())
 
 

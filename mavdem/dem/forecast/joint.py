@@ -239,11 +239,15 @@ class JointModel(ImmutableResult):
         Args:
             record: the training data.
 
+        Returns:
+            The model, with the last samples of the training data, from which its forecasts start.
+
         Raises:
             NotLearnable: no segment has two samples.
         """
         with one_thread():
             mixer = axis_mixer(record)
+            # The statistics have the most lags that the record suffices for; those of fewer lags are a part of them.
             lags = _largest_lags(record)
             combined = _with_combined_inputs(record, mixer)
             scaling, statistics = var.LagStatistics.from_record(combined, lags)
@@ -330,6 +334,9 @@ def _largest_lags(record: Record) -> int:
 
     That is the largest candidate for which the longest segment has ``MIN_SAMPLES_PER_LAG`` samples for each lag; where
     even the smallest is too large, as many lags, up to the smallest candidate, as leave one sample to regress.
+
+    Args:
+        record: the training data.
     """
     possible = [
         lags for lags in LAG_CANDIDATES if lags <= record.longest_segment // MIN_SAMPLES_PER_LAG

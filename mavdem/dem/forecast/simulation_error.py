@@ -142,6 +142,9 @@ class SimulationPieces(NamedTuple):
         Args:
             segments: inputs (T, r) and outputs (T, m) of each segment, one of them longer than two horizons.
             horizon: number of samples of each simulation, and of the filter before it.
+
+        Returns:
+            The pieces as arrays, step by step, so that all of them are simulated at once.
         """
         starts = [
             (inputs, outputs, start)
@@ -318,7 +321,15 @@ class SimulationObjective:
         return self.pieces.effective_count * self.sizes.m
 
     def errors(self, points: Array) -> Array:
-        """Returns the simulation errors (b, H, m, S) of the models with free parameters ``points`` (b, f)."""
+        """Simulates all pieces with several parameter vectors at once, and returns the errors of the outputs.
+
+        Args:
+            points: (b, f) free parameters of b models; the other parameters are the same for all.
+
+        Returns:
+            Measured less simulated outputs (b, H, m, S): over H steps, of S pieces; infinite or NaN where a simulation
+            overflows.
+        """
         thetas = np.repeat(self.theta[None], len(points), axis=0)
         thetas[:, self.free] = points
         models = models_for_parameters(thetas, self.sizes, self.gain, self.dt)

@@ -61,7 +61,11 @@ class ChannelScaling(NamedTuple):
 
     @classmethod
     def from_record(cls, record: Record) -> ChannelScaling:
-        """Returns the scaling of the outputs and inputs of a record, by their means and standard deviations."""
+        """Returns the scaling of the outputs and inputs of a record, by their means and standard deviations.
+
+        Args:
+            record: training data, in physical units.
+        """
         inputs, outputs = record.channel_statistics
         # The statistics of the outputs and of the inputs are joined, field by field, to those of all channels.
         channels = ChannelStatistics(
@@ -120,6 +124,9 @@ class LagStatistics(NamedTuple):
         Args:
             segments: channels (T, k) of each segment, at least one segment.
             lags: number L of lags.
+
+        Returns:
+            Number and second moments of the rows of all segments; no rows where every segment has at most L samples.
         """
         tables = []
         for channels in segments:
@@ -288,7 +295,12 @@ class VectorAutoregression(NamedTuple):
     def from_regression(
         cls, regression: Regression, scaling: ChannelScaling
     ) -> VectorAutoregression:
-        """Returns the autoregression with the posterior means of a regression of scaled channels."""
+        """Returns the autoregression with the posterior means of a regression of scaled channels.
+
+        Args:
+            regression: posterior of the coefficients, (L k + 1, k), those of the latest lag first, the constant last.
+            scaling: scaling of the channels.
+        """
         q, k = regression.mean.shape
         # A row has the coefficients of one channel: A₁ … A_L side by side, and the offset last.
         coefficients = regression.mean.T
@@ -302,7 +314,14 @@ class VectorAutoregression(NamedTuple):
 
     @classmethod
     def learn(cls, record: Record, lags: int) -> VectorAutoregression:
-        """Learns an autoregression of so many ``lags`` from training data, with the prior of :data:`RIDGE`.
+        """Learns an autoregression of all outputs and inputs from training data, with the ridge :data:`RIDGE`.
+
+        Args:
+            record: training data.
+            lags: number L of lags.
+
+        Returns:
+            The autoregression with the posterior means of its coefficients.
 
         Raises:
             NotLearnable: no segment has more than ``lags`` samples.

@@ -42,7 +42,12 @@ class AnomalyMarks:
     """
 
     def __init__(self, dt: float) -> None:
-        """Begins without a past, for samples every ``dt`` seconds."""
+        """Begins without a past, so that nothing is marked before there are ``MIN_PEAKS`` peaks.
+
+        Args:
+            dt: Sampling step, s.
+        """
+        # Weight of a new value in the average of the evidence; the times of the constants in samples.
         self._smoothing = min(1.0, dt / EVIDENCE_SECONDS)
         self._samples_per_peak = max(1, round(PEAK_SECONDS / dt))
         self._refractory_samples = max(1, round(REFRACTORY_SECONDS / dt))

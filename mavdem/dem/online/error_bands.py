@@ -41,7 +41,8 @@ class ErrorBands:
             dt: Sampling step, s.
         """
         capacity = max(round(BAND_SECONDS / dt), MIN_ERRORS)
-        # Ring buffer over the last axis; NaN where there is no error.
+        # Ring buffer over the last axis; NaN where there is no error. Row 0 has the errors of predictions from the
+        # samples before, the others those at each horizon.
         self._errors = np.full((1 + horizons, outputs, capacity), np.nan)
         self._next_slot = 0
         self.half_widths = np.full((1 + horizons, outputs), np.nan)
@@ -58,9 +59,11 @@ class ErrorBands:
         self._next_slot = (self._next_slot + 1) % self._errors.shape[2]
 
     def update(self) -> None:
-        """Computes the half widths from the errors.
+        """Computes the half widths from the errors of the last ``BAND_SECONDS``.
 
-        It sorts all errors, and is therefore called once for each block of samples.
+        A half width is the size that the next error stays below with a probability of 90 %, by the order statistics of
+        the errors, whatever their distribution; it is ``MAX_MEDIANS`` medians at most. It sorts all errors, and is
+        therefore called once for each block of samples.
         """
         # Sorting puts infinity and NaN last, so that the first ``count`` sizes are the finite ones. Sizes have the
         # shape (1 + H, m, capacity), counts and quantiles (1 + H, m, 1).

@@ -116,6 +116,8 @@ class Surprise:
             dt: Time from one value to the next, s.
             past_values: F(t) of the latest samples, in the order of time.
         """
+        # A deque drops its oldest value for each new one. However long the step is, it holds more than the fewest
+        # values with which there is a surprise.
         capacity = max(round(SURPRISE_SECONDS / dt), 2 * MIN_PAST_VALUES)
         self._past_values = deque(past_values, capacity)
         self._median = np.nan
@@ -125,6 +127,9 @@ class Surprise:
     def add(self, value: float) -> float:
         """Takes the next value of F(t) and returns its surprise.
 
+        Args:
+            value: F(t), nats.
+
         Returns:
             The distance below the median, in units of the distance of the 5 % quantile; negative above the median, NaN
             while the past is too short.
@@ -133,9 +138,11 @@ class Surprise:
         return (self._median - value) / self._unit
 
     def update_quantiles(self) -> None:
-        """Computes median and unit from the past.
+        """Computes from the past the median of F(t) and the unit of surprise, both in nats.
 
-        It sorts the whole past, and is therefore called once for each block of samples.
+        The unit is the distance of the 5 % quantile below the median; at most ``MAX_QUARTILES`` distances of the lower
+        quartile, so that a failure that lasts does not widen it. It sorts the whole past, and is therefore called once
+        for each block of samples.
         """
         if len(self._past_values) < MIN_PAST_VALUES:
             return

@@ -406,7 +406,7 @@ class OnlineLearner:
         return TOO_FEW_SAMPLES if self._pending_fit is None else FIRST_FIT_RUNNING
 
     def _adopt_finished_fit(self) -> None:
-        """Takes the result of the executor's fit into use, if it has ended."""
+        """Takes the result of the executor's fit into use, if it has ended; it never waits for one that has not."""
         if self._pending_fit is None or not self._pending_fit.done():
             return
         finished_fit = self._pending_fit

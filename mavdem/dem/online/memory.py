@@ -37,6 +37,9 @@ def record_from_blocks(
             of the same segment, has been dropped.
         dt: Sampling step, s.
         effect_directions: (r,) relative effect of each input on the axis, where it is known.
+
+    Returns:
+        The samples of all blocks, one after another, with the lengths of the segments.
     """
     blocks = list(blocks)
     # Number of samples of each segment.
@@ -126,7 +129,11 @@ class SampleMemory:
         return True
 
     def end_segment(self) -> bool:
-        """Ends the segment because a gap follows; returns whether that has completed a block, which may be short."""
+        """Ends the segment because a gap follows: the next sample begins another one.
+
+        Returns:
+            Whether that has completed a block, of the samples that belonged to none yet; it may be short.
+        """
         has_open_samples = self._open_samples > 0
         if has_open_samples:
             self._complete_block()
