@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Forecasts of windows of recorded flights against the constant mean; prints a table by flight, and what is over all.
+"""Errors of forecasts on recorded flights, relative to the constant mean; prints a table by flight and a summary.
 
 A window is 7 s to learn from and 1.5 s to forecast at every rate. The error ratio is the squared forecast error over
 that of the constant mean; the table has the median over windows. Below is the report of `mavdem compare` beside joint
@@ -25,50 +25,64 @@ from mavdem.report.comparison import comparison_report
 COLUMNS = ["flight", "windows", "median ratio", "worst", "below 1", "in the 90 % band"]
 
 
-def cut(name: str, flight: mavdem.Flight, most: int | None) -> list[Window]:
-    """Up to ``most`` windows, evenly over the flight."""
-    every = windows(name, flight)
-    count = min(most or len(every), len(every))
-    places = np.linspace(0, len(every) - 1, count)
-    chosen = np.unique(places.astype(int))
-    return [every[number] for number in chosen]
+def evenly_chosen_windows(name: str, flight: mavdem.Flight, max_count: int | None) -> list[Window]:
+    """Returns windows of a flight, evenly spread over it.
+
+    Args:
+        name: name of the flight.
+        flight: the flight.
+        max_count: number of windows that are chosen at most; all of them if None.
+    """
+    all_windows = windows(name, flight)
+    count = min(max_count or len(all_windows), len(all_windows))
+    indices = np.unique(np.linspace(0, len(all_windows) - 1, count).astype(int))
+    return [all_windows[index] for index in indices]
 
 
-def by_flight(compared: Comparison) -> Table:
-    """A row of our forecasts of each flight."""
+def table_by_flight(comparison: Comparison) -> Table:
+    """Returns a table with a row for each flight, on the method "ours"."""
     rows = []
-    for flight in compared.flights:
-        (ours,) = (row for row in compared.summaries(flight) if row["method"] == "ours")
-        below = 1 - ours["worse_than_constant"] / ours["windows"]
-        inside = ours["horizons"][-1]["inside"] or np.nan
-        shares = [f"{share:.2f}" for share in (below, inside)]
-        ratios = [f"{ours[name]:.3g}" for name in ("relative", "worst")]
-        count = str(ours["windows"])
-        rows.append([flight, count, *ratios, *shares])
+    for flight in comparison.flights:
+        (summary,) = (row for row in comparison.summaries(flight) if row["method"] == "ours")
+        share_below_1 = 1 - summary["worse_than_constant"] / summary["windows"]
+        # The last horizon is the whole forecast. It has no share where there is no band.
+        share_in_band = summary["horizons"][-1]["inside"] or np.nan
+        rows.append(
+            [
+                flight,
+                str(summary["windows"]),
+                f"{summary['relative']:.3g}",
+                f"{summary['worst']:.3g}",
+                f"{share_below_1:.2f}",
+                f"{share_in_band:.2f}",
+            ]
+        )
     return Table(COLUMNS, rows)
 
 
 @click.command(help=__doc__)
 @click.option(
     "--windows",
-    "most",
+    "max_windows",
     type=click.IntRange(min=1),
     help="Of each flight, evenly over it.  [default: all]",
 )
 @click.option("--preset", type=click.Choice(["real", "paper"]), default="real", show_default=True)
 @click.option("--settings", default="{}", help='Changes to the preset, such as {"order": 2}.')
-def main(most: int | None, preset: str, settings: str) -> None:
+def main(max_windows: int | None, preset: str, settings: str) -> None:
     base = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
-    chosen = replace(base, **json.loads(settings))
-    ours = Method("ours", partial(mavdem.learn, settings=chosen), predicts=True)
-    joint = [method for method in METHODS if method.name.startswith("joint VAR")]
-    parts = [window for named in recorded_flights() for window in cut(*named, most)]
-    if not parts:
+    changed = replace(base, **json.loads(settings))
+    ours = Method("ours", partial(mavdem.learn, settings=changed), predicts=True)
+    joint_var_methods = [method for method in METHODS if method.name.startswith("joint VAR")]
+    chosen_windows = []
+    for name, flight in recorded_flights():
+        chosen_windows += evenly_chosen_windows(name, flight, max_windows)
+    if not chosen_windows:
         sys.exit(
             f"There are no recorded flights in {DATA_FOLDER}; name their folder in MAVDEM_SHARED_DATA."
         )
-    compared = compare(parts, [ours, *joint])
-    print(markdown([by_flight(compared), *comparison_report(compared)]))
+    comparison = compare(chosen_windows, [ours, *joint_var_methods])
+    print(markdown([table_by_flight(comparison), *comparison_report(comparison)]))
 
 
 if __name__ == "__main__":
