@@ -70,7 +70,9 @@ SettingsField = Annotated[
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Learned(ImmutableResult, ForecasterBase):
-    """A learned model with its posterior, its iterations and its forecasts, in physical units.
+    """A learned linear model of a vehicle's motion, with its posterior, its free energy and its forecasts.
+
+    All is in physical units, unless it says otherwise.
 
     The shapes have n states, r inputs (motor outputs), m outputs (angle and rate), T training samples, T′ of them with
     a whole embedding window, and H forecast samples. The names of the fields are keys of the JSON document.

@@ -415,6 +415,8 @@ def _signal_selectors(data: BlackBoxData) -> tuple[list[Array], list[Array]]:
 def _mean_products(data: BlackBoxData, left: Array, right: Array) -> Array:
     """Returns the mean over all samples of the products of two sets of linear functions of the data.
 
+    The mean of (a · z)(b · z) is aᵀ E[z zᵀ] b, so that the second moments of the data z = [ỹ; η̃] suffice.
+
     Args:
         data: the generalized data.
         left: (a, dim [ỹ; η̃]) functions, one in each row.
@@ -474,14 +476,17 @@ def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Arr
         θ (k,) in the units of the data.
     """
     n = len(states)
-    y, v = _signal_selectors(data)
+    output_derivatives, input_derivatives = _signal_selectors(data)
+    outputs = output_derivatives[0]
+    inputs = input_derivatives[0]
     # The states are whitened: divided by their standard deviations along their principal axes.
     variances, axes = np.linalg.eigh(_mean_products(data, states, states))
     min_variance = ROUNDING_TOLERANCE * variances.max()
     whitening = (axes / np.sqrt(np.maximum(variances, min_variance))).T
     states = whitening @ states
     rates = whitening @ rates
-    regressors = np.vstack([states, v[0]])
+    # A and B follow from a regression of the rates on states and inputs; what it leaves is the process noise.
+    regressors = np.vstack([states, inputs])
     # Like the priors, the ridge has the weight of one sample.
     ridge = 1 / data.statistics.sample_count
     dynamics = _regression(data, rates, regressors, ridge)
@@ -492,10 +497,10 @@ def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Arr
     A, B = np.split(rotation @ dynamics, [n], axis=1)
     # An unknown input has no data, and a fit that starts with its column of B at 0 would leave all of its effect to the
     # process noise. So each one starts with the size of one state's noise, one state after the other.
-    unknown_inputs = np.flatnonzero(np.diag(_mean_products(data, v[0], v[0])) == 0)
+    unknown_inputs = np.flatnonzero(np.diag(_mean_products(data, inputs, inputs)) == 0)
     driven_states = unknown_inputs % n
     noise_deviations = np.sqrt(np.diag(rotation @ noise_covariance @ rotation.T)[driven_states])
     B[driven_states, unknown_inputs] = noise_deviations
-    C = _regression(data, y[0], rotation @ states, ridge)
+    C = _regression(data, outputs, rotation @ states, ridge)
     # The rows of A were rotated with the rates; its columns belong to the states, which are rotated as well.
     return pack(A @ rotation.T, B, C)

@@ -222,6 +222,7 @@ class Record:
             NotLearnable: An output, or an input that the model uses, is constant.
         """
         inputs, outputs = self.channel_statistics
+        # Inputs that the model does not use may be constant.
         constant_by_name = {"inputs": ~inputs.varying & known_inputs, "outputs": ~outputs.varying}
         for name, is_constant in constant_by_name.items():
             columns = np.flatnonzero(is_constant)
@@ -239,14 +240,15 @@ class Record:
         return list(zip(np.split(self.inputs, cuts), np.split(self.outputs, cuts), strict=True))
 
     def sample_indices(self, times: Sequence[float]) -> list[int]:
-        """Finds the samples at given times, such as those of events in the flight.
+        """Finds the samples at given times, at which the segments are to be cut, such as those of a damage in flight.
 
         Args:
             times: Times on the flight's clock, s.
 
         Returns:
-            Indices of the samples next to these times, in the record, sorted, each once. Times outside of all segments,
-            and those of a segment's first sample, are left out. Without a clock there are none.
+            Indices of the samples next to these times, in the record, sorted, each once. Times outside of all segments
+            are left out, and so are a segment's first samples, where there is nothing to cut. Without a clock there are
+            none.
         """
         indices = set()
         # Without a clock there are no start times, and so no segments here.

@@ -1,4 +1,6 @@
-"""The variational free energy of a linear generative model: the one definition of F̄ that the D, E and M steps maximise.
+"""The variational free energy F̄ of a linear model with states X, parameters θ and log noise precisions λ.
+
+It is the one definition of F̄ that the D, E and M steps maximise, an approximation of the log evidence of the model.
 
 F(t) is the free energy of one sample, and F̄, the free energy action, its sum over all samples with the priors counted
 once. Every gradient and curvature of the steps is tested against finite differences of this definition.
@@ -55,9 +57,9 @@ class Posterior(NamedTuple):
 
 
 class SampleFreeEnergy(NamedTuple):
-    """F(t) = U + W + H, Eq. ``free_E``, as a function of the sample, for a fixed posterior of θ and λ.
+    """The free energy F(t) of one sample as a function of its data and its states X, at a fixed posterior of θ and λ.
 
-    It is a constant less half the weighted squares of the sample's errors and of its states. W is the expectation of
+    F(t) = U + W + H, Eq. ``free_E``: internal energy, mean-field terms and entropy. It is a constant less half the weighted squares of the sample's errors and of its states. W is the expectation of
     the curvature, ½ tr(Σ U_ϑϑ), with the ½ that Eq. ``F_bar_MF`` has and Eq. ``free_E`` has lost. Constants in 2π are
     left out. The terms of θ and λ are the same at every sample: each F(t) contains them, F̄ only once.
     """

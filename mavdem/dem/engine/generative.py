@@ -307,7 +307,10 @@ class GenerativeModel:
         return slice(self.m * (self.p + 1) + self.r * (self.d + 1), None)
 
     def error_operator(self, theta: Array) -> Array:
-        """Returns E with ε̃ = E [ỹ; η̃; x̃; ṽ]: the prediction errors below Eq. ``free_E`` as one matrix.
+        """Returns the matrix E that maps data and hidden states to the prediction errors, ε̃ = E [ỹ; η̃; x̃; ṽ].
+
+        The errors are those below Eq. ``free_E``: ỹ − C̃x̃ of the outputs, ṽ − η̃ of the inputs, Dx̃ − Ãx̃ − B̃ṽ of the
+        states and, where x has a prior, x itself.
 
         Args:
             theta: (k,) parameters [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)].

@@ -196,7 +196,7 @@ class SmoothingResult(NamedTuple):
 
 
 class KalmanFilter(NamedTuple):
-    """The time-varying Kalman filter from an uncertain initial state on, computed until its covariance is steady.
+    """The time-varying Kalman filter x̂⁺ = A x̂ + g + K (y − C x̂), from an uncertain initial state to the steady filter.
 
     h is the number of samples after which it is steady, or for which it was computed; the last gain, covariance and
     innovation precision hold for all later samples. Gains do not depend on the measurements.
@@ -257,7 +257,8 @@ class KalmanFilter(NamedTuple):
                 K = (A @ P @ C.T + S) @ F_inverse
                 innovation_precisions.append(F_inverse)
                 gains.append(K)
-                # Joseph's form, with which the covariance stays positive semidefinite.
+                # Joseph's form, with which the covariance stays positive semidefinite. Made symmetric, 2 S Kᵀ is
+                # S Kᵀ + K Sᵀ.
                 L = A - K @ C
                 next_P = L @ P @ L.T + Q + (K @ R - 2 * S) @ K.T
                 covariances.append((next_P + next_P.T) / 2)
@@ -281,7 +282,7 @@ class KalmanFilter(NamedTuple):
         Args:
             initial_state: (…, n) mean of the state at the first sample; leading axes are segments side by side.
             forcing: (…, T, n) known terms g that are added to the next state.
-            measurements: (…, T, m).
+            measurements: (…, T, m) measured outputs y.
 
         Returns:
             The predicted states (…, T + 1, n), before each sample and after the last, and the innovations (…, T, m).
@@ -290,7 +291,8 @@ class KalmanFilter(NamedTuple):
         rows = self.gain_rows(samples)
         states = np.empty((*measurements.shape[:-2], samples + 1, len(self.A)))
         states[..., 0, :] = initial_state
-        # Transposed, since states are rows here.
+        # With L = A − K C the filter is x̂⁺ = L x̂ + g + K y. L is transposed, since states are rows here; there is one L
+        # for each gain, and the last one holds for all later samples.
         L_transposed = (self.A - self.gains @ self.C).mT
         driving = forcing + np.einsum("...tm,tnm->...tn", measurements, self.gains[rows])
         for t, row in enumerate(rows):

@@ -19,7 +19,9 @@ from mavdem.dem.engine.model import Transition, discretize, linear_recursion
 
 @dataclass(frozen=True, eq=False)
 class StateSpace:
-    """A linear model in innovation form (Ljung, System Identification, 2nd ed., sec. 4.3).
+    """The linear model x⁺ = A x + B u + K e, y = C x + D u + e in innovation form: a model with its Kalman filter.
+
+    With trims and offset it is (Ljung, System Identification, 2nd ed., sec. 4.3)
 
         x⁺ = A x + B (u − input_trim) + offset + K e,    y = C x + D (u − input_trim) + output_trim + e
 
@@ -62,9 +64,11 @@ class StateSpace:
     def from_transition(transition: Transition, C: Array, gain: Array) -> StateSpace:
         """Returns the innovation form of a first-order-hold model with a Kalman filter.
 
-        The filter corrects its state at each sample by gain · e, so that A = Φ and K = Φ · gain. The effect Γ₁ u of a
-        sample's inputs is moved out of the state, which gives B = Φ Γ₁ + Γ₀ and D = C Γ₁ (Franklin, Powell and Workman,
-        sec. 4.3.2). A segment starts with the state of least norm that has its first outputs.
+        The model over a step is x_{t+1} = Φ x_t + Γ₀ u_t + Γ₁ u_{t+1}, in which the state already depends on the inputs
+        of its own sample. With the state x − Γ₁ u in its place, that dependence becomes the feedthrough D = C Γ₁, and
+        B = Φ Γ₁ + Γ₀ (Franklin, Powell and Workman, sec. 4.3.2). The filter corrects its state at each sample by
+        gain · e, so that A = Φ and K = Φ · gain. A segment starts with the state of least norm, C⁺ y, that has its
+        first outputs.
 
         Args:
             transition: the model over one sampling step; leading axes are several models.

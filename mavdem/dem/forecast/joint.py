@@ -134,6 +134,7 @@ def axis_mixer(record: Record) -> Array:
     estimated_row = effects / (np.linalg.norm(effects) or 1.0)
     estimation_cost = 0.5 * (r - 1) * np.log(statistics.row_count)
 
+    # A mixer row of the frame has no free numbers, and pays nothing for them.
     best_row = estimated_row
     best_score = _mutual_information(record, estimated_row, prior_precision) - estimation_cost
     for mixer_row in QUADROTOR_X_MIXERS:

@@ -1,4 +1,4 @@
-"""A vector autoregression (VAR) of outputs and inputs as one process, with Bayesian regression and exact forecasts.
+"""A vector autoregression z_t = Σᵢ Aᵢ z_{t−i} + offset + e_t of outputs and inputs: Bayesian fit and exact forecasts.
 
 In closed loop the motors follow from the motion. So outputs and inputs are one process z = [outputs, inputs] of
 k = m + r channels,
@@ -277,7 +277,10 @@ def regress(
 
 
 class VectorAutoregression(NamedTuple):
-    """A vector autoregression with its parameters; its methods take and return samples in physical units."""
+    """The vector autoregression z_t = Σᵢ Aᵢ z_{t−i} + offset + e_t of k channels z: m outputs, then r inputs; L lags.
+
+    Its methods take and return samples in physical units.
+    """
 
     coefficients: Array
     """(L, k, k) A₁ … A_L, of scaled channels."""
@@ -441,8 +444,10 @@ class VectorAutoregression(NamedTuple):
             (m,); for scaled channels.
         """
         Sigma = self.innovation_covariance
+        # The tolerance keeps Σ_uu invertible where an input does not vary.
         Sigma_uu = Sigma[m:, m:] + ROUNDING_TOLERANCE * np.eye(len(Sigma) - m)
         gain = np.linalg.solve(Sigma_uu, Sigma[m:, :m]).T
+        # E[z | past] is linear in the past; its rows up to m are E[y | past], the others E[u | past].
         coefficients = self.stacked_coefficients
         past_map = coefficients[:m] - gain @ coefficients[m:]
         weights = np.hstack([np.zeros((m, m)), gain, past_map])

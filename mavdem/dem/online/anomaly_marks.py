@@ -32,7 +32,7 @@ REFRACTORY_SECONDS = 20.0
 
 
 class AnomalyMarks:
-    """Decides which samples of a stream are marked as unusual, from their surprise.
+    """Marks the samples of a stream where the average of log(1 + surprise) exceeds what its past peaks let expect.
 
     The evidence is log(1 + surprise), averaged over ``EVIDENCE_SECONDS``: a short manoeuvre gives less than a change
     that lasts, and a failure gives most. The largest evidence of every ``PEAK_SECONDS`` is a peak; peaks are
@@ -105,6 +105,7 @@ def evidence_limit(peaks: Array) -> float:
     if count < MIN_PEAKS:
         return np.inf
     median = np.median(peaks)
+    # There is a peak every PEAK_SECONDS, and all but one of them in MEAN_SECONDS_BETWEEN_FALSE_MARKS are below.
     probability = 1 - PEAK_SECONDS / MEAN_SECONDS_BETWEEN_FALSE_MARKS
     # Distance of the quantile from the median, which is the quantile of P = 1/2, in units of the scale.
     distance = np.log(np.log(2)) - np.log(-np.log(probability))

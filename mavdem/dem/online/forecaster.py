@@ -84,7 +84,7 @@ class PredictionMaps(NamedTuple):
 
 
 class OnlineForecaster:
-    """Predicts every sample of a stream at H horizons, and learns from each block of samples.
+    """Predicts a stream at H horizons by a vector autoregression, which learns from each new block of samples.
 
     Before the first fit the last sample is held.
 

@@ -96,6 +96,7 @@ class FreeEnergyMonitor(NamedTuple):
         scaling = self.learned.scaling
         output_derivatives = self.output_weights @ scaling.scale_outputs(outputs)
         input_derivatives = self.input_weights @ scaling.scale_inputs(inputs)
+        # One row of generalized data [ỹ; η̃], order after order, as the fit had them.
         data = np.concatenate([output_derivatives.ravel(), input_derivatives.ravel()])
         states = self.learned.state_map @ data
         value = float(self.free_energy.evaluate(data[None], states[None])[0])
@@ -103,7 +104,7 @@ class FreeEnergyMonitor(NamedTuple):
 
 
 class Surprise:
-    """Standardises F(t) by the median and the 5 % quantile of its past.
+    """Standardises the free energy F(t) of each sample of a stream by the median and the 5 % quantile of its past.
 
     A standard deviation would not do: F(t) has a long lower tail, and one gust would hide the next. Each model has its
     own level of F(t), so that each new one begins with its own past.
