@@ -59,9 +59,10 @@ class Posterior(NamedTuple):
 class SampleFreeEnergy(NamedTuple):
     """The free energy F(t) of one sample as a function of its data and its states X, at a fixed posterior of θ and λ.
 
-    F(t) = U + W + H, Eq. ``free_E``: internal energy, mean-field terms and entropy. It is a constant less half the weighted squares of the sample's errors and of its states. W is the expectation of
-    the curvature, ½ tr(Σ U_ϑϑ), with the ½ that Eq. ``F_bar_MF`` has and Eq. ``free_E`` has lost. Constants in 2π are
-    left out. The terms of θ and λ are the same at every sample: each F(t) contains them, F̄ only once.
+    F(t) = U + W + H, Eq. ``free_E``: internal energy, mean-field terms and entropy. It is a constant less half the
+    weighted squares of the sample's errors and of its states. W is the expectation of the curvature, ½ tr(Σ U_ϑϑ), with
+    the ½ that Eq. ``F_bar_MF`` has and Eq. ``free_E`` has lost. Constants in 2π are left out. The terms of θ and λ are
+    the same at every sample: each F(t) contains them, F̄ only once.
     """
 
     constant: float
