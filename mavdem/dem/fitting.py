@@ -238,6 +238,7 @@ def generalized_data(
     center = settings.window // 2
     data_of_segments = []
     for inputs, outputs in scaling.scale_segments(record):
+        # A segment shorter than the window has no derivatives.
         if len(outputs) >= window:
             generalized_outputs = embed(outputs, settings.p, record.dt, window, center)
             generalized_inputs = embed(inputs, settings.d, record.dt, window, center)

@@ -224,6 +224,8 @@ def _odd_window(samples: float, min_window: int) -> int:
 def _refined_by_simulation(fitted: Fit, record: Record) -> Fit:
     """Refines the parameters θ of DEM by a simulation-error (output-error) fit, where the settings ask for one.
 
+    DEM fits the derivatives within short windows; simulations over a longer horizon also show what builds up slowly.
+
     Args:
         fitted: The fit by DEM.
         record: The training data.
@@ -241,9 +243,11 @@ def _refined_by_simulation(fitted: Fit, record: Record) -> Fit:
             )
             if refined is None:
                 return fitted
+            # Noises and states that belong to the refined parameters, and the predictor with DEM's filter gain.
             posterior = condition_on_theta(refined.theta, ascent.posterior)
             predictor = predictor_from_theta(refined.theta, model.sizes, fitted.gain, record.dt)
     except LinAlgError:
+        # The result of DEM stands; its cautions say that it was not refined.
         return fitted
     return replace(
         fitted,

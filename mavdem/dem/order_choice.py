@@ -101,6 +101,7 @@ class OrderChoice:
         A gain of F̄ᵒ, averaged over the flights, is strong where it exceeds ``STRONG_EVIDENCE_NATS`` and, with several
         flights, ``STANDARD_ERRORS`` standard errors of its mean.
         """
+        # Orders for which at least one flight has a fit.
         has_fit = np.isfinite(self.free_energy).any(axis=0)
         fitted_orders = self.orders[has_fit].tolist()
         for order in fitted_orders:

@@ -194,6 +194,8 @@ class BlackBoxData:
         n = order
         m = self.m
         theta_mean = pack(np.zeros((n, n)), np.zeros((n, self.r)), np.zeros((m, n)))
+        # The data are in the flight's own unit of time. The highest derivative of the process noise is of order p − 1,
+        # since the rate of the highest derivative of x is not modelled.
         smoothness = self.smoothness / self.time_unit
         return GenerativeModel(
             n=n,
@@ -204,6 +206,7 @@ class BlackBoxData:
             q=self.p - 1,
             output_temporal_precision=temporal_precision(self.p, smoothness),
             state_temporal_precision=temporal_precision(self.p - 1, smoothness),
+            # Index in λ of the noise of each output and of each state.
             output_groups=np.zeros(m, int),
             state_groups=1 + np.arange(n),
             input_precision=self.input_precision,

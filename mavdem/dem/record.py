@@ -178,12 +178,14 @@ class Record:
         flights = train if isinstance(train, Sequence) else [train]
         if not flights:
             raise ValueError("train must hold at least one segment")
+        # Each segment is checked by itself, and then against the others.
         samples = [_checked_samples(flight) for flight in flights]
         inputs = [segment.inputs for segment in samples]
         outputs = [segment.outputs for segment in samples]
         _require_same_columns(inputs, "inputs")
         _require_same_columns(outputs, "outputs")
         dt = _common_step([segment.dt for segment in samples])
+        # Names and units of the columns, which only a Flight has.
         labels: JsonValues = {name: tuple(getattr(flights[0], name, ())) for name in LABEL_FIELDS}
         return cls(
             inputs=np.concatenate(inputs),
@@ -355,6 +357,7 @@ def _checked_samples(segment: UniformSamples) -> _Samples:
     Raises:
         ValueError: An attribute is missing or is no number, or the tables have other shapes or no columns.
     """
+    # A user may pass anything: what has no such attributes, or no numbers in them, gets one message.
     try:
         inputs = as_real_array(segment.inputs, "inputs")
         outputs = as_real_array(segment.outputs, "outputs")
@@ -419,6 +422,7 @@ def _common_directions(flights: Sequence[UniformSamples], motors: int) -> Array 
     Raises:
         ValueError: Directions are not r finite numbers.
     """
+    # Samples that are no Flight may have no such attribute.
     given = [getattr(flight, "effect_directions", None) for flight in flights]
     directions = [validated_directions(values, motors) for values in given if values is not None]
     if len(directions) < len(flights) or not directions[0].any():

@@ -57,6 +57,7 @@ class Scaling:
         has_known_inputs = settings.known_inputs
         record.require_varying(has_known_inputs and not inputs.varying.any())
         is_by_channel = settings.scaling == "channel"
+        # Without a scaling the trims are 0 and the scales 1, so that physical units remain.
         output_trim = np.zeros(len(outputs.mean))
         output_scale = np.ones(len(outputs.mean))
         input_trim = np.zeros(len(inputs.mean))
@@ -64,6 +65,7 @@ class Scaling:
         if is_by_channel:
             output_trim = outputs.mean
             output_scale = np.sqrt(outputs.variance)
+        # Of unknown inputs there is nothing to scale.
         if has_known_inputs and is_by_channel:
             input_trim[:] = inputs.mean
             input_scale[:] = np.sqrt(inputs.variance.mean())

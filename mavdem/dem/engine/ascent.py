@@ -1,4 +1,6 @@
-"""The iteration of Dynamic Expectation Maximization: D, E and M steps in turn until the free energy F̄ converges.
+"""The iteration of DEM: steps for states X (D), parameters θ (E) and noise precisions λ (M) until F̄ converges.
+
+Dynamic Expectation Maximization (DEM) fits a model by maximising its free energy F̄.
 
 The steps are coordinate ascent on one function: each maximises F̄ over one quantity, so F̄ never decreases. A round is
 one D, one E and one M step, after which the covariances are set to their optimum. F̄ᵒ is F̄ at optimal covariances.
@@ -124,7 +126,7 @@ class Iterate:
 def maximise_free_energy(
     model: GenerativeModel, samples: SufficientStatistics, iterations: int
 ) -> CoordinateAscent:
-    """Maximises F̄ from the prior means, by rounds of D, E and M steps.
+    """Maximises the free energy F̄ by rounds of D, E and M steps, starting from the prior means of θ and λ.
 
     Args:
         model: the generative model.
@@ -138,6 +140,7 @@ def maximise_free_energy(
         numpy.linalg.LinAlgError: a curvature at the prior means is not negative definite.
     """
     iterates, converged = run_rounds(initial_iterate(model, samples), iterations)
+    # What each iterate holds is collected by quantity, one row for each iteration.
     posteriors = [iterate.posterior for iterate in iterates]
     terms = {
         name: np.array([iterate.terms[name] for iterate in iterates]) for name in iterates[0].terms

@@ -187,6 +187,8 @@ def one_thread(wait: bool = True) -> Iterator[bool]:
     Yields:
         Whether the limit is in force. ``False``, at once, where another thread has it and this one does not wait.
     """
+    # The lock is held in a local name, since a fork replaces the global one. It is reentrant: a thread that holds it
+    # may open a further context.
     lock = _blas_lock
     if not lock.acquire(blocking=wait):
         yield False

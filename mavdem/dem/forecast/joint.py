@@ -205,6 +205,7 @@ def select_hyperparameters(
         possible = [VarHyperparameters(lags, ridge) for ridge in RIDGE_CANDIDATES]
     fits = []
     for candidate in possible:
+        # All candidates are fitted to the same samples, so that their free energies can be compared.
         gram = statistics.gram_of_fewer_lags(lags, candidate.lags)
         regression = var.regress(gram, statistics.row_count, candidate.prior_precision)
         fits.append((candidate, regression))
@@ -213,7 +214,7 @@ def select_hyperparameters(
 
 @dataclass(frozen=True, eq=False)
 class JointModel(ImmutableResult):
-    """A learned joint model with its forecasts; arguments and results are in physical units."""
+    """A learned vector autoregression of outputs and motors, with its forecasts; all samples are in physical units."""
 
     mixer: Array
     """(r, c) combinations of the inputs, as columns, that are channels of the model after the m outputs."""

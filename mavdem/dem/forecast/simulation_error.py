@@ -229,6 +229,7 @@ def simulation_horizon(
         return None
     if not scaling.known or not free_parameters:
         return None
+    # From the horizon of the settings down to the shortest, the first that the record suffices for.
     longest = max(1, round(settings.horizon / record.dt))
     shortest = min(longest, max(1, round(MIN_HORIZON_SECONDS / record.dt)))
     for horizon in range(longest, shortest - 1, -1):

@@ -32,7 +32,7 @@ REFRACTORY_SECONDS = 20.0
 
 
 class AnomalyMarks:
-    """Marks the samples of a stream where the average of log(1 + surprise) exceeds what its past peaks let expect.
+    """Marks the samples of a stream where the average of log(1 + surprise) exceeds a limit set by its past peaks.
 
     The evidence is log(1 + surprise), averaged over ``EVIDENCE_SECONDS``: a short manoeuvre gives less than a change
     that lasts, and a failure gives most. The largest evidence of every ``PEAK_SECONDS`` is a peak; peaks are

@@ -480,6 +480,7 @@ class OnlineLearner:
             kept=self._monitor is not None,
         )
         self._next_fit_sample = self._sample_count + self._samples_before_fit
+        # A ValueError says that the samples are at fault.
         if isinstance(error, ValueError) and self._monitor is None:
             for _ in range(len(self._memory.blocks) // 2):
                 self._memory.blocks.popleft()

@@ -120,6 +120,7 @@ class SampleMemory:
         Returns:
             Whether the sample has completed a block, which is now the last of ``blocks``.
         """
+        # The latest sample comes first; the deque drops the oldest one when it is full.
         self._samples_since_gap.appendleft((inputs, outputs))
         self._open_samples += 1
         self._latest_time = time
