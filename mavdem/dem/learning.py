@@ -82,14 +82,14 @@ def learn_with_fit(train: TrainingData, settings: Settings | None = None) -> tup
     The fit, in the engine's scaled units, is needed to evaluate the free energy of further samples.
 
     Args:
-        train: As for :func:`learn`.
-        settings: As for :func:`learn`.
+        train: A ``Flight`` or a list of its segments: inputs (T, r), outputs (T, m) and dt, s, as for :func:`learn`.
+        settings: Settings of the fit; ``Settings()`` where there are none.
 
     Returns:
         The model and the fit.
 
     Raises:
-        ValueError: As :func:`learn`.
+        ValueError: The data are wrong or too few, or support no model, as for :func:`learn`.
     """
     with one_thread():
         record, settings = prepared_training(train, settings)
@@ -111,8 +111,8 @@ def learn_forecasts(train: TrainingData, settings: Settings | None) -> JointMode
     joint model.
 
     Args:
-        train: As for :func:`learn`.
-        settings: As for :func:`learn`.
+        train: A ``Flight`` or a list of its segments: inputs (T, r), outputs (T, m) and dt, s, as for :func:`learn`.
+        settings: Settings of the fit; ``Settings()`` where there are none.
 
     Returns:
         The joint model, or the result of :func:`learn` where the settings need DEM's model; both have the same
@@ -134,14 +134,14 @@ def prepared_training(
     """Checks the training data and completes the settings.
 
     Args:
-        train: As for :func:`learn`.
-        settings: As for :func:`learn`.
+        train: A ``Flight`` or a list of its segments: inputs (T, r), outputs (T, m) and dt, s, as for :func:`learn`.
+        settings: Settings of the fit; ``Settings()`` where there are none.
 
     Returns:
         The training data as one record, and the settings with nothing left open.
 
     Raises:
-        ValueError: As :func:`learn`.
+        ValueError: The data are wrong or too few, or support no model, as for :func:`learn`.
     """
     if not (settings is None or isinstance(settings, Settings)):
         raise ValueError(

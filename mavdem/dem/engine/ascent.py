@@ -187,6 +187,9 @@ def initial_iterate(
         start: θ (k,) and λ (g,) to start from; the prior means unless given.
         lambda_covariance: (g, g) covariance of λ in the first D step; the prior's unless given.
 
+    Returns:
+        The states that belong to this θ and λ, with optimal covariances, and the free energy F̄ᵒ of all.
+
     Raises:
         numpy.linalg.LinAlgError: a curvature at the start is not negative definite.
     """
@@ -194,6 +197,7 @@ def initial_iterate(
     theta, lambda_ = (prior.theta_mean, prior.lambda_mean) if start is None else start
     if lambda_covariance is None:
         lambda_covariance = inverse(prior.lambda_precision)
+    # The D step needs the data and a posterior of θ and λ, but no earlier estimate of the states.
     no_states = GeneralizedMoments.from_state_map(
         model, samples, state_map=np.empty((0, len(samples.gram)))
     )

@@ -123,7 +123,8 @@ class ForecasterBase:
 
         Args:
             inputs: (H, r) validated inputs over the forecast.
-            smooth: as for :meth:`forecast`.
+            smooth: whether all inputs count for each sample, not only those up to it, in models that take the inputs as
+                measurements.
 
         Returns:
             The outputs (H, m) with their variance.

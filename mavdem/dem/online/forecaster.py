@@ -178,6 +178,9 @@ class OnlineForecaster:
     def add_block(self, block: MemoryBlock, may_fit: bool = True) -> None:
         """Learns from a block of samples that has just been completed.
 
+        The block's samples are added to the sums of the regression. When ``REFIT_SECONDS`` of samples have come since
+        the last fit, the model is fitted to the sums.
+
         Args:
             block: The block.
             may_fit: Whether the model is fitted when a fit is due. While another thread computes a fit, it is put off,
