@@ -20,7 +20,8 @@ def strict_json(text):
     def with_facts(values):
         for name, fact in values.items():
             sentence, is_fact, _ = name.partition("_fact")
-            assert fact or not (is_fact and values[sentence]), f"{name} is missing"
+            if is_fact and values[sentence]:
+                assert fact, f"{name} is missing"
         return values
 
     return json.loads(text, parse_constant=unknown, object_hook=with_facts)

@@ -96,9 +96,15 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
 def test_levels_of_the_battery(volts, parameters, level):
     fact = power_light(evidence(battery(volts, parameters)))
     assert fact.level == level
-    assert (fact.code is PowerLight.BATTERY_LOW) == (level in ("watch", "bad"))
+    if level in ("watch", "bad"):
+        assert fact.code is PowerLight.BATTERY_LOW
+    else:
+        assert fact.code is not PowerLight.BATTERY_LOW
     assert fact.figures["voltage"] == approx(volts[FLYING].min())
-    assert (fact.code is PowerLight.CELLS_UNKNOWN) == (level == "unknown")
+    if level == "unknown":
+        assert fact.code is PowerLight.CELLS_UNKNOWN
+    else:
+        assert fact.code is not PowerLight.CELLS_UNKNOWN
 
 
 @mark.parametrize(
@@ -108,7 +114,10 @@ def test_levels_of_the_battery(volts, parameters, level):
 def test_what_is_no_battery_is_not_judged(volts, parameters):
     """Below the failsafe in the whole log, or always the same; the last is a battery."""
     code = power_light(evidence(battery(volts, parameters))).code
-    assert (code is PowerLight.POWER_UNMEASURED) == (volts.max() < 11 or np.ptp(volts) == 0)
+    if volts.max() < 11 or np.ptp(volts) == 0:
+        assert code is PowerLight.POWER_UNMEASURED
+    else:
+        assert code is not PowerLight.POWER_UNMEASURED
 
 
 def test_what_follows_a_loss_is_no_fault_of_the_battery():
@@ -190,7 +199,10 @@ def test_levels_of_the_filter(telemetry, code, level):
     if code is EstimatorLight.GPS_GLITCHED:
         assert fact.figures["duration"] == approx(2.8, abs=0.3)
     is_beyond = level == "good" and fact.figures["ratio"] > 1
-    assert is_beyond is ("beyond their limits for 0.2 s at most" in str(fact))
+    if is_beyond:
+        assert "beyond their limits for 0.2 s at most" in str(fact)
+    else:
+        assert "beyond their limits for 0.2 s at most" not in str(fact)
 
 
 @mark.parametrize(
@@ -258,7 +270,10 @@ def test_the_log_is_judged_by_its_rates_and_gaps():
     ):
         fact = log_light(evidence(telemetry))
         assert fact.code is code
-        assert bool(fact.remedy) == (code is not LogLight.RECORDED_FAST)
+        if code is not LogLight.RECORDED_FAST:
+            assert fact.remedy
+        else:
+            assert not fact.remedy
 
 
 def standing(change, rate=50.0):

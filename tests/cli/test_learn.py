@@ -121,9 +121,7 @@ def test_a_start_too_late_is_refused(start, tmp_path, capsys):
     assert "--start" in document_of(capsys, *words, code=1)["error"]["remedy"]
 
 
-def test_a_flight_too_slow_for_a_model_gives_its_condition_the_reason_and_the_remedy(
-    tmp_path, capsys
-):
+def test_a_flight_too_slow_for_a_model_gives_condition_reason_and_remedy(tmp_path, capsys):
     for old in ("model.json", "flight.mcap"):
         (tmp_path / old).write_text("of a flight before")
     assert run("learn", SLOW, "--out", tmp_path, "--json") == 1
@@ -160,9 +158,7 @@ def test_the_truth_of_a_simulated_flight_stands_beside_the_estimates(here, capsy
 
 
 @mark.slow
-def test_an_out_that_cannot_be_made_or_a_truth_file_that_is_none_is_refused_before_the_work(
-    tmp_path, capsys
-):
+def test_an_impossible_out_or_a_wrong_truth_file_is_refused_before_the_work(tmp_path, capsys):
     (tmp_path / "file").write_text("mine")
     out = tmp_path / "file" / "below"
     assert "--out" in refused(capsys, 2, "learn", "missing.tlog", "--out", out)

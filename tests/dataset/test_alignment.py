@@ -358,7 +358,10 @@ def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, deman
     learnability = learnability_of(Signals(demanded))
     assert learnability.learnable
     flight = aligned_flight(Signals(demanded), learnability.segment)
-    assert learnability.reason.figures["demand"] == (taken == "demand")
+    if taken == "demand":
+        assert learnability.reason.figures["demand"]
+    else:
+        assert not learnability.reason.figures["demand"]
     if taken == "motors":
         assert len(flight.input_names) == 4
     else:
@@ -409,4 +412,8 @@ def test_what_neither_rises_nor_leans_as_it_is_asked_is_held(height, asked, lean
     up = np.where((at > 20.0) & (at < 40.0), -height, 0.0)
     signals = Signals(changed(made, "LOCAL_POSITION_NED", z=up))
     flights = phases.airborne_intervals(signals, 0)
-    assert flights and (phases.without_grounded(flights, signals, 0) == []) == stands
+    assert flights
+    if stands:
+        assert phases.without_grounded(flights, signals, 0) == []
+    else:
+        assert phases.without_grounded(flights, signals, 0) != []

@@ -149,7 +149,10 @@ def test_other_conditions_widen_what_they_can_change(changed, kind, allowance):
     other = vehicle_difference(state([0], **known), state([1], 1, **(known | changed)))
     for one, two in zip(same.changes, other.changes, strict=True):
         assert one.quantity == two.quantity
-        assert (two.half_width > one.half_width) == (one.quantity.kind == kind)
+        if one.quantity.kind == kind:
+            assert two.half_width > one.half_width
+        else:
+            assert two.half_width <= one.half_width
         assert two.allowance == approx(allowance * (one.quantity.kind == kind))
     assert not other.of(QuantityOutcome.CHANGED)
 

@@ -120,7 +120,10 @@ def test_late_messages_are_no_reboot():
     rows = np.arange(400)
     for count in (4, 5):
         low = np.where((rows >= 50) & (rows < 50 + count), times - 1.6, times)
-        assert clock_of(low).boot.any() == (count == 5)
+        if count == 5:
+            assert clock_of(low).boot.any()
+        else:
+            assert not clock_of(low).boot.any()
 
 
 def test_a_jump_forward_stays_a_gap():
@@ -153,7 +156,8 @@ def test_unix_time_is_moved_to_the_boot_clock():
 def test_any_stamps_at_all_give_finite_times(times, servo):
     values = np.array(times)
     made = interleaved(values, values[::-1] % WRAP_US) if servo else clock_of(values)
-    assert np.isfinite(made.time).all() or not values.any()
+    if values.any():
+        assert np.isfinite(made.time).all()
     assert (np.diff(made.boot) >= -made.boot.max()).all() and (made.boot >= 0).all()
 
 

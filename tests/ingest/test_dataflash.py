@@ -236,7 +236,8 @@ def test_what_is_wrong_costs_itself_only(tmp_path, case, repairs):
     assert lost <= ({round(TIMES[79], 6)} if case.startswith("garbage") else set())
     found = counts(vehicle)
     assert found.keys() == repairs.keys()
-    assert lost or found == repairs
+    if not lost:
+        assert found == repairs
 
 
 @mark.parametrize(
@@ -297,7 +298,10 @@ def test_d_terms_are_those_of_all_axes_or_not_known(names, tmp_path):
     for row, name in enumerate(names * 2):
         pieces[20 * row] += made.message(f"PID{name}", 20_503_000 + 200_000 * row, 0.1 * row)
     messages = vehicle_in(tmp_path, *pieces).messages
-    assert ("D_TERM" in messages) == (names == "RPY")
+    if names == "RPY":
+        assert "D_TERM" in messages
+    else:
+        assert "D_TERM" not in messages
     if names == "RPY":
         assert messages["D_TERM"]["z"] == approx([0.2, 0.5])
 

@@ -2,6 +2,7 @@
 
 import json
 import random
+import re
 import struct
 
 import numpy as np
@@ -55,7 +56,10 @@ def test_json_alone_tells_the_same(log, tmp_path):
         # The bits of a NaN are an integer of PX4's, and JSON has but one NaN: these, with their types, are lost.
         known = {name: other.parameters[name] for name in mine.parameters}
         assert mine.parameters == known
-        assert (known == other.parameters) == (other.autopilot != "PX4")
+        if other.autopilot != "PX4":
+            assert known == other.parameters
+        else:
+            assert known != other.parameters
         for name, columns in mine.messages.items():
             for field in columns.keys() - {"param_type"}:
                 assert_array_equal(columns[field], other.messages[name][field], strict=True)
@@ -209,8 +213,9 @@ def attitudes(path):
     try:
         log = read_log(path)
     except Unreadable as error:
-        said = str(error)
-        assert "\n" not in said and ("MCAP" in said or "ROS 2" in said or "empty" in said)
+        message = str(error)
+        assert "\n" not in message
+        assert re.search("MCAP|ROS 2|empty", message)
         return None
     tables = [
         table

@@ -161,7 +161,8 @@ def test_damage_never_makes_an_error_or_a_false_message(tmp_path_factory, seed, 
     for vehicle in log.vehicles:
         for columns in vehicle.messages.values():
             assert len(set(map(len, columns.values()))) == 1
-            assert kind == "tlog" or np.isfinite(columns["time"]).all()
+            if kind != "tlog":
+                assert np.isfinite(columns["time"]).all()
         if kind == "tlog" and (vehicle.system, vehicle.component) == (1, 1):
             stamps = (
                 vehicle.messages.get("ATTITUDE", {"time_boot_ms": np.zeros(0)})["time_boot_ms"]

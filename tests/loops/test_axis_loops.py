@@ -279,14 +279,19 @@ def test_advised_gains_have_the_margins_in_95_percent_of_plants_and_resist_wind(
     of_all = OpenLoop(frequency, loops, loops, loops).figures
     have = (of_all["phase_margin"] + 0.1 >= least_phase) & (of_all["ms"] * 0.999 <= most)
     have &= of_all["gain_margin"] + 0.02 >= least_gain
-    assert (found.sure >= 0.95) == (factor < 4) and np.mean(have) >= found.sure - 0.01
+    if factor < 4:
+        assert found.sure >= 0.95
+    else:
+        assert found.sure < 0.95
+    assert np.mean(have) >= found.sure - 0.01
     for gain in found.gains.values():
         assert abs(np.log(gain.set / gain.now)) <= np.log(MAX_GAIN_STEP) + 1e-3
         assert gain.set == float(f"{gain.set:.4g}")
     assert found.gains["MC_ROLL_P"].set <= MAX_ANGLE_GAIN["roll"]
     code = Gains.SET_GAINS if factor < 4 else Gains.STEP_TOWARDS_MARGINS
     assert (found.sentence.code, found.sentence.figures["share"]) == (code, found.sure)
-    assert factor > 4 or found.noise.heat <= MAX_NOISE_RATIO**2 * 1.01
+    if factor < 4:
+        assert found.noise.heat <= MAX_NOISE_RATIO**2 * 1.01
     if factor < 2:
         assert found.after.lean_in_wind < 0.85 * before.lean_in_wind
         assert found.after.bandwidth > 0.98 * MIN_BANDWIDTH_RATIO * before.bandwidth
@@ -387,7 +392,10 @@ def test_a_loop_is_rated_by_its_weaker_margins(factor, level, lacking):
     weak = getattr(loop, rating.subject)
     assert (rating.code, rating.level) == (Loops.MARGIN_RATING, level)
     assert rating.figures["phase_margin"] == weak.phase_margin
-    assert (rating.figures["share"] >= 1) == (level != "bad")
+    if level != "bad":
+        assert rating.figures["share"] >= 1
+    else:
+        assert rating.figures["share"] < 1
     assert rating.figures["lacking"] == lacking
 
 

@@ -113,7 +113,7 @@ def test_a_fault_among_the_first_flights_is_not_taken_for_healthy():
     assert [one.fault_probability for one in found] == [one.fault_probability for one in beside]
 
 
-def test_what_is_no_fault_beside_the_other_healthy_flights_is_not_taken_for_healthy_again():
+def test_a_flight_without_a_fault_is_not_taken_for_healthy_again():
     vehicle = MadeUpVehicle(40)
     found = assess_motor_health(
         [vehicle.flight(), vehicle.flight(weak(2, 0.14)), *vehicle.flights(4)]

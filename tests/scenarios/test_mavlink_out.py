@@ -129,7 +129,7 @@ def test_a_reboot_in_the_air_is_a_new_boot(tmp_path):
     )
 
 
-def test_a_reboot_forgets_what_was_asked_for_and_nothing_but_heartbeats_comes_until_it_is_asked_for_again(
+def test_after_a_reboot_only_heartbeats_come_until_messages_are_asked_for_again(
     tmp_path,
 ):
     log = read(

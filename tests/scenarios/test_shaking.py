@@ -39,7 +39,7 @@ def flight(shaking, **parameters):
     )
 
 
-def test_rotors_shake_once_a_turn_and_once_a_blade_and_the_frame_at_its_own_frequency():
+def test_rotors_shake_once_a_turn_and_once_a_blade_and_the_frame_at_its_frequency():
     scenario = flight(SHAKING)
     noise = GyroVibration(scenario, 1e-3)
     speed = airframe(scenario.vehicle).hover_speed

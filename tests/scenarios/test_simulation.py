@@ -44,7 +44,7 @@ def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
 
 
 @mark.slow
-def test_a_second_flight_is_armed_as_long_after_the_end_of_the_first_as_this_was_after_boot():
+def test_a_second_flight_is_armed_as_long_after_the_first_as_that_after_boot():
     twice = fly(brief(duration=15.0, flights=2))
     changes = twice.time[1:][np.diff(twice.armed.astype(int)) != 0]
     assert changes == approx([2, 17, 20, 35]) and twice.time[-1] == approx(36, abs=0.01)

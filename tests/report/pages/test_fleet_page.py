@@ -65,7 +65,7 @@ def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
     assert parts(text) == {} and "they are not compared" in text
 
 
-def test_a_lost_flight_without_figures_needs_a_look_and_reasons_of_several_logs_have_no_figures():
+def test_a_lost_flight_without_figures_needs_a_look():
     lost = {"status": "No settled flight.", "headline": "Lost at 70.9 s.", "headline_level": "bad"}
     lost |= {"tier": None}
     unused = [
@@ -104,7 +104,7 @@ def panels(rows):
     return {chart.title: chart for column in columns for chart in column}
 
 
-def test_a_fault_is_marked_and_what_is_unknown_of_one_flight_is_a_gap_and_of_all_no_panel():
+def test_a_fault_is_marked_and_an_unknown_is_a_gap_or_of_all_flights_no_panel():
     known = zip(("ok", "ok", "fault"), (0.5, None, 0.6), strict=True)
     unknown = {"lag": None, "effect_status": "not identifiable", "vibration": (1.0, 2.0, 3.0)}
     rows = [
@@ -219,7 +219,7 @@ def test_a_browser_sorts_and_filters_ten_thousand_flights_at_once(tmp_path):
 
 
 @mark.slow
-def test_a_browser_runs_nothing_that_a_log_says_and_scrolls_sideways_in_the_table_only(tmp_path):
+def test_a_browser_runs_nothing_of_a_log_and_scrolls_sideways_in_the_table_only(tmp_path):
     assert shown(fleet_page(hostile()), FITS, tmp_path, 500) == ("Fleet", True)
 
 
