@@ -155,7 +155,11 @@ class Advice(ImmutableResult):
 
     @property
     def sentence(self) -> Fact:
-        """The fact that says what to do, or why there is no advice."""
+        """The fact that says what to do with the gains, or why there is no advice.
+
+        Gains that change are to be set at once only if the loops surely have the margins with them: in 95 % of the
+        draws. Else the fact calls them a step towards the margins.
+        """
         if self.refusals:
             return Fact(Gains.NO_GAINS_ADVISED, reasons=self.refusals)
         code = Gains.STEP_TOWARDS_MARGINS
@@ -199,8 +203,10 @@ def advise(
         new_gains = _logged_gains(loop)
         if new_gains and may_change:
             new_gains |= _GainSearch(loop, target).best_gains()
+    # The first half of the draws chose the gains. They fit these draws too well, so the other half judges them.
     second_half = slice(len(loop.effectiveness) // 2, None)
     after = loop.with_draws(second_half).with_parameters(new_gains)
+    # Row 0 is the estimate, which `with_draws` has in any case.
     judging = after.with_draws(slice(1, None), EFFECTIVENESS_FACTORS)
     return Advice(
         target=target,
@@ -236,21 +242,29 @@ class _GainSearch:
 
     @cached_property
     def upper_limits(self) -> list[float]:
-        """(G,) largest value of each gain; those that are larger already may stay."""
+        """(G,) largest value of each gain, in its unit.
+
+        Only the gain of the attitude controller is bounded. A logged gain above its bound may stay, but not grow.
+        """
         angle_gain_name = self.loop.controller.parameter_names["angle_gain"]
         limits = {angle_gain_name: MAX_ANGLE_GAIN[self.loop.axis]}
         return [max(value, limits.get(name, np.inf)) for name, value in self.logged_gains.items()]
 
     @cached_property
     def choosing_loop(self) -> Loop:
-        """The loops of all draws that choose gains, with each effectiveness."""
+        """The loops of all draws that choose gains, each with every one of ``EFFECTIVENESS_FACTORS``.
+
+        These are the first half of the posterior's draws; the second half judges the result. The grid of frequencies is
+        coarse, for speed.
+        """
         half = len(self.loop.effectiveness) // 2
         return self.loop.with_draws(slice(1, half), EFFECTIVENESS_FACTORS, SEARCH_GRID)
 
     @cached_property
     def search_loop(self) -> Loop:
-        """The loops of ``SEARCH_DRAWS`` of these draws."""
+        """The loops of about ``SEARCH_DRAWS`` of these draws, with which the cost is evaluated hundreds of times."""
         half = len(self.loop.effectiveness) // 2
+        # Rounded up, so that there are not more than SEARCH_DRAWS.
         stride = -(-half // SEARCH_DRAWS)
         return self.loop.with_draws(slice(1, half, stride), EFFECTIVENESS_FACTORS, SEARCH_GRID)
 
@@ -266,12 +280,20 @@ class _GainSearch:
 
     @cached_property
     def min_bandwidths(self) -> list[float]:
-        """Least bandwidth of rate and attitude loop, Hz."""
+        """[rate loop, attitude loop]: least bandwidth of each, Hz, in relation to that with the logged gains."""
         loops = (self.search_loop.rate, self.search_loop.attitude)
         return [MIN_BANDWIDTH_RATIO * loop.bandwidth for loop in loops]
 
     def gains(self, log_factors: Array) -> dict[str, float]:
-        """Returns gains by name, within their limits, to four digits."""
+        """Returns the gains that a point of the search stands for, within their limits.
+
+        Args:
+            log_factors: (G,) logarithms of the factors to the logged gains. The simplex search knows no bounds, so
+                factors beyond ``MAX_GAIN_STEP`` are clipped here.
+
+        Returns:
+            Gains by the autopilot's name, rounded to four digits, as somebody would type them.
+        """
         factors = np.exp(log_factors).clip(1 / MAX_GAIN_STEP, MAX_GAIN_STEP)
         values = np.minimum(factors * list(self.logged_gains.values()), self.upper_limits)
         return {
@@ -280,17 +302,30 @@ class _GainSearch:
         }
 
     def margin_score(self, loop: Loop) -> float:
-        """Returns the score that all but ``SEARCH_MISS_SHARE`` of the draws of a loop have; 1 has the target's."""
+        """Returns the score of margins that all but ``SEARCH_MISS_SHARE`` of a loop's draws reach.
+
+        A score is the least ratio of a margin to that of the target (:func:`margin_scores`): 1 just has all margins.
+        Unstable loops, of score minus infinity, are set to ``MIN_SCORE``, so that the quantile stays finite.
+        """
         scores = margin_scores(self.target, loop.rate, loop.attitude)
         return np.quantile(scores.clip(MIN_SCORE), SEARCH_MISS_SHARE)
 
     def cost(self, log_factors: Array, aim: float) -> float:
-        """Returns the cost of gains, where margins ``aim`` times the target's are asked for."""
+        """Returns the cost of a set of gains, which the search minimises.
+
+        It is the logarithm of the lean in wind, plus a penalty for each limit that is exceeded, in proportion to the
+        relative excess. The penalties are steep enough for the minimum to keep the limits (exact penalty method).
+
+        Args:
+            log_factors: (G,) logarithms of the factors to the logged gains.
+            aim: the margins asked for, as a multiple of the target's.
+        """
         loop = self.search_loop.with_parameters(self.gains(log_factors))
         noise_ratio = _demand_deviation(loop.controller, self.gyro_noise) / self.max_demand_noise
         bandwidths = np.array([loop.rate.bandwidth, loop.attitude.bandwidth])
         # A bandwidth beyond all frequencies is NaN, and large enough.
         bandwidth_ratios = np.nan_to_num(bandwidths / self.min_bandwidths, nan=1.0)
+        # By how much each limit is exceeded, as a fraction of it; negative within the limit.
         excesses = [
             1 - self.margin_score(loop) / aim,
             noise_ratio - 1,
@@ -301,10 +336,14 @@ class _GainSearch:
         return np.log(lean) + np.maximum(excesses, 0.0) @ penalties
 
     def best_gains(self) -> dict[str, float]:
-        """Returns the gains of the least cost that a simplex search from several starts finds, by name.
+        """Returns the gains of least cost, by name, found by the simplex method of Nelder and Mead.
 
-        After each pass that has the margins it aims at, the aim is set such that all draws have ``AIM_RESERVE`` times
-        the target's.
+        The search begins at the best of a grid of starts. Each pass starts anew from the last result with another
+        simplex, since a simplex may collapse before the minimum.
+
+        The search looks at few draws of the plant, which may be lucky ones. After each pass that has the margins it
+        aims at, the score of all draws is compared with that of the few, and the aim is raised by what all draws lack
+        to ``AIM_RESERVE`` times the target's.
         """
         # It takes half a second to import.
         from scipy.optimize import minimize
@@ -315,6 +354,7 @@ class _GainSearch:
         log_factors = min(starts, key=lambda start: self.cost(start, 1.0))
         aim = 1.0
         for search_pass in SEARCH_PASSES:
+            # G + 1 corners: the last result, and one step away from it along each gain.
             simplex = np.vstack([log_factors, log_factors + search_pass.first_step * np.eye(count)])
             log_factors = minimize(
                 self.cost,
@@ -331,7 +371,11 @@ class _GainSearch:
 
 
 def _logged_gains(loop: Loop) -> dict[str, float]:
-    """Returns the gains of a loop's controller that can be changed, by the autopilot's name; one of 0 stays 0."""
+    """Returns the logged gains that advice may change, by the autopilot's name.
+
+    These are ``ADVISED_GAINS`` as far as they are known. A gain of 0 is left out: that term is switched off, and a
+    factor cannot change it.
+    """
     parameters = loop.controller.parameters
     gains = {}
     for field in ADVISED_GAINS:
@@ -357,6 +401,7 @@ def _refusals(loop: Loop, may_change: bool) -> Facts:
     if changed:
         return (Fact(Gains.GAINS_CHANGED, names=sorted(changed)),)
     limited_share = 0.0
+    # Where the range of the inputs is known, they are scaled from 0 to 1.
     if len(record.input_range) == 2:
         low, high = record.input_range
         limited_share = loop.controller.outputs_at_limit(
@@ -364,6 +409,7 @@ def _refusals(loop: Loop, may_change: bool) -> Facts:
         ).mean()
     if limited_share > MIN_AT_LIMIT_SHARE:
         return (Fact(Gains.MOTOR_AT_LIMIT, share=limited_share),)
+    # Row 0 is the estimated plant.
     if not (loop.rate.stable[0] and loop.attitude.stable[0]):
         return (Fact(Gains.LOOP_UNSTABLE),)
     if loop.disagreement:
@@ -400,10 +446,12 @@ def _gyro_noise(loop: Loop) -> _GyroNoise:
     record = loop.record
     highest = MAX_FREQUENCY_RATIO / record.dt
     lowest = max(MIN_NOISE_CROSSOVER_RATIO * loop.rate.crossover, MIN_NOISE_FREQUENCY)
-    if not 2 * lowest < highest:
+    reaches_an_octave = 2 * lowest < highest
+    if not reaches_an_octave:
         loop_highest = MAX_FREQUENCY_RATIO / loop.controller.loop_period
         assumed_frequency = np.linspace(lowest, loop_highest)
         return _GyroNoise(assumed_frequency, np.ones(len(assumed_frequency)), is_measured=False)
+    # The last output of an axis is its body rate, rad/s.
     rate = record.outputs[:, -1]
     window = min(NOISE_WINDOW, len(record))
     frequency, density = welch(rate, 1 / record.dt, nperseg=window)
@@ -425,8 +473,10 @@ def _demand_noise(loop: Loop, new_controller: Controller) -> DemandNoise | None:
     if not noise.is_measured:
         return None
     controller = loop.controller
+    # The noise is behind the gyro's filters, so only the controller is between it and the demand.
     before = _demand_deviation(controller, noise)
     after = _demand_deviation(new_controller, noise)
+    # The response of the D term is that of the controller less that of one without D.
     by_d = _demand_deviation(controller, noise, subtracted=replace(controller, d=0.0))
     return DemandNoise(
         lowest=noise.frequency[0],
@@ -444,9 +494,12 @@ def _demand_deviation(
     """Returns the standard deviation of the demand by the gyro's noise: σ² = ∫ |C(jω)|² S df.
 
     Args:
-        controller: C, from the rate to the demand.
-        noise: whose density is S.
+        controller: C, from the rate, rad/s, to the demand.
+        noise: of the rate; its density is S, (rad/s)²/Hz.
         subtracted: a controller whose response is taken off that of C, so that a part of it is left.
+
+    Returns:
+        σ, as a fraction of the largest demand that the mixer takes.
     """
     response = controller_response(controller, noise.frequency).from_rate
     if subtracted is not None:
@@ -458,16 +511,19 @@ def _demand_deviation(
 def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> Fact:
     """Returns which gains to lower by a third, of a vehicle that oscillates in a limit cycle.
 
-    They are P and D of the rate controller or, where it oscillates so slowly that these do little, the gain of the
-    attitude controller or I: those whose corner frequency is above half of the oscillation's.
+    A fast oscillation is one of the rate loop's P and D. A slow one comes from what adds phase lag at low frequencies:
+    the attitude controller's gain or the integral. Their corner frequencies, rad/s, are the gain itself and I / P.
+    Those with a corner above half of the oscillation's frequency are lowered; if there are none, P and D are.
 
     Args:
         oscillation: with all axes that oscillate.
         parameters: of the autopilot, by name; where they have no known controller, no values are advised.
     """
+    # Name, value and new value of each gain to lower.
     changes = []
     for cycle in (oscillation, *oscillation.other_axes):
         with suppress(NotLearnable):
+            # Only gains are of interest, so the mixer of one motor stands for any.
             controller = controller_from_parameters(parameters, cycle.axis, (1.0,))
             # A frequency that is not known is taken for a high one.
             angular_frequency = 2 * np.pi * (cycle.frequency or np.inf)

@@ -167,6 +167,10 @@ def _rate_parameters(parameters: Parameters, axis: str) -> _RateParameters:
 def _spin_range(parameters: Parameters, before_34: bool) -> tuple[float, float]:
     """Returns the fractions of the output's range at which thrust begins and ends.
 
+    Args:
+        parameters: of the log, by name.
+        before_34: whether they are those of before ArduCopter 3.4.
+
     Raises:
         NotLearnable: a parameter is missing, or the frame is no quadrotor.
     """
@@ -188,7 +192,11 @@ def _gyro_notches(parameters: Parameters, prefix: str) -> Iterator[Notch]:
     Its centre is at ``FREQ``. One that follows the throttle is where it is in hover: at ``FREQ`` · max(``FM_RAT``,
     √(hover throttle / ``REF``)). Others that move are taken at their least frequency, where they cost most phase. A
     double or triple notch (``OPTS``) counts as a single one: at a quarter of the centre their phases differ by at most
-    3°.
+    3°. With ``MULTI_SOURCE_OPTION`` there is a notch for each motor, or each peak: all of them at one centre here.
+
+    Args:
+        parameters: of the log, by name.
+        prefix: how the filter's parameters begin, one of ``GYRO_NOTCH_PREFIXES``.
     """
     if not parameters.get(f"{prefix}ENABLE"):
         return

@@ -139,6 +139,7 @@ class Loop(Margins):
             effectiveness_factors: times the control effectiveness, as by other battery voltages or loads.
             grid: frequencies of the responses.
         """
+        # The estimate stays row 0, whose figures are the loop's. Each factor repeats all plants.
         plants = np.append(0, np.arange(len(self.effectiveness))[rows])
         effectiveness = np.outer(effectiveness_factors, self.effectiveness[plants]).ravel()
         dynamics = np.tile(self.dynamics[plants], (len(effectiveness_factors), 1))
@@ -197,13 +198,21 @@ def identified_loops(loops: Mapping[str, object]) -> LoopsByAxis:
 
 
 def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) -> Fact:
-    """Returns whether rate and attitude loop have the margins of ``target``.
+    """Returns the fact that says whether rate and attitude loop have the margins of ``target``.
 
-    Its level is good where 95 % of the draws have them, watch where only the estimate has, and else bad. The fact's
-    figures are those of the weaker loop: ``lacking`` is the margin that is least in relation to its target, ``share``
-    that relation.
+    Its level is good where 95 % of the draws of the plant have them, watch where only the estimate has, and else bad.
+    So a loop is called good only if the uncertainty of its plant allows it.
+
+    Args:
+        loop: rate and attitude loop of one axis.
+        target: the margins to have.
+
+    Returns:
+        A fact with the figures of the weaker loop. ``lacking`` names the margin that is least in relation to its
+        target, ``share`` is the score of both loops (:func:`margin_scores`): below 1, something is lacking.
     """
     loops = {"rate": loop.rate, "attitude": loop.attitude}
+    # Row 0 of all scores and ratios is that of the estimated plant.
     weaker = min(loops, key=lambda name: margin_scores(target, loops[name])[0])
     weaker_loop = loops[weaker]
     scores = margin_scores(target, *loops.values())
@@ -249,7 +258,10 @@ def margin_scores(target: MarginTarget, *loops: OpenLoop) -> Array:
 
 
 def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
-    """Returns (N,) each margin of a ``loop`` over that of the ``target``, by name; 1 and more has it."""
+    """Returns (N,) each margin of a ``loop`` in relation to the ``target``, by name of the figure.
+
+    A ratio of 1 or more has the margin. A large Ms is bad, so its ratio is upside down.
+    """
     return {
         "phase_margin": loop.figures["phase_margin"] / target.phase_margin,
         "gain_margin": loop.figures["gain_margin"] / target.gain_margin,
@@ -260,8 +272,10 @@ def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
 def parameters_changed_in_flight(record: Record, controller: Controller) -> Parameters:
     """Returns the parameters of a ``controller`` that changed during the ``record``, with their earlier values.
 
-    Parameters of other axes do not count.
+    A loop by the last values would not be the one that flew. Parameters that belong to other axes do not matter to it,
+    those of all axes, such as the gyro's filters, do.
     """
+    # "ATC_RAT_RLL_P" without its P: how all parameters of the axis's rate controller begin.
     rate_prefix = controller.parameter_names["p"][:-1]
     earlier_values = {}
     for name, value in record.earlier.items():

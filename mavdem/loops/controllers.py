@@ -162,6 +162,7 @@ class Controller(ImmutableResult):
         They are ``UNMODELLED_PARAMETERS`` that are not 0, and notch filters of the gyro that follow what no parameter
         holds.
         """
+        # "ATC_RAT_RLL_P" without its P: how all parameters of the axis's rate controller begin.
         rate_prefix = self.parameter_names["p"][:-1]
         codes = {}
         for ending, code in UNMODELLED_PARAMETERS.items():
@@ -217,7 +218,7 @@ class Controller(ImmutableResult):
             (T,) demand.
         """
         if outputs.shape[1] == 1:
-            # A demand is from -1 to 1, of which a constant does not count.
+            # The column goes from 0 to 1, a demand from -1 to 1: twice as far. The constant between does not count.
             return 2 * outputs[:, 0]
         thrust_command = self._thrust_command(outputs)
         thrust = (1 - self.thrust_expo + self.thrust_expo * thrust_command) * thrust_command
@@ -233,7 +234,7 @@ class Controller(ImmutableResult):
         """Returns when some output is at an end of its range, within ``LIMIT_TOLERANCE``.
 
         Args:
-            outputs: (T, r) as fractions of their range.
+            outputs: (T, r) as fractions of their range; a single column is the demand itself.
             upper_stop: the highest output that occurs, where that is less than the range.
 
         Returns:
@@ -247,7 +248,14 @@ class Controller(ImmutableResult):
         return np.asarray((is_low | is_high).any(axis=1))
 
     def _thrust_command(self, outputs: Array) -> Array:
-        """Returns what the thrust curve is applied to: outputs from where thrust begins (0) to where it ends (1)."""
+        """Returns the commands u that the thrust curve is applied to.
+
+        Args:
+            outputs: (T, r) or (r,) as fractions of the motors' range.
+
+        Returns:
+            The same shape: 0 where thrust begins, 1 where it ends.
+        """
         spin_min, spin_max = self.spin_range
         return np.clip((outputs - spin_min) / (spin_max - spin_min), 0.0, 1.0)
 
@@ -256,6 +264,9 @@ def controller_from_parameters(
     parameters: Parameters, axis: str = "roll", motor_weights: Sequence[float] = ()
 ) -> Controller:
     """Returns the controller of one axis that an autopilot's ``parameters`` describe.
+
+    Which autopilot it is, is told by the names of the parameters: those of rate gains begin with ``ATC_RAT_`` (before
+    ArduCopter 3.4, ``RATE_RLL_``) in ArduPilot and with ``MC_`` in PX4.
 
     Args:
         parameters: values by name; those that match ``CONTROL_PARAMETERS`` count.
@@ -284,6 +295,9 @@ def controller_from_parameters(
 def _rotor_speed_error(speed_commands: Array, step: float) -> Array:
     """Returns by how much rotor speeds are behind their commands, with a first-order lag of ``TYPICAL_ROTOR_LAG``.
 
+    The lag is discrete, with the command held over a step h: x_t = a x_{t−1} + (1 − a) y_{t−1} of speed x and command
+    y, where a = e^(−h / lag).
+
     Args:
         speed_commands: (T, r), from a steady state at the first.
         step: time between samples, s.
@@ -295,6 +309,7 @@ def _rotor_speed_error(speed_commands: Array, step: float) -> Array:
     from scipy.signal import lfilter
 
     decay = np.exp(-step / TYPICAL_ROTOR_LAG)
+    # The initial condition is that of a filter at rest at the first command.
     speeds, _ = lfilter(
         [0.0, 1 - decay], [1.0, -decay], speed_commands, axis=0, zi=speed_commands[:1]
     )

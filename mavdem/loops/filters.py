@@ -87,14 +87,19 @@ def notch_response(
 
 
 def gyro_delay(controller: Controller) -> float:
-    """Returns the delay of the gyro's filters at low frequencies, s."""
+    """Returns the delay of the gyro's filters at low frequencies, s: the slope of their phase there, −φ / ω."""
     response = gyro_response(controller, np.array([DELAY_FREQUENCY]))
     phase = np.angle(response)[0]
     return -phase / (2 * np.pi * DELAY_FREQUENCY)
 
 
 def gyro_filters(controller: Controller, frequency: float) -> GyroFilters:
-    """Returns the gyro's filters with their phase lag at a ``frequency``, Hz, such as the crossover."""
+    """Returns the gyro's filters with their phase lag at one frequency.
+
+    Args:
+        controller: whose filters these are.
+        frequency: Hz; at the crossover, the phase lag is what the filters take from the phase margin.
+    """
     # The phase is followed from low frequencies on, since it may be more than half a turn.
     frequencies = np.linspace(0.0, frequency, PHASE_STEPS)
     phase = np.unwrap(np.angle(gyro_response(controller, frequencies)))

@@ -103,6 +103,7 @@ def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physi
         NotLearnable: there is no known controller, or no setpoint of the rate that changes several times a second; the
             flight is too short; too little of the motion follows setpoints; or the phase margin stays unknown.
     """
+    # The spectra are cached per axis. What follows is quick, and depends on them alone.
     identified = _identified_loop(signals, tuple(flights_of_longest_boot(flights)))
     with one_thread(), np.errstate(all="ignore"):
         plant = _physical_plant(identified.fit, identified.inputs_per_demand)
@@ -128,11 +129,20 @@ class _IdentifiedLoop(NamedTuple):
 def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _IdentifiedLoop:
     """Returns the identified parameters of the axis of ``signals`` in ``flights`` of one boot.
 
+    Messages become cross-spectra of rate, output, setpoint and reference, and the spectra a maximum of the likelihood.
+    Before and after the fit, flights are refused that cannot support it: with too few windows, outputs that are mostly
+    rounding, or too little motion by setpoints.
+
+    Args:
+        signals: of the vehicle and the axis.
+        flights: of one boot, whose clock all messages share.
+
     Raises:
         NotLearnable: as :func:`identify_plant_in_loop`.
     """
     record = Record.from_flights(flights)
     assert signals.model_inputs is not None
+    # Assumed positions of motors give no weights: then the autopilot's parameters must have the mixer.
     geometry = signals.model_inputs.geometry
     weights = None if geometry.positions_assumed else geometry.mixer_row(signals.axis)
     controller = logged_controller(record.parameters, signals.axis, weights)
@@ -155,7 +165,8 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
             raise NotLearnable(Loops.NO_RATE_SETPOINT)
         _require_resolution(signals, spectra, messages.rounding)
         spectra = _with_best_setpoint(spectra, known_controller)
-        # Aliases take up to half from what is coherent with the reference.
+        # A first, cheap look before the fit: aliases take up to half from what is coherent with the reference, so half
+        # of the limit is asked for. An output at a limit is not expected to follow anything.
         coherent_share = _coherent_share(spectra)
         if not coherent_share + saturated_share >= MIN_REFERENCE_SHARE / 2:
             raise NotLearnable(Loops.NOT_STEERED, share=coherent_share)
@@ -216,6 +227,7 @@ def _loop_messages(
             setpoints[setpoint.unit] = messages
     if "rad/s" not in setpoints:
         raise NotLearnable(Loops.NO_RATE_SETPOINT)
+    # The reference of each candidate is its setpoint plus angle gain × angle: what would be asked for at angle 0.
     rate_setpoint = setpoints["rad/s"]
     time = rate_setpoint.time
     angle_feedback = controller.angle_gain * np.interp(time, angle.time, angle.values)
@@ -277,6 +289,9 @@ def _rows_of_window(stream: Messages, start: float) -> slice:
 def _saturated_share(messages: _LoopMessages, starts: Array) -> float:
     """Returns the fraction of the output's power that came while an output was at a limit, from 0 to 1.
 
+    While an output is at its limit, the loop is open: it answers neither wind nor setpoint. Power is that of the demand
+    about its mean in each window.
+
     Args:
         messages: with the output, as a demand, and whether an output was at a limit.
         starts: (W,) where the windows begin, s.
@@ -295,9 +310,15 @@ def _saturated_share(messages: _LoopMessages, starts: Array) -> float:
 
 
 def _require_resolution(signals: Signals, spectra: CrossSpectra, rounding: float) -> None:
-    """Raises ``NotLearnable`` if the outputs hardly move by more than their resolution, ``rounding`` as a demand.
+    """Raises ``NotLearnable`` if the outputs hardly move by more than their resolution.
 
-    A uniformly distributed rounding error has a variance of rounding² / 12.
+    A uniformly distributed rounding error has a variance of rounding² / 12. It is compared with the variance of the
+    output, which is its spectral density, averaged over frequencies, times the rate of the samples.
+
+    Args:
+        signals: with the scale of the outputs.
+        spectra: of the loop.
+        rounding: resolution of the outputs, as a demand.
     """
     density = spectra.mean_density[:, Quantity.OUTPUT, Quantity.OUTPUT].real
     mean_density = np.average(density, weights=spectra.effective_samples)
@@ -317,7 +338,9 @@ def _require_resolution(signals: Signals, spectra: CrossSpectra, rounding: float
 def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> CrossSpectra:
     """Returns the spectra of rate, output, setpoint and reference, with the setpoint that explains the output best.
 
-    That is the one with the least power of u − C_r r + C_p p at low frequencies, of output u, setpoint r and rate p.
+    A log may have the setpoint with and without the attitude controller's correction, and does not say which. The true
+    one leaves the least power of u − C_r r + C_p p at low frequencies, of output u, setpoint r and rate p. With the
+    coefficients a = (C_p, 1, −C_r) of (p, u, r) and their spectral density S, that power is Σ aᵀ S ā.
 
     Args:
         spectra: of rate, output, and pairs of setpoint and reference.
@@ -329,18 +352,25 @@ def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> C
     weights = spectra.effective_samples[is_slow]
 
     def unexplained_power(setpoint: int) -> float:
+        # Indices: j is the frequency, a and b are the three quantities.
         quantities = (Quantity.RATE, Quantity.OUTPUT, setpoint)
         density = spectra.select(quantities).mean_density[is_slow]
         power = np.einsum("j,aj,jab,bj->", weights, coefficients, density, coefficients.conj())
         return power.real
 
+    # Setpoints are every second signal, each followed by its reference.
     candidates = range(Quantity.SETPOINT, len(spectra.stamp_offsets), 2)
     setpoint = min(candidates, key=unexplained_power)
     return spectra.select((Quantity.RATE, Quantity.OUTPUT, setpoint, setpoint + 1))
 
 
 def _coherent_share(spectra: CrossSpectra) -> float:
-    """Returns the fraction of the rate's variance that is coherent with the reference."""
+    """Returns the fraction of the rate's variance that is coherent with the reference, from 0 to 1.
+
+    The reference is what pilot or navigation ask for. The rest of the rate is by wind and noise. At each frequency the
+    coherent part of the density is |S_pq|² / S_qq, of rate p and reference q; both densities are then summed over
+    frequency, Hz.
+    """
     density = spectra.mean_density
     rate_density = density[:, Quantity.RATE, Quantity.RATE].real
     reference_density = density[:, Quantity.REFERENCE, Quantity.REFERENCE].real
@@ -351,10 +381,13 @@ def _coherent_share(spectra: CrossSpectra) -> float:
 
 
 def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -> Physical:
-    """Returns the ``plant``, whose parameters are marked as biased where its loop rings.
+    """Returns the ``plant``, whose parameters are marked as biased where its loop rings; refuses an uncertain one.
 
-    Where the loop crosses over beyond the corner frequency of the motors' lag, most of the motion is beyond it, and
-    only the effect over the lag counts.
+    The margin's interval is that of draws from the posterior. If it is wide, the flight did not show the plant.
+
+    A loop rings if its phase margin is less than half of the usual one. If it also crosses over beyond the corner
+    frequency of the motors, 1 / lag, most of the motion is at frequencies where the plant is k / (lag s) · 1 / s. Then
+    the motion depends on the ratio of effect k and lag only, and neither is known by itself.
 
     Args:
         plant: without the gyro's filters.
@@ -364,9 +397,11 @@ def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -
     Raises:
         NotLearnable: the phase margin stays unknown, or the loop is unstable, though it flew settled.
     """
+    # Columns of the draws: r effects, then damping, lag and delay.
     draws = plant.draws(MARGIN_DRAWS)
-    effectiveness = draws[:, :-3] @ per_demand
-    dynamics = np.maximum(draws[:, -3:], PLANT_MINIMUM)
+    effects, dynamics = draws[:, :-3], draws[:, -3:]
+    effectiveness = effects @ per_demand
+    dynamics = np.maximum(dynamics, PLANT_MINIMUM)
     rate = rate_loop(controller, effectiveness, dynamics)
     low, high = rate.phase_margin_interval
     is_certain = high - low <= 2 * MAX_PHASE_MARGIN_HALF_WIDTH
@@ -374,6 +409,7 @@ def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -
         # The margin is infinite where nothing crosses over.
         interval = np.clip([low, high], -180.0, 180.0)
         raise NotLearnable(Loops.MARGIN_UNCERTAIN, phase_margin_interval=interval)
+    # The corner frequency of a first-order lag is at ω · lag = 1.
     is_beyond_motors = 2 * np.pi * rate.crossover * plant.lag > 1
     if is_beyond_motors and rate.phase_margin < MARGIN_TARGETS["default"].phase_margin / 2:
         rings = Fact(ParameterDoubt.LOOP_RINGS, frequency=rate.crossover)
@@ -384,6 +420,10 @@ def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -
 
 def _physical_plant(fit: IdentifiedAxis, per_demand: Array) -> Physical:
     """Returns the physical parameters of a fit, without the gyro's filters, with the errors of the model added.
+
+    The fit has one effect, of the demand, and logarithms of all parameters. A plant has an effect of each input. So the
+    effect is spread over the inputs in proportion to what a demand moves them by, and the covariance is carried over
+    by the derivatives of the parameters by the logarithms.
 
     Args:
         fit: posterior of the logarithms of the parameters.
@@ -424,13 +464,16 @@ def _physical_plant(fit: IdentifiedAxis, per_demand: Array) -> Physical:
 def _wind_share(plant: Physical, values: LoopParameters, spectra: CrossSpectra) -> float:
     """Returns the fraction of the torque's variance that is by the wind, in the band of the vehicle's motion.
 
-    The motors' torque has the density |effect / (1 + jω lag)|² S_u, of the output u. Integrals are sums over the bands
-    of the spectra.
+    The rest is by the motors. Their torque has the density |effect / (1 + jω lag)|² S_u, of the output u. Integrals are
+    sums over the bands of the spectra, up to the highest frequency of ``MOTION_BAND_HZ``.
 
     Args:
         plant: with the wind's components.
         values: with the effect of a demand, rad/s², and the motors' lag, s.
         spectra: of the loop.
+
+    Returns:
+        From 0, no wind, to 1.
     """
     frequency = spectra.frequency[spectra.frequency <= MOTION_BAND_HZ[1]]
     torque_per_demand = values.effect / (1 + 2j * np.pi * frequency * values.lag)
@@ -447,11 +490,15 @@ def _model_error_covariance(
 ) -> Array:
     """Returns the covariance (r + 3, r + 3) of effect, damping, lag and delay by what the model does not have.
 
-    Its four independent errors are those of the logarithms of the parameters. Those of effect and lag come with errors
-    of the others that leave the response to quick changes as it is.
+    The likelihood's covariance takes the model for exact. This one is for what samples between messages and limits of
+    the outputs do. It has four independent errors, of the logarithms of effect, damping, lag and delay, with the
+    standard deviations of ``LOG_MODEL_DEVIATIONS`` and those that grow with slow messages and limits.
+
+    A flight shows best the response to quick changes, so errors leave that response as it is: an error of the effect or
+    the lag comes with errors of the others that make up for it. Each column of ``directions`` is one such error.
 
     Args:
-        fit: posterior, with the time between messages beyond a cycle and the fraction that limits cut off.
+        fit: posterior, with the time between messages beyond a control cycle and the fraction that limits cut off.
         effect: (r,) of each input.
         values: parameters of the axis.
         jacobian: (r + 3, 4) of the parameters by their logarithms.
@@ -460,6 +507,7 @@ def _model_error_covariance(
     effect_column, lag_column = 0, 2
     lag_and_delay_rows = slice(-2, None)
     directions = jacobian.copy()
+    # With more effect by one in its logarithm, the lag is longer by one lag and the delay shorter by a part of it.
     directions[lag_and_delay_rows, effect_column] = lag, -DELAY_PER_EFFECT * lag
     # A longer lag with a shorter delay is made up for by more effect.
     directions[:, lag_column] += np.concatenate([effect, [0.0, 0.0, -lag]]) / 2
@@ -469,6 +517,7 @@ def _model_error_covariance(
         SATURATION_EFFECT_DEVIATION * fit.saturation_loss,
         UNSEEN_EFFECT_DEVIATION * surplus_interval,
     )
+    # In the order of LOG_MODEL_DEVIATIONS: effect, damping, lag, delay.
     sampling_deviations = [
         effect_deviation,
         0.0,

@@ -68,11 +68,15 @@ def estimate_impulse_response(
 ) -> ImpulseResponse:
     """Returns the impulse response of a signal to its setpoint, in ``FIT_PASSES`` passes.
 
+    Noise, weights of windows and instrument depend on the response, which is what is looked for. So each pass takes
+    them from the response of the pass before; the first one from an exponential decay.
+
     Args:
         sampling_rate: of the pieces, Hz.
         pieces: (k, N) each: setpoint, signal and, if ``angle_gain`` is not 0, the angle.
         angle_gain: of the attitude controller that feeds the angle back to the setpoint, 1/s; 0 if none does.
-        seconds: duration of the response; a window is two of them, and the one before.
+        seconds: duration of the response, s. A window is as long as three of them: two to explain, after one whose
+            setpoints the first samples follow from.
     """
     taps = round(seconds * sampling_rate)
     size = 3 * taps
@@ -89,6 +93,7 @@ def estimate_impulse_response(
                     for piece in pieces
                 ]
                 instrument = _overlapping_windows(undisturbed, taps, size)
+            # Residuals are whitened, and then scaled to a variance of 1 in each window.
             residuals = signal[:, taps:] - _past_values(setpoint, taps) @ weights
             whitening = _whitening_filter(residuals)
             spread = _filtered(residuals, whitening).std(axis=1)
@@ -109,6 +114,9 @@ def _setpoint_without_wind(
     piece: Array, angle_gain: float, weights: Array, sampling_rate: float
 ) -> Array:
     """Returns the part of a rate's setpoint that follows what pilot or navigation ask for: x / (1 + G T / s).
+
+    Here x = r + G φ is what they ask for, and 1 / (1 + G T / s) the closed loop of the attitude, from x to r. It is
+    applied in the frequency domain. What is left out is what wind does to the setpoint through the angle.
 
     Args:
         piece: (3, N) setpoint r, rate and angle φ, of which x = r + G φ is made.
@@ -137,6 +145,11 @@ def _overlapping_windows(series: Sequence[Array], taps: int, size: int) -> Array
     """Returns windows (W, size) of several series, at most ``MAX_WINDOWS``, each overlapping the last by ``taps``.
 
     The first ``2 taps`` of each series are left out: there, a response may come from before its beginning.
+
+    Args:
+        series: (N,) each; those too short for a window have none.
+        taps: K, samples of overlap: a window's first K samples only precede those that are explained.
+        size: samples of a window.
     """
     views = [
         np.lib.stride_tricks.sliding_window_view(values[2 * taps :], size)[:: size - taps]
@@ -150,24 +163,45 @@ def _overlapping_windows(series: Sequence[Array], taps: int, size: int) -> Array
 
 
 def _past_values(windows: Array, taps: int) -> Array:
-    """Returns (W, B, taps) the values before each sample of ``windows`` (W, B + taps), the last first.
+    """Returns the values before each sample: the regressors of a finite impulse response.
 
-    The first ``taps`` samples of a window, before which too few are known, have none.
+    Args:
+        windows: (W, B + taps) samples of each window.
+        taps: how many values before a sample.
+
+    Returns:
+        (W, B, taps) the last value first. The first ``taps`` samples of a window, before which too few are known, have
+        none.
     """
+    # The last view ends with the last sample, and precedes none. Views are reversed in time.
     return np.lib.stride_tricks.sliding_window_view(windows, taps, axis=1)[:, :-1, ::-1]
 
 
 def _filtered(windows: Array, coefficients: Array) -> Array:
-    """Returns ``windows`` (W, B) through a FIR filter (P,), without its transient: (W, B − P + 1)."""
+    """Returns each window through a finite-impulse-response filter, without the filter's transient.
+
+    Args:
+        windows: (W, B) samples.
+        coefficients: (P,) of the filter, that of the latest sample first.
+
+    Returns:
+        (W, B − P + 1).
+    """
     views = np.lib.stride_tricks.sliding_window_view(windows, len(coefficients), axis=1)
     return views @ coefficients[::-1]
 
 
 def _whitening_filter(residuals: Array) -> Array:
-    """Returns the filter (P,) that makes ``residuals`` (W, B) white.
+    """Returns the filter that makes residuals white, as least squares takes them to be.
 
     It is a difference, which removes their mean, followed by the prediction error of an autoregression of order
-    ``AUTOREGRESSION_ORDER`` by the Yule-Walker equations.
+    ``AUTOREGRESSION_ORDER``, fitted by the Yule-Walker equations. Both filters in series are one, by convolution.
+
+    Args:
+        residuals: (W, B) of all windows, which share one filter.
+
+    Returns:
+        (P,) coefficients, that of the latest sample first.
     """
     differences = np.diff(residuals, axis=1)
     size = differences.shape[1]
@@ -192,8 +226,9 @@ def _regularised_estimate(
 
         w = (I + Q (Zᵀ X + s sᵀ))⁻¹ Q (Zᵀ y + s / error)
 
-    Its covariance is that of the windows' scores, as of a jackknife, that of what the prior shrinks, and that of the
-    steady state.
+    The covariance has three parts. The windows' scores Zᵀ residual, one of each window, show how the estimate scatters
+    with noise, whatever the noise is like (as of a jackknife). The prior pulls weights that the flight does not show.
+    The steady state is uncertain by its error.
 
     Args:
         setpoint, signal, instrument: (W, B) windows, whitened, with residuals of variance 1.
@@ -216,6 +251,7 @@ def _regularised_estimate(
     inverse = np.linalg.solve(identity + prior @ information, prior)
     weights = inverse @ moment
 
+    # Indices of the scores: w the window, b its samples, k the weights.
     residuals = target - regressors @ weights
     scores = np.einsum("wbk,wb->wk", instruments, residuals) @ inverse.T
     effective_parameters = np.trace(inverse @ regressor_products)
@@ -236,6 +272,9 @@ def _prior_covariance(precision: Array, moment: Array) -> Array:
 
     A prior is λ Q of a variance λ and a shape Q = R Rᵀ that depends on the decay. With the eigenvalues v and vectors U
     of Rᵀ precision R, its log evidence is ½ Σ (λ (Uᵀ Rᵀ moment)² / (1 + λ v) − log(1 + λ v)).
+
+    How smooth and how long a response is, is not known beforehand. So priors of several variances and decays are tried,
+    and each counts by how well it explains the flight (Bayesian model averaging).
 
     Args:
         precision: (K, K) of the weights by the flight.
@@ -261,6 +300,7 @@ def _prior_covariance(precision: Array, moment: Array) -> Array:
         explained = variances * projected_moment**2 / (1 + gained_precision)
         shapes.append(shape)
         log_evidence.append((explained - np.log1p(gained_precision)).sum(axis=1) / 2)
+    # The evidence becomes weights of sum 1 over all decays (rows) and variances (columns).
     variance_by_decay = softmax(log_evidence) @ PRIOR_VARIANCES
     return np.tensordot(variance_by_decay, shapes, axes=1)
 

@@ -25,10 +25,16 @@ MIN_FREQUENCIES = 2
 
 
 def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
-    """Returns the rate loop of the axis of ``signals``, measured where a signal was injected in ``segments``.
+    """Returns the rate loop of one axis, measured where a signal was injected in flight.
 
-    It has the frequencies at which the rate is coherent with the injected signal, and no response to torques of wind.
-    None without a signal or the autopilot's gains, or where the loop does not cross over at these frequencies.
+    Args:
+        signals: of the vehicle and the axis, with the injected signal, the rate and the demand.
+        segments: of the flight.
+
+    Returns:
+        One loop (N = 1) at the frequencies at which the rate is coherent with the injected signal. Its response to
+        torques of wind is not measured, and 0. None without a signal or the autopilot's gains, or where the loop does
+        not cross over at these frequencies.
     """
     demand = signals.demand
     controller = controller_if_known(signals)
@@ -40,6 +46,7 @@ def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
     ):
         return None
     injected_signals = [injection.signal for injection in signals.injected_signals]
+    # Signals may have been injected at several points of the loop: the one with most samples counts.
     injected = max(injected_signals, key=lambda series: len(series.time))
     demand_series = replace(
         injected, time=demand.time, boot=demand.boot, values=demand.outputs[:, 0]
@@ -53,6 +60,7 @@ def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
     if np.count_nonzero(is_measured) < MIN_FREQUENCIES:
         return None
     frequency = spectra.frequency[is_measured]
+    # The signals of the spectra: 0 is what was injected, 1 the rate, 2 the demand.
     to_rate, to_demand = spectra.power[0, 1], spectra.power[0, 2]
     plant = (to_rate / to_demand)[is_measured]
     from_setpoint, from_rate = controller_response(controller, frequency)

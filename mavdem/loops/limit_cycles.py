@@ -105,6 +105,9 @@ def detect_limit_cycle(
 ) -> Oscillation | None:
     """Returns the limit cycle in ``segments`` of a flight.
 
+    Each axis is looked at with short and with long windows: short ones show a brief oscillation, long ones tell a slow
+    oscillation from steering.
+
     Args:
         motors: the motors' outputs.
         tilts: the attitude by axis.
@@ -130,6 +133,9 @@ def detect_starting_limit_cycle(
 ) -> Oscillation | None:
     """Returns the limit cycle that reached the motors' limits in the last seconds; None without one.
 
+    For a warning in flight, there is no time to see whether an oscillation lasts. So it counts only if it turns the
+    vehicle fast (``MIN_DANGEROUS_RATE``) and motors reach their limits.
+
     Args:
         motors: the motors' outputs so far.
         tilts: the attitude by axis.
@@ -142,6 +148,7 @@ def detect_starting_limit_cycle(
         segment = Segment(boot, max(start_time, now - STARTING_SPAN * window_seconds), now)
         min_duration = STARTING_DURATION * window_seconds
         for axis, tilt in tilts.items():
+            # In a flight of infinite duration, nothing lasts: only limits and growth count.
             cycles += _limit_cycles(
                 axis, tilt, motors, [segment], window_seconds, np.inf, min_duration
             )
@@ -154,7 +161,11 @@ def detect_starting_limit_cycle(
 
 
 def _strongest(cycles: Iterable[Oscillation]) -> Oscillation | None:
-    """Returns the limit cycle with the highest rate, together with the strongest of each other axis."""
+    """Returns the limit cycle with the highest body rate, with the strongest of each other axis in ``other_axes``.
+
+    One oscillation may be found with several lengths of windows, and often shows in roll and pitch: it is reported
+    once. None where ``cycles`` is empty.
+    """
     strongest_by_axis = dict[str, Oscillation]()
     for cycle in sorted(cycles, key=attrgetter("rate"), reverse=True):
         strongest_by_axis.setdefault(cycle.axis, cycle)
@@ -184,6 +195,7 @@ def _limit_cycles(
         flight_duration: of all segments, s.
         min_duration: shortest limit cycle, s.
     """
+    # (N, k) outputs as fractions of the range, and (N,) whether any motor is at its upper or lower limit.
     shares = motors.scale.fraction(motors.outputs)
     at_upper, at_lower = (
         is_at_limit.any(axis=1) for is_at_limit in samples_at_limits(shares, motors.scale)
@@ -209,6 +221,7 @@ def _limit_cycles(
                 continue
             # An alias may have any frequency, so that slow messages do not show whether it is steered.
             may_be_steered = is_fast and cycle.frequency < MIN_LASTING_FREQUENCY
+            # A limit cycle reaches the motors' limits, or turns the vehicle fast while it grows or lasts.
             lasts = cycle.duration >= LASTING_SHARE * flight_duration and not may_be_steered
             is_dangerous = cycle.rate >= MIN_DANGEROUS_RATE and (cycle.grows or lasts)
             if cycle.at_limit >= MIN_AT_LIMIT_SHARE or is_dangerous:
@@ -251,6 +264,7 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
         sampling_rate: Hz.
         window_seconds: length of the windows, s.
     """
+    # The first signal is the body rate, the others are the motors.
     signals, at_both_limits, at_a_limit = piece[:-2], piece[-2], piece[-1]
     body_rate = signals[0]
     size = round(window_seconds * sampling_rate)
@@ -270,6 +284,7 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
     rate_share, motor_share = (power * is_in_line).sum(axis=-1) / total_power
     share = np.where(is_slammed, motor_share, np.minimum(rate_share, motor_share))
     rate = np.degrees(half_overlapping_windows(body_rate, size).std(axis=1))
+    # The standard deviation of a part of the variance is its root.
     rate *= np.where(is_slammed, np.sqrt(rate_share), 1.0)
     has_few_periods = line_frequency < 2 * MIN_PERIODS * resolution
     needed_share = np.where(has_few_periods, SURE_LINE_SHARE, MIN_LINE_SHARE)
@@ -285,8 +300,15 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
 def _runs_at_one_frequency(lines: _Lines) -> list[Indices]:
     """Returns the runs of successive windows that have a clear line of nearly the same frequency.
 
-    Two lines have the same frequency if they overlap. Each run is given as the indices of its windows.
+    Two lines have the same frequency if they overlap: each reaches ``LINE_WIDTH`` to both sides.
+
+    Args:
+        lines: the line of each of W windows.
+
+    Returns:
+        The indices of the windows of each run, one or more.
     """
+    # Windows are split wherever one does not continue the one before. An unclear window is then alone, and left out.
     steps = abs(np.diff(lines.frequency))
     is_same_frequency = steps <= 2 * LINE_WIDTH * lines.frequency[1:]
     continues = lines.is_clear[1:] & lines.is_clear[:-1] & is_same_frequency
@@ -321,6 +343,7 @@ def _oscillation_in_run(
         window_seconds: length of a window, s.
         min_duration: shortest oscillation, s.
     """
+    # Each further window, half over the one before, adds half of its length.
     duration = (len(run) + 1) / 2 * window_seconds
     frequency = np.median(lines.frequency[run])
     drift = abs(lines.frequency[run] - frequency).max()

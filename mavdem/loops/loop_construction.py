@@ -54,6 +54,9 @@ def loop_from_learned(learned: Learned, controller: Controller | None = None) ->
 def loop_from_plant(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
     """Returns rate and attitude loop of an identified plant, with the cautions that its figures need.
 
+    Where the log has setpoints, the measured response of the rate is compared with the loop's. That makes no sense
+    where gains changed in flight, since the response is then of several loops.
+
     Args:
         plant: identified from the ``record``.
         record: the flight.
@@ -74,6 +77,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
     draws = _plant_draws(plant, gyro_delay(controller), record.dt)
     per_demand = inputs_per_demand(controller, record)
     effectiveness = draws.effect @ per_demand
+    # Row 0 is the estimate.
     if not effectiveness[0] > 0:
         raise NotLearnable(Loops.MIXER_REVERSED)
     loop = Loop(axis, plant, record, controller, effectiveness, draws.dynamics)
@@ -94,6 +98,11 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
 def _cautions(loop: Loop) -> list[Fact]:
     """Returns cautions about a biased plant and about a gain margin at frequencies that the record does not show.
 
+    A record shows frequencies up to half of its sampling rate (Nyquist). Beyond, the loop is a model's extrapolation.
+
+    Args:
+        loop: of the estimated plant and draws.
+
     Raises:
         NotLearnable: a plant with the gyro's filters in it crosses over at more than half of these frequencies.
             (The loop of ArduCopter's simulator, with a margin of 19° at a crossover of 20 Hz, had 44° by messages at 50
@@ -108,7 +117,8 @@ def _cautions(loop: Loop) -> list[Fact]:
         if rate.crossover > nyquist_frequency / 2:
             raise NotLearnable(Loops.CROSSOVER_UNSEEN, crossover=rate.crossover, rate=1 / record.dt)
     elif np.isfinite(rate.gain_margin):
-        # The gain margin is where L is nearest to −1 over the margin.
+        # The gain margin GM, dB, is read where L crosses the negative real axis at −10^(−GM / 20): the frequency at
+        # which L is nearest to that point.
         point = -(10 ** (-rate.gain_margin / 20))
         nearest = np.argmin(np.abs(rate.response[0] - point))
         if rate.frequency[nearest] >= nyquist_frequency:
@@ -141,9 +151,17 @@ def logged_controller(parameters: Parameters, axis: str, motor_weights: Array | 
 
 
 def inputs_per_demand(controller: Controller, record: Record) -> Array:
-    """Returns (r,) how much each input changes per unit of demand, in the record's unit, about its mean in flight.
+    """Returns how much each input changes per unit of demand.
 
-    An input that is the demand itself changes by 1.
+    For motors, it is the mixer over the slope of the thrust curve, which depends on the output: it is taken at the mean
+    of the flight. An input that is the demand itself, from -1 to 1, changes by 1.
+
+    Args:
+        controller: of the axis, with its mixer and thrust curve.
+        record: of the flight, with r inputs.
+
+    Returns:
+        (r,) in the record's unit of the inputs.
 
     Raises:
         NotLearnable: the inputs are neither the demand nor those of a quadrotor.
@@ -170,6 +188,9 @@ class _PlantDraws(NamedTuple):
 def _plant_draws(plant: Physical, filter_delay: float, dt: float) -> _PlantDraws:
     """Returns draws from the posterior of a ``plant``, without the gyro's filters.
 
+    The loop's model has the filters by their parameters. In the identified plant, they are a part of the delay, or of
+    lag and delay: so this part is taken out, or it would count twice.
+
     Args:
         plant: whose delay has that of the gyro's filters or, where it is ``filtered``, whose lag and delay have.
         filter_delay: of the gyro's filters at low frequencies, s.
@@ -180,7 +201,9 @@ def _plant_draws(plant: Physical, filter_delay: float, dt: float) -> _PlantDraws
     else:
         draws = plant.draws(POSTERIOR_DRAWS, seed=DRAWS_SEED)
         draws[:, -1] -= filter_delay
-    return _PlantDraws(effect=draws[:, :-3], dynamics=np.maximum(draws[:, -3:], PLANT_MINIMUM))
+    # Columns of the draws: r effects, then damping, lag and delay.
+    effect, dynamics = draws[:, :-3], draws[:, -3:]
+    return _PlantDraws(effect, dynamics=np.maximum(dynamics, PLANT_MINIMUM))
 
 
 def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> Array:
@@ -201,6 +224,7 @@ def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> A
     Returns:
         (N, r + 3) effect, damping, lag and delay: of the estimate, and then of draws.
     """
+    # Columns of all vectors: r effects, then damping, lag (-2) and delay (-1).
     estimate = parameter_vector(plant)
     covariance = plant.covariance.copy()
     typical_delay, delay_deviation = DELAY_PRIOR
@@ -215,6 +239,9 @@ def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> A
     lag_and_delay = draws[:, -2:].sum(axis=1)
     remaining = np.maximum(lag_and_delay - filter_delay, 0.0)
     if filter_delay > lag_and_delay[0] / 2:
+        # A Butterworth filter with this delay has its phase and attenuation at half of its cut-off, ω = half_cutoff.
+        # What remains of lag and delay has the phase of the identified lag less that of the filter there. The effect is
+        # multiplied by the ratio of the attenuations, so that the gain stays the same.
         half_cutoff = BUTTERWORTH_AT_HALF_CUTOFF.imag / filter_delay
         lag_phase = np.arctan(half_cutoff * draws[:, -2])
         remaining_phase = lag_phase - np.angle(BUTTERWORTH_AT_HALF_CUTOFF)

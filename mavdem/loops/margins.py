@@ -51,7 +51,7 @@ DECIBELS_PER_NEPER = 20 / np.log(10)
 
 @dataclass(frozen=True)
 class FigureEstimate:
-    """Attribute of :class:`Margins` that is a figure of the estimated plant: the first of its values."""
+    """Descriptor: attribute of :class:`Margins` that is a figure of the estimated plant, the first of its values."""
 
     name: str
     """The key in ``Margins.figures``."""
@@ -62,12 +62,13 @@ class FigureEstimate:
 
 @dataclass(frozen=True)
 class FigureInterval:
-    """Attribute of :class:`Margins` that is the 90 % interval (low, high) of a figure, over draws of the plant."""
+    """Descriptor: attribute of :class:`Margins`, the 90 % interval (low, high) of a figure over draws of the plant."""
 
     name: str
     """The key in ``Margins.figures``."""
 
     def __get__(self, loop: Any, kind: type | None = None) -> Interval:
+        # The method "nearest" takes values as they are: interpolation between infinite margins would give NaN.
         values = loop.figures[self.name]
         low, high = np.quantile(values, INTERVAL_QUANTILES, method="nearest").tolist()
         return low, high
@@ -126,7 +127,9 @@ class OpenLoop(Margins):
         1 + L then turns by a quarter turn for each pole at 0 if the closed loop is stable, and by a half turn or more
         besides if not. How many poles at 0 there are shows in the phase of L at the lowest frequency.
         """
+        # The turn of 1 + L, rad, is the sum of small turns from each frequency to the next.
         phase_steps = wrapped_angle(np.diff(np.angle(1 + self.response), axis=1))
+        # Each pole at 0 adds −90° to the phase of L there.
         poles_at_zero = np.round(-np.angle(self.response[:, 0]) / (np.pi / 2)).clip(0, 2)
         further_turn = phase_steps.sum(axis=1) - poles_at_zero * np.pi / 2
         return freeze(np.abs(further_turn) < np.pi)
@@ -135,8 +138,9 @@ class OpenLoop(Margins):
     def figures(self) -> Mapping[str, Array]:
         """(N,) values of each figure of :class:`Margins` by its name.
 
-        Crossings are interpolated linearly between frequencies, of the logarithms of gain and frequency. Where there is
-        no crossing, margins are infinite, crossover and bandwidth NaN.
+        Each margin is read where the response crosses something: the unit circle (phase and delay margin), the negative
+        real axis (gain margin), or −3 dB (bandwidth). Crossings are interpolated linearly between frequencies, of the
+        logarithms of gain and frequency. Where there is no crossing, margins are infinite, crossover and bandwidth NaN.
         """
         log_frequency = np.log(self.frequency)
         response = self.response
@@ -191,7 +195,11 @@ class _ZeroCrossings(NamedTuple):
 
     @classmethod
     def of(cls, values: Array) -> _ZeroCrossings:
-        """Returns the crossings of ``values`` (N, F)."""
+        """Finds the crossings of N functions with 0.
+
+        Args:
+            values: (N, F) each function at F points.
+        """
         is_negative = np.signbit(values)
         rows, columns = np.nonzero(is_negative[:, :-1] != is_negative[:, 1:])
         before = values[rows, columns]
@@ -199,14 +207,28 @@ class _ZeroCrossings(NamedTuple):
         return cls(len(values), rows, columns, before / (before - after))
 
     def interpolate(self, values: Array) -> Array:
-        """Returns (K,) other ``values``, (N, F) or (F,) for all rows, linearly interpolated at the crossings."""
+        """Returns the values of other functions at the crossings, linearly interpolated.
+
+        Args:
+            values: (N, F) each function at the same points, or (F,) one for all rows.
+
+        Returns:
+            (K,) value at each crossing.
+        """
         values = np.broadcast_to(values, (self.row_count, values.shape[-1]))
         before = values[self.rows, self.columns]
         after = values[self.rows, self.columns + 1]
         return before + self.fraction * (after - before)
 
     def minimum_by_row(self, values: Array) -> Array:
-        """Returns (N,) the least of ``values`` (K,) at the crossings of each row, without NaN; NaN if there is none."""
+        """Returns the least value among the crossings of each row.
+
+        Args:
+            values: (K,) at the crossings; NaN values are passed over.
+
+        Returns:
+            (N,) the least of each row; NaN where it has no crossing.
+        """
         minimum = np.full(self.row_count, np.nan)
         np.fmin.at(minimum, self.rows, values)
         return minimum
@@ -222,7 +244,9 @@ def rate_loop(
     dynamics: Array,
     grid: FrequencyGrid = FINE_GRID,
 ) -> OpenLoop:
-    """Returns the loop of the body rate.
+    """Returns the loop of the body rate, for N plants at once.
+
+    The plant is a motor lag with a delay, then the rotation of the body with damping, then the gyro's filters:
 
         P = k e^(−s delay) / (lag s + 1) · 1 / (s + damping) · gyro filters,    L = C P
 
@@ -248,10 +272,17 @@ def rate_loop(
 
 
 def attitude_loop(controller: Controller, rate: OpenLoop) -> OpenLoop:
-    """Returns the loop of the attitude around the closed loop of the ``rate``: L = angle gain / s · T_rate.
+    """Returns the loop of the attitude around the closed loop of the rate: L = angle gain / s · T_rate.
 
     The closed loop of the rate ends at the gyro's filters, behind which rates are controlled. The angle is not
     filtered: so their response is divided out.
+
+    Args:
+        controller: of the axis, with the gain of the attitude controller and the gyro's filters.
+        rate: the rate loop of N plants, at the frequencies of the result.
+
+    Returns:
+        The loop with responses to the setpoint of the angle, and to torques: rad per rad/s².
     """
     s = 2j * np.pi * rate.frequency
     filters = gyro_response(controller, rate.frequency)
@@ -286,11 +317,13 @@ def controller_response(controller: Controller, frequency: Array) -> ControllerR
     previous = np.exp(-2j * np.pi * frequency * period)
 
     def low_pass(cutoff: float) -> Any:
+        # A cut-off of 0 is no filter.
         weight = period / (period + 1 / (2 * np.pi * cutoff)) if cutoff else 1.0
         return weight / (1 - (1 - weight) * previous)
 
     derivative = controller.d * low_pass(controller.derivative_filter) * (1 - previous) / period
     integral = controller.i * period / (1 - previous)
+    # ArduPilot: P, I and D act on the filtered error, feed-forward on the filtered setpoint.
     if controller.derivative_of_error:
         from_error = low_pass(controller.error_filter) * (controller.p + integral + derivative)
         from_error = from_error * notch_response(controller.error_notches, 1 / period, frequency)
@@ -298,6 +331,7 @@ def controller_response(controller: Controller, frequency: Array) -> ControllerR
         target_notches = notch_response(controller.target_notches, 1 / period, frequency)
         target_filters = low_pass(controller.target_filter) * target_notches
         return ControllerResponse(target_filters * (from_error + feed_forward), from_error)
+    # PX4: D acts on the rate alone, and the integral is used one period late.
     proportional_integral = controller.p + previous * integral
     output_filter = low_pass(controller.output_filter)
     return ControllerResponse(

@@ -74,11 +74,13 @@ def measured_rate_response(
     Returns:
         None where the record has no setpoint of the rate, or too few windows.
     """
+    # The demand is the least-squares fit of the inputs that it moves.
     demand = record.inputs @ outputs_per_demand / (outputs_per_demand @ outputs_per_demand)
     setpoints = _setpoints_by_name(record)
     rate_setpoint = setpoints.get(f"{controller.axis} rate setpoint")
     if rate_setpoint is None:
         return None
+    # Rows of each piece: rate setpoint, rate, demand and, where they are needed, angle setpoint and angle.
     signals = [rate_setpoint, record.outputs[:, rate_column(record)], demand]
     angle_setpoint = None
     if controller.is_ardupilot:
@@ -88,11 +90,13 @@ def measured_rate_response(
     as_logged = []
     with_correction = []
     for piece in _finite_pieces(np.array(signals), record):
+        # A held setpoint has steps that the controller never flew: it is made linear between messages.
         setpoint = interpolated_setpoint(piece[0])
         rate_and_demand = piece[1:3]
         as_logged.append(np.vstack([setpoint, rate_and_demand]))
         if angle_setpoint is not None:
-            angle_error = interpolated_setpoint(piece[3]) - piece[4]
+            angle_setpoint_of_piece, angle = piece[3:5]
+            angle_error = interpolated_setpoint(angle_setpoint_of_piece) - angle
             corrected = setpoint + controller.angle_gain * angle_error
             with_correction.append(np.vstack([corrected, rate_and_demand]))
     comparisons = []
@@ -111,10 +115,17 @@ def _setpoints_by_name(record: Record) -> dict[str, Array]:
 
 
 def _finite_pieces(signals: Array, record: Record) -> list[Array]:
-    """Returns pieces (k, N) of ``signals`` (k, T), without gaps, in each of which the first signal moves.
+    """Returns pieces of signals without gaps, in each of which the first signal, the setpoint, moves.
 
-    They end at the ends of the record's segments and wherever a signal begins or ceases to be finite. A setpoint that
-    does not move is that of a heading that is held.
+    Pieces end at the ends of the record's segments and wherever a signal begins or ceases to be finite. A setpoint that
+    does not move, as that of a heading that is held, shows nothing of the response to it.
+
+    Args:
+        signals: (k, T) in the rows of the record.
+        record: the flight, with T samples in several segments.
+
+    Returns:
+        (k, N) each, N as long as the piece.
     """
     is_finite = np.isfinite(signals).all(axis=0)
     changes = np.flatnonzero(np.diff(is_finite)) + 1
@@ -131,8 +142,10 @@ def _compared(
 ) -> MeasuredResponse:
     """Returns the comparison of one estimate of the response with the predicted one.
 
-    They are compared from ``MIN_COMPARED_FREQUENCY`` to where the coherence of setpoint and rate is first lost. The
-    error of the predicted rate has two parts: what the setpoint does not explain, and by how much the responses differ.
+    They are compared from ``MIN_COMPARED_FREQUENCY`` to where the coherence of setpoint and rate is first lost: beyond,
+    wind and noise hide the response. The error of the predicted rate has two parts: (1 − γ²) S_pp, which the setpoint
+    does not explain, and |T_measured − T_predicted|² S_rr, by which the responses differ. The fit counts both, the
+    agreement only the second, since wind is no error of the loop.
 
     Args:
         spectra: of setpoint, rate and demand.
@@ -141,6 +154,7 @@ def _compared(
         frequency: (F,) of the prediction, Hz.
         closed: (F,) predicted response from setpoint to rate.
     """
+    # The signals of the spectra are setpoint 0, rate 1 and demand 2.
     hertz = spectra.frequency
     coherence = spectra.coherence
     is_incoherent = (hertz > MIN_COMPARED_FREQUENCY) & ~(coherence >= MIN_COMPARED_COHERENCE)
@@ -150,6 +164,7 @@ def _compared(
     predicted = np.interp(hertz, frequency, closed)
     prediction_error = np.abs(spectra.response - predicted) ** 2 * spectra.driver_power
     unexplained = (1 - coherence) * rate_power
+    # The fit is 100 (1 − NRMSE) %: the root of the error's power over the rate's.
     fit = agreement = 0.0
     if is_in_band.any():
         power = rate_power[is_in_band].sum()
@@ -185,8 +200,10 @@ def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -
     """
     setpoint_and_rate = slice(0, 2)
     demand = 2
+    # The controller's integral divides by the frequency, which must not be 0.
     hertz = np.maximum(spectra.frequency, spectra.frequency[1])
     from_setpoint, from_rate = controller_response(controller, hertz)
+    # S_ûu and S_ûû follow from the logged spectra: û is the sum of responses × signals. Indices: i, j the signal, f Hz.
     responses = np.stack([from_setpoint, -from_rate])
     inputs_to_demand = spectra.power[setpoint_and_rate, demand]
     expected_to_demand = (responses.conj() * inputs_to_demand).sum(axis=0)
@@ -205,9 +222,17 @@ def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -
 
 
 def interpolated_setpoint(setpoint: Array) -> Array:
-    """Returns a setpoint (T,) that was held until the next message, linear between the times at which it was given.
+    """Returns a setpoint, which the record holds until the next message, linear between its messages.
 
-    A setpoint that stays the same for longer than usual is a plateau, which ends one usual step before the next change.
+    A record samples the last message, so the setpoint looks like stairs. The true one moved smoothly. A message shows
+    as a change of value. A setpoint that stays the same for longer than usual did not move meanwhile: this plateau ends
+    one usual step before the next change.
+
+    Args:
+        setpoint: (T,) held samples, of any unit.
+
+    Returns:
+        (T,) interpolated samples, in the same unit.
     """
     changes = np.flatnonzero(np.diff(setpoint, prepend=np.nan))
     usual_step = int(np.median(np.diff(changes))) if len(changes) > 1 else 1

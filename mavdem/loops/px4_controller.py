@@ -100,11 +100,13 @@ def _mixer(parameters: Parameters) -> dict[str, Numbers]:
         raise unknown_mixer
     if np.linalg.cond(effects) > MAX_CONDITION_NUMBER:
         raise unknown_mixer
+    # The inverse has a row for each motor, and a column for roll, pitch and yaw torque and thrust.
     thrust_by_torque = np.linalg.inv(effects)[:, :3]
     thrust_by_tilt = thrust_by_torque[:, :2]
     acts_on_tilt = np.abs(thrust_by_tilt) > MIN_RELATIVE_EFFECT * np.abs(thrust_by_torque).max()
     if not acts_on_tilt.any(axis=0).all():
         raise unknown_mixer
+    # Two columns, roll and pitch: the norm counts per pair of motors that act on the axis.
     squared_norms = (thrust_by_tilt**2).sum(axis=0)
     motor_pairs = acts_on_tilt.sum(axis=0) / 2
     tilt_scale = np.sqrt(squared_norms / motor_pairs).max()

@@ -68,7 +68,11 @@ class Resonance:
 
 
 def controller_if_known(signals: Signals) -> Controller | None:
-    """Returns the controller of the axis of ``signals``, whose output is the demand; None where it is not known."""
+    """Returns the controller of the axis of ``signals``, by the parameters in the log.
+
+    Its output is the demand itself, a mixer of one motor, so that gains are enough and no mixer must be known. None
+    where the log lacks parameters, or they are of no known autopilot.
+    """
     try:
         return controller_from_parameters(signals.telemetry.parameters, signals.axis, (1.0,))
     except NotLearnable:
@@ -78,7 +82,9 @@ def controller_if_known(signals: Signals) -> Controller | None:
 def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None:
     """Returns the largest response |T| of the body rate to its setpoint, with the maximum sensitivity it implies.
 
-    Without a known controller, T is taken for the complementary sensitivity.
+    T is measured only at frequencies at which pilot or navigation move the rate. These must be one band without a gap,
+    from ``MIN_RESPONSE_FREQUENCY`` or more to at least twice the lowest one: less shows no peak. Without a known
+    controller, T is taken for the complementary sensitivity.
 
     Args:
         signals: of the vehicle and the axis.
@@ -107,8 +113,8 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
     gain = abs(spectra.response[rows])
     if len(rows) == 0 or frequency[rows[-1]] < MIN_BAND_RATIO * frequency[rows[0]]:
         return None
+    # At low frequencies a rate follows its setpoint. One that moves much more is moved by something else.
     if gain[0] > MAX_LOWEST_GAIN:
-        # The setpoint does not move the rate.
         return None
     peak_row = rows[np.argmax(gain)]
     complementary_gain = abs(complementary[rows])
@@ -138,6 +144,7 @@ def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
     """
     angle_feedback = angle_gain / (2j * np.pi * frequency)
     steered_share = abs(1 + angle_feedback * spectra.response) ** 2
+    # S_pp / S_rr, of which |T|² follows r.
     rate_per_setpoint_power = spectra.power[1, 1].real / spectra.driver_power
     incoherent = rate_per_setpoint_power - abs(spectra.response) ** 2
     steered_share += abs(angle_feedback) ** 2 * incoherent
@@ -154,6 +161,9 @@ def _max_sensitivity_interval(
     spectra: WelchSpectra, complementary: Complex, rows: Indices
 ) -> Interval:
     """Returns the 90 % interval of Ms = max |1 − T| over some ``rows``, by the error of the gain |T| at each.
+
+    A gain averaged over n windows has the relative error √((1 − γ²) / (2 γ² n)) (Bendat and Piersol, see ``welch``).
+    The sensitivity 1 − T errs by no more than T does.
 
     Args:
         spectra: of setpoint and rate, for coherence γ² and number of windows n.
@@ -173,8 +183,16 @@ def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None
     On logarithmic scales, wind, noise and plant make a nearly straight spectrum, and the loop multiplies it by its
     sensitivity: so a peak over a straight line is about the maximum sensitivity.
 
-    None where messages are slower than ``MIN_STREAM_RATE``, nothing exceeds the line by ``MIN_PEAK_RATIO``, or the
-    motors' command is not coherent with it.
+    The background at each frequency is the mean of the logarithms at 1.5 times (``BACKGROUND_RATIO``) that frequency
+    and below it by as much. Medians over windows keep steering out.
+
+    Args:
+        signals: of the vehicle and the axis.
+        segments: of the flight.
+
+    Returns:
+        None where messages are slower than ``MIN_STREAM_RATE``, nothing exceeds the line by ``MIN_PEAK_RATIO``, or the
+        motors' command is not coherent with it.
     """
     attitude = signals.attitude
     inputs = signals.model_inputs
@@ -193,6 +211,7 @@ def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None
     rows = np.flatnonzero(is_in_band)
     if len(rows) == 0:
         return None
+    # Half of the logarithm of a power is that of an amplitude, as a sensitivity is.
     log_amplitude = np.log(spectra.median_power) / 2
     above = np.interp(frequency[rows] * BACKGROUND_RATIO, frequency, log_amplitude)
     below = np.interp(frequency[rows] / BACKGROUND_RATIO, frequency, log_amplitude)

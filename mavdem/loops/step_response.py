@@ -129,7 +129,7 @@ class StepResponse(ImmutableResult):
 
     @property
     def fact(self) -> Fact:
-        """The fact with the figures of the response."""
+        """The fact with the figures of the response, and the intervals of overshoot and peak."""
         figures = {name: getattr(self, name).value for name in FIGURES}
         return Fact(
             StepResponses.STEP_MEASURED,
@@ -144,8 +144,9 @@ class StepResponse(ImmutableResult):
     def comparison(self, frequency: Array, closed: Complex) -> Fact:
         """Returns whether a predicted closed loop agrees with the measured one, by gain.
 
-        Where it does not, the prediction is doubted, or the measurement if the prediction peaks beyond the frequencies
-        that the flight shows.
+        The two disagree at a frequency if the predicted |T| is outside the band of the measured one. Where that is so
+        at more than ``MAX_DISAGREEING_SHARE`` of the frequencies, one of them is wrong. It is the prediction, unless it
+        peaks beyond the frequencies that the flight shows: then the measurement may have missed the peak.
 
         Args:
             frequency: (F′,) of the prediction, Hz.
@@ -154,6 +155,7 @@ class StepResponse(ImmutableResult):
         subject = f"{self.axis} {self.loop}"
         predicted_gain = abs(closed)
         predicted_here = np.interp(self.frequency, frequency, predicted_gain)
+        # The estimate assumes |T| ≈ 1 at 0 Hz to this error, so no band is narrower.
         half_width = np.maximum(self.gain_half, STEADY_STATE_ERROR)
         disagrees = abs(predicted_here - self.gain) > half_width
         share = disagrees.mean()
@@ -177,7 +179,15 @@ class StepResponse(ImmutableResult):
 def rate_step_response(signals: Signals, segments: Segments) -> StepResponse | Fact:
     """Returns the response of the body rate to its setpoint in ``segments`` of a flight, or why it is not known.
 
-    ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate, which is added where it lacks.
+    ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate. It is added where it is missing,
+    for which the angle and its setpoint are needed.
+
+    Args:
+        signals: of the vehicle and the axis.
+        segments: of the flight.
+
+    Returns:
+        The step response, or a fact with the reason.
     """
     if signals.rate_and_setpoint is None:
         return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} rate")
@@ -193,7 +203,17 @@ def rate_step_response(signals: Signals, segments: Segments) -> StepResponse | F
 
 
 def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse | Fact:
-    """Returns the response of the angle to its setpoint in ``segments`` of a flight, or why it is not known."""
+    """Returns the response of the angle to its setpoint in ``segments`` of a flight, or why it is not known.
+
+    Angles move more slowly than rates, so slower messages are enough.
+
+    Args:
+        signals: of the vehicle and the axis.
+        segments: of the flight.
+
+    Returns:
+        The step response, or a fact with the reason.
+    """
     if signals.angle_setpoint is None or signals.attitude is None:
         return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} attitude")
     series = [signals.angle_setpoint, signals.attitude.angle_series]
@@ -208,6 +228,9 @@ def _measured(
     min_rate: float,
 ) -> StepResponse | Fact:
     """Returns a step response; or the fact that messages are too slow or too few, or that the setpoint hardly moves.
+
+    Messages are resampled to one even rate in pieces without gaps, the impulse response is estimated from these, and
+    step and frequency response follow from it. The checks before it save the estimate where nothing can come of it.
 
     Args:
         signals: of the axis.
@@ -225,6 +248,7 @@ def _measured(
     if resampled is None:
         return Fact(StepResponses.TOO_LITTLE_FLIGHT, subject=subject, least_duration=min_duration)
     sampling_rate = resampled.rate
+    # Pieces whose setpoint, the first row, never moves show no response to it.
     pieces = [piece for piece in resampled.pieces if np.ptp(piece[0])]
     samples = sum(piece.shape[1] for piece in pieces)
     if samples < 2 * MIN_WINDOWS * seconds * sampling_rate:
@@ -246,18 +270,25 @@ def _with_angle_and_correction(
 ) -> list[Array]:
     """Returns pieces of a rate's setpoint, with the attitude controller's correction in it, the rate and the angle.
 
-    An angle that was not recorded is the integral of the rate. Without a setpoint of the angle, the rate's is taken to
-    have the correction.
+    The correction is angle gain × error of the angle. Some messages have it in the setpoint, others leave it out; the
+    controller follows the setpoint with it. An angle that was not recorded is the integral of the rate. Without a
+    setpoint of the angle, the rate's is taken to have the correction.
 
     Args:
         sampling_rate: Hz.
-        pieces: (2 to 4, N) setpoint of the rate, rate and, as far as recorded, angle and setpoint of the angle.
+        pieces: (2 to 4, N) setpoint of the rate, rate and, as far as recorded, angle and setpoint of the angle. The
+            correction is added in place.
         angle_gain: of the attitude controller, 1/s.
+
+    Returns:
+        (3 or 4, N) each: setpoint of the rate, rad/s, rate, angle, rad, and its setpoint if it was recorded.
     """
     rows = len(pieces[0])
-    if rows < 3:
+    has_angle = rows >= 3
+    has_angle_setpoint = rows > 3
+    if not has_angle:
         return [np.vstack([piece, np.cumsum(piece[1]) / sampling_rate]) for piece in pieces]
-    if rows > 3 and not _is_corrected(sampling_rate, pieces, angle_gain):
+    if has_angle_setpoint and not _is_corrected(sampling_rate, pieces, angle_gain):
         for piece in pieces:
             angle, angle_setpoint = piece[2], piece[3]
             piece[0] += angle_gain * (angle_setpoint - angle)
@@ -310,6 +341,8 @@ def _responses(estimate: ImpulseResponse, sampling_rate: float, max_frequency: f
     frequency = np.linspace(MIN_FREQUENCY, max_frequency, 2 * taps)
     draws = normal_draws(estimate.weights, estimate.covariance, RESPONSE_DRAWS, seed=31)
     weights = np.vstack([estimate.weights, draws])
+    # Steps are sums of the weights before, half of the last weight (trapezoidal rule), and the end correction, by the
+    # slope of the impulse response, as half of a central difference, over 12.
     central_difference = np.eye(taps, k=-1) - np.eye(taps, k=1)
     end_correction = weights @ central_difference / 24
     steps = np.cumsum(weights, axis=1) - weights / 2 - end_correction
@@ -323,6 +356,9 @@ def _described(
 ) -> StepResponse | Fact:
     """Returns the step response of an impulse response with its figures; or that too little is known of it.
 
+    Only frequencies up to which the response is known are described. Bands are ± the standard deviation over the draws
+    times the factor of a 90 % interval.
+
     Args:
         axis: "roll", "pitch" or "yaw".
         loop: "rate" or "attitude".
@@ -330,11 +366,12 @@ def _described(
         estimate: the impulse response.
         spectra: of setpoint and response, for their coherence.
     """
-    # Setpoints of the angle may come without stamps of their own.
+    # Setpoints of the angle may come without stamps of their own, so only half of the usual band is trusted for them.
     nyquist_frequency = sampling_rate / (2 if loop == "rate" else 4)
     responses = _responses(estimate, sampling_rate, MAX_FREQUENCY_RATIO * nyquist_frequency)
     gains = np.abs(responses.responses)
     coherence = _coherence_where_driven(spectra)
+    # Row 0 of all responses is the estimate, the others are draws.
     known_count = _known_frequencies(responses.frequency, gains, spectra.frequency, coherence)
     step_half_width = coverage_factor() * responses.steps[1:].std(axis=0)
     if known_count < 2 or step_half_width.max() >= MAX_STEP_HALF_WIDTH:
@@ -359,7 +396,10 @@ def _described(
 
 
 def _coherence_where_driven(spectra: WelchSpectra) -> Array:
-    """Returns (F,) the coherence of setpoint and response, 0 where the setpoint has hardly any power."""
+    """Returns (F,) the coherence of setpoint and response, 0 where the setpoint has hardly any power.
+
+    There, what is left of both signals by interpolation may be coherent without being a response.
+    """
     power = spectra.driver_power
     is_driven = power >= MIN_DRIVER_POWER_RATIO * power.max()
     return np.where(is_driven, spectra.coherence, 0.0)
@@ -379,8 +419,10 @@ def _known_frequencies(
         spectrum_frequency: (F′,) of the coherence, Hz.
         coherence: (F′,) of setpoint and response.
     """
+    # Row 0 is the estimate.
     deviation = gains[1:].std(axis=0)
     uncertain = np.flatnonzero(deviation > MAX_GAIN_DEVIATION)
+    # The first uncertain frequency, or the number of all if there is none.
     certain = np.append(uncertain, len(frequency))[0]
     highest_coherent = spectrum_frequency[coherence >= MIN_COHERENCE].max(initial=0.0)
     return min(certain, np.searchsorted(frequency, highest_coherent))
@@ -442,7 +484,12 @@ def _first_times(time: Array, steps: Array, level: float) -> Array:
 
 
 def _with_interval(values: Array) -> IntervalEstimate:
-    """Returns the first of ``values`` (N,), with the 90 % interval of the others, widened to hold it."""
+    """Returns a figure with its 90 % interval.
+
+    Args:
+        values: (N,) the figure of the estimate, then those of draws. The interval has 5 % of the draws below and above
+            it, and is widened to hold the estimate.
+    """
     low, high = np.quantile(values[1:], INTERVAL_QUANTILES).tolist()
     value = values[0]
     return IntervalEstimate(value, min(low, value), max(high, value))
@@ -450,6 +497,9 @@ def _with_interval(values: Array) -> IntervalEstimate:
 
 def step_from_frequency_response(frequency: Array, closed: Complex, time: Array) -> Array:
     """Returns the response of a closed loop to a step of 1 of its setpoint: 2/π ∫ Re(T) sin(ωt) / ω dω.
+
+    This inverse Fourier transform of a causal, stable response needs its real part only. The integral is a sum over
+    midpoints of even steps of ``FREQUENCY_STEP``, up to the highest frequency.
 
     Args:
         frequency: (F,) Hz.

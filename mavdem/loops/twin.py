@@ -101,8 +101,9 @@ class Twin(ImmutableResult):
     def slope(self) -> float:
         """Slope of one motor's thrust by the share of its range, in hover, N.
 
-        With u the command, it is m g / 4 · (1 − e + 2 e u) / (u (1 − e + e u)), over what is between the ends of
-        thrust.
+        In hover, each of four motors carries T = m g / 4. By the thrust curve c u (1 − e + e u) of command u, its slope
+        is dT/du = T (1 − e + 2 e u) / (u (1 − e + e u)). The command goes from 0 to 1 over a part of the range only,
+        so that the slope by the share of the range is larger by 1 / (spin_max − spin_min).
         """
         spin_min, spin_max = self.spin
         relative_thrust = self.command * (1 - self.expo + self.expo * self.command)
@@ -144,9 +145,11 @@ def build_twin(
     known_mass = mass or TYPICAL_MASS
     arm = _arm(controller.parameters, known_mass)
     control = _control_parameters(controller.parameters, "px4" if px4 else "ardupilot")
+    # Columns of the dynamics are damping, lag and delay, and row 0 is the estimate.
     lags_and_delays = [loop.dynamics[0, 1:] for axis, loop in loops.items() if axis != "yaw"]
     # The simulator holds its output over a cycle: half of that is in the identified delay.
     lag, delay = (np.mean(lags_and_delays, axis=0) - [0.0, control.loop_period / 2]).tolist()
+    # Where no loop of pitch is known, it is like roll; without one of yaw, yaw is undamped.
     damping = {"pitch": roll.plant.damping, "yaw": 0.0}
     for axis, loop in loops.items():
         damping[axis] = loop.plant.damping
@@ -183,9 +186,14 @@ class _Arm(NamedTuple):
 
 
 def _arm(parameters: Parameters, mass: float) -> _Arm:
-    """Returns where the motors of a quadrotor of this ``mass``, kg, are, by PX4's ``CA_ROTORn_PX`` and ``PY``.
+    """Returns where the motors of a quadrotor are, by PX4's ``CA_ROTORn_PX`` and ``PY``, or else by its mass.
 
-    Positions whose largest is 1 are normalised and no metres: they do not count.
+    Positions count only if all are there. Those whose largest is exactly 1 are normalised and no metres: they do not
+    count either.
+
+    Args:
+        parameters: of the autopilot, by name.
+        mass: kg, by which the arm is assumed (``ARM_PER_ROOT_MASS``) where the parameters do not have it.
     """
     motors = range(MOTOR_COUNT)
     forward = [parameters.get(f"CA_ROTOR{motor}_PX", 0.0) for motor in motors]
@@ -210,7 +218,15 @@ class _ControlParameters(NamedTuple):
 
 
 def _control_parameters(logged: Parameters, autopilot: str) -> _ControlParameters:
-    """Returns the control of the ``logged`` parameters, with the rate of a loop that the simulation can fly."""
+    """Returns the control of the logged parameters, as the simulation can fly it.
+
+    A rate loop that is faster than ``MAX_LOOP_RATE`` is slowed down to that. The mixer's geometry (``CA_*``) is left
+    out, since the twin's own takes its place.
+
+    Args:
+        logged: parameters of the log, by name.
+        autopilot: "px4" or "ardupilot".
+    """
     rate_name = LOOP_RATE_PARAMETERS[autopilot]
     logged_rate = logged.get(rate_name, 0.0) or DEFAULT_LOOP_RATES[autopilot]
     rate = min(logged_rate, MAX_LOOP_RATE)
@@ -223,7 +239,12 @@ def _with_inertia(twin: Twin, loops: LoopsByAxis) -> Twin:
     """Returns the ``twin`` with moments of inertia, and the propellers' moment, from the effectiveness of its loops.
 
     A multirotor is flat, so that its moment of inertia about down is the sum of the two others (perpendicular axis
-    theorem). The loop of yaw shows that moment of inertia over the moment of the propellers, which follows then.
+    theorem). The loop of yaw shows the ratio of that inertia to the propellers' moment (torque over thrust): so the
+    moment follows from the inertia.
+
+    Args:
+        twin: with mass, arm, hover and thrust curve; its inertia is not set yet.
+        loops: by axis; roll must be there. Pitch is like roll where its loop is not known.
     """
     inertia = {axis: _inertia(twin, axis, loop) for axis, loop in loops.items()}
     roll = inertia["roll"]
@@ -239,7 +260,9 @@ def _with_inertia(twin: Twin, loops: LoopsByAxis) -> Twin:
 def _inertia(twin: Twin, axis: str, loop: Loop) -> float:
     """Returns the moment of inertia about an axis, kg m²; that about yaw over the moment of the propellers, kg m.
 
-    It is the torque per demand, lever · thrust slope · Σ |output per demand|, over the angular acceleration per demand.
+    It is torque over angular acceleration, both per demand. The torque per demand is lever · thrust slope · Σ |output
+    per demand|, by the mixer of an X quadrotor with the twin's arm; the acceleration is the identified control
+    effectiveness.
 
     Args:
         twin: with mass, arm, hover and thrust curve.
@@ -247,6 +270,7 @@ def _inertia(twin: Twin, axis: str, loop: Loop) -> float:
         loop: of the axis, with the control effectiveness.
     """
     forward_arm, right_arm = twin.arm
+    # PX4's parameters of an X quadrotor with this arm; ArduPilot takes the frame's class and the weights instead.
     x_frame = {"CA_ROTOR_COUNT": float(MOTOR_COUNT), "FRAME_CLASS": 1.0}
     motor_signs = zip(*TORQUE_SIGNS.values(), strict=True)
     for motor, (left_sign, front_sign, spin_sign) in enumerate(motor_signs):
@@ -258,6 +282,7 @@ def _inertia(twin: Twin, axis: str, loop: Loop) -> float:
     )
     outputs_per_demand = controller.outputs_per_demand([twin.hover] * MOTOR_COUNT)
     total_output = np.abs(outputs_per_demand).sum()
+    # About yaw, the lever of a motor is the propellers' moment, which is not known yet: 1 stands for it.
     lever = {"roll": right_arm, "pitch": forward_arm, "yaw": 1.0}[axis]
     return lever * twin.slope * total_output / loop.effectiveness[0]
 
@@ -295,7 +320,11 @@ def _notes(
 
 
 def _effect_note(loop: Loop) -> Fact:
-    """Returns how certain a control effectiveness is: the half width of its 90 % interval, as a fraction."""
+    """Returns the note on how certain a loop's control effectiveness is.
+
+    Its ``share`` is the half width of the 90 % interval over the estimate. It is biased where the identification of the
+    plant says so.
+    """
     half_width = coverage_factor() * np.std(loop.effectiveness)
     return Fact(
         Twins.EFFECT_NOTE,

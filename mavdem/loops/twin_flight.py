@@ -52,8 +52,15 @@ class ReplaySegment(NamedTuple):
 def replay_segments(loops: LoopsByAxis) -> dict[str, ReplaySegment]:
     """Returns by axis the longest segment of a flight, where its setpoints were recorded.
 
-    Pitch and yaw are there where they were learned from the same segments as roll; yaw only where it was steered.
-    Without setpoints of roll there are none.
+    The twin flies all axes at once, so they must be of the same time. That is roll's longest segment, cut at
+    ``MAX_REPLAY_SECONDS``. Pitch and yaw are there where they were learned from the same segments as roll; yaw only
+    where it was steered.
+
+    Args:
+        loops: by axis; roll must be there.
+
+    Returns:
+        The segment of each axis; empty without setpoints of roll.
     """
     roll = loops["roll"].record
     longest = np.argmax(roll.lengths)
@@ -84,6 +91,7 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
     Returns:
         None where too few setpoints were recorded, or yaw was not steered.
     """
+    # Outputs are angle and rate of roll and pitch, and the rate alone of yaw.
     record = loop.record
     outputs = record.outputs[rows]
     if loop.axis == "yaw":
@@ -100,6 +108,7 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
     angle, rate = columns
     correction = loop.controller.angle_gain * (angle - outputs[:, 0])
     feed_forward = np.gradient(angle, record.dt)
+    # The nearest has the least standard deviation from the recorded setpoint.
     candidates = (feed_forward, correction + feed_forward, correction)
     distances = [np.std(rate - candidate) for candidate in candidates]
     lacks_correction = loop.controller.is_ardupilot and np.argmin(distances) == 0
@@ -109,7 +118,17 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
 
 
 def _setpoints(loop: Loop, rows: slice, names: Sequence[str]) -> list[Array] | None:
-    """Returns (T,) each setpoint of these ``names``, interpolated; None where one was not recorded most of the time."""
+    """Returns setpoints of a record in some of its rows, interpolated between messages.
+
+    Args:
+        loop: with the record.
+        rows: of the record, T of them.
+        names: of the setpoints, as "roll setpoint".
+
+    Returns:
+        (T,) each; None where one of them does not exist, or all together were recorded in less than
+        ``MIN_SETPOINT_SHARE`` of the rows.
+    """
     record = loop.record
     if record.setpoints is None or not set(names) <= set(record.setpoint_names):
         return None
@@ -128,7 +147,15 @@ def _setpoints(loop: Loop, rows: slice, names: Sequence[str]) -> list[Array] | N
 def compare_twin_with_flight(twin: Twin, loops: LoopsByAxis) -> dict[str, dict[str, list[float]]]:
     """Returns by axis the figures of the recorded flight and of its twin's, as :func:`motion_figures`.
 
-    Empty without setpoints of roll.
+    The wind of the recorded flight is not known in time, only its spectrum. So the twin flies ``TWIN_FLIGHTS`` times in
+    other wind of that spectrum, and figures are compared instead of time series.
+
+    Args:
+        twin: of the vehicle.
+        loops: by axis, with the records of the flight.
+
+    Returns:
+        By axis; empty without setpoints of roll.
 
     Raises:
         NotLearnable: the twin cannot fly.
@@ -148,6 +175,8 @@ def fly_twin(
     twin: Twin, loops: LoopsByAxis, segments: Mapping[str, ReplaySegment], seed: int = 0
 ) -> Array:
     """Flies the ``twin`` on the setpoints of a flight, in wind torque of the spectra that its loops were learned with.
+
+    Axes without a segment keep a setpoint of 0, in still air.
 
     Args:
         twin: of the vehicle.
@@ -202,6 +231,9 @@ def _simulated(twin: Twin, dt: float, setpoints: Array, torque: Array, seed: int
 def wind_torque_realisation(loop: Loop, samples: int, rng: np.random.Generator) -> Array:
     """Returns a Gaussian wind torque with the spectral density that was learned with a ``loop``.
 
+    Independent normal Fourier coefficients of the right variance are transformed back to time. With n samples of step
+    dt, a one-sided density S asks for real and imaginary parts of variance S n / (4 dt) each.
+
     Args:
         loop: with plant and time step.
         samples: how many of the record's time steps.
@@ -238,12 +270,13 @@ def motion_figures(
 
     dt = loop.record.dt
     outputs = recorded.shape[1]
-    # (M, T, 2 or 1): the recorded motion first.
+    # Shape (M, T, 2 or 1): the recorded motion first. Of yaw, only the rate of the simulated ones is taken.
     motions = np.array([recorded, *(motion[:, -outputs:] for motion in simulated)])
     motions = motions[:, round(SETTLING_SECONDS / dt) :]
     angles, rates = motions[..., 0], motions[..., -1]
     window = int(min(SPECTRUM_WINDOW_SECONDS / dt, motions.shape[1] / 2))
     frequency, density = welch(rates, 1 / dt, nperseg=window, detrend=detrend)
+    # Band 0 is below the first edge, and the last one above the last edge: both are left out.
     bands = np.digitize(frequency, RATE_BANDS)
     level_by_band = np.array(
         [density[:, bands == band].mean(axis=1) for band in range(1, len(RATE_BANDS))]
@@ -256,6 +289,7 @@ def motion_figures(
         figures["lean"] = degrees.mean(axis=1)
         figures["sway"] = degrees.std(axis=1)
     result = {"levels": (10 * np.log10(level_ratio)).tolist()}
+    # Of each figure, that of the recorded motion and the mean of the simulated ones.
     for name, values in figures.items():
         result[name] = [values[0], values[1:].mean()]
     return result

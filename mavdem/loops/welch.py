@@ -136,6 +136,7 @@ def resampled_signals(
     Returns:
         None where a signal is slower than ``min_rate``, or there is no piece of ``min_seconds``.
     """
+    # A piece is an interval in which no signal has a gap: the intersection of the intervals of all of them.
     rate = min(max_rate, *map(rate_between_outages, signals))
     if rate < min_rate:
         return None
@@ -159,15 +160,31 @@ def resampled_signals(
 
 
 def half_overlapping_windows(values: Array, size: int) -> Array:
-    """Returns windows (…, W, size) of ``values`` (…, N), each beginning ``size // 2`` samples after the last."""
+    """Returns windows of ``values``, each beginning half a window after the last.
+
+    Args:
+        values: (…, N) samples, N at least ``size``.
+        size: samples of a window.
+
+    Returns:
+        (…, W, size) views of the values, not copies.
+    """
     windows = np.lib.stride_tricks.sliding_window_view(values, size, axis=-1)
     return windows[..., :: size // 2, :]
 
 
 def windowed_transforms(values: Array, size: int) -> Complex:
-    """Returns the Fourier transforms (…, W, F) of half-overlapping windows of ``values`` (…, N).
+    """Returns the Fourier transforms of half-overlapping windows.
 
-    Each window of ``size`` samples is taken about its mean and through Hann's window; F = size // 2 + 1.
+    Each window is taken about its mean and through Hann's window, so that neither a constant nor the ends of the window
+    leak into other frequencies.
+
+    Args:
+        values: (…, N) samples, N at least ``size``.
+        size: samples of a window.
+
+    Returns:
+        (…, W, F) complex transforms at F = size // 2 + 1 frequencies.
     """
     windows = half_overlapping_windows(values, size)
     centred = windows - windows.mean(axis=-1, keepdims=True)

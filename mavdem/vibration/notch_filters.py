@@ -45,12 +45,20 @@ def notch_advice(
 ) -> Fact:
     """Returns the notch filter to set on the strongest line of motors or frame, or why there is none.
 
+    A notch costs phase, and with it stability margin. So one is advised only for a line that makes at least
+    ``MIN_NOISE_SHARE`` of the noise that passes the filters which are set. Noise counts above all frequencies at which
+    rate loops work (``MAX_LOOP_FREQUENCY``).
+
     Args:
         controller: with the filters of the gyro that are set.
         lines: of the gyro's spectrum.
-        unfiltered: spectrum of the gyro before its filters, if it was logged.
+        unfiltered: spectrum of the gyro before its filters, if it was logged; it is preferred.
         filtered: the same behind them, if it was logged.
-        crossover: frequency at which the phase lag of the notch is given, Hz.
+        crossover: frequency of the rate loop, Hz, at which the phase lag of the notch is given; None where it is not
+            known.
+
+    Returns:
+        A fact: the parameters to set, the fraction of the line that they remove and their phase lag; or why not.
     """
     spectrum = unfiltered or filtered
     named = [line for line in lines if line.kind in (LineKind.MOTOR, LineKind.FRAME)]
@@ -61,6 +69,7 @@ def notch_advice(
     if any(abs(notch.frequency - frequency) < notch.bandwidth / 2 for notch in controller.notches):
         return Fact(NotchAdvice.NOTCH_IN_PLACE, frequency=frequency)
     filtered_density = spectrum.total_density.mean(axis=0)
+    # An unfiltered spectrum becomes that behind the filters by the square of their gain.
     if unfiltered is not None:
         gain = abs(gyro_response(controller, spectrum.frequency))
         filtered_density = filtered_density * gain**2
@@ -102,8 +111,9 @@ def _narrowest_notch(
 ) -> _NotchSettings:
     """Returns the notch of the least bandwidth that removes ``MIN_REMOVED_SHARE`` of a line, or else the widest.
 
-    What a notch removes is the sum over all windows. One that follows the motors is where it would have been in each:
-    instead of the notch, the frequencies of the window are moved the other way.
+    Narrow notches cost less phase, but a line wanders. So ``RELATIVE_BANDWIDTHS`` are tried from narrow to wide, each
+    with the power that it would have removed over all W windows of the flight. A notch that follows the motors is where
+    it would have been in each: instead of the notch, the frequencies of the window are moved the other way.
 
     Args:
         controller: with the filters that are set.
@@ -116,6 +126,7 @@ def _narrowest_notch(
     # Shape (W, F): frequencies of each window relative to a notch that stays.
     frequency = spectrum.frequency[is_line] / relative_center[:, None]
     for relative_bandwidth in RELATIVE_BANDWIDTHS:
+        # Rounded to two digits, as somebody would type it.
         bandwidth = float(f"{relative_bandwidth * line.frequency:.2g}")
         settings = _notch_parameters(controller, line, bandwidth)
         static_settings = settings
@@ -123,6 +134,7 @@ def _narrowest_notch(
             # The dynamic notch is not modelled, and acts as the static one where the motors' speed is the median.
             static_settings = _px4_static_notch(line, settings["IMU_GYRO_DNF_BW"])
         changed = controller.with_parameters(static_settings)
+        # The gain of the notch alone is that of all filters with it over that without it.
         gain = abs(gyro_response(changed, frequency) / gyro_response(controller, frequency))
         removed_share = 1 - (power * gain**2).sum() / power.sum()
         if removed_share >= MIN_REMOVED_SHARE:
@@ -133,7 +145,19 @@ def _narrowest_notch(
 def _relative_notch_frequency(
     controller: Controller, line: SpectralLine, spectrum: Spectrum
 ) -> Array:
-    """Returns (W,) the centre of a notch on a ``line`` in each window, by that at the median; 1 for one that stays."""
+    """Returns where the centre of a notch on a line would have been in each window, relative to that at the median.
+
+    It follows the motors' speed where ESCs report it, and so the line has an ``order``; else, in ArduPilot, the root of
+    the throttle. All other notches stay.
+
+    Args:
+        controller: tells which autopilot it is.
+        line: that the notch is to remove.
+        spectrum: with motor speed and throttle of each of W windows.
+
+    Returns:
+        (W,) centre over the centre at the median of speed or throttle; 1 for a notch that stays.
+    """
     if line.kind is LineKind.MOTOR and line.order is not None:
         return spectrum.motor_speed / np.median(spectrum.motor_speed)
     if line.kind is LineKind.MOTOR and controller.is_ardupilot:
@@ -143,9 +167,18 @@ def _relative_notch_frequency(
 
 
 def _notch_parameters(controller: Controller, line: SpectralLine, bandwidth: float) -> Parameters:
-    """Returns the parameters, by name, of a notch on a ``line`` with this ``bandwidth``, Hz.
+    """Returns the parameters of a notch on a line, of the kind of filter that the autopilot has for it.
 
-    PX4's dynamic notch (``IMU_GYRO_DNF_*``) follows the speed that ESCs report; ``HMC`` is its number of harmonics.
+    ArduPilot has one harmonic notch for all cases. PX4's dynamic notch (``IMU_GYRO_DNF_*``) follows the speed that ESCs
+    report; ``HMC`` is its number of harmonics. Without that speed, PX4 has static notches only.
+
+    Args:
+        controller: tells which autopilot it is.
+        line: to remove.
+        bandwidth: of the notch, Hz.
+
+    Returns:
+        Values by the autopilot's name.
     """
     if controller.is_ardupilot:
         return _ardupilot_harmonic_notch(controller, line, bandwidth)
@@ -161,10 +194,19 @@ def _notch_parameters(controller: Controller, line: SpectralLine, bandwidth: flo
 def _ardupilot_harmonic_notch(
     controller: Controller, line: SpectralLine, bandwidth: float
 ) -> Parameters:
-    """Returns the parameters of ArduPilot's harmonic notch on a ``line``, which follows motors by speed or throttle.
+    """Returns the parameters of ArduPilot's harmonic notch on a line.
 
-    ``INS_HNTCH_REF`` is the throttle at which the notch is at ``FREQ``, or a factor of the motors' speed. Bit k − 1 of
-    the mask ``HMNCS`` stands for k times the frequency.
+    A line of the frame gets a fixed notch. One of the motors gets a notch that follows their speed if ESCs report it,
+    so that the line has an ``order``, and else the throttle. ``INS_HNTCH_REF`` is the throttle at which the notch is at
+    ``FREQ``, or a factor of the motors' speed. Bit k − 1 of the mask ``HMNCS`` stands for k times the frequency.
+
+    Args:
+        controller: with the logged throttle in hover.
+        line: to remove.
+        bandwidth: of the notch, Hz.
+
+    Returns:
+        Values by the autopilot's name.
     """
     mode = NotchMode.FIXED
     reference = 1.0

@@ -96,9 +96,14 @@ class Spectrum(ImmutableResult):
 
     @cached_property
     def density_by_throttle(self) -> ArrayPair:
-        """Throttle of L levels (L,), and the total density (L, F) at each; empty where the throttle is not known.
+        """The spectrum by throttle, which shows whether a line moves with the motors.
 
-        L is at most ``THROTTLE_LEVELS``; each is the mean over nearly the same number of windows.
+        Windows are sorted by throttle and divided into L levels, at most ``THROTTLE_LEVELS``, of nearly the same number
+        of windows.
+
+        Returns:
+            (L,) mean throttle of each level, 0 to 1, and (L, F) its mean density of all axes, unit²/Hz. Both are empty
+            where the throttle is not known.
         """
         known_windows = int(np.count_nonzero(np.isfinite(self.throttle)))
         # NaN is sorted to the end.
@@ -111,9 +116,18 @@ class Spectrum(ImmutableResult):
         return levels, densities
 
     def mean_power(self, low: float, high: float) -> float:
-        """Returns the power of all axes between two frequencies, Hz, as the mean over windows, in unit²."""
+        """Returns the power of all axes in a band, the integral of the density over frequency.
+
+        Args:
+            low: lower end of the band, Hz.
+            high: upper end, Hz.
+
+        Returns:
+            Mean over windows, in unit².
+        """
         is_between = (self.frequency >= low) & (self.frequency <= high)
         density_sum = self.total_density[:, is_between].mean(axis=0).sum()
+        # Frequencies are even and begin at 0.
         frequency_step = self.frequency[1]
         return density_sum * frequency_step
 
@@ -129,6 +143,7 @@ def max_decimated(frequency: Array, density: Array, max_points: int) -> ArrayPai
     Returns:
         (P,) mean frequency and (…, P) largest density of each group of neighbours.
     """
+    # Rounded up, so that there are not more groups than points.
     group_size = -(-len(frequency) // max_points)
     points = len(frequency) // group_size
     used = points * group_size
@@ -138,7 +153,9 @@ def max_decimated(frequency: Array, density: Array, max_points: int) -> ArrayPai
 
 
 def vibration_spectra(signals: Signals, segments: Segments) -> dict[str, Spectrum]:
-    """Returns the spectra of a flight by name; of each, those of the messages that show the highest frequency.
+    """Returns the spectra of a flight by name, such as "gyro" or "gyro_before" (``SENSOR_MESSAGES``).
+
+    Several messages may have the same quantity, at different rates. The one that shows the highest frequency counts.
 
     Args:
         signals: of the vehicle.
@@ -200,8 +217,9 @@ def _recorded_samples(signals: Signals) -> Iterator[_Samples]:
 def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectrum | None:
     """Returns the spectrum of ``samples`` in ``segments`` of a flight, by windows without gaps.
 
-    Samples are interpolated at even times first, since stamps are rounded. Throttle and motor speed are averaged over
-    each window.
+    The method is Welch's, without the mean over windows, which are needed one by one: spectral lines move with the
+    throttle. Samples are interpolated at even times first, since stamps are rounded. Throttle and motor speed are
+    averaged over each window.
 
     Args:
         samples: of one sensor, about or along three axes.
@@ -232,6 +250,7 @@ def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectr
         even_time = np.linspace(time[0], time[-1], len(rows))
         values = interpolated(even_time, time, series.values[rows])
         frequency, middles, density = spectrogram(values.T, 1 / usual_step, "hann", size, size // 2)
+        # The middles of the windows are counted from the first sample.
         times.append(even_time[0] + middles)
         densities.append(density)
     if sum(map(len, times)) < MIN_WINDOWS:
@@ -251,7 +270,7 @@ def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectr
 
 
 def _unit(name: str) -> str:
-    """Returns the unit of the samples of the spectrum of this ``name``."""
+    """Returns the unit of the samples of the spectrum of this ``name``; D term and demand have none, "1"."""
     if "gyro" in name:
         return "rad/s"
     if "accelerometer" in name:
@@ -268,16 +287,25 @@ def _rows_without_gaps(series: TimeSeries, segments: Segments, max_gap: float) -
 
 
 def _window_means(series: TimeSeries | None, middles: Array, segments: Segments) -> Array:
-    """Returns (W,) means of a ``series`` over the windows about each of ``middles`` (W,), s.
+    """Returns the mean of a series over each window of ``WINDOW_SECONDS``.
 
-    NaN in windows without a value, and in all of them where there is no series or ``segments`` are of several boots.
+    A mean is the difference of two cumulative sums over the number of values between, which is fast for many windows.
+
+    Args:
+        series: of positive values; None where the log has none.
+        middles: (W,) middle of each window, s.
+        segments: of the flight that the windows are of.
+
+    Returns:
+        (W,) NaN in windows without a value, and in all of them where there is no series, or segments are of several
+        boots, in which the same time may occur twice.
     """
     boots = {segment.boot for segment in segments}
     if series is None or len(boots) > 1:
         return np.full(len(middles), np.nan)
     is_of_boot = np.isin(series.boot, list(boots))
     cumulative = np.append(0.0, np.cumsum(series.values[is_of_boot]))
-    # First row of each window, and the one after its last.
+    # (2, W) first row of each window, and the one after its last.
     half_window = np.array([[-WINDOW_SECONDS / 2], [WINDOW_SECONDS / 2]])
     bounds = np.searchsorted(series.time[is_of_boot], middles + half_window)
     counts = np.ptp(bounds, axis=0)
@@ -287,10 +315,18 @@ def _window_means(series: TimeSeries | None, middles: Array, segments: Segments)
 
 
 def _motor_speed(signals: Signals) -> TimeSeries | None:
-    """Returns the speed of each motor that turns, one after another in time, in turns per second; None without ESCs."""
+    """Returns the speeds that ESCs report, of all motors in one series by time.
+
+    Each sample is of one motor. Means over a window are thus means over the motors too. Motors that stand still do not
+    count.
+
+    Returns:
+        Turns per second; None where the log has no messages of ESCs.
+    """
     logged = signals.telemetry.messages.get("ESC")
     if logged is None:
         return None
+    # The last key is the first to sort by: boot, then time.
     order = np.lexsort((logged["time"], logged["boot"]))
     is_turning = logged["RPM"][order] > 0
     rows = order[is_turning]

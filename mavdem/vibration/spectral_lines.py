@@ -111,6 +111,7 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
         for peak in peaks.tolist():
             if frequency[peak] >= MIN_LINE_FREQUENCY:
                 candidates.append(_line_near(spectrum, windows, frequency[peak]))
+    # One line is found along several exponents.
     lines = _distinct(candidates)
     named = [line for line in lines if line.kind is not LineKind.UNNAMED]
     highest_ratio = max((line.ratio for line in named), default=0.0)
@@ -124,7 +125,11 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
 
 
 def _distinct(candidates: Sequence[SpectralLine]) -> list[SpectralLine]:
-    """Returns the lines that exceed ``MIN_LINE_RATIO``, the strongest first, without others near a stronger one."""
+    """Returns the lines among the candidates, the strongest first.
+
+    Candidates are left out that do not exceed ``MIN_LINE_RATIO``, and those within ``MIN_SEPARATION`` of a stronger
+    line, which are that line once more.
+    """
     lines = list[SpectralLine]()
     for candidate in sorted(candidates, key=lambda line: -line.ratio):
         is_separate = all(
@@ -160,6 +165,7 @@ class _LogSpectra:
         Returns:
             (…, W) the higher of the two bins between which the frequency lies.
         """
+        # The bin below each frequency; the last one has a neighbour above it.
         bins = (frequencies / self.frequency_step).astype(int)
         low = np.clip(bins, 0, len(self.frequency) - 2)
         rows = np.arange(len(self.log_density))
@@ -168,7 +174,17 @@ class _LogSpectra:
         return np.maximum(below, above)
 
     def aligned_mean(self, exponent: float) -> Array:
-        """Returns (F,) the mean of the logarithmic spectra, each stretched so that a line of this exponent stays."""
+        """Returns the mean of the logarithmic spectra, each stretched so that a line of one exponent stays in place.
+
+        A line at f s_w^γ in window w is at f in the stretched spectrum, whatever the drive s_w is. So it adds up, while
+        lines of other exponents are smeared.
+
+        Args:
+            exponent: γ, by which the line moves with the drive.
+
+        Returns:
+            (F,) at the frequencies of the spectra.
+        """
         aligned = [
             np.interp(self.frequency * drive**exponent, self.frequency, log_density)
             for drive, log_density in zip(self.drive, self.log_density, strict=True)
@@ -179,7 +195,8 @@ class _LogSpectra:
 def _log_spectra(spectrum: Spectrum) -> _LogSpectra:
     """Returns the logarithmic spectra of a ``spectrum``'s windows, with the drive of each.
 
-    The drive is the motors' speed where it is known throughout, else the throttle, and else constant.
+    The drive is what lines of motors move with: the motors' speed where it is known in all windows, else the throttle,
+    and else constant, 1. Logarithms make strong windows count no more than others.
     """
     log_density = np.log(np.maximum(spectrum.total_density, SMALLEST_POSITIVE))
     relative_drive = np.ones(len(spectrum.time))
@@ -206,10 +223,15 @@ class _Track(NamedTuple):
 
 
 def _track(windows: _LogSpectra, frequency: float) -> _Track:
-    """Returns how the line near a ``frequency``, Hz, moves, with that frequency found more exactly.
+    """Returns how a line moves through the windows, with its frequency found more exactly.
 
-    It is the vertex of the parabola through the highest bin and its neighbours. The search is done twice, since the
-    best exponent moves the line.
+    The exponent is the one of ``EXPONENTS`` along which the windows are highest in the mean. The spectra are aligned by
+    it, and the frequency is the vertex of the parabola through the highest bin of their mean and its neighbours. All
+    this is done twice, since with another exponent the line lies a little elsewhere.
+
+    Args:
+        windows: the logarithmic spectra.
+        frequency: near which the line is at the median drive, Hz.
     """
     for _ in range(2):
         scores = windows.along(frequency * windows.drive ** EXPONENTS[:, None])
@@ -218,33 +240,41 @@ def _track(windows: _LogSpectra, frequency: float) -> _Track:
         nearest = round(frequency / windows.frequency_step)
         first = max(nearest - TOP_SEARCH_BINS, 1)
         end = min(nearest + TOP_SEARCH_BINS + 1, len(mean) - 1)
+        # Rows have a neighbour on each side.
         rows = np.arange(first, end)
         top = rows[np.argmax(mean[rows])]
         before, highest, after = mean[top - 1 : top + 2].tolist()
         curvature = before - 2 * highest + after
+        # From the highest bin, in bins; a parabola that is open upwards has no vertex of use.
         offset = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
         frequency = (top + offset) * windows.frequency_step
     return _Track(exponent, scores, mean, top, frequency)
 
 
 def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> SpectralLine:
-    """Returns the line near a ``frequency``, Hz; its ratio is 0 where it is in too few windows to be one.
+    """Returns the line at a peak of a mean spectrum, with its kind, height and width.
+
+    A mean may have a peak where lines of single windows cross, or by one strong window. A true line rises above its
+    surroundings in at least ``MIN_PRESENCE`` of the windows. The ratio of a peak that does not is set to 0, so that it
+    is left out later.
 
     Args:
         spectrum: of the line.
-        windows: of that spectrum.
-        frequency: of a peak of a mean spectrum.
+        windows: the logarithmic spectra of that spectrum.
+        frequency: of the peak, Hz.
     """
     track = _track(windows, frequency)
     kind = _kind(track)
     is_slow = spectrum.nyquist_frequency < SLOW_NYQUIST_FREQUENCY
     if kind is LineKind.MOTOR and track.exponent > MAX_SLOW_SPECTRUM_EXPONENT and is_slow:
         kind = LineKind.UNNAMED
+    # Height of the top, and of what is around it, as natural logarithms of densities.
     height = float(track.mean[track.top])
     surrounding_bins = max(MIN_SURROUNDING_BINS, round(SURROUNDING_WIDTH * track.top))
     first = max(track.top - surrounding_bins, 0)
     base = np.median(track.mean[first : track.top + surrounding_bins + 1])
     heights = windows.along(track.frequency * windows.drive**track.exponent)
+    # In a window, half of the needed ratio, in decibels, is enough, since single windows are noisy.
     presence = np.mean(heights > base + np.log(MIN_LINE_RATIO) / 2)
     order = None
     if np.isfinite(spectrum.motor_speed).all() and kind is LineKind.MOTOR:
@@ -261,7 +291,12 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
 
 
 def _bins_above(track: _Track, level: float) -> int:
-    """Returns how many bins about the top of a line are above a ``level`` of the mean logarithmic spectrum."""
+    """Returns how many neighbouring bins about the top of a line are above a level: its width.
+
+    Args:
+        track: of the line, with the mean logarithmic spectrum.
+        level: natural logarithm of a density.
+    """
     is_below = track.mean[: track.top] <= level
     last_below = np.flatnonzero(is_below).max(initial=0)
     # A last value below all levels ends a line that reaches to the highest frequency.
@@ -272,8 +307,11 @@ def _bins_above(track: _Track, level: float) -> int:
 def _kind(track: _Track) -> LineKind:
     """Returns what makes a line; unnamed where an exponent of another kind fits nearly as well as its own.
 
-    Exponents are compared by the mean difference of the windows' logarithmic densities, with its standard error.
+    Each kind has a range of exponents. The best exponent of every other kind is a rival. The two are compared by the
+    mean over windows of the difference of their logarithmic densities: the name is given only if the line's own
+    exponent is better by ``SIGNIFICANT_SIGMAS`` standard errors of that mean than every rival.
     """
+    # (E,) kind of each exponent.
     kinds = np.array(
         [_kind_of_exponent(exponent, track.frequency) for exponent in EXPONENTS.tolist()]
     )
@@ -290,7 +328,13 @@ def _kind(track: _Track) -> LineKind:
 
 
 def _kind_of_exponent(exponent: float, frequency: float) -> LineKind:
-    """Returns what makes a line that moves with this ``exponent``, at a ``frequency``, Hz."""
+    """Returns what makes a line that moves with the drive to the power of an exponent.
+
+    Args:
+        exponent: γ. What stays (0) is of the frame; what rises as motors can is of motors; what falls or rises faster
+            is an alias. Exponents between these ranges have no name.
+        frequency: of the line, Hz.
+    """
     if FRAME_EXPONENTS[0] <= exponent <= FRAME_EXPONENTS[1]:
         # A slow line that stays may be the loop's own resonance.
         return LineKind.FRAME if frequency > MAX_LOOP_FREQUENCY else LineKind.UNNAMED
@@ -305,7 +349,7 @@ def _with_harmonics(lines: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
     """Returns ``lines`` without the harmonics of motors, the strongest first.
 
     A line at a multiple of a motor's frequency is added to that line's ``harmonics`` instead, unless it is of the
-    frame.
+    frame. Lines are gone through by rising frequency, so that a fundamental comes before its harmonics.
     """
     fundamentals = list[SpectralLine]()
     for line in sorted(lines, key=lambda line: line.frequency):
@@ -320,7 +364,15 @@ def _with_harmonics(lines: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
 
 
 def _fundamental_of(line: SpectralLine, fundamentals: Sequence[SpectralLine]) -> int | None:
-    """Returns the index of the first of a motor's ``fundamentals`` of which a ``line`` is a harmonic; None without."""
+    """Returns which of several fundamentals a line is a harmonic of.
+
+    Args:
+        line: of a higher frequency.
+        fundamentals: lines of lower frequency; only those of motors have harmonics.
+
+    Returns:
+        Index of the first that fits; None where none does.
+    """
     for index, fundamental in enumerate(fundamentals):
         if fundamental.kind is LineKind.MOTOR and _multiple(fundamental, line):
             return index

@@ -33,6 +33,10 @@ def reported_vibration(signals: Signals) -> ReportedVibration | None:
     """Returns the vibration that the autopilot reports; None if it was not recorded, or is 0 throughout.
 
     ArduPilot reports three axes of each IMU, PX4 one level for all axes, in the field of z (``streams/VIBRATION.hpp``).
+    Clipping is reported as counters since boot, of which the differences are returned.
+
+    Args:
+        signals: of the vehicle.
     """
     is_px4 = signals.telemetry.autopilot == "PX4"
     level_fields = LEVEL_FIELDS[-1:] if is_px4 else LEVEL_FIELDS
@@ -43,6 +47,7 @@ def reported_vibration(signals: Signals) -> ReportedVibration | None:
     all_levels = columns.get("levels", float_columns(columns, level_fields))
     table = np.column_stack([all_levels, float_columns(columns, CLIPPING_FIELDS)])
     samples = clean_series(columns, table)
+    # The last columns are the counters of clipping, those before are levels.
     levels, counts = np.split(samples.values, [-len(CLIPPING_FIELDS)], axis=1)
     # A firmware without the measurement may send zeros.
     if not levels.any():
