@@ -1,4 +1,4 @@
-"""Estimation of the physical parameters of an axis from a whole flight, cut into windows of about 7 s.
+"""Estimation of an axis' motor effectiveness, damping, motor lag and delay from a whole flight (gray-box model).
 
 Effect, damping, lag and delay are the same in all windows; trim, and the level of wind torque and noise, are each
 window's own. Method and limits: docs/physical.md.
@@ -30,9 +30,16 @@ from mavdem.plant.identifiability import (
     identifiability,
 )
 from mavdem.plant.likelihood import GrayBoxModel
-from mavdem.plant.parameters import Physical, combined_with_earlier_flight, parameter_gradient
+from mavdem.plant.parameters import (
+    DAMPING,
+    EFFECTS,
+    LAG,
+    Physical,
+    combined_with_earlier_flight,
+    parameter_gradient,
+)
 from mavdem.plant.sampled_plant import WindComponent
-from mavdem.plant.windows import REFINEMENTS, FlightWindows, cut_windows
+from mavdem.plant.windows import REFINEMENT_CHANNEL, REFINEMENTS, FlightWindows, cut_windows
 from mavdem.unit_errors import suspected_unit_error
 
 MAX_SELECTION_WINDOWS = 10
@@ -85,10 +92,17 @@ def physical(train: TrainingData, prior: Physical | None = None) -> Physical | N
 
 
 def _mixer_directions(record: Record) -> Array | None:
-    """Returns the relative effect of each motor on the axis (r,), or ``None`` where it is not known.
+    """Returns how strongly each motor turns the vehicle about the axis, relative to the others.
 
-    A mixer that the record does not have is recognised by the joint model of motors and motion, if that finds the
-    pattern of an X or plus frame: effects of one magnitude, or 0.
+    The record has it where the vehicle's mixer is known. Otherwise the mixer is estimated by the joint model of motors
+    and motion (:func:`axis_mixer`). That estimate is only used if it is the pattern of an X or plus frame, whose motors
+    all have effects of one magnitude, or none: then it is not a chance result.
+
+    Args:
+        record: inputs and outputs of the flight.
+
+    Returns:
+        Relative effects (r,) of the r inputs, with sign; ``None`` where the mixer is neither known nor recognised.
     """
     if record.effect_directions is not None or record.inputs.shape[1] < MIN_MOTORS:
         return record.effect_directions
@@ -103,6 +117,9 @@ def _estimate_parameters(
     windows: FlightWindows, directions: Array | None, prior: Physical | None
 ) -> Physical:
     """Estimates the physical parameters from windows of a flight.
+
+    The form of the model is chosen on at most ``MAX_SELECTION_WINDOWS`` of them, to save time. The chosen model is then
+    fitted to all windows, and the result combined with that of an earlier flight.
 
     Args:
         windows: windows of the flight.
@@ -123,9 +140,22 @@ def _estimate_parameters(
 
 
 def _select_model(windows: FlightWindows, directions: Array | None) -> _SelectedModel:
-    """Selects the spectrum of the wind torque and the refinements with the largest evidence, on a part of the windows.
+    """Selects the form of the gray-box model with the largest evidence, on a part of the windows.
 
-    A refinement is added where the evidence rises. It is fitted only if strong evidence for it is predicted at all.
+    The form has two parts: the spectrum of the wind torque, one of ``WIND_SPECTRA``, and any of the ``REFINEMENTS``.
+    Refinements are tried one after the other, and kept where the evidence rises. To save time, one is fitted only if
+    the slope of the posterior predicts a gain of at least ``STRONG_EVIDENCE_NATS``.
+
+    Args:
+        windows: all windows of the flight; at most ``MAX_SELECTION_WINDOWS`` of them, evenly spread, are used.
+        directions: relative effect of each input (r,), or ``None`` where it is not known.
+
+    Returns:
+        The best fit; and how much mean effect, damping and lag differ between the spectra, as a measure of the error
+        by a wrong spectrum.
+
+    Raises:
+        ValueError: no spectrum has a finite likelihood.
     """
     count = len(windows.rate)
     selection = np.linspace(0, count - 1, min(count, MAX_SELECTION_WINDOWS)).round().astype(int)
@@ -134,7 +164,8 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
     fits = []
     for wind in WIND_SPECTRA:
         candidate = model._replace(wind=wind)
-        # Each fit begins where the last one ended; components that it adds to the wind torque begin at the prior.
+        # Each fit begins where the last one ended. Noise is the last entry of θ, behind those of the wind torque, so a
+        # component that this spectrum adds comes just before it, and begins at the prior.
         initial, _ = candidate.prior
         initial[: len(start) - 1] = start[:-1]
         initial[-1] = start[-1]
@@ -157,7 +188,17 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
 
 
 def _plant_values(model: GrayBoxModel, theta: Array, dt: float) -> Array:
-    """Returns effect of each input, damping, lag and delay (r + 3,) for θ (k,), with samples every dt seconds."""
+    """Converts the parameters of the fit, which are mostly logarithms, to physical ones.
+
+    Args:
+        model: the gray-box model, which says what the entries of θ are.
+        theta: parameters θ of the fit (k,).
+        dt: time step of the samples, s, which bounds the lag below.
+
+    Returns:
+        Effect of each input (rad/s² per standard deviation of the inputs), damping (1/s), lag (s) and delay (s), as one
+        vector (r + 3,).
+    """
     effect = model.effect(theta)
     damping = model.damping(theta)
     lag = model.lag(theta, dt)
@@ -166,7 +207,7 @@ def _plant_values(model: GrayBoxModel, theta: Array, dt: float) -> Array:
 
 def _log_estimates(values: Array) -> Array:
     """Returns the logarithms (3,) of mean effect, damping and lag, for effects, damping, lag and delay (r + 3,)."""
-    return np.log([abs(values[:-3]).mean(), *values[-3:-1]])
+    return np.log([abs(values[EFFECTS]).mean(), values[DAMPING], values[LAG]])
 
 
 def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) -> Physical:
@@ -297,18 +338,32 @@ def _with_omission_errors(
 
 
 def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
-    """Returns the share of the wind torque in the variance of wind and motor torque, in ``MOTION_BAND_HZ``.
+    """Returns how much of the torque that moved the vehicle was wind, by the fitted model.
 
-    Torque is the rate times |jω + damping|. Windows count inversely to their level, as in the fit.
+    The inputs are correlated with the wind torque, because the autopilot counters it. So the larger this share, the
+    more a wrong model of the wind biases the effect of the motors.
+
+    The motors' part of the rate follows from the inputs by the model; the rest is taken for wind. Both are converted to
+    torque per inertia, which is |jω + damping| times the rate, and compared in ``MOTION_BAND_HZ``, where multirotors
+    move. Each window is weighted by the inverse square of its level, as in the fit.
+
+    Args:
+        fit: the fit of the gray-box model.
+        windows: the W windows that were fitted, with F frequencies.
+
+    Returns:
+        Variance of the wind torque over the sum of it and that of the motors' torque, 0 to 1.
     """
+    # The taper leaves out the first and the last frequency.
     omega = windows.omega[1:-1]
     low, high = MOTION_BAND_HZ
     in_band = (2 * np.pi * low <= omega) & (omega <= 2 * np.pi * high)
     torque_per_rate = np.hypot(omega, fit.model.damping(fit.theta)) * in_band
 
     def power(rate: ComplexArray) -> float:
-        torque = abs(torque_per_rate * _tapered(rate)) ** 2
-        return float(np.mean(np.sum(torque, axis=1) / fit.levels**2))
+        # The common factor of the transforms cancels in the ratio.
+        squared_torque = abs(torque_per_rate * _tapered(rate)) ** 2
+        return float(np.mean(np.sum(squared_torque, axis=1) / fit.levels**2))
 
     rate_by_motors = fit.model.rate_by_motors(fit.theta[None], windows)[0]
     wind_power = power(windows.rate - rate_by_motors)
@@ -317,11 +372,20 @@ def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
 
 
 def _alias_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
-    """Returns the share of the commanded torque's variance that lies above half of the Nyquist frequency."""
+    """Returns the share of the commanded torque's variance that lies above half of the Nyquist frequency.
+
+    Commands that fast have parts beyond the Nyquist frequency too, which the samples miss.
+
+    Args:
+        fit: the fit, whose effects turn the inputs into torque.
+        windows: windows of the flight.
+    """
     # The first two channels add up to the inputs.
-    commands = np.einsum("crwf,r->wf", windows.inputs[:2], fit.model.effect(fit.theta))
+    whole_inputs = windows.inputs[:REFINEMENT_CHANNEL]
+    commands = np.einsum("crwf,r->wf", whole_inputs, fit.model.effect(fit.theta))
     power = abs(_tapered(commands)) ** 2
-    return power[:, power.shape[1] // 2 :].sum() / power.sum()
+    half_nyquist = power.shape[1] // 2
+    return power[:, half_nyquist:].sum() / power.sum()
 
 
 def _tapered(transform: ComplexArray) -> ComplexArray:

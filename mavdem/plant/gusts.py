@@ -85,6 +85,9 @@ def detect_gusts(
         band: half width of its 90 % band (T,), rad/s²; a gust is at least twice as large.
         record: the samples' time step and segments.
         min_duration: least duration of a gust, s.
+
+    Returns:
+        The gusts, the threshold, and the rate of false gusts.
     """
     width = round(RUNNING_LEVEL_SECONDS / record.dt)
     deviation = torque - _running_level(torque, record, width)
@@ -94,11 +97,13 @@ def detect_gusts(
     if sd == 0.0 or error_variance > MAX_ERROR_SHARE * np.var(torque):
         return GustDetection((), threshold, 0.0)
 
+    # Rice's rate of crossings of a level of c standard deviations, upwards at +c and downwards at −c, is
+    # 2 · (slope_sd / sd) / 2π · exp(−c²/2) per second.
     slope_sd = float(np.median(abs(np.diff(deviation)))) / coverage_factor(0.5) / record.dt
     exceedance = float(np.exp(-(GUST_THRESHOLD**2) / 2))
     false_per_minute = 2 * 60 * slope_sd / sd / (2 * np.pi) * exceedance
 
-    # A gust ends where the deviation changes its sign, and at a gap.
+    # Excursions are stretches beyond the end threshold on one side. They also end at a gap between segments.
     signs = np.sign(deviation) * (abs(deviation) > END_THRESHOLD_SHARE * GUST_THRESHOLD * sd)
     sign_changes = 1 + np.flatnonzero(np.diff(signs))
     edges = sorted({0, len(deviation), *sign_changes.tolist(), *record.segment_starts.tolist()})
@@ -116,10 +121,19 @@ def detect_gusts(
 
 
 def _running_level(torque: Array, record: Record, width: int) -> Array:
-    """Returns the running median (T,) of a torque (T,) over so many samples, in each segment by itself."""
+    """Returns the level about which the wind torque fluctuates: its running median, which short gusts hardly move.
+
+    Args:
+        torque: wind torque (T,), rad/s².
+        record: the segments; the median does not reach across a gap between them.
+        width: number of samples of the median; less in a shorter segment.
+
+    Returns:
+        Level (T,), rad/s².
+    """
     levels = []
     for segment in np.split(torque, record.segment_starts[1:]):
-        # The width of a median filter must be odd.
+        # A median filter about each sample needs an odd width; setting the last bit rounds an even one up.
         odd_width = min(len(segment), width) | 1
         levels.append(median_filter(segment, odd_width))
     return np.concatenate(levels)

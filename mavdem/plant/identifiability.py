@@ -174,6 +174,9 @@ def identifiability(
     The worst obstacle of a parameter decides. Damping and lag are no better than the effect, because a wrong effect is
     compensated by a wrong lag.
 
+    Args:
+        figures: figures of the fit that are compared with the limits of this module.
+
     Returns:
         Status by parameter name; and reason by parameter name, ``None`` where the parameter is reported.
     """
@@ -183,6 +186,7 @@ def identifiability(
         obstacles = [
             obstacle for obstacle in _obstacles(name, figures) if obstacle.status != Status.REPORTED
         ]
+        # The effect comes first in PARAMETERS, so its status is known when damping and lag are judged.
         effect_status = statuses.get("effect", Status.REPORTED)
         found_statuses = [obstacle.status for obstacle in obstacles]
         if effect_status != Status.REPORTED and effect_status not in found_statuses:
@@ -193,7 +197,18 @@ def identifiability(
 
 
 def _worst(obstacles: list[_Obstacle]) -> tuple[Status, Fact | None]:
-    """Returns the status that obstacles leave a parameter, and the reason; several reasons become one fact."""
+    """Returns the status that obstacles leave a parameter, and the reason for it.
+
+    A single obstacle that makes a parameter not identifiable outweighs all that only bias it, and these are not
+    mentioned then.
+
+    Args:
+        obstacles: obstacles of one parameter, each BIASED or NOT_IDENTIFIABLE; empty where nothing is in the way.
+
+    Returns:
+        The status; and the fact that states the reason, one for several obstacles, or ``None`` where the parameter is
+        reported.
+    """
     if not obstacles:
         return Status.REPORTED, None
     status = Status.BIASED
@@ -208,11 +223,19 @@ def _worst(obstacles: list[_Obstacle]) -> tuple[Status, Fact | None]:
 
 
 def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[_Obstacle]:
-    """Yields what may stand in the way of the parameter with this name, each with the status that it leaves."""
+    """Compares the figures of a fit with their limits, and yields what may stand in the way of a parameter.
+
+    Args:
+        name: the parameter, "effect", "damping" or "lag".
+        figures: figures of the fit.
+
+    Yields:
+        Each check with the status that it leaves the parameter; the status is REPORTED where the check is passed.
+    """
     rate = 1 / figures.dt
 
     wind_status = WIND_SHARE.status(figures.wind_share)
-    # Wind torque biases the effect in a known direction.
+    # Autopilots counter the wind, so that motors seem to do less than they do: the effect comes out too low.
     has_known_bias = wind_status == Status.BIASED and name == "effect"
     wind_doubt = Fact(
         ParameterDoubt.WIND_SHARE_HIGH,
@@ -222,20 +245,24 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[_Obstacle
     )
     yield _Obstacle(wind_status, wind_doubt)
 
+    # Commands that change faster than the samples are partly unseen, and so is the motion that they cause.
     if figures.alias_share > MAX_ALIAS_SHARE:
         aliased = Fact(ParameterDoubt.COMMANDS_TOO_FAST, share=figures.alias_share, rate=rate)
         yield _Obstacle(Status.NOT_IDENTIFIABLE, aliased)
 
+    # Random error of the estimate.
     sd = figures.sd[name]
     uncertain = Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=sd)
     yield _Obstacle(RELATIVE_SD[name].status(sd), uncertain)
 
     spectrum_range = figures.spectrum_range[name]
-    # A range of a logarithm is stated as a relative change, up to a factor of e.
+    # The spectrum of the wind is assumed. An estimate that depends on the assumption is in doubt. The fact states the
+    # range of the logarithm as a relative change; beyond a factor of e it gives no figure.
     relative_change = np.expm1(spectrum_range) if spectrum_range < 1 else None
     depends = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=relative_change)
     yield _Obstacle(SPECTRUM_RANGE[name].status(spectrum_range), depends)
 
+    # Where motors are too quick to be resolved, delays by gyro filters pass for motor lag and bias the effect.
     if name == "effect" and figures.lag_unresolved:
         taken_for_lag = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=OmissionErrors.lag_bias)
         yield _Obstacle(Status.BIASED, taken_for_lag)
@@ -244,6 +271,7 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[_Obstacle
         too_short = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=figures.dt)
         yield _Obstacle(Status.NOT_IDENTIFIABLE, too_short)
 
+    # Slow samples do not separate a short motor lag from the delay, nor damping from both.
     is_slow = rate < MIN_RESOLVED_RATE
     if name != "effect" and is_slow and figures.lag < SEPARABLE_LAG * figures.dt:
         yield _Obstacle(Status.BIASED, Fact(ParameterDoubt.MIXED_WITH_DELAY, rate=rate))

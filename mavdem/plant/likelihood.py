@@ -118,7 +118,11 @@ class GrayBoxModel(NamedTuple):
 
     @property
     def prior(self) -> ArrayPair:
-        """Prior mean (k,) and standard deviation (k,) of θ."""
+        """Normal prior of θ: its mean (k,) and its standard deviation (k,), in the order of the entries of θ.
+
+        All entries are independent. Each component of the wind torque has a log size and a log time; the slow component
+        comes first.
+        """
         priors = [LOG_EFFECT_PRIOR]
         priors += [Prior(0.0, self.deviation_sd)] * self.motors
         priors += [LOG_DAMPING_PRIOR, LOG_LAG_PRIOR, DELAY_PRIOR]

@@ -272,7 +272,12 @@ class OnlineWindTorque:
             self._pending = None
 
     def _start_fit(self) -> None:
-        """Starts a fit to all remembered blocks, in the executor if there is one, and schedules the next."""
+        """Starts a fit of the physical parameters to all remembered blocks, and schedules the next one.
+
+        With an executor the fit runs beside the stream: :meth:`add` adopts its result when it has ended. Without one it
+        runs here, and its result is adopted at once.
+        """
+        # The number of samples between fits doubles, up to the longest pause: early fits gain most by more samples.
         pause = min(self._sample_count, round(MAX_FIT_PAUSE_SECONDS / self._dt))
         self._next_fit = self._sample_count + pause
         record = record_from_blocks(self._blocks, self._dt, self._memory.effect_directions)
@@ -298,7 +303,14 @@ class OnlineWindTorque:
                 self.smoother = smoother
 
     def _smooth_latest(self) -> None:
-        """Smooths the latest samples, and queues the torques that the samples of the next block will return."""
+        """Estimates the wind torque in the latest samples, and queues it for the calls of :meth:`update` to come.
+
+        The smoother runs once per block of samples, not per sample. A torque is known well only when samples after it
+        are known too. So the estimates from ``delay`` before the latest sample on are queued, one for each sample of
+        the next block, and each call of :meth:`update` returns one of them: always the torque ``delay`` ago.
+
+        Nothing is queued without an identified effect, or while the segment is still too short.
+        """
         self._upcoming.clear()
         smoother = self.smoother
         if smoother is None or not smoother.physical.identifiable:
@@ -308,6 +320,7 @@ class OnlineWindTorque:
             return
         torques = smoother.torques(np.array(self._inputs), outputs)
         torques = torques[-self._delay_samples :][: self._memory.block_size]
+        # How weak a motor is, is uncertain too: the uncertainty of its command adds to the band, in squares.
         if self._weakened is not None:
             weakness_band = np.linalg.norm(smoother.physical.effect * self._weakened.band)
             torques[:, 1] = np.hypot(torques[:, 1], weakness_band)

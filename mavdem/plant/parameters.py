@@ -15,6 +15,24 @@ from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
 from mavdem.plant.identifiability import PARAMETERS, OmissionErrors
 from mavdem.plant.sampled_plant import WindComponent
 
+EFFECTS = slice(0, -3)
+"""Entries of a parameter vector (r + 3,) with the effects of the r motors; damping, lag and delay follow."""
+
+DAMPING = -3
+"""Index of the damping in a parameter vector (r + 3,)."""
+
+LAG = -2
+"""Index of the motor lag in a parameter vector (r + 3,)."""
+
+DELAY = -1
+"""Index of the delay in a parameter vector (r + 3,)."""
+
+DYNAMICS = slice(-3, None)
+"""Entries of a parameter vector (r + 3,) with damping, lag and delay, in this order."""
+
+LAG_AND_DELAY = slice(-2, None)
+"""Entries of a parameter vector (r + 3,) with lag and delay, in this order."""
+
 MIN_DRAWN_SHARE = 0.05
 """Least lag and delay of a posterior sample, relative to the estimate: both are positive."""
 
@@ -132,6 +150,9 @@ class Physical(NamedTuple):
     def draws(self, number: int, seed: int = 0) -> Array:
         """Draws samples of the parameters from their normal posterior.
 
+        They serve to carry the uncertainty of the parameters through a calculation that is not linear in them. Lag and
+        delay are bounded below, because a normal distribution also has negative values, and no vehicle has.
+
         Args:
             number: number of samples.
             seed: seed of the random numbers.
@@ -141,22 +162,29 @@ class Physical(NamedTuple):
         """
         theta = parameter_vector(self)
         samples = normal_draws(theta, self.covariance, number, seed)
-        samples[:, -2:] = samples[:, -2:].clip(MIN_DRAWN_SHARE * theta[-2:])
+        lower_bounds = MIN_DRAWN_SHARE * theta[LAG_AND_DELAY]
+        samples[:, LAG_AND_DELAY] = samples[:, LAG_AND_DELAY].clip(lower_bounds)
         return np.vstack([theta, samples])
 
     def interval(self, level: float = CONFIDENCE_LEVEL) -> PhysicalInterval:
-        """Returns half widths of the intervals of all parameters.
+        """Returns half widths of the symmetric intervals of all parameters about their estimates.
+
+        They come from the diagonal of the covariance. A parameter that is not identifiable has no interval, only NaN.
+        The delay has no status of its own: it is identified together with the lag.
 
         Args:
-            level: probability of the intervals.
+            level: probability with which each interval holds the true value, for example 0.9.
+
+        Returns:
+            The half widths, in the units of the parameters.
         """
         half = half_width(self.covariance.diagonal(), level)
-        parts = {"effect": half[:-3], "damping": half[-3], "lag": half[-2]}
+        parts = {"effect": half[EFFECTS], "damping": half[DAMPING], "lag": half[LAG]}
         known = {
             name: np.where(self.status[name] == Status.NOT_IDENTIFIABLE, np.nan, parts[name])
             for name in PARAMETERS
         }
-        delay = np.nan if self.status["lag"] == Status.NOT_IDENTIFIABLE else half[-1]
+        delay = np.nan if self.status["lag"] == Status.NOT_IDENTIFIABLE else half[DELAY]
         return PhysicalInterval(
             known["effect"], float(known["damping"]), float(known["lag"]), float(delay)
         )
@@ -227,16 +255,19 @@ def combined_with_earlier_flight(plant: Physical, prior: Physical) -> Physical:
     theta = parameter_vector(plant)
     if len(prior_theta) != len(theta) or not prior.identifiable:
         return plant
-    common_effect = np.append(prior_theta[:-3], np.zeros(3))
+    # A fuller battery or a lighter load changes the effects of all motors by the same factor.
+    common_effect = np.append(prior_theta[EFFECTS], np.zeros(3))
     change = np.outer(common_effect, common_effect) * OmissionErrors.between_flights**2
     prior_covariance = prior.covariance + change
 
     if plant.identifiable:
         total = prior_covariance + plant.covariance
+        # The signed sum over the motors' effects is r times the mean effect.
         signs = np.sign(common_effect)
         difference = signs @ (theta - prior_theta)
         if abs(difference) > SIGNIFICANT_SIGMAS * np.sqrt(signs @ total @ signs):
             return plant
+        # Kalman gain K = P₀ (P₀ + P)⁻¹, with the covariances P₀ of the prior and P of this flight.
         gain = np.linalg.solve(total, prior_covariance).T
         combined = prior_theta + gain @ (theta - prior_theta)
         covariance = prior_covariance - gain @ prior_covariance
@@ -249,9 +280,9 @@ def combined_with_earlier_flight(plant: Physical, prior: Physical) -> Physical:
         status = prior.status
         reasons = _reasons_of_earlier_flight(prior)
         bias = prior.bias
-    damping, lag, delay = np.maximum(combined[-3:], PLANT_MINIMUM).tolist()
+    damping, lag, delay = np.maximum(combined[DYNAMICS], PLANT_MINIMUM).tolist()
     return plant._replace(
-        effect=combined[:-3],
+        effect=combined[EFFECTS],
         damping=damping,
         lag=lag,
         delay=delay,
@@ -263,7 +294,15 @@ def combined_with_earlier_flight(plant: Physical, prior: Physical) -> Physical:
 
 
 def _reasons_of_earlier_flight(prior: Physical) -> dict[str, Fact | None]:
-    """Returns by parameter name that it is known from an earlier flight, or why it is not identifiable."""
+    """Returns the remark on each parameter where a flight adds nothing to those of an earlier one.
+
+    Args:
+        prior: physical parameters by the earlier flight, which are used instead of those of this flight.
+
+    Returns:
+        By parameter name ("effect", "damping", "lag"): why the earlier flight did not identify it; or, where it did,
+        that it is known from there.
+    """
     reasons = dict[str, Fact | None]()
     for name in PARAMETERS:
         if prior.status[name] == Status.NOT_IDENTIFIABLE:

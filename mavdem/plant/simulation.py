@@ -17,6 +17,9 @@ from mavdem.plant.parameters import Physical, parameter_gradient, parameter_vect
 from mavdem.plant.sampled_plant import SampledPlant, sampled_plant
 from mavdem.plant.wind_torque import mean_external_torque
 
+WIND_STATES = 3
+"""Index of the wind torque's first state, behind the angle, the rate and the motors' torque."""
+
 
 def simulate_response(physical: Physical, record: Record, inputs: ArrayLike) -> Forecast:
     """Simulates an angle and its rate under commanded inputs, from the end of the training data on.
@@ -68,7 +71,10 @@ def _simulated_mean(
     angle_and_rate: list[int],
     inputs: Array,
 ) -> Array:
-    """Simulates the axis without wind torque.
+    """Simulates the axis under commanded inputs, with the steady part of the wind torque only.
+
+    First the motors' torque over the training data is computed, from which follow the steady torque that acted besides
+    and the torque that is still in the motors at the end. From that state the axis is simulated on.
 
     Args:
         theta: effect of each input, damping and lag (r + 2,).
@@ -121,9 +127,11 @@ def _wind_variance(physical: Physical, dt: float, steps: int) -> Array:
     augmented = _with_angle(plant, dt)
     transition = augmented.transition
     Q = augmented.input_map @ plant.Q @ augmented.input_map.T
-    # States of the wind torque, behind angle, rate and motors' torque, begin with their stationary covariance.
+    # The wind torque's states begin with their stationary covariance: the wind has been blowing before. Angle, rate and
+    # motors' torque are known at the beginning.
     P = np.zeros_like(Q)
-    P[3:, 3:] = solve_discrete_lyapunov(transition[3:, 3:], Q[3:, 3:])
+    wind = slice(WIND_STATES, None)
+    P[wind, wind] = solve_discrete_lyapunov(transition[wind, wind], Q[wind, wind])
     variance = np.empty((steps, 2))
     for step in range(steps):
         P = transition @ P @ transition.T + Q
@@ -142,9 +150,19 @@ class _AngleAugmented(NamedTuple):
 
 
 def _with_angle(plant: SampledPlant, dt: float) -> _AngleAugmented:
-    """Adds the angle as first state, the integral of the rate by the trapezoidal rule over steps of dt seconds."""
+    """Adds the angle as first state of a plant; it is the integral of the rate by the trapezoidal rule.
+
+    In one step the angle grows by (dt/2) (p + p⁺), with the rate p at the sample and p⁺ at the next. All that is added
+    to p⁺, by inputs or noise, adds dt/2 times as much to the angle; the input map states that.
+
+    Args:
+        plant: the sampled axis with n states, of which the rate (rad/s) is the first.
+        dt: time step, s.
+
+    Returns:
+        Transition of the n + 1 states, and the map of what is added to the plant's states.
+    """
     n = len(plant.wind_output)
-    # The angle grows by half a step of the rate before, and half a step of the rate after.
     half_step_of_rate = np.eye(1, n) * dt / 2
     input_map = np.vstack([half_step_of_rate, np.eye(n)])
     transition = np.eye(n + 1)

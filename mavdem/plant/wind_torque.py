@@ -33,6 +33,8 @@ from mavdem.plant.gusts import (
 )
 from mavdem.plant.identifiability import OmissionErrors
 from mavdem.plant.parameters import (
+    DYNAMICS,
+    EFFECTS,
     Physical,
     parameter_gradient,
     parameter_vector,
@@ -131,6 +133,10 @@ def estimate_wind_torque(
 ) -> WindTorque:
     """Estimates the wind torque in a record, each sample from all of its segment.
 
+    The course is smoothed with the estimated parameters. Its derivatives by the parameters, by finite differences, say
+    how their uncertainty carries over. A sudden step of the level, as by a shifted load, is cut like a change of the
+    vehicle, so that it does not count as strong wind.
+
     Args:
         physical: physical parameters of the axis.
         record: inputs and outputs.
@@ -222,13 +228,17 @@ def _torque_errors(
         other_variance: variance (T,) of the errors that the parameters do not cause, (rad/s²)².
         theta: effects, damping, lag and delay (r + 3,).
         covariance: their covariance (r + 3, r + 3).
+
+    Returns:
+        Variance of the errors other than of size, and the relative error of the size.
     """
     samples = len(deviation)
     power = float(np.mean(deviation**2))
     proportional = gradient @ deviation / (samples * power)
 
-    # Where the motors do more than balance the wind torque, as in steering, no more of it than all counts as scale.
-    effect_scales = np.append(proportional[:-3], np.zeros(3))
+    # θ · effect_scales is the relative change of the course where all effects grow in proportion. It is 1 where the
+    # motors only balance the wind torque. Where they do more, as in steering, it could exceed 1, and is limited to it.
+    effect_scales = np.append(proportional[EFFECTS], np.zeros(3))
     effect_scales /= max(1.0, abs(float(theta @ effect_scales)))
     unscaled_gradient = gradient - np.outer(effect_scales, deviation)
     unscaled = other_variance + _variance_by_parameters(unscaled_gradient, covariance)
@@ -244,7 +254,12 @@ def _torque_errors(
 
 
 def _without_part_means(values: Array, cuts: Sequence[int]) -> Array:
-    """Returns values (…, T) about their mean in each part between cuts, which are sample indices."""
+    """Returns values (…, T) less their mean in each part of the flight.
+
+    Args:
+        values: courses of T samples, such as wind torque in rad/s².
+        cuts: ascending indices of the samples at which a new part begins.
+    """
     centred = []
     for part in np.split(values, cuts, axis=-1):
         if part.size:
@@ -254,6 +269,10 @@ def _without_part_means(values: Array, cuts: Sequence[int]) -> Array:
 
 def _step(torque: Array, dt: float) -> tuple[int, float] | None:
     """Finds a single step in a torque, if one explains most of its variance and is sharp.
+
+    At each sample the torque is split into two parts, each with its mean. The best split is the one that leaves the
+    least variance. It counts as a step if it explains ``MIN_STEP_VARIANCE_SHARE`` of the variance, and if most of the
+    change happens within ``STEP_EDGE_SECONDS``: a slow drift of the wind can be split in two as well, but is not sharp.
 
     Args:
         torque: course of the torque (T,), with mean 0, rad/s².
@@ -268,6 +287,8 @@ def _step(torque: Array, dt: float) -> tuple[int, float] | None:
     candidates = np.arange(margin, count - margin)
     if not len(candidates):
         return None
+    # With mean 0, N samples, and the sum S of the n samples before, the split explains S² N / (n (N − n)) of the sum of
+    # squares.
     sums_before = np.cumsum(torque)[candidates - 1]
     explained = sums_before**2 * count / (candidates * (count - candidates))
     sample = int(candidates[np.argmax(explained)])
@@ -295,9 +316,12 @@ def _smoothed_torque(
         physical: the other parameters: components of the wind torque, noise and refinements.
         record: inputs and outputs.
         column: column of the rate in the outputs.
+
+    Returns:
+        Course and variance of the wind torque, with the segments one after the other.
     """
-    effect = theta[:-3]
-    damping, lag, delay = theta[-3:].tolist()
+    effect = theta[EFFECTS]
+    damping, lag, delay = theta[DYNAMICS].tolist()
     jump_lead = physical.refinements.get(Refinement.JUMPS, 0.0)
     plant = sampled_plant(damping, lag, physical.components, record.dt, jump_lead)
     rate_filter = plant.rate_filter(physical.noise)
@@ -355,10 +379,19 @@ def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None
 
 
 def _spectrum(torque: Array, record: Record, physical: Physical) -> WindSpectrum:
-    """Estimates the spectral density of the wind torque (T,) by Welch's method, beside the model's density.
+    """Estimates the spectral density of the wind torque by Welch's method, for comparison with the model's.
 
-    Windows have ``SPECTRUM_SECONDS``, or the length of the longest segment. Segments count by their overlapping
-    windows.
+    Periodograms of windows that overlap by half, each less its linear trend, are averaged (P. D. Welch, IEEE
+    Transactions on Audio and Electroacoustics 15(2), 1967). Windows last ``SPECTRUM_SECONDS``, or as long as the longest
+    segment; shorter segments are left out, and the others weighted by their number of windows.
+
+    Args:
+        torque: wind torque (T,), rad/s².
+        record: time step and segments of the samples.
+        physical: physical parameters, with the modelled components of the wind torque.
+
+    Returns:
+        One-sided densities of the estimate and of the model, (rad/s²)²/Hz.
     """
     # Importing scipy.signal takes half a second.
     from scipy.signal import detrend, welch
@@ -371,6 +404,7 @@ def _spectrum(torque: Array, record: Record, physical: Physical) -> WindSpectrum
             continue
         frequency, density = welch(segment, 1 / record.dt, nperseg=length, detrend=detrend)
         densities.append(density)
+        # Windows begin every half length.
         window_counts.append(2 * len(segment) // length - 1)
     mean_density = np.average(densities, axis=0, weights=window_counts)
     return WindSpectrum(frequency, mean_density, wind_torque_density(physical, frequency))

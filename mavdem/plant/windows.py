@@ -1,4 +1,4 @@
-"""Windows of a flight, in which the gray-box model is fitted, as Fourier transforms of rate and inputs."""
+"""Windows of about 7 s of a flight, as Fourier transforms of rate and inputs, to which the gray-box model is fitted."""
 
 from __future__ import annotations
 
@@ -116,7 +116,17 @@ class FlightWindows(NamedTuple):
 
 
 def cut_windows(record: Record) -> FlightWindows:
-    """Cuts a record into windows of one length, with one trim and one unit of the inputs, and transforms them.
+    """Cuts a record into windows of one length and transforms them, ready for the fit of the gray-box model.
+
+    The inputs are stated as deviations from their mean over all windows (the trim), in units of their common standard
+    deviation, so that the priors of the model hold for any kind of input. Samples much faster than ``MAX_RATE`` are
+    thinned.
+
+    Args:
+        record: inputs and outputs of a flight; one of the outputs is the body rate.
+
+    Returns:
+        The transformed windows.
 
     Raises:
         NotLearnable: the samples are too slow or too few, no output is a rate, or no input changes.
@@ -164,7 +174,13 @@ def responses_to_innovations(inputs: Array, rate: Array) -> Array:
 
 
 def rate_column(record: Record) -> int:
-    """Returns which output of a record is the body rate: the derivative of another output, or the only one.
+    """Finds the body rate among the outputs of a record: the derivative of another output, or the only one.
+
+    Args:
+        record: inputs and outputs of a flight.
+
+    Returns:
+        Column of the rate in the outputs.
 
     Raises:
         NotLearnable: there are several outputs, and none is the derivative of another.
@@ -179,7 +195,16 @@ def rate_column(record: Record) -> int:
 
 
 def _window_samples(record: Record) -> Indices:
-    """Returns the indices of the samples of each window (W, N), of windows inside segments that do not overlap.
+    """Divides the segments of a record into windows of equal length that do not overlap.
+
+    Windows lie inside one segment, since the time between segments is unknown. What remains at the end of a segment is
+    unused. Where samples are faster than twice ``MAX_RATE``, only every stride-th one is used.
+
+    Args:
+        record: inputs and outputs of a flight.
+
+    Returns:
+        Indices (W, N) in the record of the N samples of each of W windows.
 
     Raises:
         NotLearnable: no segment is as long as the shortest window.
@@ -201,9 +226,16 @@ def _window_samples(record: Record) -> Indices:
 
 
 def _window_length(record: Record) -> int:
-    """Returns the length of windows, in samples of the record, that leaves the fewest samples unused.
+    """Returns the length of windows that leaves the fewest samples unused.
 
-    It is between the usual length and ``MAX_WINDOW_STRETCH`` times that, or less where all segments are shorter.
+    In a segment of 13 s, for example, one window of 7 s leaves 6 s unused, and one of 10.5 s only 2.5 s. Lengths from ``WINDOW_SECONDS`` to ``MAX_WINDOW_STRETCH`` times that are
+    tried, in steps of 1/``LENGTH_STEPS``; a record whose segments are all shorter has windows of its longest segment.
+
+    Args:
+        record: inputs and outputs of a flight.
+
+    Returns:
+        Length in samples of the record.
     """
     usual = min(round(WINDOW_SECONDS / record.dt), record.longest_segment)
     longest = min(int(MAX_WINDOW_STRETCH * usual), record.longest_segment)

@@ -135,7 +135,15 @@ class DensityModel:
         self._set_alias_phases(spectra)
 
     def _set_frequencies(self, spectra: CrossSpectra) -> None:
-        """Sets the frequencies (J, F) that fold onto those of the spectra, up to half of the controller's rate."""
+        """Sets the frequencies f_k = f + k f_s that fold onto those of the spectra by sampling at the message rate f_s.
+
+        All k, negative ones too, are taken for which |f_k| is below half of the controller's rate (or
+        ``MAX_MODELLED_FREQUENCY``, if that is lower). Frequencies and flags have the shape (J, F): a row for each
+        frequency f of the spectra, a column for each k.
+
+        Args:
+            spectra: estimated spectra at J frequencies f, Hz.
+        """
         nyquist = 0.5 / self._cycle_time
         highest = min(nyquist, MAX_MODELLED_FREQUENCY)
         count = np.ceil(highest / self._message_rate)
@@ -148,7 +156,14 @@ class DensityModel:
         self._angular_frequency = np.abs(self._s)
 
     def _set_controller(self, controller: KnownController) -> None:
-        """Sets the responses of the controller and the gyro filters at all frequencies (J, F)."""
+        """Sets all that the controller determines at all frequencies (J, F).
+
+        These are its responses C_r and C_y, that of the gyro filters, the density of white noise of variance 1 with one
+        value per controller cycle, and the transform of a unit step at a cycle.
+
+        Args:
+            controller: the controller that flew.
+        """
         self._controller = ControllerResponses(*controller.transfer(self._frequency))
         self._gyro_filter = controller.gyro_filter(self._frequency)
         # White noise of variance 1, one value a cycle, has the density of one cycle time.
@@ -157,7 +172,17 @@ class DensityModel:
         self._step_transform = self._in_range / (1 - np.exp(-self._s * self._cycle_time))
 
     def _set_logged_densities(self, spectra: CrossSpectra, rounding: float) -> None:
-        """Sets the densities of output and reference (J, F), and the error of the log (J, C, C), by the estimates."""
+        """Sets the densities that are taken from the log instead of being modelled.
+
+        The density of the output (J, F) scales the noise that is in proportion to it. The density of the reference
+        (J, F) is recovered from its folded estimate, because the model knows nothing of the pilot. The error of the log
+        (J, C, C) is diagonal: a fraction of output and setpoint, rounding of the output, and at least the noise of a
+        good gyro.
+
+        Args:
+            spectra: estimated spectra of all four quantities.
+            rounding: resolution of the logged output, as a demand.
+        """
         size = np.abs(self._frequency)
         densities = np.einsum("jaa->ja", spectra.mean_density).real
         output = np.interp(size, spectra.frequency, densities[:, Quantity.OUTPUT])
@@ -165,6 +190,7 @@ class DensityModel:
 
         errors = LOGGING_ERROR_FRACTION**2 * densities[:, :QUANTITIES]
         errors[:, Quantity.RATE] = MIN_GYRO_NOISE_DENSITY
+        # Rounding to a resolution q makes an error of variance q²/12, which is white at the message rate.
         rounding_density = rounding**2 / 12 / self._message_rate
         errors[:, Quantity.OUTPUT] = (
             OUTPUT_ERROR_FRACTION**2 * densities[:, Quantity.OUTPUT] + rounding_density
@@ -175,10 +201,19 @@ class DensityModel:
         reference = unfolded_density(
             densities[:, Quantity.REFERENCE], size, self._alias_numbers == 0, self._in_range
         )
+        # Any positive density will do out of range: it is multiplied by 0 later, and divided by before.
         self._reference_density = np.where(self._in_range, reference, 1.0)
 
     def _set_alias_phases(self, spectra: CrossSpectra) -> None:
-        """Sets the mean phase (C, C, 1, F) between two quantities in each alias, as their stamps differ."""
+        """Sets by how much each alias of two quantities is out of phase, because their messages have different stamps.
+
+        A content at f + k f_s that is sampled t seconds later turns by exp(2πj k f_s t) more than one at f. The phase
+        between two quantities (C, C, 1, F) is the mean over all messages, since their distance varies; where it varies
+        much, the mean is below 1, and the alias adds little coherence.
+
+        Args:
+            spectra: estimated spectra, with the stamps of each quantity relative to the first.
+        """
         offsets = np.array(spectra.stamp_offsets[:QUANTITIES])
         self._alias_s = 2j * np.pi * self._message_rate * self._alias_numbers
         phases = np.exp(self._alias_s[:, None, None] * offsets)
@@ -257,7 +292,18 @@ class DensityModel:
     def _components(
         self, parameters: LoopParameters, loop: ClosedLoopResponse, with_reference: bool = True
     ) -> list[DensityComponent]:
-        """Returns the components of the densities of all sources but the synchronous steps."""
+        """Returns the components of the densities of all sources but the synchronous steps.
+
+        They are: the part of the reference that does not come in synchronous steps; noise of the angle, which acts like
+        a reference; gyro noise before and behind the filters; a share of the output's own density for what it does
+        besides the control law; and wind torque: a floor in proportion to the motors' torque, slow drift, quick eddies,
+        and smooth gusts.
+
+        Args:
+            parameters: the parameters of the loop.
+            loop: its frequency responses, of which the motor lag is used.
+            with_reference: whether the reference moves; without it, its density is 0.
+        """
         synchronous = _share_from_odds(parameters.synchronous_odds)
         asynchronous = (1 - synchronous) if with_reference else 0.0
         reference, noise_slope = denoised_density(
@@ -289,7 +335,16 @@ class DensityModel:
         ]
 
     def _first_order_wind(self, name: str, size: float, time: float) -> DensityComponent:
-        """Returns wind torque with the autocorrelation size² exp(−|τ|/time); ``name`` is that of its parameters."""
+        """Returns a component of the wind torque with the autocorrelation size² exp(−|τ|/time), as in turbulence.
+
+        Its density is φ = 2 size² time / (1 + (ω time)²). So d ln φ / d ln size = 2, and
+        d ln φ / d ln time = (1 − (ω time)²) / (1 + (ω time)²).
+
+        Args:
+            name: name of the component, "drift" or "eddy", which its two parameters begin with.
+            size: its standard deviation, rad/s².
+            time: its correlation time, s.
+        """
         squared = (self._angular_frequency * time) ** 2
         density = FIRST_ORDER.density(self._angular_frequency, size, time) * self._in_range
         time_slope = (1 - squared) / (1 + squared)
@@ -298,7 +353,15 @@ class DensityModel:
         )
 
     def _smooth_wind(self, size: float, time: float) -> DensityComponent:
-        """Returns wind torque with the Gaussian autocorrelation size² exp(−τ²/(4 time²))."""
+        """Returns the component of the wind torque that is smooth, with the autocorrelation size² exp(−τ²/(4 time²)).
+
+        Its density is φ = 2 √π size² time exp(−(ω time)²). So d ln φ / d ln size = 2, and
+        d ln φ / d ln time = 1 − 2 (ω time)².
+
+        Args:
+            size: its standard deviation, rad/s².
+            time: its time scale, s.
+        """
         squared = (self._angular_frequency * time) ** 2
         density = 2 * np.sqrt(np.pi) * size**2 * time * self._in_range * np.exp(-squared)
         return DensityComponent(
@@ -308,10 +371,21 @@ class DensityModel:
     def _synchronous_steps(
         self, parameters: LoopParameters, loop: ClosedLoopResponse, with_reference: bool = True
     ) -> SynchronousSteps:
-        """Returns the part of the reference that comes in steps synchronous with the messages."""
+        """Returns the part of the reference that comes in steps synchronous with the messages.
+
+        An outer loop that sets a new reference only every few cycles, just as often as messages are sent, makes steps at
+        a fixed time before each message. That time gives each alias of the steps a fixed phase, so aliases add with
+        their phases and not in power.
+
+        Args:
+            parameters: the parameters of the loop, with the share of such steps and their time.
+            loop: its frequency responses, of which those to the reference are used.
+            with_reference: whether the reference moves; without it, the steps' density is 0.
+        """
         share = _share_from_odds(parameters.synchronous_odds)
         step_time_share = _share_from_odds(parameters.step_time_odds)
         delay_phases = np.exp(self._alias_s * step_time_share * self.surplus_interval)
+        # The density is that of the steps as they are sampled, so the shares of all aliases add up to 1.
         alias_shares = self._step_transform * delay_phases
         alias_shares /= alias_shares.sum(axis=-1, keepdims=True)
         reference, noise_slope = denoised_density(
@@ -418,7 +492,20 @@ class DensityModel:
     def _step_time_gradient(
         self, parameters: LoopParameters, loop: ClosedLoopResponse, steps: SynchronousSteps
     ) -> ComplexArray:
-        """Returns the derivative (J, C, C) of the density by the logarithm of ``step_time_odds``."""
+        """Returns the derivative of the density by the logarithm of ``step_time_odds``.
+
+        The time of the steps changes the phase of each alias a_k of the steps, and nothing else. With the time as a
+        share p of the surplus interval T, d p / d ln odds = p (1 − p), so the phase of alias k changes by
+        2πj k f_s T p (1 − p). The shares a_k are normalised to a sum of 1, so the mean change is taken off.
+
+        Args:
+            parameters: the parameters of the loop.
+            loop: its frequency responses, of which those to the reference are used.
+            steps: the synchronous steps at these parameters.
+
+        Returns:
+            Derivative (J, C, C): that of q qᴴ is dq qᴴ plus its adjoint.
+        """
         share = _share_from_odds(parameters.step_time_odds)
         phase_slopes = self._alias_s * (self.surplus_interval * share * (1 - share))
         mean_slope = (steps.alias_shares * phase_slopes).sum(axis=-1, keepdims=True)

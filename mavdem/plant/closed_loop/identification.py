@@ -110,12 +110,15 @@ class IdentifiedAxis(NamedTuple):
 
     @property
     def controller_consistent(self) -> bool:
-        """Whether the controller acts with the gain of its logged parameters, or with less by saturation only.
+        """Whether the controller acts as its logged parameters say; if it does not, the model of it is wrong.
 
-        It must do so in the mean and at the main mode, within three prior standard deviations.
+        Its estimated gain, relative to that by the logged parameters, must be 1, or less by what saturation explains:
+        outputs that are cut off at a limit act like a lower gain. A tolerance of ``SIGNIFICANT_SIGMAS`` prior standard
+        deviations of the gain's logarithm is allowed. Both the posterior's mean and its main mode must pass.
         """
         log_gains = np.array([self.theta, self.main_mode])[:, CONTROLLER]
         tolerance = SIGNIFICANT_SIGMAS * PRIOR_SD[CONTROLLER]
+        # Where all of the output is cut during saturation, the gain is lower by the saturated share.
         lowest = np.log1p(-self.posterior.saturated_share) - tolerance
         return bool(((lowest <= log_gains) & (log_gains <= tolerance)).all())
 
@@ -131,7 +134,14 @@ class IdentifiedAxis(NamedTuple):
 def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
     """Identifies the parameters of one axis by the modes of its posterior.
 
-    Short ascents begin from several plants. The best go on to convergence, from several times of synchronous steps.
+    Short ascents begin from several plants. The best go on to convergence, from several times of synchronous steps,
+    because the posterior may have a mode near each.
+
+    Args:
+        posterior: the log posterior of the axis.
+
+    Returns:
+        Mean and covariance of the parameters over all modes, and the main mode.
 
     Raises:
         numpy.linalg.LinAlgError: no ascent ends where the posterior is finite.
@@ -156,10 +166,21 @@ def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
 
 
 def _initial_parameters(posterior: AxisPosterior, initial: InitialPlant) -> Array:
-    """Returns the prior mean of θ (k,), with an initial plant in it."""
+    """Returns parameters from which an ascent of the posterior can begin.
+
+    Effect, lag and delay are those of an initial plant, all others have their prior mean. The effect follows from the
+    crossover: there the loop gain is 1. With the plant as an integrator, b / jω, and the controller's gain |C_y|, this
+    is b |C_y| / ω = 1.
+
+    Args:
+        posterior: the log posterior, with the controller.
+        initial: crossover, lag and delay of the plant.
+
+    Returns:
+        θ (k,), logarithms of the parameters.
+    """
     _, gain = np.abs(posterior.controller.transfer(np.array([initial.crossover])))
     theta = posterior.prior_mean.copy()
-    # At the crossover, the plant is taken for an integrator.
     effect = 2 * np.pi * initial.crossover / gain[0]
     theta[[EFFECT, LAG, DELAY]] = np.log([effect, initial.lag, initial.delay])
     return theta
@@ -214,12 +235,21 @@ def _covariance(posterior: AxisPosterior, curvature: Array) -> Array:
 
 
 def with_quicker_pole_as_lag(theta: Array) -> Array:
-    """Returns θ (k,) of the same frequency response whose quicker pole is the motor lag and the slower the damping.
+    """Returns parameters of the same frequency response whose quicker pole is the motor lag and the slower the damping.
 
-    The response b / ((τ s + 1)(s + d)) stays the same when the poles 1/τ and d change places and b becomes b / (τ d).
-    Where 1/τ is the quicker one already, θ stays as it is.
+    The response b / ((τ s + 1)(s + d)) of the plant stays the same when the poles 1/τ and d change places and b becomes
+    b / (τ d). An ascent may end in either form. Motors are quicker than the damping of a vehicle in air, so that form is
+    the right one.
+
+    Args:
+        theta: θ (k,), logarithms of the parameters.
+
+    Returns:
+        θ (k,) with the poles in this order; the same values where they are already.
     """
     effect, damping, lag, _ = PLANT
+    # ln(τ d) is positive where the damping d is quicker than 1/τ. Less ln(τ d), ln d becomes ln(1/τ), ln τ becomes
+    # ln(1/d), and ln b becomes ln(b / (τ d)).
     excess = max(theta[damping] + theta[lag], 0.0)
     swapped = theta.copy()
     swapped[[damping, lag]] -= excess

@@ -98,7 +98,18 @@ class AxisPosterior:
         return whitened.log_likelihood + self._log_prior(at)
 
     def expand(self, at: Array) -> QuadraticExpansion:
-        """Returns the log posterior about θ = ``at`` (k,) to second order, with the Fisher information as curvature."""
+        """Returns the log posterior about a point to second order, as Fisher scoring needs it.
+
+        The likelihood's gradient by an entry of θ, with the density's derivative A_j in band j, is
+        Σ_j n_j tr(Φ_j⁻¹ A_j (Φ_j⁻¹ I_j − 1)), and the curvature is its Fisher information (see the module's equations).
+        The normal prior adds its own gradient, and its precision.
+
+        Args:
+            at: θ (k,).
+
+        Returns:
+            Value, gradient (k,) and curvature (k, k): the negative second derivative, expected over data by the model.
+        """
         density, gradient = self.densities.density_and_gradient(at)
         whitened = self._whiten(density)
         # A whitened gradient is C⁻¹ A C⁻ᴴ. Flattened, with the root of the count in it, the information is a product
@@ -109,6 +120,7 @@ class AxisPosterior:
         )
         entries = QUANTITIES**2
         products = gradient.reshape(-1, len(at), entries) @ whitening.reshape(-1, entries, entries)
+        # Real and imaginary parts count as separate values.
         flat_gradient = products.swapaxes(0, 1).reshape(len(at), -1).view(float)
         residual = root_counts[:, None, None] * (whitened.spectra - np.eye(QUANTITIES))
         precision = self.prior_sd**-2.0
@@ -131,7 +143,17 @@ class AxisPosterior:
         return -0.5 * np.sum(((theta - self.prior_mean) / self.prior_sd) ** 2)
 
     def _whiten(self, density: ComplexArray) -> WhitenedSpectra:
-        """Whitens the estimated spectra by a model's density (J, C, C), and returns them with its log likelihood."""
+        """Whitens the estimated spectra by a model's density, and computes the log likelihood.
+
+        With the Cholesky factor Φ = C Cᴴ, the log determinant is ln det Φ = 2 Σ ln diag C, and the trace tr(Φ⁻¹ I) is
+        that of the whitened spectra C⁻¹ I C⁻ᴴ.
+
+        Args:
+            density: cross-spectral densities Φ of the model (J, C, C).
+
+        Returns:
+            The whitened spectra; NaN, with a log likelihood of minus infinity, where a density is not positive definite.
+        """
         try:
             factor = np.linalg.cholesky(density)
         except np.linalg.LinAlgError:

@@ -1,4 +1,4 @@
-"""Spectral density of the reference of a loop, recovered from its folded estimate."""
+"""Spectral density of the rate loop's reference signal, recovered from a logged estimate that is aliased and noisy."""
 
 import numpy as np
 
@@ -59,6 +59,12 @@ def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range:
     from scipy.optimize import minimize
 
     def power_law(logarithms: Array) -> Array:
+        """Returns the density size · (1 + (f / corner)²)^(−exponent) + white at all frequencies (J, F).
+
+        Args:
+            logarithms: natural logarithms of size, corner (Hz), exponent and white floor (4,). They are bounded, since
+                the search may try values whose exponentials overflow.
+        """
         upper = [
             MAX_ABSOLUTE_LOGARITHM,
             MAX_ABSOLUTE_LOGARITHM,

@@ -112,6 +112,9 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
     Args:
         streams: C quantities, each with the stamps of its own messages.
         window_starts: times (W,) at which windows of ``SPECTRUM_SECONDS`` begin, s.
+
+    Returns:
+        Densities of each window in bands, with the rate about half of which they fold.
     """
     slowest = min((stream.time for stream in streams), key=len)
     stamps = _evenly_spaced_stamps(slowest)
@@ -144,9 +147,15 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
 
 
 def _band_edges(frequency: Array) -> list[int]:
-    """Divides frequencies (F,), Hz, into bands of about constant relative width.
+    """Divides frequencies into bands of about constant relative width, in which densities are averaged.
 
-    Returns the index of the first frequency of each band, and F at the end.
+    Bands widen with frequency (``RELATIVE_BANDWIDTH``): resonances do too, and wider bands have less scatter.
+
+    Args:
+        frequency: (F,), Hz, in steps of 1 / ``SPECTRUM_SECONDS``.
+
+    Returns:
+        Index of the first frequency of each band, and F at the end.
     """
     edges = [0]
     while edges[-1] < len(frequency):
@@ -156,10 +165,17 @@ def _band_edges(frequency: Array) -> list[int]:
 
 
 def _evenly_spaced_stamps(stamps: Array) -> Array:
-    """Returns the stamps (N,), s, or every second, third or fourth of them if only these are evenly spaced.
+    """Thins the stamps of a stream until they are evenly spaced, as the model of aliasing assumes.
 
-    A controller with a cycle of 4 ms sends messages at 100 Hz after 8 and 12 ms in turn. What is at 2 Hz then also
-    appears at 48 Hz, which no folding about half of 100 Hz explains. Every second message comes after 20 ms.
+    For example, a controller with a cycle of 4 ms sends messages at 100 Hz after 8 and 12 ms in turn. What is at 2 Hz
+    then also appears at 48 Hz, which no folding about half of 100 Hz explains. Every second message comes after 20 ms.
+
+    Args:
+        stamps: time stamps (N,), s, ascending.
+
+    Returns:
+        All stamps, or every second, third or fourth of them: the most that are evenly spaced, but for lost messages.
+        All of them if none of these are.
     """
     for stride in range(1, MAX_STRIDE + 1):
         candidates = stamps[::stride]
