@@ -382,8 +382,8 @@ def _spectrum(torque: Array, record: Record, physical: Physical) -> WindSpectrum
     """Estimates the spectral density of the wind torque by Welch's method, for comparison with the model's.
 
     Periodograms of windows that overlap by half, each less its linear trend, are averaged (P. D. Welch, IEEE
-    Transactions on Audio and Electroacoustics 15(2), 1967). Windows last ``SPECTRUM_SECONDS``, or as long as the longest
-    segment; shorter segments are left out, and the others weighted by their number of windows.
+    Transactions on Audio and Electroacoustics 15(2), 1967). Windows last ``SPECTRUM_SECONDS``, or as long as the
+    longest segment; shorter segments are left out, and the others weighted by their number of windows.
 
     Args:
         torque: wind torque (T,), rad/s².

@@ -228,8 +228,9 @@ def _window_samples(record: Record) -> Indices:
 def _window_length(record: Record) -> int:
     """Returns the length of windows that leaves the fewest samples unused.
 
-    In a segment of 13 s, for example, one window of 7 s leaves 6 s unused, and one of 10.5 s only 2.5 s. Lengths from ``WINDOW_SECONDS`` to ``MAX_WINDOW_STRETCH`` times that are
-    tried, in steps of 1/``LENGTH_STEPS``; a record whose segments are all shorter has windows of its longest segment.
+    In a segment of 13 s, for example, one window of 7 s leaves 6 s unused, and one of 10.5 s only 2.5 s. Lengths from
+    ``WINDOW_SECONDS`` to ``MAX_WINDOW_STRETCH`` times that are tried, in steps of 1/``LENGTH_STEPS``; a record whose
+    segments are all shorter has windows of its longest segment.
 
     Args:
         record: inputs and outputs of a flight.

@@ -92,14 +92,24 @@ class AirflowFilter:
         self.states = np.hstack([np.zeros_like(mean_wind), mean_wind])
 
     def _initial_mean_wind(self, start: MotionGrid) -> Array:
-        """Returns the wind velocity (G, 2), m/s, whose drag at the median velocity is the motion's median force."""
+        """Returns the wind that explains the median force of the motion as drag, as a first guess of the mean wind.
+
+        The drag is linearised about it. Medians are used because resets of the position estimate make outliers.
+
+        Args:
+            start: motion of the flight; its complete steps are used.
+
+        Returns:
+            Mean wind north and east (G, 2), m/s, for each set of parameters.
+        """
         complete = start.complete
         level_axes = start.body_axes[complete][:, :, :2]
         level_forces = np.einsum("tij,ti->tj", level_axes, start.force[complete])
         force = np.median(level_forces, axis=0)
         size = np.hypot(*force)
         speed = air_speed(self._linear.mean(axis=1), self._quadratic.mean(axis=1), size)
-        # The force acts in the direction in which the air flows past the vehicle.
+        # The force acts in the direction in which the air flows past the vehicle. The wind is that flow, and the
+        # velocity of the vehicle over ground.
         flow = force / max(size, MIN_FORCE) * speed[:, None]
         return np.median(start.velocity[complete, :2], axis=0) + flow
 
@@ -194,7 +204,18 @@ class FilteredMotion(NamedTuple):
     """Factors of the states in a step (G, 4)."""
 
     def smooth(self) -> SmoothedStates:
-        """Smooths the states by all measurements (H. E. Rauch, F. Tung and C. T. Striebel, AIAA Journal 3(8), 1965)."""
+        """Smooths the states by all measurements, with the Rauch-Tung-Striebel smoother.
+
+        It runs backwards from the last step. With the filtered state x, covariance P and decay F of a step t, the
+        predictions x⁻ and P⁻ of step t + 1, and the gain K = P Fᵀ (P⁻)⁻¹:
+
+            xₛ(t) = x(t) + K (xₛ(t + 1) − x⁻(t + 1)),    Pₛ(t) = P(t) + K (Pₛ(t + 1) − P⁻(t + 1)) Kᵀ
+
+        (H. E. Rauch, F. Tung and C. T. Striebel, AIAA Journal 3(8), 1965).
+
+        Returns:
+            Smoothed states and covariances, of all sets of parameters side by side.
+        """
         states = self.filtered_states.copy()
         covariances = self.filtered_covariances.copy()
         transitioned = (self.filtered_covariances[:-1] * self.decay[:, None, :]).mT

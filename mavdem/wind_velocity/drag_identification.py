@@ -165,6 +165,9 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
     Args:
         moved: motion of the flight.
         drag: prior of the drag.
+
+    Returns:
+        Mean and covariance of the ten scaled parameters, and the share of the force that steering explains.
     """
     prior_mean = np.append(drag.mean, GUST_PRIOR_MEAN)
     precision = block_diag(np.linalg.inv(drag.covariance), np.diag(GUST_PRIOR_SD**-2))
@@ -203,10 +206,18 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
 
 
 def _expand(scaled_parameters: Array, moved: MotionGrid) -> _Expansion:
-    """Expands the log likelihood of the filter about scaled parameters (10,), by central differences.
+    """Expands the log likelihood of the wind filter to second order, for one step of Fisher scoring.
 
-    All 21 sets of scaled parameters run through one filter. The gradient by drag and lean is that of the innovations
-    alone, with their covariance as at the centre; their weights are those of Student's t distribution.
+    The derivatives are central differences. All 21 sets of scaled parameters, the given one and one on either side of
+    it for each of the ten parameters, run through the filter side by side.
+
+    With innovations e and their covariance S, the Fisher information of two parameters is
+    Σ_t ∂eᵀ S⁻¹ ∂e + ½ tr(S⁻¹ ∂S S⁻¹ ∂S). The gradient by drag and lean is −Σ_t ∂eᵀ S⁻¹ e, with S held fixed and with
+    the weights of Student's t distribution, so that outliers count little.
+
+    Args:
+        scaled_parameters: point of the expansion (10,).
+        moved: motion of the flight.
     """
     steps = DIFFERENCE_STEP * np.vstack(
         [np.zeros(PARAMETER_COUNT), np.eye(PARAMETER_COUNT), -np.eye(PARAMETER_COUNT)]
@@ -214,6 +225,7 @@ def _expand(scaled_parameters: Array, moved: MotionGrid) -> _Expansion:
     points = scaled_parameters + steps
 
     def central_differences(values: Array) -> Array:
+        # Values at the point itself come first, then those after positive steps, then those after negative steps.
         return (values[1 : PARAMETER_COUNT + 1] - values[PARAMETER_COUNT + 1 :]) / (
             2 * DIFFERENCE_STEP
         )
@@ -230,7 +242,8 @@ def _expand(scaled_parameters: Array, moved: MotionGrid) -> _Expansion:
     gradient = central_differences(filtered.log_likelihoods)
     gradient[:DRAG_PARAMETERS] = -np.einsum("kti,ti->k", slopes[:DRAG_PARAMETERS], whitened)
 
-    # Sizes of gusts and noise show in the covariance of the innovations as well.
+    # Sizes of gusts and noise show in the covariance of the innovations as well; for drag and lean that part is left
+    # out.
     covariance_slopes = central_differences(covariances)
     relative_slopes = np.einsum("tij,ktjl->ktil", inverse, covariance_slopes)[DRAG_PARAMETERS:]
     information = np.einsum("kti,tij,ltj->kl", slopes, inverse, slopes)
@@ -248,10 +261,17 @@ def _expand(scaled_parameters: Array, moved: MotionGrid) -> _Expansion:
 
 
 def steered_share(moved: MotionGrid) -> float:
-    """Returns the share of the force's variance that opposes the velocity, as drag does in steered flight.
+    """Returns how much of the changes of the force is drag in manoeuvres, and so shows the drag coefficients.
 
-    Gusts push the vehicle along, so force and velocity change in the same direction then, and the share is 0. It is the
-    square of the correlation between changes over ``STEERED_SECONDS``.
+    In a manoeuvre the vehicle flies faster, and drag opposes its velocity: force and velocity change in opposite
+    directions. A gust pushes the vehicle along: both change in the same direction. So the share is the square of the
+    correlation between changes of force and velocity over ``STEERED_SECONDS`` where that is negative, and else 0.
+
+    Args:
+        moved: motion of the flight.
+
+    Returns:
+        Share of the variance of the force's changes, 0 to 1.
     """
     steps = max(round(STEERED_SECONDS / moved.step), 1)
     force = np.einsum("tij,ti->tj", moved.body_axes, moved.force)[:, :2]
@@ -259,6 +279,8 @@ def steered_share(moved: MotionGrid) -> float:
     both_complete = moved.complete[steps:] & moved.complete[:-steps]
     force_changes = (force[steps:] - force[:-steps])[both_complete].ravel()
     velocity_changes = (velocity[steps:] - velocity[:-steps])[both_complete].ravel()
+    # A difference of two velocities has twice the variance of the error of one. Errors count as changes that the force
+    # does not follow, so that a hover has a share of about 0.
     noise = 2 * VELOCITY_SD**2 * len(velocity_changes)
     force_power = force_changes @ force_changes
     velocity_power = velocity_changes @ velocity_changes + noise
@@ -275,10 +297,18 @@ def _turned_share(moved: MotionGrid) -> float:
 
 
 def filter_parameters(scaled_parameters: Array, moved: MotionGrid) -> Array:
-    """Returns the parameters (N, 10) of the filter for scaled parameters (N, 10).
+    """Converts scaled parameters to those of :class:`AirflowFilter`.
 
-    Sizes of gusts and of the mean wind's change are accelerations in the scaled parameters, and velocities in the
-    filter: they are divided by the drag per speed at the mean air speed.
+    The scaled parameters state gusts, and the change of the mean wind, by the acceleration that they cause (m/s²),
+    which is what a flight shows whatever the drag is. The filter needs the velocity (m/s). It is the acceleration over
+    the drag per speed, c + q |u|, at the mean air speed |u|.
+
+    Args:
+        scaled_parameters: N sets of scaled parameters (N, 10); sizes are logarithms.
+        moved: motion of the flight, from which the mean air speed follows.
+
+    Returns:
+        Parameters of the filter (N, 10).
     """
     linear, quadratic = np.exp(scaled_parameters[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
     drag_per_speed = linear + quadratic * mean_air_speed(scaled_parameters, moved)
@@ -302,9 +332,16 @@ def sampled_winds(moved: MotionGrid, posterior: DragPosterior) -> SmoothedStates
 
 
 def independent_share(errors: Array) -> float:
-    """Returns the ratio of effective to actual sample size of errors (T, k) that are autocorrelated.
+    """Returns the ratio of effective to actual sample size of errors that are autocorrelated.
 
-    They are taken for first-order autoregressions, for which it is (1 − ρ) / (1 + ρ) with lag-one autocorrelation ρ.
+    Errors that resemble the ones before tell less than independent ones. They are taken for first-order
+    autoregressions, for which the ratio is (1 − ρ) / (1 + ρ) with the lag-one autocorrelation ρ.
+
+    Args:
+        errors: k series of errors at T times (T, k), in any unit; NaN where one is missing. ρ is common to all series.
+
+    Returns:
+        The ratio, above 0 and at most 1: a negative autocorrelation counts as none.
     """
     centred = np.nan_to_num(errors - np.nanmean(errors, axis=0))
     power = max((centred**2).sum(), MIN_POWER)

@@ -27,10 +27,17 @@ from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue
 
 
 def _velocity_messages() -> dict[str, float]:
-    """Returns the messages with the velocity over ground, and the factor that converts it to m/s, by preference."""
+    """Returns the messages that have the velocity over ground, with their units.
+
+    They are the messages from which the climb rate is read too, but only those whose field is ``vz``: these also have
+    the horizontal velocity, as ``vx`` and ``vy``.
+
+    Returns:
+        By name of the message, the preferred one first: the factor that converts its velocity to m/s.
+    """
     factors = {}
     for name, (field, climb_factor) in CLIMB_RATE_FIELDS.items():
-        # Climb is positive upwards, and the velocity's field vz downwards.
+        # Climb is positive upwards, and the velocity's field vz downwards, so the factor of the climb is negative.
         if field == "vz":
             factors[name] = -climb_factor
     return factors
@@ -312,7 +319,19 @@ def _motion_resets(time: Array, values: Array) -> Flags:
 
 
 def _estimator_knows_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
-    """Returns at which times (N,), s, of a boot no message with estimator flags says that the velocity is unknown."""
+    """Returns when the autopilot's state estimator knows the horizontal velocity, as far as the log shows.
+
+    Without a position source, an estimator reports a velocity that means nothing, and says so in its flags. Where a log
+    has no flags, the velocity counts as known.
+
+    Args:
+        telemetry: messages of the vehicle.
+        boot: number of the boot.
+        time: times in that boot (N,), s.
+
+    Returns:
+        Flags (N,); false also between two messages of which either says that the velocity is unknown.
+    """
     known = np.ones(len(time), np.bool_)
     for name in ESTIMATOR_FLAG_MESSAGES:
         flags = recorded_series(telemetry, name, "flags")
@@ -386,10 +405,17 @@ def _flights(signals: Signals, boot: int, time: Array, height: Array) -> interva
 
 
 def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]:
-    """Returns the parameters of the autopilot's drag model that should be set, by name, with 90 % intervals.
+    """Returns which parameters of the autopilot's own drag model should be set to make its wind estimate better.
 
     There are none for the population's drag, which is not that of this vehicle. A DataFlash log has all parameters of
-    the firmware, so those that it does not have are left out.
+    the firmware, so those that it does not have are left out: the firmware does not know them.
+
+    Args:
+        drag: drag of the vehicle.
+        telemetry: log of the vehicle, with its autopilot and parameters.
+
+    Returns:
+        Value with its 90 % interval by name of the parameter; empty where the autopilot has no drag model.
     """
     if drag.source is DragSource.POPULATION:
         return {}

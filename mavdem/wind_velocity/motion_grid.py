@@ -91,7 +91,11 @@ class MotionGrid(NamedTuple):
         return np.asarray(has_force & has_velocity)
 
     def select(self, rows: Flags | slice) -> MotionGrid:
-        """Returns only some of the steps."""
+        """Returns only some of the steps; the time step stays the same, so that there may be gaps.
+
+        Args:
+            rows: flags (T,), or a slice, of the steps to keep.
+        """
         return MotionGrid(
             self.time[rows],
             self.body_axes[rows],
@@ -136,11 +140,20 @@ class _Bins:
         return np.array([np.bincount(self.index, row, self.count) for row in values])
 
     def triangular_means(self, values: Array) -> Array:
-        """Returns means of values (k, N) over each two adjacent steps (k, count − 1), with triangular weights."""
+        """Returns means over each two adjacent steps, with weights that rise over the first and fall over the second.
+
+        With the position p of a sample in its step, 0 to 1, the weight is p in the first and 1 − p in the second.
+
+        Args:
+            values: k quantities at N samples (k, N).
+
+        Returns:
+            Means (k, count − 1); NaN where both steps have no sample.
+        """
+        # The row of ones becomes the sum of the weights, which the other rows are divided by.
         with_ones = np.vstack([np.ones(len(self.index)), values])
         sums = self._sums(with_ones)
         rising = self._sums(self.fraction * with_ones)
-        # The weight rises over the first step of a pair, and falls over the second.
         weighted = (sums - rising)[:, 1:] + rising[:, :-1]
         return weighted[1:] / weighted[0]
 
@@ -274,7 +287,14 @@ def validated_motion(time: Array, attitude: Array, velocity: Array) -> MotionSam
 
 
 def _require_velocity_follows_tilt(samples: MotionSamples) -> None:
-    """Checks that the velocity changes about as the tilt says, where samples are fast and the tilt changes enough.
+    """Checks that the velocity belongs to a vehicle that flies freely, by comparing it with the tilt.
+
+    A multirotor accelerates by about g times its tilt. So changes of the acceleration are regressed on changes of tilt
+    times g. The slope is about 1 in free flight, and about 0 where the vehicle is carried or held. No check is made
+    where it would not tell: samples are slow, few, or the tilt hardly changes.
+
+    Args:
+        samples: samples of the flight's motion.
 
     Raises:
         NotLearnable: it does not: the vehicle is held or carried, or the velocity is not the vehicle's.

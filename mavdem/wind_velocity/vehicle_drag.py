@@ -190,7 +190,13 @@ class Drag(ImmutableResult):
 
     @classmethod
     def validated_or_population(cls, drag: Drag | None) -> Drag:
-        """Returns a drag that a vehicle can have, or the population's for ``None``.
+        """Checks a drag that a caller has given, and replaces ``None`` by the drag of the population.
+
+        Args:
+            drag: drag of the vehicle, as of an earlier flight; ``None`` where it is not known.
+
+        Returns:
+            The drag itself, or that of the population: typical multirotors.
 
         Raises:
             ValueError: it is no ``Drag``, or no vehicle can have it.
@@ -242,10 +248,21 @@ class Drag(ImmutableResult):
         return float(np.sqrt(parts @ self.covariance[:2, :2] @ parts) / parts.sum())
 
     def autopilot_parameters(self, autopilot: str) -> dict[str, ParameterValue]:
-        """Returns the parameters of an autopilot's drag model to set, by name; none for one without such a model."""
+        """Converts the drag to the parameters of the drag model in an autopilot's state estimator.
+
+        The momentum coefficient is the linear drag c in 1/s, common to both axes. A ballistic coefficient, kg/m², is
+        the mass per effective area of one axis: half of the air density over the quadratic drag q.
+
+        Args:
+            autopilot: name of the autopilot, a key of ``DRAG_PARAMETER_NAMES``.
+
+        Returns:
+            Value with its 90 % interval by name of the parameter; empty for an autopilot without such a model.
+        """
         if autopilot not in DRAG_PARAMETER_NAMES:
             return {}
         momentum_name, ballistic_prefix = DRAG_PARAMETER_NAMES[autopilot]
+        # The interval of the common coefficient is the mean of those of both axes.
         low, high = self.interval("linear").mean(axis=1).tolist()
         momentum = float(np.exp(self.mean[LOG_LINEAR]))
         values = {momentum_name: ParameterValue(momentum, low, high)}
@@ -257,17 +274,27 @@ class Drag(ImmutableResult):
         return values
 
     def for_next_flight(self) -> Drag:
-        """Returns the prior of another flight of the vehicle: a part of the lean is this flight's only."""
+        """Returns the prior of another flight of the vehicle.
+
+        The drag coefficients stay as they are. The lean has a part that stays, as by an offset load, and a part that
+        changes from flight to flight, as by the accelerometers' bias (``LEAN_CHANGE_SD``). So its mean shrinks to the
+        share a of the variance that stays, and its variance P becomes a² P + (1 − a²) ``LEAN_SD``². This is a step of a
+        first-order autoregression whose stationary variance is that of the population.
+        """
         constant_share = 1 - (LEAN_CHANGE_SD / LEAN_SD) ** 2
         scale = np.array([1, 1, 1, 1, constant_share, constant_share])
-        # The lean of the population keeps its variance from flight to flight.
         added = np.diag([0, 0, 0, 0, 1, 1]) * LEAN_SD**2 * (1 - constant_share**2)
         return Drag(
             self.mean * scale, self.covariance * np.outer(scale, scale) + added, self.source
         )
 
     def as_dict(self) -> JsonValues:
-        """Returns plain JSON values, which :meth:`from_dict` reads."""
+        """Returns plain JSON values, from which :meth:`from_dict` makes the drag again.
+
+        ``mean`` and ``covariance`` are those of the logarithms of the coefficients and of the lean; with ``source``
+        they define the drag. The others are for readers: ``linear`` (1/s) and ``quadratic`` (1/m) are medians along
+        body x and y, and their intervals are two rows, the lower ends and the upper ends of the 90 % intervals.
+        """
         return {
             "linear": self.linear.tolist(),
             "quadratic": self.quadratic.tolist(),
@@ -292,7 +319,13 @@ class Drag(ImmutableResult):
         return cls(mean, covariance, DragSource(values["source"])).validated()
 
     def validated(self) -> Drag:
-        """Returns this drag.
+        """Checks that a vehicle can have this drag, and returns it unchanged.
+
+        A logarithm that is more than ``MAX_DEVIATION`` from that of typical vehicles, and a lean that is, come from
+        mistakes in units or in a file.
+
+        Returns:
+            This drag itself.
 
         Raises:
             ValueError: no vehicle can have it, or its covariance is not positive definite.

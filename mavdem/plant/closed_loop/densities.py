@@ -373,8 +373,8 @@ class DensityModel:
     ) -> SynchronousSteps:
         """Returns the part of the reference that comes in steps synchronous with the messages.
 
-        An outer loop that sets a new reference only every few cycles, just as often as messages are sent, makes steps at
-        a fixed time before each message. That time gives each alias of the steps a fixed phase, so aliases add with
+        An outer loop that sets a new reference only every few cycles, just as often as messages are sent, makes steps
+        at a fixed time before each message. That time gives each alias of the steps a fixed phase, so aliases add with
         their phases and not in power.
 
         Args:

@@ -238,8 +238,8 @@ def with_quicker_pole_as_lag(theta: Array) -> Array:
     """Returns parameters of the same frequency response whose quicker pole is the motor lag and the slower the damping.
 
     The response b / ((τ s + 1)(s + d)) of the plant stays the same when the poles 1/τ and d change places and b becomes
-    b / (τ d). An ascent may end in either form. Motors are quicker than the damping of a vehicle in air, so that form is
-    the right one.
+    b / (τ d). An ascent may end in either form. Motors are quicker than the damping of a vehicle in air, so that form
+    is the right one.
 
     Args:
         theta: θ (k,), logarithms of the parameters.

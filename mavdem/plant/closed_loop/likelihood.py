@@ -152,7 +152,8 @@ class AxisPosterior:
             density: cross-spectral densities Φ of the model (J, C, C).
 
         Returns:
-            The whitened spectra; NaN, with a log likelihood of minus infinity, where a density is not positive definite.
+            The whitened spectra; NaN, with a log likelihood of minus infinity, where a density is not positive
+            definite.
         """
         try:
             factor = np.linalg.cholesky(density)
