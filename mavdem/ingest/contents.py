@@ -68,6 +68,9 @@ def is_dataflash_text(content: bytes) -> bool:
 def _content(path: PathName, limit: int | None = None) -> bytes:
     """Reads a file, and unpacks it if it is an xz archive.
 
+    Whatever goes wrong becomes an ``Unreadable`` with a fact that tells the user the cause: a folder, a device, a
+    missing or empty file, too little memory.
+
     Args:
         path: The file.
         limit: Number of bytes to read at most, of the file and of what it unpacks to; None for everything.
@@ -99,9 +102,18 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
 
 
 def _packed_content(path: Path, size: int, limit: int | None) -> bytes:
-    """Returns the bytes of a file of this size as they are, up to a limit if one is given.
+    """Returns the bytes of a file as they are, without unpacking.
 
-    It is not read to its end: a file of size 0 may never end (in /proc), and one that is being recorded grows.
+    Exactly ``size`` bytes are read, not all up to the end: a file of size 0 may never end (in /proc), and one that is
+    being recorded grows.
+
+    Args:
+        path: The file.
+        size: Its size, bytes.
+        limit: Number of bytes to read at most; None for ``size``.
+
+    Raises:
+        Unreadable: More than ``MAX_LOG_BYTES`` would have to be read.
     """
     if limit is not None:
         size = min(size, limit)
@@ -129,6 +141,9 @@ def _folder_fact(path: Path) -> Fact:
 def _unpacked(content: bytes, path: Path, limit: int | None) -> bytes:
     """Unpacks the first stream of an xz archive; ``xz`` writes no second stream.
 
+    The size of the result is bounded by the size of the archive, since a malicious one of some kilobytes can unpack to
+    more than any memory holds.
+
     Args:
         content: The archive, or its beginning.
         path: Its file, for errors.
@@ -146,6 +161,7 @@ def _unpacked(content: bytes, path: Path, limit: int | None) -> bytes:
     except lzma.LZMAError as error:
         raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=error) from None
     if limit is None and not decompressor.eof:
+        # The archive has not ended: either its own bytes ran out, or the bound on the result was reached.
         if len(unpacked) < max_size:
             raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=None)
         raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=max_size, archive=True)

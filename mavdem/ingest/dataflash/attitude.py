@@ -84,16 +84,24 @@ class NamedMessage(NamedTuple):
 
 
 def rate_unit(tables: Tables) -> tuple[float, Facts]:
-    """Finds out the unit of RATE's rates, by the gyro where that turns.
+    """Finds out whether RATE logged body rates in degrees/s or in centidegrees/s, by comparison with the gyro.
+
+    The log does not say the unit. The magnitude of RATE's body rate, taken for degrees/s, is divided by that of the
+    gyro at the same stamps while the vehicle turns. The median of this ratio is near 1 or near 100.
+
+    Args:
+        tables: DataFlash's messages by name.
 
     Returns:
-        RATE's units per degree/s, 1 or 100, and the repair where it is 100.
+        RATE's units per degree/s, 1 or 100, and the repair where it is 100. It is 1 where there are too few samples in
+        a turn to tell.
     """
     rates = messages_with_fields(tables, "RATE", RATE_FIELDS)
     gyro = rows_of_instance(messages_with_fields(tables, "IMU", GYRO_FIELDS), "I", 0)
     if not rates or not gyro:
         return 1.0, ()
     gyro_rate = np.linalg.norm(resampled(rates, gyro, float_table(gyro, GYRO_FIELDS)), axis=1)
+    # NaN, where the gyro has a gap, compares as false.
     is_turning = gyro_rate > MIN_TURN_RATE
     if np.count_nonzero(is_turning) < MIN_SAMPLES_FOR_STATISTICS:
         return 1.0, ()
@@ -107,11 +115,19 @@ def rate_unit(tables: Tables) -> tuple[float, Facts]:
 
 
 def attitude(tables: Tables, units_per_degree: float) -> NamedMessage:
-    """Makes ATTITUDE, at the stamps of the slower one of angles and rates.
+    """Makes ATTITUDE from the Euler angles (ATT or ANG) and the body rates (RATE, or else IMU).
+
+    Both are logged in messages of their own, at different stamps. Body rates are interpolated at the stamps of the
+    angles or, where they were logged clearly less often, angles at the stamps of the body rates: the faster signal
+    bears interpolation better.
 
     Args:
         tables: DataFlash's messages by name.
         units_per_degree: RATE's units per degree/s.
+
+    Returns:
+        Columns of ATTITUDE (N,): angles, rad, within half a turn of zero, and body rates, rad/s; NaN in gaps of the
+        faster message. There are none where angles or rates were not logged.
     """
     angle_message = _faster_angle_message(tables, ANGLE_FIELDS)
     angles = messages_with_fields(tables, angle_message, ANGLE_FIELDS)
@@ -121,6 +137,7 @@ def attitude(tables: Tables, units_per_degree: float) -> NamedMessage:
         return NamedMessage(angle_message, {})
     enough_for_angles = MIN_PREFERRED_SHARE * message_count(angles)
     rate_count = message_count(rates)
+    # RATE is free of the gyro's bias, so IMU replaces it only where RATE is slower than both IMU and the angles.
     if rate_count < enough_for_angles and rate_count < message_count(gyro):
         rate_message = "IMU"
         rates = gyro
@@ -161,9 +178,16 @@ def _faster_angle_message(tables: Tables, fields: Names) -> str:
 def attitude_targets(tables: Tables, units_per_degree: float) -> NamedMessage:
     """Makes ATTITUDE_TARGET, one message for each setpoint of the body rates, and one for each of the attitude.
 
+    DataFlash logs the two setpoints in different messages (RATE, and ATT or ANG). Each becomes a message of its own
+    whose ``type_mask`` marks the other setpoint as not sent.
+
     Args:
         tables: DataFlash's messages by name.
         units_per_degree: RATE's units per degree/s.
+
+    Returns:
+        Columns of ATTITUDE_TARGET (N,), body rates in rad/s and attitude as quaternions, in the order of boot and
+        time; no columns where neither setpoint was logged.
     """
     parts: list[Columns] = []
     names = []
@@ -186,7 +210,10 @@ def attitude_targets(tables: Tables, units_per_degree: float) -> NamedMessage:
 
 
 def rate_tuning(tables: Tables, attitude_columns: Columns, units_per_degree: float) -> Columns:
-    """Makes PID_TUNING, degrees/s, where RATE comes clearly more often than the attitude; else it would say no more.
+    """Makes PID_TUNING, which has RATE's setpoints and body rates at the full rate of RATE.
+
+    ATTITUDE has the body rates too, but where angles were logged more slowly than RATE, only at the stamps of the
+    angles. Where RATE is not clearly faster than that, PID_TUNING would add nothing and is not made.
 
     Args:
         tables: DataFlash's messages by name.
@@ -194,7 +221,8 @@ def rate_tuning(tables: Tables, attitude_columns: Columns, units_per_degree: flo
         units_per_degree: RATE's units per degree/s.
 
     Returns:
-        Three messages per row of RATE: setpoint and body rate about roll, pitch and yaw, whose numbers are 1, 2 and 3.
+        Three messages per row of RATE, degrees/s: setpoint (``desired``) and body rate (``achieved``) about roll, pitch
+        and yaw, whose ``axis`` is 1, 2 and 3. They come one axis after the other. Empty where it is not made.
     """
     logged = messages_with_fields(tables, "RATE", (*RATE_SETPOINT_FIELDS, *RATE_FIELDS))
     if message_count(attitude_columns) >= MIN_PREFERRED_SHARE * message_count(logged):
@@ -215,7 +243,11 @@ RATE_CONTROLLER_MESSAGES = ("PIDR", "PIDP", "PIDY")
 def derivative_terms(tables: Tables) -> Columns:
     """Makes D_TERM: the derivative terms of the rate controllers of roll, pitch and yaw, as x, y and z.
 
-    It is empty unless all three were logged. Controllers that were logged one message longer than others are cut.
+    D_TERM is no message of MAVLink, but a table of this package. ArduPilot logs PIDR, PIDP and PIDY together, so their rows belong to each other; where the end of the log cut one
+    of them off, the others are cut to its length.
+
+    Returns:
+        Columns (N,) at the stamps of PIDR, in the unit of the demand, -1 to 1; empty unless all three were logged.
     """
     logged = [messages_with_fields(tables, name, ("D",)) for name in RATE_CONTROLLER_MESSAGES]
     count = min(map(message_count, logged))
@@ -228,8 +260,15 @@ def derivative_terms(tables: Tables) -> Columns:
 def controller_demands(tables: Tables) -> tuple[Columns, Facts]:
     """Makes ACTUATOR_CONTROL_TARGET: what the rate controllers demand of the mixer, and thrust.
 
+    ArduCopter before 3.4 logged demands as -4500 to 4500. They are recognised by their size: more than a quarter of the
+    demands other than 0 lie beyond 2. Then demands and thrust are divided by their old full values.
+
+    Args:
+        tables: DataFlash's messages by name.
+
     Returns:
-        Demands, -1 to 1, and thrust, 0 to 1 (NaN where RATE has none); and the repair where they were scaled.
+        Columns with ``controls`` (N, 8): demands on roll, pitch and yaw, -1 to 1, then thrust, 0 to 1 (NaN where RATE
+        has none), then zeros; and the repair where they were scaled.
     """
     logged = messages_with_fields(tables, "RATE", DEMAND_FIELDS)
     if not logged:
@@ -239,6 +278,7 @@ def controller_demands(tables: Tables) -> tuple[Columns, Facts]:
     controls[:, axes] = float_table(logged, DEMAND_FIELDS)
     controls[:, THRUST_CHANNEL] = logged.get("AOut", np.nan)
     repairs: Facts = ()
+    # Zeros are of the time on the ground, and in either scale.
     magnitudes = abs(controls[:, axes])
     magnitudes = magnitudes[magnitudes > 0]
     if len(magnitudes) and np.percentile(magnitudes, DEMAND_PERCENTILE) > MAX_DEMAND:

@@ -200,7 +200,16 @@ def usable_fields(table: MessageTable) -> MessageTable:
 
 
 def read_binary(content: bytes) -> DataflashRecording:
-    """Finds the messages of a binary log, up to where another log with other definitions was appended."""
+    """Finds the messages of a binary log, up to where another log with other definitions was appended.
+
+    Messages are only located here. Each name is decoded when a caller asks for it, since most of a log is never used.
+
+    Args:
+        content: The bytes of the file.
+
+    Returns:
+        The recording, with the number of messages by name and the function that decodes those of one name.
+    """
     scan = _MessageScan(content)
     scan.run()
     # Padded, so that the last message may be decoded with any definition.
@@ -259,7 +268,12 @@ class _MessageScan:
             self._lengths[message_id] = definition.length
 
     def run(self) -> None:
-        """Finds all messages, up to an FMT that contradicts the one before it: there another log was appended."""
+        """Finds all messages, up to an FMT that contradicts the one before it: there another log was appended.
+
+        From message to message the length in the definition says where the next header must be. Where none is, or its
+        id has no definition, the search goes on byte by byte. This loop runs once per message of the log, so that
+        attributes are put into local variables before it.
+        """
         content = self.content
         lengths = self._lengths
         starts = self.starts
@@ -282,7 +296,10 @@ class _MessageScan:
                 offset = self._offset_after_damage(offset)
 
     def skipped(self) -> int:
-        """Returns the number of bytes that belong to no message, without the fill of a flash chip's last page."""
+        """Returns the number of bytes that belong to no message, without the fill of a flash chip's last page.
+
+        Bytes after the last message count as fill where all of them are 0 or all are 255; they are no damage.
+        """
         tail = self.content[self._end_of_messages() :]
         fill_byte = tail[:1]
         is_fill = fill_byte in FILL_BYTES and tail.count(fill_byte) == len(tail)
@@ -295,12 +312,14 @@ class _MessageScan:
         A definition whose length is not that of its fields is used where there is no other of the same id; then the
         fields count. One with a field of a type that is newer than ``FIELD_TYPES`` is no damage: it gives the length.
         """
+        # Definitions whose length and fields disagree, by message id: the second choice.
         contradictory: dict[int, FormatDefinition] = {}
         for match in DEFINITION_START.finditer(self.content):
             parsed = self._definition_at(match.start())
             if parsed is None or parsed[0] in self.definitions:
                 continue
             message_id, definition = parsed
+            # Without a ``wire`` type the length of the fields is not known, so nothing contradicts the stated length.
             is_sound = definition.wire is None or definition.length == definition.wire_length
             if is_sound and definition.length >= HEADER_BYTES:
                 self.definitions[message_id] = definition
@@ -343,10 +362,12 @@ class _MessageScan:
         return last + self._lengths[self.content[last + ID_BYTE]]
 
     def _offset_after_damage(self, offset: int) -> int:
-        """Returns where to continue if no header is at an offset.
+        """Returns the offset at which the search continues if no header is at ``offset``.
 
-        If a message ends there, something in it is missing, or it is none: it is left out, and the search goes on
-        within it. At the end of the log this is not so: there it may have been cut off.
+        A message that ends at ``offset`` should have been followed by a header. Since it is not, some of its own bytes
+        are missing, or its header was a chance pattern. It is removed, and the search goes on inside of it, where the
+        true next header may be. Where no header follows at all, the log may just have been cut off behind a sound
+        message, which stays.
         """
         next_header = self._next_header(offset)
         if self.starts and next_header < len(self.content) and self._end_of_messages() == offset:
@@ -364,10 +385,10 @@ class _MessageScan:
 def _decoded(
     data: NDArray[np.uint8], definition: FormatDefinition, starts: Integers
 ) -> MessageTable:
-    """Decodes the messages of one name.
+    """Decodes the messages of one name, all at once: their bytes are gathered into one structured array.
 
     Args:
-        data: The log, with ``MAX_MESSAGE_BYTES`` bytes more at its end.
+        data: The log (B,), with ``MAX_MESSAGE_BYTES`` bytes more at its end.
         definition: The definition of the messages.
         starts: Offset (N,) of each message.
 
@@ -377,6 +398,7 @@ def _decoded(
     wire = definition.wire
     if wire is None or definition.length != definition.wire_length or not wire.itemsize:
         return EMPTY_TABLE
+    # One row of bytes per message, then seen as one structured element per message.
     windows = np.lib.stride_tricks.sliding_window_view(data, wire.itemsize)
     messages = windows[starts + HEADER_BYTES].view(wire)[:, 0]
     columns = {}

@@ -143,7 +143,11 @@ def read_dataflash(path: PathName) -> Log:
 
 
 def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
-    """Decodes the messages of a recording, and translates them into MAVLink's.
+    """Makes the vehicle of a recording: its messages on the boot clock, in MAVLink's vocabulary, and its parameters.
+
+    Args:
+        recording: The log, whose messages are decoded here.
+        source: Name of the file.
 
     Raises:
         Unreadable: It has no message of a flight.
@@ -156,6 +160,7 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
         raise Unreadable(code, path=source, names=names)
     texts = field_texts(logged["MSG"].columns, "Message")
     settings = _parameter_settings(logged["PARM"].columns)
+    # Of several values of one parameter a dictionary keeps the last: of the reversed list the first.
     parameters = dict(settings)
     first_values = dict(reversed(settings))
     kind = _mav_type(texts, parameters)
@@ -231,11 +236,15 @@ def _firmware(texts: Sequence[str]) -> str:
 def _on_boot_clock(logged: Mapping[str, MessageTable]) -> tuple[Tables, Facts]:
     """Puts the messages that have stamps, and those of ``UNSTAMPED_MESSAGES``, on the boot clock.
 
+    The stamps of all messages, in the order of the log, give one clock with boots counted and outliers found. Each
+    message then looks up its own stamp there. Messages without a stamp are placed between their neighbours.
+
     Args:
         logged: The messages by name.
 
     Returns:
-        Their columns, with ``time`` (s) and ``boot``, and the repairs of the clock.
+        Their columns, with ``time`` (s) and ``boot``, and the repairs of the clock. Messages with impossible or
+        outlying stamps are left out.
     """
     stamps: dict[str, Array] = {}
     for name, table in logged.items():
@@ -261,6 +270,7 @@ def _on_boot_clock(logged: Mapping[str, MessageTable]) -> tuple[Tables, Facts]:
     time, boot = boot_times[all_messages]
     tables: dict[str, Columns] = {}
     for name, table in logged.items():
+        # Row of each message among the stamped ones; for one without a stamp, that of the stamped one behind it.
         rows = np.searchsorted(positions, table.position)
         if name in clock_messages:
             on_boot_clock = {**table.columns, "time": time[rows], "boot": boot[rows]}
@@ -285,8 +295,10 @@ def _placed_by_neighbours(
 ) -> Columns:
     """Gives times to messages that have no stamps, or old ones, by the stamped messages before and after them.
 
-    Nothing is logged while the vehicle is disarmed: arming ends a gap in the log and has the time of the message after
-    it; all else without a stamp begins one and has the time of the message before.
+    A message was logged after the stamped one before it and before the stamped one behind it in the file. A stamp of
+    its own is clipped to this interval. Without one it gets an end of the interval, which matters where the interval
+    is long: by default nothing is logged while the vehicle is disarmed. The event of arming ends such a gap and gets the
+    time of the message behind it. All other messages get that of the message before them.
 
     Args:
         name: Name of the messages.
@@ -323,18 +335,25 @@ def _parameter_settings(logged: Columns) -> list[tuple[str, float]]:
 
 
 def _mav_type(texts: Sequence[str], parameters: Parameters) -> str:
-    """Returns the vehicle's MAV_TYPE without its prefix; GENERIC where it is not known.
+    """Finds out the kind of vehicle, which a DataFlash log does not state as such.
+
+    The name of the firmware says whether it is a copter, a plane and so on. The number of a copter's motors follows
+    from the parameter FRAME_CLASS, or else from the frame that a text names.
 
     Args:
         texts: The texts of MSG, which name firmware and frame.
         parameters: The autopilot's parameters by name.
+
+    Returns:
+        MAV_TYPE without its prefix ("QUADROTOR"). It is GENERIC_MULTIROTOR for a copter whose frame is not known,
+        GENERIC for a vehicle that is not.
     """
     kind = "GENERIC"
     firmware = _FIRMWARE.match(_firmware(texts))
     if firmware is not None:
         kind = FIRMWARES[firmware[1].lower()]
     elif "FRAME_CLASS" in parameters and "ATC_RAT_RLL_P" in parameters:
-        # No other vehicle has both.
+        # Only copters have both parameters.
         kind = FIRMWARES["copter"]
     if kind != FIRMWARES["copter"]:
         return kind

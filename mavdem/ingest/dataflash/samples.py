@@ -104,12 +104,18 @@ def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, 
 def _instance_of_stage(
     option: StageOption, parameters: Parameters, sensor_count: int
 ) -> dict[str, int]:
-    """Returns which instance has the first sensor's samples "BEFORE" the filters and "AFTER" them, where logged.
+    """Finds under which instance number the log has the first sensor's samples before and after the filters.
+
+    ArduPilot numbers the sensors from 0. Where it logs both stages, filtered samples have the numbers behind those of
+    all sensors: with 3 gyros, instance 3 is the first gyro after its filters.
 
     Args:
         option: The parameter that says which stages are logged.
         parameters: The autopilot's parameters by name.
         sensor_count: Number of sensors of this kind.
+
+    Returns:
+        The instance by stage, "BEFORE" and "AFTER"; only stages that the parameter switches on.
     """
     flags = int(parameters.get(option.parameter, 0.0))
     if flags & option.both_flag:
@@ -120,9 +126,17 @@ def _instance_of_stage(
 
 
 def _single_samples(tables: Tables, message: str, fields: Names, instance: int) -> Columns:
-    """Returns the samples of one instance in messages with one sample each; empty where there are none.
+    """Returns the samples of one instance in messages with one sample each.
 
-    They are at the stamps of the samples where these are logged, else at those of the messages.
+    Args:
+        tables: DataFlash's messages by name.
+        message: Name of the message: "GYR".
+        fields: Its fields with the three axes.
+        instance: Number of the sensor.
+
+    Returns:
+        ``time``, s, ``boot``, ``x``, ``y`` and ``z`` (N,), rad/s or m/s²; empty where there are none. Times are those of
+        the samples (SampleUS) where they are logged, else those of the messages.
     """
     logged = rows_of_instance(messages_with_fields(tables, message, fields), "I", instance)
     if not logged:
@@ -135,19 +149,38 @@ def _single_samples(tables: Tables, message: str, fields: Names, instance: int) 
 
 
 def _sample_time(logged: Columns, sample_stamps: Array) -> Array:
-    """Puts the stamps of samples (N,), µs, on the boot clock of the messages (N,) with them; returns seconds."""
+    """Converts the stamps of samples to the boot clock.
+
+    A sample is older than the message that reports it by the difference of their stamps, so that its time is the
+    message's time on the boot clock less this delay.
+
+    Args:
+        logged: The messages (N,), with ``time`` and, if it was logged, TimeUS.
+        sample_stamps: Stamp of each sample (N,), µs, on the clock of TimeUS.
+
+    Returns:
+        Times (N,) since boot, s.
+    """
     message_stamps = logged.get("TimeUS", sample_stamps)
     delay = message_stamps.astype(np.float64) - sample_stamps.astype(np.float64)
     return logged["time"] - delay / MICROSECONDS
 
 
 def _batch_samples(tables: Tables, batch_type: int, instance: int) -> Columns:
-    """Returns the samples of all complete batches of one instance; empty where there are none.
+    """Returns the samples of all complete batches of one instance.
+
+    A batch is one header, ISBH, and some messages ISBD of 32 samples per axis, which carry the header's number N. The
+    header has the time of the first sample (SampleUS), the sampling rate (smp_rate, Hz), the number of samples
+    (smp_cnt) and the factor by which values were multiplied to be logged as integers (mul). A batch that lost a message
+    is left out, since it is not known which samples are missing.
 
     Args:
         tables: DataFlash's messages by name.
         batch_type: Kind of sensor, as in ISBH.type.
         instance: Number of the sensor, as in ISBH.instance.
+
+    Returns:
+        ``time``, s, ``boot``, ``x``, ``y`` and ``z`` (N,), rad/s or m/s²; empty where there are no complete batches.
     """
     header_fields = ("N", "type", "instance", "mul", "smp_cnt", "smp_rate", "SampleUS")
     headers = messages_with_fields(tables, "ISBH", header_fields)
@@ -160,6 +193,7 @@ def _batch_samples(tables: Tables, batch_type: int, instance: int) -> Columns:
     is_sound = (headers["mul"] > 0) & (headers["smp_rate"] > 0)
     batches = []
     for row in np.flatnonzero(is_wanted & is_sound):
+        # The messages of this batch in the order of its samples.
         data_rows = data_rows_of_batch.get(int(headers["N"][row]), np.zeros(0, np.intp))
         data_rows = data_rows[np.argsort(data["seqno"][data_rows], kind="stable")]
         scale = float(headers["mul"][row])

@@ -87,6 +87,7 @@ def states_of(tables: Tables, vehicle_type: int) -> tuple[Columns, Columns]:
     Returns:
         Columns of HEARTBEAT and of EXTENDED_SYS_STATE; without rows where there are no events.
     """
+    # The stamps of a boot are needed for each state; collecting them takes a pass over all messages.
     boot_stamps = cache(partial(_boot_stamps, tables))
     by_events = _changes(tables, "EV", "Id", ARMED_EVENTS, boot_stamps)
     by_arm_messages = _changes(tables, "ARM", "ArmState", ARM_STATES, boot_stamps)
@@ -102,14 +103,20 @@ def _changes(
     changes_by_value: Mapping[int, StateChange],
     boot_stamps: BootStamps,
 ) -> _StateChanges:
-    """Collects the changes of a state, and the state at the beginning of each boot that has some.
+    """Collects the changes of a state from the events of a log.
+
+    Each boot with changes gets one more, at its first message: it leads from the state before the boot's first event to
+    this same state, so that the state is defined from the beginning of the boot on.
 
     Args:
         tables: DataFlash's messages by name.
-        message: Name of the message with the events.
-        field: Its field with the kind of event.
+        message: Name of the message with the events ("EV").
+        field: Its field with the kind of event ("Id").
         changes_by_value: What each kind of event changes; others are left out.
-        boot_stamps: Stamps of a boot.
+        boot_stamps: Returns the stamps of a boot.
+
+    Returns:
+        The changes in the order of boot and time.
     """
     logged = tables.get(message, {})
     changes: list[tuple[int, float, int, int]] = []
@@ -135,15 +142,19 @@ def _changes(
 def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStamps) -> Columns:
     """Makes HEARTBEATs: five at each change of the armed state.
 
-    The first has the state after the change before, the next two the state before this change, the last two the state
-    after it. Twice each, for a single row would be taken for damage. Where the first two differ, a change between them
-    was not logged; it was, at the latest, when the log paused before this change, and they have the time of the last
-    message before that.
+    The first has the state that the previous change led to, the next two the state before this change, the last two the
+    state after it. States come twice because a reader takes a single differing row for damage.
+
+    The first row differs from the second where a change between the two events was not logged. It was no later than
+    the last message before this event, so that the first three rows get the time of that message.
 
     Args:
-        changes: The changes of base_mode.
+        changes: The K changes of base_mode.
         vehicle_type: MAV_TYPE.
-        boot_stamps: Stamps of a boot.
+        boot_stamps: Returns the stamps of a boot.
+
+    Returns:
+        Columns (5 K,) of HEARTBEAT.
     """
     is_first_of_boot = np.diff(changes.boot, prepend=-1) > 0
     previous_state = np.where(is_first_of_boot, changes.before, np.roll(changes.after, 1))
@@ -177,12 +188,18 @@ CONTRADICTION_SECONDS = 1.0
 def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
     """Makes EXTENDED_SYS_STATE at each change, and at the first message of each second of a boot that has changes.
 
-    At messages, because between two of them the clock may jump a year. The state is undefined between changes that
-    contradict each other, up to a second before the second of them, and after the last.
+    Rows lie at logged messages and not on a grid of seconds, because a damaged clock may jump by a year.
+
+    Two successive changes contradict each other where the second begins with another state than the first led to: an
+    event between them was not logged. The state between them is undefined, but for the last second before the second
+    change, which has the state from which that change begins. After the last change it is undefined too.
 
     Args:
         changes: The changes of landed_state.
-        boot_stamps: Stamps of a boot.
+        boot_stamps: Returns the stamps of a boot.
+
+    Returns:
+        Columns (N,) of EXTENDED_SYS_STATE.
     """
     times = [np.zeros(0)]
     boots = [np.zeros(0)]

@@ -38,7 +38,7 @@ def message_count(columns: Columns) -> int:
 
 
 def float_table(columns: Columns, fields: Names) -> Array:
-    """Returns fields as a table of floats (N, k); NaN where a value is not finite."""
+    """Returns k fields as a table of floats (N, k), one column per field; NaN where a value is not finite."""
     table = np.column_stack([columns[field] for field in fields]).astype(np.float64)
     table[~np.isfinite(table)] = np.nan
     return table
@@ -50,7 +50,10 @@ def with_stamps(logged: Columns, fields: Columns) -> Columns:
 
 
 def field_texts(columns: Columns, field: str) -> list[str]:
-    """Returns the texts of a field, without the zeros that fill it; empty ones where a value is no text."""
+    """Returns the texts of a field, one per message, without the zeros that fill it.
+
+    Where damage has made a value that is no text, it is empty, so that texts stay in line with the messages.
+    """
     texts = []
     for value in columns.get(field, ()):
         text = ""
@@ -74,7 +77,9 @@ MAX_USUAL_STEP_RATIO = 3.0
 
 
 def resampled(target: Columns, source: Columns, values: Array, is_angle: bool = False) -> Array:
-    """Interpolates values of one message at the stamps of another, linearly.
+    """Interpolates values of one message at the stamps of another, linearly, but not across gaps.
+
+    Messages of DataFlash logs have different stamps and rates; what belongs together must be brought to common stamps.
 
     Args:
         target: The message (T rows) at whose stamps the values are wanted.
@@ -97,6 +102,7 @@ def resampled(target: Columns, source: Columns, values: Array, is_angle: bool = 
     finite_values = values[is_finite][first_rows]
     if is_angle:
         finite_values = np.unwrap(finite_values, axis=0)
+    # The step of the source in which each stamp of the target lies, step_row, decides whether it is in a gap.
     steps = np.diff(source_time)
     row_before = np.searchsorted(source_time, target_time, side="right") - 1
     step_row = np.clip(row_before, 0, len(steps) - 1)

@@ -40,7 +40,17 @@ class _Line(NamedTuple):
 
 
 def read_text(content: bytes) -> DataflashRecording:
-    """Finds the messages of a text log; a line counts from the definition of its message on."""
+    """Finds the messages of a text log, and decodes those of a name when a caller asks for them.
+
+    A line is a message where its name has a definition above it in the file, and it has enough values for that.
+
+    Args:
+        content: The bytes of the file.
+
+    Returns:
+        The recording; positions of messages are numbers of lines. All other lines that are not blank are counted as
+        skipped.
+    """
     lines: dict[str, list[_Line]] = {}
     definitions: dict[str, FormatDefinition] = {}
     bytes_skipped = 0
@@ -71,7 +81,15 @@ def read_text(content: bytes) -> DataflashRecording:
 
 
 def _definition(values: bytes) -> FormatDefinition | None:
-    """Returns the definition in the values of an FMT line; None where it is damaged."""
+    """Reads the definition of a message in an FMT line.
+
+    Args:
+        values: What follows "FMT,": id, length, name, format characters, and then the names of all fields.
+
+    Returns:
+        The definition; None where it is damaged.
+    """
+    # The fifth part has the names of the fields, with the commas between them.
     parts = values.split(b",", 4)
     if len(parts) < 5:
         return None
@@ -84,11 +102,15 @@ def _definition(values: bytes) -> FormatDefinition | None:
 
 
 def _decoded(definition: FormatDefinition, lines: list[_Line]) -> MessageTable:
-    """Decodes the lines of one message.
+    """Decodes the lines of the messages of one name into columns.
+
+    Args:
+        definition: The definition of the message.
+        lines: Its lines in the order of the file.
 
     Returns:
-        The messages; numbers as floats, all else as bytes in arrays of objects. Lines in which a number is none are
-        left out. There are no messages where the definition is inconsistent.
+        The messages; numbers as floats, all else as bytes in arrays of objects. Lines in which a numeric field holds no
+        number are left out. There are no messages where the definition is inconsistent.
     """
     field_count = len(definition.fields)
     if definition.wire is None or not field_count:

@@ -131,6 +131,9 @@ def translated(
 ) -> tuple[dict[str, Columns], dict[str, str], Facts]:
     """Translates a log's messages into MAVLink's.
 
+    Each MAVLink message is made by a function of its own, or, where only names and units differ, by its rule in
+    ``translation.toml``. Messages without rows are left out.
+
     Args:
         tables: DataFlash's messages by name, with ``time`` and ``boot``.
         vehicle_type: MAV_TYPE, for HEARTBEAT.
@@ -179,7 +182,14 @@ def translated(
 
 
 def _primary_core(tables: Tables) -> int:
-    """Returns the number of the estimator core that was the primary one for most of the time; 0 where none is named."""
+    """Finds the estimator core on which the vehicle flew for most of the time.
+
+    ArduPilot's third filter runs several cores at once, one per IMU. XKF4.PI names the primary one, whose states the
+    controllers use.
+
+    Returns:
+        Its number, from 0; 0 where none is named.
+    """
     named_cores = tables.get("XKF4", {}).get("PI", np.zeros(0))
     cores, counts = np.unique(named_cores[named_cores >= 0], return_counts=True)
     return int(cores[counts.argmax()]) if len(cores) else 0
@@ -188,11 +198,17 @@ def _primary_core(tables: Tables) -> int:
 def _renamed_message(tables: Tables, message: str) -> NamedMessage:
     """Translates a message of which only names and units change, by its rule in ``translation.toml``.
 
-    Of several messages that it may come from, the first that was logged with all required fields counts; of the third
-    filter's states those of the primary core.
+    A rule lists the DataFlash messages it may come from, as different versions of ArduPilot have it. The first that was
+    logged with all required fields is used. Messages of the third filter, XKF..., exist for each of its cores; those of
+    the primary core are used.
+
+    Args:
+        tables: DataFlash's messages by name.
+        message: Name of MAVLink's message, the key of the rule.
 
     Returns:
-        The message. Where the primary core was not logged, but others were, its name is "XKF1[0]".
+        The message; without columns where none was logged. Then its name in the log is that of the preferred message,
+        with the number of the primary core ("XKF1[0]") where only other cores were logged.
     """
     rule = TRANSLATION_RULES[message]
     primary_core = _primary_core(tables)
@@ -214,9 +230,10 @@ def _renamed_message(tables: Tables, message: str) -> NamedMessage:
 
 
 def _local_position(tables: Tables) -> NamedMessage:
-    """Makes LOCAL_POSITION_NED.
+    """Makes LOCAL_POSITION_NED: position, m, and velocity, m/s, in north-east-down.
 
-    The vertical speed of the first filter, EKF1, is off by 0.3 m/s; that of CTUN takes its place where it is logged.
+    The vertical speed of the first filter, EKF1, is off by 0.3 m/s. Where a climb rate was logged too (VFR_HUD, from
+    CTUN), it takes its place, resampled at the stamps of the position and with its sign changed, since z points down.
     """
     position = _renamed_message(tables, "LOCAL_POSITION_NED")
     climb = _renamed_message(tables, "VFR_HUD").columns
@@ -237,7 +254,11 @@ SHARED_STATUS_FLAGS: int = dialect.EKF_UNINITIALIZED - 1
 
 
 def _estimator_status(tables: Tables) -> NamedMessage:
-    """Makes EKF_STATUS_REPORT, whose flags are the first bits of the filter's own status, and the glitch of GPS."""
+    """Makes EKF_STATUS_REPORT, the health of the state estimator.
+
+    DataFlash has the filter's own status word. Its lower bits are those of EKF_STATUS_REPORT.flags; the glitch of GPS
+    has another bit in each of them and is moved.
+    """
     status = _renamed_message(tables, "EKF_STATUS_REPORT")
     # Before ArduCopter 3.3 there was no status.
     if "flags" not in status.columns:
@@ -257,7 +278,10 @@ OUTPUT_NAMES = ("C{}", "Ch{}", "Chan{}")
 
 
 def _servo_outputs(tables: Tables) -> Columns:
-    """Makes SERVO_OUTPUT_RAW of RCOU, µs; 0 for outputs that were not logged."""
+    """Makes SERVO_OUTPUT_RAW of RCOU: the pulse widths of outputs 1 to 16, µs.
+
+    Outputs that were not logged are 0, which means no pulses. Damaged values are clipped to the 16 bits of the field.
+    """
     logged = tables.get("RCOU", {})
     pulse_widths = {}
     for output in OUTPUTS:
@@ -280,11 +304,16 @@ MAX_VOLTS = 200.0
 
 
 def _battery_status(tables: Tables) -> NamedMessage:
-    """Makes SYS_STATUS of the first battery, mV and cA, with the decimals that the message cuts off."""
+    """Makes SYS_STATUS of the first battery: voltage, mV, and current, cA.
+
+    Both stay floats, so that the decimals that MAVLink's integers cut off are kept. Old versions of ArduPilot logged
+    hundredths of a volt. These are recognised by a median voltage that no battery of a multirotor has.
+    """
     for name in BATTERY_MESSAGES:
         logged = messages_with_fields(tables, name, ("Volt",))
         if not logged:
             continue
+        # The names that the number of the battery has had; without a first battery all of them are used.
         for instance_field in ("Inst", "Instance", "I"):
             logged = rows_of_instance(logged, instance_field, 0) or logged
         voltage = float_table(logged, ("Volt",))[:, 0]
@@ -308,12 +337,15 @@ MAX_IMUS = sum("clipping" in name for name in dialect.MAVLink_vibration_message.
 
 
 def _vibration(tables: Tables) -> Columns:
-    """Makes VIBRATION of VIBE.
+    """Makes VIBRATION of VIBE, which comes as one message per IMU, or of the first IMU alone in older versions.
+
+    The messages of all IMUs are put side by side, row by row. Where the end of the log cut off the last message of some
+    IMU, the others are cut to its length.
 
     Returns:
-        Standard deviations of the first IMU's acceleration, m/s², the counters of clips of all IMUs, and beside the
-        message's fields ``levels`` (N, 3 k), the deviations of all k IMUs. IMUs that were logged one message longer
-        than others are cut.
+        Columns (N,): standard deviations of the first IMU's acceleration on its axes, m/s², and each IMU's counter of
+        clips, the samples beyond the range of the accelerometer. Beside the message's fields there is ``levels``
+        (N, 3 k), the deviations of all k IMUs. Empty where VIBE was not logged.
     """
     logged = messages_with_fields(tables, "VIBE", VIBRATION_FIELDS)
     if not logged:
@@ -355,7 +387,11 @@ STATUS_3D_FIX = 3
 
 
 def _calendar_time(tables: Tables) -> Columns:
-    """Makes SYSTEM_TIME of GPS: UTC by the receiver, where it has a fix."""
+    """Makes SYSTEM_TIME of GPS: UTC by the receiver, UNIX µs, where it has a fix.
+
+    GPS gives time as a week (GWk) and milliseconds of the week (GMS). It runs ahead of UTC by the leap seconds since
+    1980.
+    """
     logged = messages_with_fields(tables, "GPS", ("Status", "GMS", "GWk"))
     if not logged:
         return {}
@@ -368,7 +404,11 @@ def _calendar_time(tables: Tables) -> Columns:
 
 
 def _gps_fixes(tables: Tables) -> Columns:
-    """Makes GPS_RAW_INT of the first receiver; latitude and longitude in 1e-7 degrees, 0 where it has no fix."""
+    """Makes GPS_RAW_INT of the first receiver: kind of fix, satellites, dilution of precision and position.
+
+    Latitude and longitude are in 1e-7 degrees, 0 where there is no three-dimensional fix. ``eph`` is the horizontal
+    dilution of precision times 100, as MAVLink has it.
+    """
     fields = ("Status", "NSats", "HDop", "Lat", "Lng")
     logged = rows_of_instance(messages_with_fields(tables, "GPS", fields), "I", 0)
     if not logged:
@@ -407,7 +447,14 @@ def _parameter_values(tables: Tables) -> Columns:
 
 
 def _injected_signal(tables: Tables) -> Columns:
-    """Makes SIDD, the signal of the system identification mode, with the axis of its run (SID_AXIS), from SIDS."""
+    """Makes SIDD: the test signal that ArduCopter's system identification mode injects.
+
+    SIDS begins each run and has its axis (SID_AXIS); SIDD has the samples of the signal. Each sample gets the axis of
+    the last run that began before it.
+
+    Returns:
+        Columns (N,): ``axis`` and ``target``, the signal in the unit of its axis; empty without such a run.
+    """
     runs = messages_with_fields(tables, "SIDS", ("Ax",))
     logged = messages_with_fields(tables, "SIDD", ("Targ",))
     if not runs or not logged:

@@ -229,7 +229,14 @@ def _fill_unstamped(
 def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, Facts]:
     """Puts the reference type on the boot clock by its own stamps.
 
-    Outliers are left out, wraps of the counter undone, and reboots counted.
+    A fall of the stamps means that the counter wrapped, if time would have passed only shortly with one period added,
+    and else that the autopilot restarted. Outliers are removed before, since each of them is a fall too.
+
+    Args:
+        reference_type: The messages of the reference type and their stamps.
+
+    Returns:
+        Its messages on the boot clock, and the repairs: stamps ignored, wraps undone, reboots found.
     """
     name = reference_type.message
     period = reference_type.period
@@ -240,6 +247,7 @@ def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, 
     steps = np.diff(stamps)
     # A clock that falls, but would have risen by a short time had it wrapped, has wrapped.
     wrap_rows = 1 + np.flatnonzero((steps < 0) & (steps + period <= MAX_WRAP_GAP))
+    # Number of wraps up to each row.
     wraps = np.cumsum(np.bincount(wrap_rows, minlength=len(stamps)))
     time = stamps + period * wraps if len(wrap_rows) else stamps
     reboot_rows = _reboot_rows(time)
@@ -259,12 +267,18 @@ def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, 
 
 
 def _reboot_rows(time: Times) -> Rows:
-    """Returns the rows at which a clock restarted: it fell by ``MIN_RESET_STEP``, and stays low.
+    """Finds the rows at which a clock restarted: it fell by ``MIN_RESET_STEP``, and stays low.
+
+    A message that arrives late has a low stamp too, but those after it are high again. So a restart needs
+    ``MIN_RESET_STAMPS`` stamps in a row that are all below the highest one since the last restart.
 
     Args:
         time: Stamps (n,) in stream order, s, wraps undone.
+
+    Returns:
+        The first row of each boot but the first, ascending.
     """
-    # The highest of the next MIN_RESET_STAMPS stamps, from each row on.
+    # The highest of MIN_RESET_STAMPS stamps, from each row on: the filter's window is moved so that it begins there.
     highest_ahead = maximum_filter1d(
         time, MIN_RESET_STAMPS, origin=-(MIN_RESET_STAMPS // 2), mode="nearest"
     )
@@ -301,12 +315,13 @@ def _readings_by_reference(
     name = message_type.message
     period = message_type.period
     time, offset, boot = _compared_with_reference(reference, positions, stamps, period)
-    # The reference may have begun later, or ended earlier: there is nothing to compare with outside.
+    # Only messages between the first and the last of the reference can be compared with it.
     first_row, end_row = np.searchsorted(
         positions, reference.positions[[0, -1]], side="right"
     ).tolist()
     comparable = offset[first_row:end_row] if first_row < end_row else offset
     typical_offset = np.median(comparable)
+    # Stamps of another epoch, such as UNIX time, are off by the same amount in each boot, and are moved by it.
     is_other_epoch = abs(typical_offset) > MIN_EPOCH_OFFSET
     repairs: Facts = ()
     if is_other_epoch:
@@ -317,6 +332,7 @@ def _readings_by_reference(
             offset[is_of_boot] -= shift
         repairs += repair_facts(Repair.CLOCK_MOVED, name=name, offset=typical_offset)
     is_outlier = outlier_stamps(offset)
+    # Undoing a wrap moved stamps by at least a whole period.
     if not is_other_epoch and (abs(time - stamps)[~is_outlier] > period / 2).any():
         repairs += repair_facts(Repair.CLOCK_WRAPPED, name=name, period=period)
     repairs += repair_facts(Repair.STAMPS_IGNORED, count=np.count_nonzero(is_outlier), name=name)
@@ -354,11 +370,12 @@ def _compared_with_reference(
     time_before = reference.time[row_before]
     time_after = reference.time[row_after]
     is_same_boot = reference.boot[row_before] == reference.boot[row_after]
-    # The stamp's wraps are undone twice: so that it is nearest to the stamp before, and to that after.
+    # Wraps are undone twice, once so that the stamp is nearest to the reference's before it, once to the one after it.
     by_before = _unwrapped(stamps, period, time_before)
     by_after = _unwrapped(stamps, period, time_after)
     inside_by_before = np.clip(by_before, time_before, time_after)
     inside_by_after = np.clip(by_after, time_before, time_after)
+    # Within one boot a stamp between the reference's two has no offset. Around a reboot there is no such interval.
     offset_by_before = by_before - np.where(is_same_boot, inside_by_before, time_before)
     offset_by_after = by_after - np.where(is_same_boot, inside_by_after, time_after)
     is_nearer_before = abs(offset_by_before) <= abs(offset_by_after)

@@ -73,9 +73,11 @@ def missing_messages(before: Any, after: Any) -> Any:
     Returns:
         The increase of the number of missing messages, −33 to 127.
     """
+    # The step modulo 256, 0 to 255. Its top end stands for steps back: 255 is a message that comes one too late.
     step = (after - before) & (SEQUENCE_NUMBERS - 1)
     is_late = step >= SEQUENCE_NUMBERS - MAX_LATE_STEPS
     is_ahead = (step > 0) & (step <= MAX_MISSING_STEP)
+    # A step of 1 misses nothing. A late step counts as negative; a repeated number, or a restart, counts as 0.
     return (step - 1 - SEQUENCE_NUMBERS * is_late) * (is_ahead | is_late)
 
 
@@ -118,6 +120,9 @@ class _ComponentRecord:
 
 def assemble(stream: FrameStream) -> Log:
     """Sorts a stream by sender, and decodes the messages of each.
+
+    Args:
+        stream: The frames of a recording.
 
     Returns:
         The log: every component, and those of them that are vehicles with their messages.
@@ -240,6 +245,7 @@ def _unread_frames(
     """
     is_unreadable = frames.checksum != CHECKSUM_MATCHES
     checksums = frames.checksum[is_unreadable]
+    # One key per message and sender. An unknown message is unknown in each of its frames.
     keys = (frames.message_id << SENDER_BITS | sender_ids)[is_unreadable]
     for key, rows in rows_by_value(keys).items():
         message_id = key >> SENDER_BITS
@@ -263,7 +269,9 @@ def _unread_frames(
 def _component_record(
     data: Bytes, sender_id: int, frames_of_messages: OffsetsByMessage, sequence: Bytes
 ) -> _ComponentRecord:
-    """Decodes everything that one component sent.
+    """Decodes everything that one component sent, and finds out what it is and how many messages were lost.
+
+    Its kind is that of its HEARTBEATs. A component that sent only the messages that telemetry radios add is a radio.
 
     Args:
         data: The stream (B,).
@@ -278,6 +286,7 @@ def _component_record(
     counts = {name: len(columns["time"]) for name, columns in messages.items()}
     if counts and RADIO_MESSAGES.issuperset(counts):
         kind = RADIO
+    # Signed, so that differences may be negative.
     signed_sequence = sequence.astype(np.int16)
     lost = int(missing_messages(signed_sequence[:-1], signed_sequence[1:]).sum())
     component = Component(
@@ -303,7 +312,11 @@ def _is_vehicle(component: Component) -> bool:
 
 
 def _parameters_of(vehicle: _ComponentRecord, records: Sequence[_ComponentRecord]) -> Parameters:
-    """Returns a vehicle's parameters by name: what it sent, and else what MAVProxy noted for its system."""
+    """Returns a vehicle's parameters by name: what it sent, and else what MAVProxy noted for its system.
+
+    MAVProxy writes the parameters it knows into its logs under a component id of its own. They may be older than what
+    the vehicle sent, which therefore takes precedence.
+    """
     parameters: dict[str, float] = {}
     sources = [
         record
@@ -324,7 +337,10 @@ GENERIC_WEIGHT = 0.1
 
 
 def vehicle_identity(heartbeats: Columns) -> tuple[str, str]:
-    """Finds out what a component is, by majority.
+    """Finds out what a component is, by the majority of its HEARTBEATs.
+
+    They may disagree: frames are damaged, and scripts send HEARTBEATs under the ids of a vehicle. Those are mostly of
+    type GENERIC, whose votes therefore weigh less.
 
     Args:
         heartbeats: Columns of HEARTBEAT, at least one row.
@@ -342,6 +358,8 @@ def vehicle_identity(heartbeats: Columns) -> tuple[str, str]:
 
 def _messages(data: Bytes, frames_of_messages: OffsetsByMessage) -> tuple[Tables, Facts]:
     """Decodes the frames of one component and puts them on its boot clock.
+
+    All messages are decoded first, since the clock compares the stamps of all message types with each other.
 
     Args:
         data: The stream (B,).
@@ -377,6 +395,7 @@ def _message_stamps(
     """
     for name, units_per_second in BOOT_CLOCK_UNITS.items():
         if name in fields:
+            # A counter of 32 bits wraps in the course of a flight, one of 64 bits never does.
             counter_bytes = fields[name].dtype.itemsize
             period = np.inf
             if counter_bytes < np.dtype(np.uint64).itemsize:
@@ -433,7 +452,13 @@ class RecordingPart(NamedTuple):
 
 
 def joined_parts(parts: Sequence[RecordingPart]) -> RecordingPart:
-    """Joins parts of a recording, at least one, into one whose frames and bytes are in the order of the recording."""
+    """Joins parts of a recording into one whose frames and bytes are in the order of the recording.
+
+    The bytes of the frames are copied in that order, without what is between them, and the frames get new offsets.
+
+    Args:
+        parts: The parts, at least one. A single one is returned as it is.
+    """
     if len(parts) == 1:
         return parts[0]
     positions = np.concatenate([part.position for part in parts])
