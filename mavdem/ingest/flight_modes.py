@@ -1,4 +1,4 @@
-"""Flight modes: their names, by the number that ArduPilot and PX4 send and log."""
+"""Flight modes of ArduPilot and PX4: their names, by the numbers that the autopilots send and log."""
 
 from typing import NamedTuple
 

@@ -53,6 +53,9 @@ def motor_geometry(
 ) -> MotorGeometry | None:
     """Finds the motors of a vehicle: channels, positions and directions of rotation.
 
+    Parameters say which output channel drives which motor, and where motors are. What they do not say is assumed:
+    channels from the outputs that change, positions of an X quadrotor.
+
     Args:
         vehicle: MAV_TYPE without its prefix ("QUADROTOR").
         autopilot: MAV_AUTOPILOT without its prefix; any but "PX4" is taken for ArduPilot.
@@ -128,8 +131,10 @@ def _assumed_channels(
     Returns:
         The channels in the order of the motors, and which assumption gave them.
     """
+    # Of a vehicle whose number of motors is not fixed by its type, every channel that changes is taken.
     count = MOTOR_COUNTS.get(vehicle, len(moving_channels))
     moving = sorted(moving_channels)[:count]
+    # The bank that holds the lowest changing channel, and its first channels that can be motors.
     lowest = min(moving_channels, default=1)
     bank_start = (lowest - 1) // bank_size * bank_size + 1
     bank_channels = range(bank_start, MAX_SERVO_CHANNELS + 1)
@@ -187,6 +192,7 @@ def _ardupilot_wiring(vehicle: str, parameters: Parameters) -> _Wiring:
         function = int(parameters.get(f"SERVO{channel}_FUNCTION", NO_FUNCTION))
         if function in MOTOR_OF_FUNCTION:
             channel_of_motor.setdefault(MOTOR_OF_FUNCTION[function], channel)
+        # A log has only one of the two parameters, depending on the version.
         old_function = parameters.get(f"RC{channel}_FUNCTION", function)
         if old_function != NO_FUNCTION and old_function not in MOTOR_OF_FUNCTION:
             non_motor_channels.add(channel)
@@ -215,7 +221,14 @@ OLD_FRAME_CLASSES = {"QUADROTOR": 1, "HEXAROTOR": 2, "OCTOROTOR": 3}
 
 
 def _ardupilot_rotors(vehicle: str, parameters: Parameters) -> _Rotors:
-    """Looks up the rotors of the frame that FRAME_CLASS and FRAME_TYPE name, or FRAME before ArduCopter 3.5."""
+    """Looks up the rotors of the frame that ArduPilot's parameters name.
+
+    FRAME_CLASS is the kind of frame (quadrotor, hexarotor, …), FRAME_TYPE its arrangement (plus, X, …). Before
+    ArduCopter 3.5 the class was compiled in and follows from the vehicle's MAV_TYPE, and FRAME was the type.
+
+    Returns:
+        The rotors on a circle of radius 1; none where the frame is not known.
+    """
     frame_class = int(parameters.get("FRAME_CLASS", 0))
     frame_type = int(parameters.get("FRAME_TYPE", -1))
     if "FRAME_CLASS" not in parameters and "FRAME" in parameters:
@@ -228,7 +241,11 @@ def _ardupilot_rotors(vehicle: str, parameters: Parameters) -> _Rotors:
 
 
 def _frame_rotors(frame_class: int, frame_type: int) -> _Rotors:
-    """Returns the rotors of one of ArduPilot's frames; none where ``frames.toml`` does not have it."""
+    """Returns the rotors of one of ArduPilot's frames; none where ``frames.toml`` does not have it.
+
+    The table has a pair for each frame: the bearing of each motor, degrees, and a text with a sign for each motor, "+"
+    for counterclockwise and "-" for clockwise.
+    """
     bearings: Numbers
     directions: str
     bearings, directions = FRAMES.get(str(frame_class), {}).get(str(frame_type), ((), ""))

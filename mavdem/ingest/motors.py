@@ -187,6 +187,7 @@ class MotorGeometry:
         elif axis == "pitch":
             levers = [forward for forward, _ in self.positions]
         else:
+            # Yaw is the reaction to the drag of the propellers, alike for all motors but for its sign.
             levers = self.spins
         weights = np.array(levers, np.float64)
         total = abs(weights).sum()

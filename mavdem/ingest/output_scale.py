@@ -92,6 +92,10 @@ def output_scale(
 ) -> OutputScale:
     """Finds the scale of motor outputs from their values and the autopilot's parameters.
 
+    Scales are told apart by the largest output, and some of them also by the smallest one above 0. The range of PX4's
+    driver, which its parameters state, is tried first, then pulse widths, then DShot with the idle throttle of the
+    parameters. What is left is decided by the largest output alone.
+
     Args:
         outputs: Outputs of any shape, as they were sent, also while disarmed; values that are not finite are ignored.
         parameters: The autopilot's parameters by name.
@@ -124,7 +128,16 @@ def output_scale(
 
 
 def _scale_of_largest(largest: float, is_px4: bool) -> tuple[str, float]:
-    """Returns name and full-throttle output of the scale to which the largest output fits best."""
+    """Chooses a scale by the largest output alone: the first, in rising order of full throttle, that it does not
+    exceed.
+
+    Args:
+        largest: Largest output that occurred.
+        is_px4: Whether the autopilot is PX4, which alone logs commands of UAVCAN.
+
+    Returns:
+        Name of the scale and its output at full throttle; "unknown" and the largest output where it exceeds all.
+    """
     if largest <= MAX_NORMALISED:
         return "normalised", 1.0
     if largest <= MAX_IDLE_DSHOT:

@@ -46,7 +46,7 @@ def _parameter_of_line(line: str) -> tuple[str, float]:
     """Returns name and finite value of the parameter in a line; an empty name where there is none."""
     words = re.split(r"[,\s]+", line.strip())
     if words[0].isdigit():
-        # QGroundControl's lines begin with the numbers of the vehicle and of the component.
+        # QGroundControl's lines begin with the numbers of the vehicle and of the component; name and value follow.
         words = words[2:]
     try:
         name, value = words[0], float(words[1])

@@ -243,8 +243,8 @@ RATE_CONTROLLER_MESSAGES = ("PIDR", "PIDP", "PIDY")
 def derivative_terms(tables: Tables) -> Columns:
     """Makes D_TERM: the derivative terms of the rate controllers of roll, pitch and yaw, as x, y and z.
 
-    D_TERM is no message of MAVLink, but a table of this package. ArduPilot logs PIDR, PIDP and PIDY together, so their rows belong to each other; where the end of the log cut one
-    of them off, the others are cut to its length.
+    D_TERM is no message of MAVLink, but a table of this package. ArduPilot logs PIDR, PIDP and PIDY together, so their
+    rows belong to each other; where the end of the log cut one of them off, the others are cut to its length.
 
     Returns:
         Columns (N,) at the stamps of PIDR, in the unit of the demand, -1 to 1; empty unless all three were logged.

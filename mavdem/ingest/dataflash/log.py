@@ -297,8 +297,8 @@ def _placed_by_neighbours(
 
     A message was logged after the stamped one before it and before the stamped one behind it in the file. A stamp of
     its own is clipped to this interval. Without one it gets an end of the interval, which matters where the interval
-    is long: by default nothing is logged while the vehicle is disarmed. The event of arming ends such a gap and gets the
-    time of the message behind it. All other messages get that of the message before them.
+    is long: by default nothing is logged while the vehicle is disarmed. The event of arming ends such a gap and gets
+    the time of the message behind it. All other messages get that of the message before them.
 
     Args:
         name: Name of the messages.

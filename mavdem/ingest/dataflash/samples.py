@@ -135,8 +135,8 @@ def _single_samples(tables: Tables, message: str, fields: Names, instance: int) 
         instance: Number of the sensor.
 
     Returns:
-        ``time``, s, ``boot``, ``x``, ``y`` and ``z`` (N,), rad/s or m/s²; empty where there are none. Times are those of
-        the samples (SampleUS) where they are logged, else those of the messages.
+        ``time``, s, ``boot``, ``x``, ``y`` and ``z`` (N,), rad/s or m/s²; empty where there are none. Times are those
+        of the samples (SampleUS) where they are logged, else those of the messages.
     """
     logged = rows_of_instance(messages_with_fields(tables, message, fields), "I", instance)
     if not logged:

@@ -92,12 +92,14 @@ def decoded_columns(
     header_bytes = np.where(data[start] == MARKER_V1, HEADER_BYTES_V1, HEADER_BYTES_V2)
     payload_start = start.astype(np.int64) + header_bytes
     payloads = np.empty((len(payload_start), width), np.uint8)
-    # Of the last frames, bytes that were not sent may lie beyond the end of the stream.
+    # Each payload is cut out at full width, whatever was sent of it. For the last frames of the stream this would reach
+    # beyond its end, so their bytes are taken one by one, with the last byte repeated.
     exceeds_stream = payload_start + width > len(data)
     payloads[~exceeds_stream] = rows_of(data, payload_start[~exceeds_stream], width)
     offsets = payload_start[exceeds_stream, None] + np.arange(width)
     payloads[exceeds_stream] = data.take(offsets, mode="clip")
     sent_bytes = data[start + LENGTH_BYTE]
+    # What lies behind the sent bytes belongs to the checksum or to the next frame.
     payloads[np.arange(width) >= sent_bytes[:, None]] = 0
     messages = payloads.view(definition.wire)[:, 0]
     return {name: np.ascontiguousarray(messages[name]) for name in definition.fields}
@@ -165,7 +167,11 @@ def decoded_parameters(sent: Columns, autopilot: str) -> list[tuple[str, float]]
 
 
 def _definition(message: Any) -> MessageDefinition:
-    """Makes the definition of a message from pymavlink's class for it."""
+    """Makes the definition of a message from pymavlink's class for it.
+
+    MAVLink sorts fields by size on the wire. ``ordered_fieldnames`` has that order, ``fieldnames`` that of the
+    definition. Types are those of C, such as "uint8_t".
+    """
     type_of_field = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
     wire_fields = []
     # An array length of 0 stands for a field that is no array.

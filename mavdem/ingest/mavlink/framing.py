@@ -164,6 +164,10 @@ def concatenated_frames(tables: Sequence[Frames]) -> Frames:
 def find_frames(data: Bytes, crc_extras: CrcExtras, gap: int = 0) -> Frames:
     """Finds every frame in a stream, also those of unknown messages and with failed checksums.
 
+    The stream is scanned block by block. Linked frames are accepted at once, and fix what is possible before them:
+    frames of unknown messages must fill the space between two linked frames exactly, and isolated frames must fit into
+    what is then left. Isolated candidates after the last linked frame wait for a later block.
+
     Args:
         data: The stream (B,).
         crc_extras: CRC_EXTRA by message id, -1 where the dialect has no such message.
@@ -253,6 +257,7 @@ class _FrameBlock:
 
     def _matching_frames(self, selection: Flags) -> Frames:
         """Returns those candidates of a selection (N,) that lie in the stream and whose checksum matches."""
+        # Candidates of unknown messages are dropped first: without CRC_EXTRA their checksum cannot be computed.
         rows = np.flatnonzero(selection & (self.end <= self._size))
         frames = _frames_of_headers(self.start[rows], self._headers[rows])
         crc_extras = self._crc_extras.take(frames.message_id, mode="clip")
@@ -269,6 +274,7 @@ class _FrameBlock:
         covered = zip((start + 1).tolist(), checksum_start.tolist(), strict=True)
         content = self._content
         sums = [mcrf4xx(content[first:last]) for first, last in covered]
+        # One more step of the CRC takes in CRC_EXTRA, for all frames at once.
         without_extra = np.array(sums, dtype=np.uint16)
         computed = without_extra >> 8 ^ CRC_TABLE[(without_extra ^ crc_extras) & 0xFF]
         return frames[sent == computed]
@@ -328,6 +334,8 @@ def _frames_of_headers(start: Offsets, headers: Bytes) -> Frames:
 def _without_overlaps(frames: Frames, free_start: int) -> Frames:
     """Leaves out frames that begin before an offset or inside an earlier frame.
 
+    Of frames that overlap, the one that begins first stays.
+
     Args:
         frames: Frames in stream order.
         free_start: The offset before which none may begin.
@@ -349,7 +357,9 @@ def _filling_frames(
 ) -> Frames:
     """Finds the frames that fill the space before and between linked frames exactly, and that after them at the end.
 
-    By their headers they are frames, but their checksum does not match: they are of unknown messages, or damaged.
+    By their headers they are frames, but their checksum does not match: they are of unknown messages, or damaged. A
+    single marker would prove nothing. A chain of headers whose lengths lead exactly to the next linked frame is hardly
+    ever chance.
 
     Args:
         data: The stream (B,).
@@ -424,6 +434,8 @@ def _fits_between(
     start: Offsets, end: Offsets, accepted: Frames, decided_end: int, new_end: int
 ) -> Flags:
     """Flags frames that overlap no accepted frame and lie between two offsets.
+
+    Each frame must lie in the space between the last accepted frame that begins no later and the next accepted one.
 
     Args:
         start: Offset (N,) of each frame's marker.

@@ -34,13 +34,17 @@ class JsonMessage(NamedTuple):
 
 
 def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage:
-    """Reads a message from a JSON document of either layout.
+    """Reads a message from a JSON document of either layout, and encodes its fields as a MAVLink payload.
 
-    A missing field is zero, or NaN where it is a float. A parameter whose value is NaN becomes a float.
+    A missing field is zero, or NaN where it is a float, so that nobody takes it for a measured zero.
 
     Args:
         body: The document.
         definition: The definition of the message that it should be.
+
+    Returns:
+        Payload and sequence number; no payload where the document is no such message, or a value does not fit its
+        field.
     """
     fields = _parsed_json(body)
     sequence = None
@@ -62,7 +66,8 @@ def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage
     except (TypeError, ValueError, ArithmeticError):
         return JsonMessage(None, sequence)
     if definition.name == "PARAM_VALUE" and np.isnan(message["param_value"][0]):
-        # PX4 sends an integer as the bits of a float. JSON has one NaN only, so the bits are lost.
+        # PX4 sends an integer as the bits of a float, and those of a small negative integer are a NaN. JSON has one NaN
+        # only, so the value is lost. As a float the parameter stays NaN, and is not read as a wrong integer.
         message["param_type"] = dialect.MAV_PARAM_TYPE_REAL32
     return JsonMessage(message.tobytes(), sequence)
 
@@ -76,7 +81,10 @@ def _sequence_number(header: Any) -> int | None:
 
 @lru_cache(maxsize=1 << 10)
 def _message_without_fields(definition: MessageDefinition) -> NDArray[Any]:
-    """Returns the message (1,) in which no field was sent: zeros, and NaN where it has floats."""
+    """Returns the message (1,), as a structured array, in which no field was sent: zeros, and NaN where it has floats.
+
+    It is kept by definition, since it is needed for each message of a recording; callers must copy it.
+    """
     message = np.zeros(1, dtype=definition.wire)
     for name in definition.fields:
         if definition.wire[name].base.kind == "f":
@@ -105,12 +113,15 @@ def _enum_values() -> Mapping[str, int]:
 
 
 def _field_value(value: Any, wire_type: np.dtype[Any], unsent_value: Any) -> Any:
-    """Converts a field's value.
+    """Converts a field's value from JSON to what NumPy writes into the payload.
 
     Args:
         value: The value in JSON.
         wire_type: Type of the field in the payload.
         unsent_value: The field's value where it was not sent; of an array, that of each item.
+
+    Returns:
+        Bytes for a text, a number, or a list of numbers that is filled up to the length of the array.
 
     Raises:
         TypeError, ValueError, ArithmeticError: It has another type, or is too long.
@@ -146,9 +157,13 @@ def _number(value: Any, wire_type: np.dtype[Any]) -> float:
 
 
 def _value_of_text(text: str) -> float:
-    """Returns the bits of names joined with "|", or the value of a single name.
+    """Converts a text in the place of a number.
 
-    Names may also be numbers, which are also in quotes: NaN in JSON without JSON5.
+    It is the name of an enumeration's entry, or several names of bits joined with "|", each of which may also be an
+    integer. Otherwise it is a float in quotes, as JSON without JSON5 writes "NaN".
+
+    Raises:
+        ValueError: It is none of these.
     """
     try:
         bits = 0

@@ -109,7 +109,9 @@ class _StreamPiece(NamedTuple):
 
 
 def _stream(source: str, recording: McapRecording) -> FrameStream:
-    """Collects the MAVLink in a recording.
+    """Collects the MAVLink in a recording: frames as they are, and JSON messages encoded as frames.
+
+    A sender may be recorded both ways. Its JSON messages are then skipped, so that nothing counts twice.
 
     Args:
         source: Name of the file.
@@ -118,6 +120,7 @@ def _stream(source: str, recording: McapRecording) -> FrameStream:
     Raises:
         Unreadable: There is no MAVLink.
     """
+    # This reads the recording, so that its channels are known below.
     parts = [_recording_part(pieces) for pieces in _pieces_by_channel(recording)]
     skipped = sum(len(part.data) - int(part.frames.size.sum()) for part in parts)
     frame_senders = _senders_in(parts)
@@ -143,7 +146,11 @@ def _stream(source: str, recording: McapRecording) -> FrameStream:
 
 
 def _pieces_by_channel(recording: McapRecording) -> list[list[_StreamPiece]]:
-    """Returns the messages of each channel with frames; its first message shows whether it has such."""
+    """Returns the messages of each channel that carries MAVLink frames.
+
+    The first message of a channel shows whether it does. Each channel is a stream of its own: a frame may be split over
+    two messages of one channel, and other channels' messages may lie between them.
+    """
     pieces_of_channel: dict[int, list[_StreamPiece]] = {}
     other_channels = set()
     for position, message in enumerate(recording.messages()):
@@ -170,7 +177,11 @@ def _carries_frames(channel: Channel, first_message: bytes) -> bool:
 
 
 def _recording_part(pieces: Sequence[_StreamPiece]) -> RecordingPart:
-    """Finds the frames in the pieces of one stream."""
+    """Finds the frames in the pieces of one stream.
+
+    Pieces are joined before frames are searched, so that a frame that was split over two messages is found too. It has
+    position and time of the message in which it begins.
+    """
     data = np.frombuffer(b"".join(piece.data for piece in pieces), dtype=np.uint8)
     piece_ends = np.cumsum([len(piece.data) for piece in pieces], dtype=np.int64)
     frames = find_frames(data, crc_extra_table())
@@ -203,9 +214,13 @@ _JSON_TOPIC = re.compile(r"/?mavlink/(?P<system>\d{1,3})/(?P<component>\d{1,3})/
 
 
 def _json_topics(recording: McapRecording) -> dict[int, JsonTopic]:
-    """Returns the channels with one message each, by their number.
+    """Finds the channels whose messages are MAVLink as JSON; each has one message type of one sender.
 
-    Where both bridges were recorded, BlueOS's topics alone count: they have headers.
+    Where both bridges were recorded, the same message is in two topics, ``mavlink/...`` of BlueOS and ``/mavlink/...``.
+    BlueOS's is read, because only it has headers with sequence numbers.
+
+    Returns:
+        Sender and message of each such channel, by the channel's number.
     """
     topics = {}
     topic_names = {channel.topic for channel in recording.channels.values()}
@@ -223,10 +238,10 @@ def _json_topics(recording: McapRecording) -> dict[int, JsonTopic]:
 
 
 def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[RecordingPart, int, Facts]:
-    """Reads the JSON messages of a recording.
+    """Reads the JSON messages of a recording, and encodes them as frames, so that one path decodes all messages.
 
     Args:
-        content: The recording.
+        content: The bytes of the recording, which is read anew.
         topics: The topics to read, by number of the channel.
 
     Returns:
@@ -276,7 +291,7 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[Recordi
 
 
 def _no_mavlink_fact(source: str, recording: McapRecording, candidates: int) -> Fact:
-    """Returns the fact that a recording has no MAVLink, and what it has instead.
+    """Tells the user why there is no MAVLink in a recording, and what it has instead.
 
     Args:
         source: Name of the file.

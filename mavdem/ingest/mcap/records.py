@@ -96,7 +96,12 @@ class McapRecording:
     """Number of bytes to which the remaining chunks may unpack."""
 
     def messages(self) -> Iterator[Message]:
-        """Yields every message whose channel is known, in the order of the file; of damaged chunks none."""
+        """Yields every message whose channel is known, in the order of the file; of damaged chunks none.
+
+        Records are located first and decoded afterwards. Channels and schemas outside of chunks are registered before
+        any message is yielded.
+        """
+        # All chunks together may unpack to so many bytes, so that a small hostile file cannot fill the memory.
         self._allowance = MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * len(self.content)
         locations = list(self._record_locations())
         # The summary at the end repeats channels and schemas, which helps where the first record is damaged.
@@ -160,7 +165,11 @@ class McapRecording:
                 yield self._decoded(location)
 
     def _records_in_chunk(self, location: RecordLocation) -> list[McapRecord]:
-        """Returns the records of a chunk; none where it is damaged."""
+        """Returns the records of a chunk; none where it is damaged.
+
+        Chunks are unpacked here with a bound on their size, and not by the library, which unpacks whatever comes. The
+        library then parses the unpacked records, and checks their checksum.
+        """
         chunk = self._decoded(location)
         if isinstance(chunk, Chunk):
             max_size = min(self._allowance, MIN_UNPACKED_LIMIT)
@@ -191,7 +200,14 @@ def _record_end(content: bytes, offset: int) -> int | None:
 
 
 def _next_record(content: bytes, offset: int) -> int:
-    """Returns the first place from an offset on where two records follow one another; the end without any."""
+    """Finds where to go on after damage: the first offset at which two records follow one another.
+
+    By chance a byte often looks like the beginning of a record, but hardly ever with another one, or the magic bytes at
+    the end of the file, where its length says that it ends.
+
+    Returns:
+        The offset of the first of the two records; the end of the file where there are none.
+    """
     for head in LIKELY_HEAD.finditer(content, offset):
         end = _record_end(content, head.start())
         if end is None:
@@ -242,7 +258,12 @@ Series = tuple[Array, Mapping[str, Array]]
 def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
     """Writes every frame with its stamp, and the dialect's messages as JSON too.
 
-    A stamp beyond the year 2554, which MCAP cannot hold, becomes that of the frame before.
+    Frames keep the recording complete; from the JSON a viewer can plot fields. A stamp beyond the year 2554, which MCAP
+    cannot hold, becomes that of the frame before.
+
+    Args:
+        file: Where to write.
+        stream: The frames with their receive stamps.
 
     Returns:
         The number of frames.
@@ -273,7 +294,7 @@ def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
 
 
 def _json_body(message: Any) -> JsonValues:
-    """Returns one of pymavlink's messages in BlueOS's layout."""
+    """Returns one of pymavlink's messages as a JSON object in BlueOS's layout: a header with ids, and the fields."""
     header_values = (
         message.get_srcSystem(),
         message.get_srcComponent(),
@@ -292,14 +313,16 @@ def write_series(file: BinaryIO, series: Mapping[str, Series]) -> None:
 
     Args:
         file: Where to write.
-        series: Times, s, from 0 on, and columns, by topic.
+        series: Times (T,), s, from 0 on, and columns (T,), by topic. Messages of all topics are written in the order of
+            time.
     """
     writer = start_writer(file)
     messages: list[tuple[float, int, str]] = []
     for topic, (time, columns) in series.items():
         schema = _object_schema({name: {"type": "number"} for name in columns})
         channel = _register_json_channel(writer, topic, schema)
-        # A whole column is formatted at once: row by row, those of a flight take a quarter of a second.
+        # A whole column is formatted at once, which is much faster than a row at a time; the texts of a row are then
+        # put into the pattern of its object.
         row_pattern = json.dumps(dict.fromkeys(columns, "%s")).replace('"%s"', "%s")
         column_texts = []
         for column in columns.values():
