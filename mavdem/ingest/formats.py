@@ -74,7 +74,11 @@ PLAUSIBLE_STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)
 
 
 def looks_like_log(path: AnyPath) -> bool:
-    """Returns whether a file is a log, by its name or else by its first bytes; it need not be readable."""
+    """Returns whether a file is a log, by its name or else by its first bytes; it need not be readable.
+
+    This is the quick test for files in a folder. A MAVLink marker alone proves little, so a telemetry log under another
+    name must also begin with a plausible receive stamp.
+    """
     name = os.fsdecode(path)
     if _format_of_name(name) is not None:
         return True

@@ -128,8 +128,7 @@ def output_scale(
 
 
 def _scale_of_largest(largest: float, is_px4: bool) -> tuple[str, float]:
-    """Chooses a scale by the largest output alone: the first, in rising order of full throttle, that it does not
-    exceed.
+    """Chooses a scale by the largest output alone: the first one whose full throttle it does not exceed.
 
     Args:
         largest: Largest output that occurred.

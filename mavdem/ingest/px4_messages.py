@@ -63,7 +63,12 @@ def attitude_quaternion(topics: Topics) -> Fields:
     """ATTITUDE_QUATERNION.hpp: vehicle_attitude and, from PX4 1.10 on, vehicle_angular_velocity for the rates.
 
     PX4 sends the rates that were last published. Here attitude, the smoother of the two, is interpolated at the stamps
-    of the rates, so that neither is late. Only an attitude too slow for that keeps its own stamps.
+    of the rates, by spherical linear interpolation (slerp), so that neither is late. Only an attitude too slow for that
+    keeps its own stamps, and the rates are interpolated there.
+
+    Returns:
+        ``time`` (N,), s, quaternions w, x, y, z in ``q1`` to ``q4``, and body rates, rad/s. Rates in gaps of the
+        attitude are left out.
     """
     attitude = first_instance(topics, "vehicle_attitude")
     quaternions = array_field(attitude, "q", 4)
@@ -86,6 +91,7 @@ def attitude_quaternion(topics: Topics) -> Fields:
         time = attitude_time
         rates = interpolated(attitude_time, rate_time, rates)
     else:
+        # The row of the attitude after each stamp of the rates; the step before it shows whether there is a gap.
         next_rows = np.clip(np.searchsorted(attitude_time, rate_time), 1, len(attitude_time) - 1)
         is_covered = (rate_time >= attitude_time[0]) & (rate_time <= attitude_time[-1])
         is_usable = is_covered & (steps[next_rows - 1] <= MAX_GAP_SECONDS)
@@ -107,9 +113,13 @@ def servo_output_raw(topics: Topics) -> Fields:
 
     An instance that two drivers publish in turn, each with its ``noutputs``, becomes two ports; that of the driver
     whose first output changes most keeps the instance's number.
+
+    Returns:
+        ``time`` (N,), s, ``port`` and the 16 outputs in the unit of the driver, in the order of time.
     """
     ports = []
     for instance, topic in topics.get("actuator_outputs", {}).items():
+        # With two drivers the number of outputs alternates from message to message.
         output_counts = topic.get("noutputs", np.zeros(len(topic["time"])))
         distinct_counts = np.unique(output_counts)
         turns = np.count_nonzero(np.diff(output_counts))
@@ -127,7 +137,11 @@ def servo_output_raw(topics: Topics) -> Fields:
 
 
 def _used_outputs(topic: Columns) -> Array:
-    """Returns the outputs (N, 16) of actuator_outputs, 0 beyond the number of outputs in use, unless that is 0."""
+    """Returns the outputs (N, 16) of actuator_outputs.
+
+    Outputs from number ``noutputs`` on are not in use, and may hold old values; they are set to 0. Where ``noutputs``
+    is 0 or was not logged, all outputs are kept.
+    """
     zeros = np.zeros(len(topic["time"]))
     columns = [topic.get(f"output[{n}]", zeros) for n in range(PORT_OUTPUTS)]
     outputs = np.column_stack(columns).astype(np.float64)
@@ -141,6 +155,14 @@ def hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) 
 
     The topic counts motors, the message channels: each motor is put on the channel that the parameters give it. NaN,
     a motor that is off, becomes 0.
+
+    Args:
+        topics: The logged topics.
+        vehicle: MAV_TYPE without its prefix.
+        parameters: The autopilot's parameters by name. Without them motor n is put on channel n.
+
+    Returns:
+        ``time`` (N,), s, and ``controls`` (N, 16), 0 to 1 of the range.
     """
     topic = first_instance(topics, "actuator_motors")
     motors = range(1, MAX_PX4_ROTORS + 1)
@@ -188,7 +210,13 @@ def actuator_control_target(topics: Topics) -> Fields:
 
 
 def attitude_target_messages(topics: Topics) -> Fields:
-    """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint, rad/s; each masks the other."""
+    """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint.
+
+    Each topic makes messages of its own, in which ``type_mask`` marks the setpoint of the other topic as not sent.
+
+    Returns:
+        ``time`` (N,), s, quaternions, and body rates, rad/s, in the order of time.
+    """
     parts = []
     attitude = first_instance(topics, "vehicle_attitude_setpoint")
     rates = first_instance(topics, "vehicle_rates_setpoint")
@@ -239,9 +267,13 @@ VIBRATION_IMUS = 3
 
 
 def vibration(topics: Topics) -> Fields:
-    """VIBRATION.hpp: vehicle_imu_status; z is the level of the first IMU's acceleration, m/s².
+    """VIBRATION.hpp: vehicle_imu_status, the level of vibration and the clipped samples of each IMU.
 
-    ``levels`` are those of each IMU, and the counts of clips are of an IMU each, of all its axes.
+    Each IMU is an instance of the topic with stamps of its own; all are interpolated at the stamps of the first.
+
+    Returns:
+        ``time`` (N,), s; ``vibration_z``, the level of the first IMU's acceleration, m/s²; a counter of clips for each
+        IMU, the sum over its axes; and ``levels`` (N, k), the levels of all k IMUs. Empty before PX4 1.13.
     """
     status = first_instance(topics, "vehicle_imu_status")
     # Before PX4 1.13, which has no gyro_clipping yet, the level was that of the velocity's increments.
@@ -267,7 +299,12 @@ def system_time(topics: Topics) -> Fields:
 
 
 def injected_rates(topics: Topics) -> Fields:
-    """SIDD as ArduPilot has it: the rates that PX4's autotune adds to the setpoint, degrees/s, a row for each axis."""
+    """SIDD, the message of ArduPilot's logs with test signals, of the rates that PX4's autotune adds to the setpoint.
+
+    Returns:
+        Three rows per message of the topic, for roll, pitch and yaw: ``time``, s, the number of the ``axis`` as of
+        ``Injection``, and the rate, degrees/s, as ``target``.
+    """
     topic = first_instance(topics, "autotune_attitude_control_status")
     rates = np.degrees(array_field(topic, "rate_sp", 3))
     axis_numbers = Injection.RATE_SETPOINT + np.arange(3)
@@ -299,9 +336,17 @@ class SampleTopic(NamedTuple):
 
 
 def sensor_samples(topics: Topics, sample_topic: SampleTopic) -> Fields:
-    """Returns samples of a sensor before the filters: ``x``, ``y`` and ``z``, rad/s or m/s².
+    """Returns samples of a sensor before the filters.
 
-    A message of the FIFO topic holds up to 32 of them, ``dt`` apart, the last at ``timestamp_sample``.
+    A message of the FIFO topic holds up to 32 of them, ``dt`` µs apart, the last at ``timestamp_sample``, as integers
+    that ``scale`` converts to the unit. Where the topic was not logged, the means in sensor_combined are used.
+
+    Args:
+        topics: The logged topics.
+        sample_topic: Where the samples of this sensor are logged.
+
+    Returns:
+        ``time`` (N,), s, and ``x``, ``y`` and ``z`` (N,), rad/s or m/s².
     """
     fifo = first_instance(topics, sample_topic.fifo)
     if not fifo:
@@ -309,6 +354,7 @@ def sensor_samples(topics: Topics, sample_topic: SampleTopic) -> Fields:
         time = combined["time"]
         means = array_field(combined, sample_topic.combined_field, 3)
         return {"time": time, **dict(zip("xyz", means.T, strict=True))}
+    # Tables of a row per message and a column per sample, of which the first ``samples`` are filled.
     sample_number = np.arange(MAX_FIFO_SAMPLES)
     sample_count = fifo["samples"][:, None]
     is_sample = sample_number < sample_count
@@ -327,7 +373,10 @@ ESC_COUNT = 4
 
 
 def motor_speeds(topics: Topics) -> Fields:
-    """ESC as DataFlash has it: esc_status, a row for each motor, RPM."""
+    """ESC, the message of DataFlash logs with the speeds of motors, of esc_status: a row for each motor, RPM.
+
+    Some controllers report a sign for the direction of rotation; the magnitude is used.
+    """
     topic = first_instance(topics, "esc_status")
     speeds = np.column_stack([topic[f"esc[{n}].esc_rpm"] for n in range(ESC_COUNT)])
     return {"time": np.repeat(topic["time"], ESC_COUNT), "RPM": abs(speeds).ravel()}
@@ -364,6 +413,12 @@ def extended_sys_state(topics: Topics) -> Fields:
 
     There is a row whenever one of the topics came, and at the first message of each second: old PX4 logged the state at
     its changes only.
+
+    The land detector says whether the vehicle is on the ground or in the air. In the air, an automatic mode whose
+    target is of the type take-off or landing makes it one of these.
+
+    Returns:
+        ``time`` (N,), s, and ``landed_state``, MAV_LANDED_STATE; empty where there was no land detector.
     """
     land_detector = first_instance(topics, "vehicle_land_detected")
     control_mode = first_instance(topics, "vehicle_control_mode")

@@ -79,6 +79,9 @@ class TranslatedTopics(NamedTuple):
 def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopics:
     """Translates a vehicle's topics into MAVLink's messages.
 
+    Each message is made by a function of ``px4_messages``; one whose topics were not logged stays empty and is left
+    out. The topic of each message is noted in any case, so that a report can say what should have been logged.
+
     Args:
         topics: The logged topics.
         parameters: The autopilot's parameters by name.
@@ -131,7 +134,11 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
 
 
 def _message(maker: Callable[..., Fields], *arguments: Any) -> Fields:
-    """Makes a message by one of the functions below, and adds ``boot``.
+    """Makes a message by one of the functions of ``px4_messages``, and adds ``boot``, 0 throughout.
+
+    Args:
+        maker: The function, which raises KeyError where something it needs was not logged.
+        *arguments: Its arguments.
 
     Returns:
         The columns; empty where a topic, or a field of it, was not logged.
@@ -163,8 +170,8 @@ MAX_MAV_TYPE = 255
 def mav_type(topics: Topics, parameters: Parameters) -> int | None:
     """Finds out the vehicle's MAV_TYPE: the most frequent value in its topics and parameters.
 
-    Sources are vehicle_status.system_type and the parameter MAV_TYPE; without these vehicle_status.vehicle_type, and
-    is_rotary_wing in old versions.
+    The majority counts, since single values may be damaged. Sources are vehicle_status.system_type and the parameter
+    MAV_TYPE; without these vehicle_status.vehicle_type, and is_rotary_wing in old versions.
 
     Returns:
         MAV_TYPE; None where there is no source.
@@ -203,6 +210,8 @@ CLEARLY_MORE = 1.1
 
 def attitude_repairs(topics: Topics, messages: Tables) -> Facts:
     """Reports that attitude was interpolated, where the body rates were logged clearly more often.
+
+    Then the message has clearly more rows than vehicle_attitude, for it was made at the stamps of the body rates.
 
     Args:
         topics: The logged topics.

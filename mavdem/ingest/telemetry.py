@@ -191,6 +191,8 @@ def translated_fields(
 ) -> Fields:
     """Translates columns of another format into the fields of a MAVLink message: names and units.
 
+    Of the names that a field has had over the versions of the format, the first that the source has is used.
+
     Args:
         source: Columns (N,) of the other format.
         required: Names and factors of the fields that the message must have.
@@ -298,7 +300,7 @@ def log_of_vehicles(
     receive_time: Interval = (nan, nan),
     counts: Mapping[str, int] | None = None,
 ) -> Log:
-    """Makes the log of a file in which nobody but vehicles sent messages.
+    """Makes the log of a file in which nobody but vehicles sent messages, such as an autopilot's own log.
 
     Args:
         vehicles: The vehicles, at least one.

@@ -56,6 +56,9 @@ def read_tlog(path: PathName) -> Log:
 def tlog_stream(path: PathName) -> FrameStream:
     """Finds the frames of a telemetry log and their receive stamps, in the order received.
 
+    In an undamaged log 8 bytes of stamp lie before each frame. Where the distance to the frame before is different,
+    some bytes are damaged, and the frame has no stamp. A file with hardly any frame for its size is something else.
+
     Raises:
         Unreadable: The file cannot be opened, or contains no MAVLink.
     """
@@ -108,6 +111,9 @@ def _receive_stamps(data: Bytes, frame_start: Integers) -> NDArray[np.uint64]:
 
 def _without_carriage_returns(content: bytes) -> tuple[Bytes, Facts]:
     """Undoes the conversion of line ends by a transfer in text mode, which puts a carriage return before line feeds.
+
+    It is recognised by every byte of the value of a line feed having a carriage return before it, which in a binary
+    file does not happen by chance.
 
     Returns:
         The bytes as they were recorded, and the repair if there was one.

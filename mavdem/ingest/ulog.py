@@ -127,7 +127,13 @@ def read_ulog(path: PathName) -> Log:
 
 
 def _status_texts(log: ULog) -> Columns:
-    """Makes STATUSTEXT of the texts that PX4 logged; their level is an ASCII digit, as in syslog."""
+    """Makes STATUSTEXT of the N texts that PX4 logged.
+
+    Their level is the ASCII character of a digit, 0 to 7, as in syslog; MAV_SEVERITY has the same numbers.
+
+    Returns:
+        Columns (N,) severity, text, ``time``, s, and ``boot``, 0 throughout.
+    """
     texts = log.logged_messages
     levels = np.array([text.log_level for text in texts])
     stamps = np.array([text.timestamp for text in texts])
@@ -140,7 +146,13 @@ def _status_texts(log: ULog) -> Columns:
 
 
 def _parameter_values(settings: list[ParameterSetting]) -> Columns:
-    """Makes PARAM_VALUE of all parameters, when the logger began and when one was set."""
+    """Makes PARAM_VALUE of the parameters' values when the logger began, and of each that was set later.
+
+    All are sent as float32, whatever the parameter's type, so that they are decoded without PX4's copying of bits.
+
+    Returns:
+        Columns (N,) of the N settings, ``time`` in s.
+    """
     stamps = np.array([setting.stamp for setting in settings], np.float64)
     names = [setting.name.encode() for setting in settings]
     values = [setting.value for setting in settings]
@@ -176,7 +188,11 @@ class _Content(io.BytesIO):
     """Whether the last read met the end of the file."""
 
     def read(self, size: int | None = -1) -> bytes:
-        """Reads as a file does; a header is followed by a jump over unwritten bytes, if it lies in such."""
+        """Reads as a file does, but jumps over unwritten bytes.
+
+        The library reads a message's header with a read of exactly ``HEADER_BYTES``. If that begins in unwritten bytes,
+        the next read continues after them. Where the message began is noted for :meth:`seek`.
+        """
         content = super().read(size)
         if size == HEADER_BYTES:
             header_start = self.tell() - len(content)
@@ -188,7 +204,11 @@ class _Content(io.BytesIO):
         return content
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Moves as a file does, but not back to a message that was cut off by the end of the file."""
+        """Moves as a file does, but not back to a message that was cut off by the end of the file.
+
+        Such a move is how the library's endless loop begins; it is turned into one to the byte after the beginning of
+        that message.
+        """
         target = self.tell() + offset if whence == os.SEEK_CUR else offset
         goes_back = whence == os.SEEK_CUR and target <= self._message_start
         if self._is_cut and goes_back:
@@ -216,6 +236,12 @@ def _parsed(content: bytes, source: str) -> ULog:
 
 def _raise_on_huge_formats(formats: Mapping[str, ULog.MessageFormat]) -> None:
     """Refuses definitions for which the library would allocate memory without end.
+
+    Messages may contain other messages and arrays of them, so that a short definition can announce any number of
+    numbers. These are counted through all levels.
+
+    Args:
+        formats: Definitions of messages by name.
 
     Raises:
         ValueError: A message has more than ``MAX_FIELDS`` numbers.
@@ -256,7 +282,12 @@ def _parameter_settings(
 
 
 def _topics(log: ULog) -> tuple[Topics, Facts]:
-    """Returns the topics that are read, by name and number of the instance, and what was left out of the file."""
+    """Returns the topics that are read, sorted by time and without messages whose stamps are far from all others.
+
+    Returns:
+        The topics by name and number of the instance, each with ``time``, s since boot; and what was left out of the
+        file.
+    """
     subscriptions: dict[tuple[str, int], list[Columns]] = {}
     for topic in log.data_list:
         stamps = topic.data.get("timestamp", np.zeros(0))
@@ -274,6 +305,7 @@ def _topics(log: ULog) -> tuple[Topics, Facts]:
         fields = selected_rows(fields, ~is_outlier)
         fields = selected_rows(fields, np.argsort(fields["timestamp"], kind="stable"))
         time = fields["timestamp"] / MICROSECONDS
+        # Its stamp is moved to the start of the log, but not beyond the second message.
         second_time = time[1:2].min(initial=np.inf)
         time[0] = np.clip(log.start_timestamp / MICROSECONDS, time[0], second_time)
         topics.setdefault(name, {})[instance] = fields | {"time": time}

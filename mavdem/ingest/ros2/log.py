@@ -52,6 +52,10 @@ BOOT_INTERVAL = 1e9
 def read_ros2(recording: McapRecording, source: str) -> Log:
     """Reads the vehicles in a ROS 2 recording; of each, PX4's own topics or, where there are none, MAVROS's.
 
+    Messages are decoded one by one, and kept by their number in the recording. Each topic is then turned into columns,
+    topics are grouped by vehicle, and those of a vehicle are translated together. What cannot be decoded is counted and
+    reported.
+
     Args:
         recording: The recording, which was read once, so that its channels and schemas are known; it is read anew.
         source: Name of the file.
@@ -77,6 +81,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
             continue
         decode = decoders[schema_of_channel[number]]
         try:
+            # A type without a decoder counts as undecodable, like a damaged message.
             assert decode is not None
             decoded[number][position] = decode(message.data)
             log_times.append(message.log_time / NANOSECONDS)
@@ -103,7 +108,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
             Repair.LOGGED_MESSAGES_LEFT_OUT,
             flaw=Flaw.UNDECODABLE,
             count=undecodable.total(),
-            # Without topics whose count is 0.
+            # The plus drops topics whose count is 0.
             names=sorted(+undecodable),
         ),
     )
@@ -137,6 +142,9 @@ def _tables_by_vehicle(
 ) -> list[tuple[str, dict[RosTopic, TopicColumns]]]:
     """Groups topics by vehicle; of several channels of one topic, the one with most messages counts.
 
+    Args:
+        tables: The topics and their messages, an item for each channel.
+
     Returns:
         Namespace and topics of each vehicle, by namespace.
     """
@@ -150,9 +158,17 @@ def _tables_by_vehicle(
 
 
 def _telemetry(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry | None:
-    """Returns the vehicle of one namespace: by PX4's topics, or else by MAVROS's; None without either.
+    """Returns the vehicle of one namespace: by PX4's topics, or else by MAVROS's.
 
-    Its ``system`` is 0 where no topic has the system id.
+    Both bridges may have been recorded. PX4's topics have more messages, and are preferred; a repair then reports that
+    MAVROS's were not read.
+
+    Args:
+        topics: The vehicle's topics of both bridges.
+        source: Name of the file.
+
+    Returns:
+        The vehicle, whose ``system`` is 0 where no topic has the system id; None where no topic makes a flight.
     """
     px4_tables: dict[str, TopicColumns] = {}
     mavros_tables: dict[str, TopicColumns] = {}
@@ -171,6 +187,8 @@ def _telemetry(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetr
 
 def with_system_ids(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
     """Numbers vehicles from 1 where some have no system id, or several the same; repairs report it.
+
+    Vehicles of a log are told apart by their system ids, but a recording has them apart by their namespaces.
 
     Args:
         vehicles: Namespace and telemetry of each vehicle; ``system`` is 0 where it is not known.
@@ -263,7 +281,9 @@ def _on_boot_clock(
 ) -> tuple[Tables, Facts]:
     """Puts the topics of one vehicle on its boot clock.
 
-    UNIX time counts from a second before the first stamp: floats of seconds since 1970 do not resolve a microsecond.
+    Stamps are added up as integers of nanoseconds and moved to an origin near the flight before they become floats:
+    floats of seconds since 1970 do not resolve a microsecond. Messages without a stamp, or with one before the origin,
+    are left out.
 
     Args:
         tables: The topics by name.
@@ -313,7 +333,7 @@ MAX_RECORDING = 30 * 86400 * SECOND
 
 
 def _time_origin(stamps: Integers) -> tuple[int, Facts]:
-    """Finds out from when to count time.
+    """Finds out whether stamps count from boot or from 1970, and chooses the origin from which time is counted.
 
     Args:
         stamps: The stamps (N,) of all messages, ns.

@@ -60,7 +60,9 @@ TopicNumbers = Mapping[str, Array]
 
 
 def mavros_autopilot(mode_counts: Counter[str]) -> int:
-    """Recognises the autopilot by the names of its flight modes.
+    """Recognises the autopilot by the names of its flight modes, since MAVROS's topics do not name it.
+
+    Modes of PX4 and ArduPilot have different names ("POSCTL", "LOITER"); those of the flight are counted for each.
 
     Args:
         mode_counts: How often each flight mode occurs, by its name (``lib/uas_stringify.cpp``).
@@ -78,6 +80,9 @@ def mavros_autopilot(mode_counts: Counter[str]) -> int:
 
 def mavros_message(topic: str, numbers: TopicNumbers, autopilot: int) -> dict[str, NDArray[Any]]:
     """Translates the messages of a topic into those of MAVLink.
+
+    Fields that only change name and unit follow the table of the topic. Attitudes are turned into MAVLink's frames,
+    and arrays are put into the fields of the message.
 
     Args:
         topic: Name of the topic, one of ``MAVROS_TOPICS``.

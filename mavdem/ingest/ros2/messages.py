@@ -47,7 +47,12 @@ class TopicColumns(NamedTuple):
 def decoder(schema: Schema) -> Decoder | None:
     """Returns the decoder of a type; None where its definition is damaged, malicious, or in another language.
 
-    The library makes Python code of a definition and runs it, so it may do and raise anything.
+    The recording has the definition of each type as a text, which the library compiles. It makes Python code of it and
+    runs it, so that a bad definition may do and raise anything. Definitions that are very long, or announce very long
+    arrays, are refused before.
+
+    Args:
+        schema: Name and definition of the type.
     """
     # It belongs to an extra that need not be installed.
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -73,6 +78,9 @@ def columns_of(
 ) -> TopicColumns | None:
     """Puts the fields of decoded messages into columns.
 
+    A field that is missing, or has another type than expected, is skipped. Whether the rest is still the topic that was
+    looked for is decided at the end by the fields that were available.
+
     Args:
         messages: Decoded messages by their number in the recording.
         required: Fields that must be there. "q[4]" is an array, cut or filled with zeros to that length.
@@ -97,6 +105,13 @@ def columns_of(
 
 def _field_columns(messages: Iterable[Any], field: str) -> Fields:
     """Returns the column of a field by its name, or one for each element of an array.
+
+    Args:
+        messages: N decoded messages.
+        field: Name of the field, with dots between levels; "q[4]" is an array, cut or filled with zeros to that length.
+
+    Returns:
+        A column (N,) under the field's name, or k columns "q[0]" to "q[k-1]".
 
     Raises:
         AttributeError: The messages do not have the field.

@@ -41,12 +41,16 @@ class RosTopic(NamedTuple):
 
 
 def flight_topics(recording: McapRecording) -> dict[int, RosTopic]:
-    """Returns the topics of flights in a recording by number of the channel.
+    """Finds the topics of flights in a recording, and which vehicle and which bridge each of them belongs to.
 
-    A node is MAVROS's if one of its topics has a type that only MAVROS sends: other drivers send imu/data too.
+    PX4's topics are recognised by the package of their type. MAVROS also sends common types such as sensor_msgs/Imu. A
+    node is MAVROS's if one of its topics has a type that only MAVROS sends: other drivers send imu/data too.
 
     Args:
         recording: The recording, which was read, so that its channels and schemas are known.
+
+    Returns:
+        The topics by number of the channel.
     """
     topics = {}
     vehicles = set()
