@@ -69,7 +69,11 @@ class Backlog:
         self._batches += batches
 
     def pop_simultaneous(self) -> list[FrameBatch]:
-        """Returns the batches that arrived first, within ``STEP_SECONDS``; there is one at least."""
+        """Removes and returns the oldest batches that arrived within ``STEP_SECONDS`` of each other.
+
+        They are analysed together, as if they had come at once: with datagrams of one frame each, the work for each
+        batch would else outweigh that for its frames. The backlog must not be empty.
+        """
         first_arrival = self._batches[0].arrival_time
         batches = []
         while self._batches and self._batches[0].arrival_time - first_arrival <= STEP_SECONDS:
@@ -77,7 +81,11 @@ class Backlog:
         return batches
 
     def update(self, dropped_datagrams: int) -> Fact | None:
-        """Decides by the present delay which tasks are put off.
+        """Decides by the present delay of the analysis which tasks are put off (``POSTPONING_DELAYS``).
+
+        A task that is put off waits until the delay is half of its limit: with one limit for both, tasks would be
+        stopped and resumed all the time. That the computer keeps up again is reported only after ``REPEAT_SECONDS``
+        without a long delay, for the same reason.
 
         Args:
             dropped_datagrams: number of datagrams that were lost so far, since nobody read them in time.
@@ -90,6 +98,7 @@ class Backlog:
         delay = now - self.now
         postponed = set()
         for task, limit in POSTPONING_DELAYS.items():
+            # Hysteresis: what is put off is taken up again at half the delay.
             if task in self.postponed:
                 limit /= 2
             if delay >= limit:

@@ -57,7 +57,14 @@ class BootClock:
         self._stamps_of_new_clock: list[float] = []
 
     def place(self, message: Message) -> TimedMessage | None:
-        """Returns the message with its time; None where it has none and is to be dropped."""
+        """Returns the message with its time on the boot clock; None where it has none and is to be dropped.
+
+        Only attitude moves the clock. It is frequent and stamped by the autopilot itself, while other stamps may be of
+        other clocks. A message without a stamp gets the time of the message before it.
+
+        Args:
+            message: a message of this vehicle, in the order of arrival. Its ``stamp`` is in s, 0 for none.
+        """
         has_own_stamp = message.stamp > 0
         if not has_own_stamp:
             time = None if isnan(self._latest_time) else self._latest_time
@@ -71,14 +78,28 @@ class BootClock:
         return TimedMessage(message, time, self.boot, has_own_stamp)
 
     def _attitude_time(self, message: Message) -> float | None:
-        """The time of an attitude, s; None where it neither continues the clock nor shows yet that it has changed."""
+        """Places an attitude on the clock, which it moves: across wraps of the stamp, and after a reboot or a jump.
+
+        A single stamp that does not fit may be damaged, so the clock changes only after ``MIN_RESET_STAMPS`` stamps
+        that continue each other. The first of them is then the beginning of the new clock.
+
+        Args:
+            message: an attitude with a stamp, s, that wraps after ``wrap_period``, s.
+
+        Returns:
+            The time, s of the boot clock; None where the stamp neither continues the clock nor shows yet that the clock
+            has changed.
+        """
+        # The stamp, unwrapped by the number of wraps so far.
         time = message.stamp
         if self._wraps:
             time += self._wraps * message.wrap_period
+        # A stamp that went back wrapped once more if it is close to the clock with one period added.
         has_gone_back = time < self.now - MIN_RESET_STEP
         if has_gone_back and time + message.wrap_period - self.now <= MAX_WRAP_GAP:
             time += message.wrap_period
         if not _continues(time, self.now):
+            # It may be the clock of another boot, which has not wrapped.
             time = message.stamp
             stamps = self._stamps_of_new_clock
             if stamps and _continues(time, stamps[-1]):
@@ -88,6 +109,7 @@ class BootClock:
             if len(stamps) < MIN_RESET_STAMPS:
                 return None
             self._restart(stamps[0])
+        # The two attitude messages may wrap differently, so the wraps are counted anew from the time that was found.
         self._wraps = 0
         if isfinite(message.wrap_period):
             self._wraps = round((time - message.stamp) / message.wrap_period)
@@ -96,7 +118,11 @@ class BootClock:
         return time
 
     def _restart(self, first_stamp: float) -> None:
-        """Starts the clock anew at ``first_stamp``, s, and reports a reboot or a jump."""
+        """Starts the clock anew at ``first_stamp``, s, and reports why.
+
+        A clock that goes back was reset by a reboot, so times before and after belong to different boots. One that goes
+        ahead jumped within the same boot. The very first stamp is neither.
+        """
         former_now = self.now
         self.now = first_stamp
         if first_stamp < former_now:
@@ -107,7 +133,14 @@ class BootClock:
             self._report(Fact(VehicleFact.CLOCK_JUMPED, offset=offset, clock=former_now))
 
     def _time_near_now(self, message: Message) -> float | None:
-        """The time of another message, s, as near as its wraps allow to the latest attitude; None if it is far off."""
+        """Places a message that is no attitude on the clock, by the latest attitude.
+
+        Its stamp is taken at the multiple of its wrap period that brings it nearest to the latest attitude.
+
+        Returns:
+            The time, s of the boot clock; None before any attitude, or where the stamp is farther off than
+            ``MAX_STAMP_DEVIATION``, as that of another clock is.
+        """
         if isnan(self.now):
             return None
         time = message.stamp
@@ -117,5 +150,9 @@ class BootClock:
 
 
 def _continues(time: float, earlier_time: float) -> bool:
-    """Whether a stamp follows an earlier one of the same clock, both in s; one may overtake another a little."""
+    """Whether a stamp can follow an earlier one on the same clock, both in s.
+
+    It may lie up to ``MIN_RESET_STEP`` before the earlier one, since messages overtake each other on a network, and up
+    to ``MAX_STAMP_DEVIATION`` after it. NaN, no earlier stamp, is followed by none.
+    """
     return -MIN_RESET_STEP < time - earlier_time <= MAX_STAMP_DEVIATION

@@ -165,8 +165,10 @@ class Link:
         # Arrival of the latest piece, UNIX s, and the address that it came from.
         self._arrival = 0.0
         self._piece_address: Any = None
+        # What is open: of a TCP server the listening socket, and with a client the client's; else one of the others.
         self._server: socket.socket | None = None
         self._socket: socket.socket | None = None
+        # File descriptor of the serial port.
         self._serial: int | None = None
         # When each address was heard last, s of the monotonic clock.
         self._peers: dict[Any, float] = {}
@@ -179,12 +181,15 @@ class Link:
     def receive(self, timeout: float) -> list[tuple[float, bytes]]:
         """Receives up to ``MAX_PIECES`` pieces that wait, or waits for one.
 
+        A piece is a datagram, or what a byte stream has at the moment. A TCP server accepts its client here, since that
+        shows as readable, too. Pieces of an autopilot that only shares the ids of a known one are dropped.
+
         Args:
             timeout: longest time to wait, s.
 
         Returns:
-            Arrival, UNIX s, and bytes of each piece. The kernel stamps datagrams; other pieces arrive when they are
-            read.
+            Arrival, UNIX s, and bytes of each piece, none after a timeout. The kernel stamps datagrams; other pieces
+            arrive when they are read.
 
         Raises:
             LinkLost: the connection or the port is lost; ``reopen`` opens it again.
@@ -196,8 +201,10 @@ class Link:
         try:
             if not select.select([file], [], [], timeout)[0]:
                 return received
+            # It holds for all pieces of this call that the kernel does not stamp.
             self._arrival = time.time()
             if self._server is not None and self._socket is None:
+                # What became readable is the listening socket: its client connects.
                 self._socket, _ = self._server.accept()
                 _enable_probes(self._socket)
                 self._socket.setblocking(False)
@@ -206,6 +213,7 @@ class Link:
                 if piece is None:
                     break
                 if not piece:
+                    # An empty datagram means nothing, an empty read of a stream that it has ended.
                     if self.has_datagrams:
                         continue
                     # The other side has closed. What came before is returned first, and the next call raises.
@@ -218,12 +226,13 @@ class Link:
                     # Nothing is sent to a vehicle that only shares the ids.
                     self._peers.pop(self._piece_address, None)
         except OSError as error:
+            # What came before the error is returned first; a lasting error comes again in the next call.
             if not received:
                 self._raise_lost(LinkError.FAILED, error)
         return received
 
     def drain_events(self) -> list[Fact]:
-        """Returns the facts to report since the last call."""
+        """Returns the facts to report since the last call, and forgets them."""
         events = self._events
         self._events = []
         return events
@@ -231,10 +240,15 @@ class Link:
     def send(self, frame: bytes) -> None:
         """Sends whole frames, with ``udpin`` to all addresses that sent something in the last ``SENDER_SECONDS``.
 
-        Where the other side is too slow, or nobody listens to datagrams, they are dropped.
+        A ``udpin`` link has no other side of its own, so it replies to whoever speaks to it. The call never waits:
+        where the other side is too slow, or nobody listens to datagrams, the frames are dropped, and the caller must
+        send them again if no reply comes.
+
+        Args:
+            frame: bytes of one or more MAVLink frames.
 
         Raises:
-            LinkLost: as ``receive`` does.
+            LinkLost: the TCP connection or the serial port is lost; ``reopen`` opens it again.
         """
         try:
             if self._serial is not None:
@@ -249,16 +263,19 @@ class Link:
             else:
                 self._socket.sendall(frame)
         except BlockingIOError:
+            # The buffer for sending is full.
             return
         except OSError as error:
+            # UDP has no connection that could be lost: the next datagram may well arrive.
             if self.has_datagrams:
                 return
             self._raise_lost(LinkError.FAILED, error)
 
     def reopen(self) -> bool:
-        """Opens a lost link, once ``RETRY_SECONDS`` are over; returns whether it is open.
+        """Opens a lost link again, and returns whether it is open now.
 
-        An attempt takes at most ``CONNECT_SECONDS``.
+        It is called again and again while the link is lost. To spare the other side, it tries only once
+        ``RETRY_SECONDS`` have passed since the loss or the last attempt. An attempt takes at most ``CONNECT_SECONDS``.
         """
         if self._readable_file() is None and time.monotonic() >= self._reopen_time:
             try:
@@ -329,10 +346,14 @@ class Link:
         return self._socket or self._server or self._serial
 
     def _read_piece(self) -> bytes | None:
-        """Reads the next piece, and notes its arrival and sender.
+        """Reads the next piece from whatever is open, without waiting, and notes its arrival and sender.
+
+        Only ``udpin`` has more than one possible sender. Its address is noted for replies (``send``), and to tell
+        apart two autopilots with the same ids (``_is_admitted``).
 
         Returns:
-            A datagram or some bytes of a stream; no bytes where the other side has closed; None if nothing waits.
+            A datagram or some bytes of a stream; empty bytes for an empty datagram, or where the other side of a stream
+            has closed; None if nothing waits.
         """
         try:
             if self._serial is not None:
@@ -351,7 +372,17 @@ class Link:
             return None
 
     def _read_stamped_datagram(self, opened: socket.socket) -> tuple[bytes, Any]:
-        """Reads a datagram and its sender's address; takes the kernel's stamp and count of dropped datagrams."""
+        """Reads a datagram with its arrival by the kernel, which is exact even if it has waited to be read.
+
+        It also takes the kernel's count of datagrams that were dropped since the socket was opened. Both come with the
+        datagram as ancillary data, in the machine's native integers (socket(7) of Linux).
+
+        Args:
+            opened: a UDP socket with the options ``SO_TIMESTAMPNS`` and ``SO_RXQ_OVFL``.
+
+        Returns:
+            The datagram, and the address of its sender.
+        """
         piece, ancillary, _, address = opened.recvmsg(MAX_PIECE_BYTES, ANCILLARY_BYTES)
         for _, kind, value in ancillary:
             if kind == SO_TIMESTAMPNS:
@@ -362,17 +393,27 @@ class Link:
         return piece, address
 
     def _remember_peer(self, address: Any) -> None:
-        """Notes that an address was heard; of more than ``MAX_PEERS`` the one not heard for longest is forgotten."""
+        """Notes that a datagram came from ``address``, so that ``send`` replies to it.
+
+        Beyond ``MAX_PEERS`` the address that was not heard for longest is forgotten: anyone can send to a UDP port, and
+        the memory must stay bounded.
+        """
         if address not in self._peers and len(self._peers) >= MAX_PEERS:
             del self._peers[min(self._peers, key=self._peers.__getitem__)]
         self._peers[address] = time.monotonic()
         self._piece_address = address
 
     def _is_admitted(self, datagram: bytes) -> bool:
-        """Whether the latest datagram comes from the address of its autopilot; other components may have several.
+        """Whether the latest datagram may be used: from each autopilot only one network address is accepted.
 
-        Two autopilots with the same ids would be mixed up. The address that was first heard counts, until it is silent
-        for ``SILENCE_SECONDS``; two that send at the same time are reported once.
+        Two vehicles with the same MAVLink ids, a common mistake with new autopilots, would be read as one vehicle that
+        jumps between two attitudes. The address that was heard first counts until it is silent for ``SILENCE_SECONDS``,
+        since one vehicle may come back from another port. Only if the first address goes on while another one was
+        refused are there really two senders, which is reported once for each pair of ids.
+
+        Args:
+            datagram: the latest piece; its sender is ``_piece_address``. Only its first frame is looked at. Frames of
+                other components than autopilots are always accepted.
         """
         now = time.monotonic()
         if len(datagram) < HEADER_BYTES_V1 or self._piece_address is None:
@@ -401,7 +442,12 @@ class Link:
         return True
 
     def _raise_lost(self, cause: LinkError, error: OSError | None = None) -> NoReturn:
-        """Closes what is lost and raises ``LinkLost``; a server stays open for the next client."""
+        """Closes what is lost and raises ``LinkLost``; a TCP server loses only its client, and waits for the next.
+
+        Args:
+            cause: why the link is lost.
+            error: the system's error, where there is one.
+        """
         if self._server is not None and self._socket is not None:
             self._socket.close()
             self._socket = None
@@ -439,10 +485,15 @@ CAUSES_BY_ERRNO = {
 
 
 def _parse_name(name: str) -> _LinkAddress:
-    """Parses a connection string; what is no network address must be the path of a serial device.
+    """Parses a connection string, whose forms the module's documentation lists.
+
+    What is no network address must be the absolute path of a serial device. Whether it is one shows when it is opened.
+
+    Returns:
+        Kind, host and port; empty host and port 0 of a serial port.
 
     Raises:
-        Unreadable: it is neither, or its port number is too high.
+        Unreadable: it is neither, it is a file such as a log, or its port number is too high.
     """
     network = _NETWORK_NAME.fullmatch(name)
     if network is not None:
@@ -463,7 +514,15 @@ def _parse_name(name: str) -> _LinkAddress:
 def _cannot_open(
     name: str, cause: LinkError, host: str = "", port: int = 0, message: str = ""
 ) -> Unreadable:
-    """The error for a link that cannot be opened; ``message`` is the system's."""
+    """The error for a link that cannot be opened; its sentence says why and what to do.
+
+    Args:
+        name: connection string of the link.
+        cause: why it cannot be opened, which decides the sentence.
+        host: host name of a network link; of a serial port the speed that it does not have.
+        port: port number of a network link.
+        message: the system's own error message, where there is one.
+    """
     return Unreadable(
         LinkFact.CANNOT_OPEN_LINK,
         name=name,
@@ -476,7 +535,11 @@ def _cannot_open(
 
 
 def _enable_probes(connection: socket.socket) -> None:
-    """Makes the kernel probe a silent TCP connection: a peer that lost power does not close it."""
+    """Makes the kernel probe a silent TCP connection, since a peer that loses power or its radio does not close it.
+
+    The first probe is sent after ``CONNECT_SECONDS`` of silence, others every ``RETRY_SECONDS``. When ``MAX_TRIES`` of
+    them have no reply, reading fails, and the link counts as lost.
+    """
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     settings = {
         "TCP_KEEPIDLE": CONNECT_SECONDS,
@@ -490,7 +553,13 @@ def _enable_probes(connection: socket.socket) -> None:
 
 
 def _open_serial(name: str) -> int:
-    """Opens a serial port by "DEVICE[,BAUD]": raw, without waiting for a carrier or hanging up at the end.
+    """Opens a serial port by "DEVICE[,BAUD]" for raw bytes, and leaves its modem lines as they are.
+
+    Some autopilots and radios reset when a modem line changes. So the port neither waits for a carrier, nor hangs up at
+    the end, nor uses hardware flow control. The settings are those of termios(3).
+
+    Args:
+        name: path of the device, with the speed in bit/s after a comma; ``DEFAULT_BAUD`` unless given.
 
     Returns:
         The file descriptor.
@@ -501,6 +570,7 @@ def _open_serial(name: str) -> int:
     """
     device, _, speed = name.partition(",")
     speed_is_number = speed.isdigit() or not speed
+    # The module termios has a constant for each speed that a port can have, such as B115200.
     baud = getattr(termios, f"B{speed or DEFAULT_BAUD}", None)
     if baud is None or not speed_is_number:
         raise _cannot_open(name, LinkError.NO_SPEED, repr(speed))

@@ -103,7 +103,15 @@ class LiveSession:
         self._obstacle: Fact | None = None
 
     def step(self, timeout: float = 0.1) -> None:
-        """Receives what has come, and analyses it for ``STEP_SECONDS``; waits at most ``timeout`` s for something."""
+        """Does one turn of the session's loop: receive and record, analyse for a while, report, send requests.
+
+        The link is emptied first, since its buffer is small. Analysis then goes on for ``STEP_SECONDS`` only, even if
+        more waits, so that the link is emptied again soon. Once in ``STATUS_PERIOD`` the model is judged and the status
+        reported. All times are s of the monotonic clock.
+
+        Args:
+            timeout: longest time to wait for something to come while nothing waits for analysis, s.
+        """
         self.backlog.add(self.intake.receive(0.0 if self.backlog else timeout))
         self._postpone_tasks()
         end_time = clock.monotonic() + STEP_SECONDS
@@ -123,7 +131,12 @@ class LiveSession:
             self._update_status(now)
 
     def _postpone_tasks(self) -> None:
-        """Does less, the longer the analysis is behind the link, and reports when that begins and is over."""
+        """Puts off the tasks that a computer which falls behind the link can do without, before any analysis.
+
+        ``Backlog.update`` decides by the delay which tasks these are: pictures, new fits, and in the end estimates. It
+        also says when this computer begins to be too slow, and when it keeps up again, which is reported. Then the
+        latest latencies are forgotten, since they are of the time before.
+        """
         fact = self.backlog.update(self.link.dropped_datagrams)
         postponed = self.backlog.postponed
         self._presentation.pause(Task.PLOTS in postponed)
@@ -136,15 +149,21 @@ class LiveSession:
             self._presentation.log(fact)
 
     def _analyse(self) -> None:
-        """Analyses what arrived first: rows are learned from, a landing is withdrawn, and silences are reported.
+        """Takes the oldest batches of the backlog through all stages of the analysis.
 
-        Rates are requested again after a reboot or a silence, in which the vehicle may have forgotten them.
+        The stages, in an order that matters: account for the time before these batches, while the state is still that
+        of then; turn frames into rows and learn from each; advance the timeline; withdraw what turns out to have been
+        a landing, which its rows must precede; report that a silence is over; and, after a reboot or a silence in
+        which the vehicle may have forgotten its message rates, request them again.
+
+        Arrivals and silences are in s of the monotonic clock.
         """
         batches = self.backlog.pop_simultaneous()
         first_arrival = batches[0].arrival_time
         if self._report.time_account.is_due(first_arrival):
             self._report.account_for(first_arrival)
         silence = self._silence.note_messages(first_arrival, batches[-1].arrival_time)
+        # The boot is compared below: frames of a rebooted vehicle increase it.
         former_boot = self.stream.boot
         frames = [frame for batch in batches for frame in batch.frames]
         for row in self.stream.take_frames(batches[0].stamp, frames):
@@ -161,10 +180,20 @@ class LiveSession:
             self._rates.restart()
 
     def _take_row(self, row: AlignedRow, arrival_time: float) -> None:
-        """Learns from a row, which arrived at ``arrival_time``, s of the monotonic clock, and shows it."""
+        """Learns from one row, counts it, and adds it to history and display.
+
+        Only rows of free flight, in the air and held by nothing, are learned from; all are shown. While this computer
+        is far behind, rows are not learned from either. The latency is measured right after the estimate, before
+        anything is drawn.
+
+        Args:
+            row: motor outputs and motion at one time of the boot clock.
+            arrival_time: when the packet that completed it arrived, s of the monotonic clock.
+        """
         row_format = self.stream.row_format
         assert row_format is not None
         learning = self._learning
+        # Each segment has a format object of its own, so that a new object means that the rows may differ.
         if row_format is not learning.row_format:
             learning.begin(row_format)
             self.history.motor_names = row_format.geometry.names
@@ -172,6 +201,7 @@ class LiveSession:
         learning.is_free = row.is_free
         estimate: Estimate | None = None
         if row.is_free and Task.ESTIMATES not in self.backlog.postponed:
+            # With a weak motor the commands no longer say what torque the motors give; this corrects them.
             weakened = self.stream.motor_alarms.weakened_motors(row.inputs, row_format.scale.low)
             estimate = learning.learn_row(row, weakened)
         self._latencies.add(clock.monotonic() - arrival_time)
@@ -182,7 +212,11 @@ class LiveSession:
         self._presentation.show(row, self.stream.pose, estimate, model, wind)
 
     def _withdraw_landing(self) -> None:
-        """Forgets what was learned of a landing, if there was a new one, after which gains are advised."""
+        """Forgets what was learned during the last seconds before a touch-down, if there was a new one.
+
+        A landing is recognised only once it has happened, so its rows were learned from as settled flight. After a
+        landing there is also time for advice on gains, if the flight was settled for a while.
+        """
         landing_time = self.stream.pop_landing_time()
         if landing_time is None or self._learning.learner is None:
             return
@@ -191,7 +225,14 @@ class LiveSession:
             self.gain_adviser.is_due = self._learning.has_settled
 
     def _update_status(self, now: float) -> None:
-        """Reports the status as of ``now``, s of the monotonic clock, and an obstacle that is new or over."""
+        """Reports the status, once in ``STATUS_PERIOD``, and an obstacle to learning that is new or over.
+
+        In flight it also displays the latest sample where there are no rows yet: a display must not stay empty while
+        messages come too slowly for rows. The status is left out while even estimates are put off.
+
+        Args:
+            now: s of the monotonic clock.
+        """
         status = self.status
         if Task.ESTIMATES not in self.backlog.postponed:
             self._report_status(status)
@@ -205,6 +246,7 @@ class LiveSession:
             self._obstacle = status.obstacle
             fact = status.obstacle or Fact(Session.BEING_LEARNED, Level.GOOD)
             self._presentation.log(fact)
+        # With a backlog the account is kept by ``_analyse``, as of the arrival of what is analysed.
         if not self.backlog:
             self._report.account_for(now)
 
@@ -231,7 +273,15 @@ class LiveSession:
         return self.judging.judge_final_model(model, self._learning.row_format, alarms)
 
     def report_gain_advice(self, is_at_end: bool = False) -> None:
-        """Reports gains advised after a landing, whose loading is then the next step; at the end it waits for them."""
+        """Has gains advised where that is due, and reports advice that is ready.
+
+        It is called once in ``STATUS_PERIOD``, and at the end. If gains were written into files, loading them becomes
+        the next step that the judgement of the flight recommends.
+
+        Args:
+            is_at_end: whether the session ends. Then a settled flight without a landing gets advice, too, and the call
+                waits until the advice is ready.
+        """
         adviser = self.gain_adviser
         vehicle = self.stream.followed_vehicle
         if adviser is None or vehicle is None:

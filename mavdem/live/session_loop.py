@@ -25,8 +25,11 @@ def run_session(
 ) -> None:
     """Runs a session until it has lasted for its duration, or the user requests its end.
 
+    Each step waits for messages itself, so the loop does not sleep. Meanwhile garbage collection is rare, since a full
+    one would hold up samples.
+
     Args:
-        session: what is stepped.
+        session: the session, whose ``step`` is called again and again; ending it is left to the caller.
         is_end_requested: returns whether the user has requested the end.
         duration: s; None for no limit.
         report_period: s between two calls of ``report``.
@@ -46,9 +49,13 @@ def run_session(
 
 @contextmanager
 def _short_pauses() -> Iterator[None]:
-    """Keeps samples from waiting for a full garbage collection, or long for a thread that draws."""
+    """Keeps pauses of the interpreter short within the block, and restores its settings afterwards.
+
+    Two things could hold up samples: a full garbage collection, which takes longer the more objects there are, and a
+    thread that draws, which keeps the interpreter's lock for one switch interval.
+    """
     gc.collect()
-    # Objects that exist now are not looked at again.
+    # Freezing moves all objects that exist now, such as modules, out of the collector's sight.
     gc.freeze()
     thresholds = gc.get_threshold()
     gc.set_threshold(thresholds[0], thresholds[1], OLDEST_GENERATION_THRESHOLD)

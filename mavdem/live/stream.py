@@ -1,4 +1,4 @@
-"""From the bytes of a link to aligned rows of one vehicle, and facts on what happens to it."""
+"""From the bytes of a MAVLink link to rows of one vehicle: motor outputs and motion on one time grid; and its events."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -54,7 +54,7 @@ OTHER_VEHICLE_CODES = (Session.ALARM, Watch.ALARM_OVER, InFlight.MOTOR_RECOVERED
 
 
 class LiveStream:
-    """Turns the bytes of a link into rows. It has no threads, no sockets and no clock of its own.
+    """Turns the bytes of a MAVLink link into rows of the followed vehicle; it has no threads, sockets or clock.
 
     The rows depend on the bytes alone, not on how they are cut into pieces nor on when they come.
 
@@ -153,9 +153,12 @@ class LiveStream:
     def take_frames(self, stamp: float, frames: Sequence[Frame]) -> Iterator[AlignedRow]:
         """Takes the next frames of the link, and yields each row as soon as it is complete.
 
+        It is a generator, so that the caller can use each row before the frames after it change the state, for example
+        before a reboot. Frames of other vehicles on the link are watched for alarms, once they are known.
+
         Args:
-            stamp: when they were received, UNIX s.
-            frames: the frames.
+            stamp: when they were received, UNIX s. Events get this time.
+            frames: the frames of all senders, in the order of arrival.
         """
         self._stamp = stamp
         for frame in frames:
@@ -176,8 +179,17 @@ class LiveStream:
             pass
 
     def _watch_other_vehicle(self, name: str, frame: Frame) -> None:
-        """Gives a frame to the stream of another vehicle, whose alarms are reported under its ``name``."""
+        """Watches a vehicle that is not followed: it has a stream of its own, whose alarms are reported here.
+
+        A pilot of several vehicles must not miss what goes wrong with one of them. Only alarms and warnings are passed
+        on, not what else its stream reports, such as rates.
+
+        Args:
+            name: "system:component" of the vehicle, which the reported facts are about.
+            frame: a frame that it sent.
+        """
         if name not in self.other_vehicles:
+            # This stream requests nothing from it, so facts must not advise rates: hence ``rates_requested``.
             self.other_vehicles[name] = LiveStream(self.axis, name, rates_requested=True)
         stream = self.other_vehicles[name]
         stream.take_without_rows(self._stamp, [frame])
@@ -198,23 +210,28 @@ class LiveStream:
         return self._rows.latest_row()
 
     def drain_replies(self) -> list[Message]:
-        """Returns the vehicle's ``REPLY_MESSAGES`` since the last call."""
+        """Returns the vehicle's ``REPLY_MESSAGES`` since the last call, and forgets them."""
         replies = list(self._replies)
         self._replies.clear()
         return replies
 
     def drain_events(self) -> list[Event]:
-        """Returns the events since the last call."""
+        """Returns the events since the last call, and forgets them."""
         events = list(self._events)
         self._events.clear()
         return events
 
     def status(self) -> SessionStatus:
-        """Returns the status of the link and the vehicle."""
+        """Returns the status of the link and the vehicle, as of the latest frame.
+
+        What concerns learning is filled in by the session. The obstacle is the first thing that is missing: a vehicle
+        to follow, then its attitude, which gives the boot clock, then what the latest review found.
+        """
         vehicle = self.followed_vehicle
         now = self._clock.now
         obstacle = self._vehicles.obstacle
         if obstacle is None:
+            # The boot clock is NaN until an attitude has come.
             obstacle = self._rate_check.no_attitude if isnan(now) else self._review.obstacle
         watchdog = self._review.watchdog
         return SessionStatus(
@@ -237,7 +254,10 @@ class LiveStream:
 
     @property
     def watch_facts(self) -> Facts:
-        """For each thing that is watched of each vehicle: since when, or why it is not."""
+        """For each thing that is watched of each vehicle: since when, s of its boot clock, or why it is not.
+
+        Facts about vehicles that are not followed carry the vehicle's name.
+        """
         facts = list(self._review.watchdog.watch_facts.values())
         for name, stream in self.other_vehicles.items():
             for fact in stream.watch_facts:
@@ -247,8 +267,10 @@ class LiveStream:
     def _take_frame(self, frame: Frame) -> Iterator[AlignedRow]:
         """Takes a frame of any component, and yields the rows that it completes.
 
-        Every intact message may show which vehicle to follow. Only those of the followed vehicle are read further; its
-        replies to requests wait for ``drain_replies``.
+        The steps narrow down: count the frame, for lost messages and copies; let the message show what its sender is
+        and which vehicle to follow; drop it unless its sender is followed; keep replies for ``drain_replies``; and give
+        the message its time on the boot clock. A reboot must be noticed before the message is taken, since all that has
+        times of the former boot is forgotten then.
         """
         sender = self._vehicles.sender(frame)
         is_intact = frame.checksum == CHECKSUM_MATCHES
@@ -275,10 +297,14 @@ class LiveStream:
         yield from self._take_message(timed)
 
     def _take_message(self, timed: TimedMessage) -> Iterator[AlignedRow]:
-        """Takes a message of the followed vehicle, and yields the rows that it completes.
+        """Passes a message of the followed vehicle to what needs it, and yields the rows that it completes.
 
-        Attitude, setpoints and outputs count only with a time stamp of their own. After each message the next part of
-        the periodic review is done, if that is due.
+        Attitude, setpoints and motor outputs count only with a time stamp of their own, since rows need exact times.
+        Slow messages about state and phase are kept for the periodic review. After each message the next part of that
+        review is done if it is due, which may end the flight, and with it the segment of rows.
+
+        Args:
+            timed: the message, with its time in s of the boot clock.
         """
         message = timed.message
         name = message.name
@@ -303,9 +329,21 @@ class LiveStream:
         self._rows.end_segment_unless_free()
 
     def _take_attitude(self, message: Message, time: float) -> list[AlignedRow]:
-        """Takes an attitude at ``time``, s, also for wind and pose; returns the rows that it completes."""
+        """Takes an attitude: for the wind, for the latest pose, and as a sample of rows.
+
+        The wind takes only the message that rows are made of, and only in free flight: held by the ground, the vehicle
+        does not lean into the wind.
+
+        Args:
+            message: an ATTITUDE or ATTITUDE_QUATERNION.
+            time: s of the boot clock.
+
+        Returns:
+            The rows that it completes.
+        """
         sample = attitude_sample(message)
         if sample is None:
+            # The stream still learns of the message, so that its name is known as one that comes.
             return self._add_sample(message.name, 0, time, None)
         if message.name == self._rows.attitude_message and self._phase.is_free(time):
             self.wind.add_attitude(time, sample.roll, sample.pitch, sample.yaw)
@@ -315,7 +353,10 @@ class LiveStream:
     def _add_sample(
         self, name: str, port: int, time: float, values: Numbers | None
     ) -> list[AlignedRow]:
-        """Adds a sample of attitude or motors, whose loss of thrust it tests for; returns the rows that it completes.
+        """Adds a sample of attitude or motor outputs to its stream, and returns the rows that it completes.
+
+        A sample of the port with most motors also drives the sequential test for a motor that loses thrust. The test
+        comes first, so that a row already knows of a motor that its own sample shows to be weak.
 
         Args:
             name: name of the message.
@@ -331,7 +372,14 @@ class LiveStream:
         return self._rows.completed_rows(name, stream)
 
     def _test_motors(self, time: float) -> None:
-        """Tests the latest sample of the motors, at ``time``, s, for a lasting change, and reports it."""
+        """Tests the latest motor outputs for a motor that works harder than before, and reports what is found.
+
+        The balance of the motors means something only in settled flight. Samples from the ground only tell the test
+        that the vehicle has landed, after which it ends the alarms of the former flight.
+
+        Args:
+            time: time of the latest sample of motor outputs, s of the boot clock.
+        """
         inputs = self._rows.inputs
         if inputs is None:
             return
@@ -350,7 +398,13 @@ class LiveStream:
             self._report(fact)
 
     def _restart(self, boot: int) -> None:
-        """Forgets everything on the clock before a reboot; the vehicle's identity and parameters stay."""
+        """Forgets everything with times of the former boot's clock; the vehicle's identity and parameters stay.
+
+        The review comes before the rows, since it makes the phase of flight that the rows of the new boot ask.
+
+        Args:
+            boot: number of the new boot.
+        """
         self.boot = boot
         self.wind.restart()
         self._pose.restart()
