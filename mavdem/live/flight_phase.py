@@ -99,13 +99,15 @@ class FlightPhase:
         return landing_time
 
     def review(self, now: float, vehicle: Telemetry, collective: TimeSeries | None) -> None:
-        """Decides the phase by the messages and the motors of the last seconds.
+        """Decides the phase by the messages and the motors of the last seconds; it is called twice a second.
 
-        Of a flight that has ended the last ``TRANSIENT_SECONDS`` are withdrawn. In a flight it is decided since when it
-        is settled, or, on its way up, since when it is free.
+        A flight, here, is the time in which the vehicle is armed and neither on the ground, taking off nor landing.
+        First a flight that has ended is withdrawn: its last ``TRANSIENT_SECONDS`` were of the landing. Then the present
+        flight, if there is one, is dated. It becomes settled once it is past the climb-out; until then it counts as
+        free while it climbs. All times are s of the boot clock.
 
         Args:
-            now: s of the boot clock.
+            now: time of the review.
             vehicle: identity and parameters.
             collective: mean of the motors in the last seconds, as a share of their range; None where it is unknown.
         """
@@ -115,6 +117,7 @@ class FlightPhase:
         airborne = phases.airborne_intervals(signals, boot)
         self.is_flying = _interval_at(now, airborne) is not None
         has_states = signals.landed_state is not None or collective is not None
+        # Where no message says whether the vehicle is armed, it counts as armed all the time.
         self._is_known = has_states or armed != [(-inf, inf)]
 
         in_air = phases.landed_state_intervals(signals, boot, (IN_AIR,))
@@ -139,7 +142,18 @@ class FlightPhase:
         self._review_time = now
 
     def _signals(self, now: float, vehicle: Telemetry, collective: TimeSeries | None) -> Signals:
-        """The signals of the last seconds; while the landed state is reported, the last one holds until ``now``, s."""
+        """The signals that the rules for logs take, from the messages of the last seconds.
+
+        The rules see a state only between two reports. Here the last report is repeated at ``now``, so that the state
+        holds until now, unless it is older than ``MAX_REPORT_INTERVAL``. ``_report_end`` becomes the time until which a
+        report counts, or minus infinity where none does.
+
+        Args:
+            now: s of the boot clock.
+            vehicle: identity and parameters.
+            collective: mean of the motors, as a share of their range; None where it is unknown.
+        """
+        # Two intervals, so that at least one report is found wherever they come at all.
         columns = self._recent.columns(PHASE_MESSAGES, now - 2 * MAX_REPORT_INTERVAL)
         telemetry = replace(vehicle, messages=columns)
         landed_state = recorded_series(telemetry, LANDED_STATE_MESSAGE, "landed_state")
@@ -157,9 +171,15 @@ class FlightPhase:
     def _update_settled_start(self, now: float, climb_rate: TimeSeries | None) -> None:
         """Decides since when the flight is settled: since the climb-out, or since a descent that may be a landing.
 
+        A flight that is not settled yet becomes so when the rules for logs find the end of its climb-out. A settled one
+        is unsettled by a descent: until the vehicle has not sunk for ``TRANSIENT_SECONDS``, it may be landing. Where
+        the autopilot reports that it is in the air, that counts instead of the descent. The start then lies in the
+        future, and ``is_settled`` is false until it has come.
+
         Args:
             now: s of the boot clock.
-            climb_rate: upward speed of the last seconds, m/s; its mean is known ``AVERAGING_DELAY`` later.
+            climb_rate: upward speed of the last seconds, m/s; None where none comes. Its centred mean is known only
+                ``AVERAGING_DELAY`` later.
         """
         averaged_end = now if climb_rate is None else now - AVERAGING_DELAY
         if self._settled_start is None:
@@ -168,6 +188,7 @@ class FlightPhase:
                 self._settled_start = level[0]
         elif climb_rate is not None:
             is_sinking = phases.moving_average(climb_rate) <= -MAX_LEVEL_FLIGHT_SPEED
+            # Only what the last review could not judge yet, and what no report of the landed state covers.
             new_start = max(self._review_time - AVERAGING_DELAY, self._report_end)
             is_new = (climb_rate.time > new_start) & (climb_rate.time <= averaged_end)
             sinking_times = climb_rate.time[is_sinking & is_new]
@@ -178,6 +199,9 @@ class FlightPhase:
     def _update_free_climb_start(self, now: float, climb_rate: TimeSeries | None) -> None:
         """Decides since when the vehicle flies freely before it is settled: what climbs for long is held by nothing.
 
+        It lets learning begin some seconds earlier than settled flight does. The vehicle counts as free half of
+        ``TRANSIENT_SECONDS`` after it was first seen climbing; a descent makes that void.
+
         Args:
             now: s of the boot clock.
             climb_rate: upward speed of the last seconds, m/s; without it nothing shows a free climb.
@@ -185,6 +209,7 @@ class FlightPhase:
         if not self.is_flying or climb_rate is None:
             self._free_climb_start = inf
             return
+        # The centred mean is known up to ``AVERAGING_DELAY`` ago; what earlier reviews have judged is left out.
         new_start = max(self._review_time, now - MAX_REPORT_INTERVAL) - AVERAGING_DELAY
         is_new = (climb_rate.time > new_start) & (climb_rate.time <= now - AVERAGING_DELAY)
         speed = phases.moving_average(climb_rate)[is_new]
@@ -196,7 +221,14 @@ class FlightPhase:
             self._free_climb_start = min(self._free_climb_start, free_time)
 
     def _withdraw_landing(self, touchdown_time: float) -> None:
-        """Withdraws the last seconds before a touch-down, s; of two landings that nobody popped, since the earlier."""
+        """Notes that what counted as settled in the ``TRANSIENT_SECONDS`` before a touch-down was a landing.
+
+        ``pop_landing_time`` hands it on. Where an earlier landing waits there still, the earlier time stays, so that
+        both are withdrawn.
+
+        Args:
+            touchdown_time: s of the boot clock.
+        """
         landing_time = touchdown_time - TRANSIENT_SECONDS
         if self._landing_time is not None:
             landing_time = min(landing_time, self._landing_time)

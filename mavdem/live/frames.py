@@ -62,7 +62,13 @@ class FrameReader:
     def feed(self, piece: bytes) -> list[Frame]:
         """Returns the frames that the next bytes of the stream complete, in their order.
 
-        Frames with matching checksums do not depend on how the stream is cut into pieces.
+        The search tries each offset in turn. A frame with a matching checksum is taken at once, and with it those
+        frames, damaged or of another dialect, that exactly fill the bytes since the frame before it. Everywhere else a
+        marker may be part of some payload. Bytes that may still belong to a frame wait for the next call. Frames with
+        matching checksums do not depend on how the stream is cut into pieces.
+
+        Args:
+            piece: the next bytes of the stream, of any number.
         """
         data = self._pending + piece
         # All bytes before this offset belong to frames that were returned, or to none.
@@ -71,6 +77,7 @@ class FrameReader:
         frames: list[Frame] = []
         while True:
             length = _announced_length(data, offset)
+            # The frame that may begin here has not come completely.
             if length > len(data) - offset:
                 break
             frame = _parse_frame(data[offset : offset + length]) if length else None
@@ -83,6 +90,7 @@ class FrameReader:
             frames.append(frame)
             offset += length
             decided = offset
+        # Of a stream without any good frame only the last bytes are kept.
         decided = max(decided, offset - MAX_UNDECIDED_BYTES)
         self._pending = data[decided:]
         self._searched = offset - decided
@@ -90,9 +98,10 @@ class FrameReader:
 
 
 def _announced_length(data: bytes, start: int) -> int:
-    """Length of the frame whose header is at ``start``, bytes; 0 if no header is there.
+    """Length, in bytes, of the frame whose header would be at ``start``, by the header; 0 if no header is there.
 
-    Where too few bytes have come to tell, it is the largest possible length.
+    The first three bytes are enough for both versions of MAVLink. Where fewer have come, it is the largest possible
+    length, so that the caller waits for more.
     """
     header = data[start : start + 3]
     if len(header) < 3:
@@ -102,7 +111,13 @@ def _announced_length(data: bytes, start: int) -> int:
 
 
 def _frames_that_fill(data: bytes) -> list[Frame]:
-    """Frames, damaged or of another dialect, that fill the bytes between two good frames exactly; none otherwise."""
+    """Frames, damaged or of another dialect, that fill the bytes between two good frames exactly; none otherwise.
+
+    Their checksums prove nothing. That headers lead from one frame to the next, and exactly to the next good one, does.
+
+    Args:
+        data: the bytes between two frames with matching checksums.
+    """
     frames = []
     start = 0
     while start < len(data):
@@ -115,7 +130,15 @@ def _frames_that_fill(data: bytes) -> list[Frame]:
 
 
 def _parse_frame(content: bytes) -> Frame:
-    """The frame that these bytes are, by their header; its checksum is compared with that of its definition."""
+    """Parses the bytes of one frame, of MAVLink 1 or 2, and checks its checksum.
+
+    After the marker and the length of the payload MAVLink 2 has two bytes of flags. Then both versions have sequence
+    number, system id, component id, message id (one byte or three, little endian), payload and checksum. The checksum
+    also covers a byte made from the message's definition, so that it can be checked only for known messages.
+
+    Args:
+        content: all bytes of the frame, as long as its header announces.
+    """
     if content[0] == framing.MARKER_V2:
         sequence_offset = SEQUENCE_OFFSET_V2
         header_length = framing.HEADER_BYTES_V2
@@ -126,7 +149,8 @@ def _parse_frame(content: bytes) -> Frame:
     system = content[sequence_offset + 1]
     component = content[sequence_offset + 2]
     message_id = int.from_bytes(content[sequence_offset + 3 : header_length], "little")
-    payload_end = header_length + content[1]
+    payload_length = content[1]
+    payload_end = header_length + payload_length
     definition = definitions_by_id().get(message_id)
     checksum = framing.MESSAGE_UNKNOWN
     if definition is not None:

@@ -47,7 +47,9 @@ class GainAdviser:
         self._pending: Future[Facts] | None = None
 
     def update(self, vehicle: str, is_busy: bool, is_at_end: bool) -> Facts:
-        """Begins advice that is due, and returns advice that is ready.
+        """Begins advice that is due, and returns advice that is ready; it is called once a second.
+
+        Advice that is still computed when another one is due is given up: it lacks the latest flight.
 
         Args:
             vehicle: "system:component".
@@ -71,6 +73,7 @@ class GainAdviser:
         try:
             self.facts = self._pending.result(MAX_WAIT_SECONDS)
         except Exception as error:
+            # Whatever fails in the other process, or takes too long at the end, must not end the session.
             self.facts = (Fact(Gains.ADVICE_FAILED, error=error, path=str(self._recording)),)
         self.close()
         return self.facts
@@ -134,7 +137,12 @@ def advise_gains(recording: Path, vehicle: str) -> Facts:
 
 
 def _new_stem(recording: Path, endings: list[str]) -> str:
-    """The path of the recording with ``.gains``, and a number where a file with one of the endings exists already."""
+    """The path for the files of one advice, without their endings; earlier advice is never overwritten.
+
+    Args:
+        recording: path of the recording. Its ending is replaced by ``.gains``.
+        endings: endings of the files. Where one of them exists already, a number is appended to the path.
+    """
     first_stem = str(recording.with_suffix(".gains"))
     stem = first_stem
     number = 0

@@ -28,8 +28,17 @@ class GustDetector:
     def add(self, estimate: Estimate) -> Facts:
         """Adds an estimate, and returns the gusts that have ended since the last search.
 
-        Where the torque is unknown, as for a while after a motor has changed, the earlier torque is forgotten: it is no
-        level that later torques could be compared with.
+        Gusts stand out from a running median (``detect_gusts``), so the search begins once the torque is known for two
+        of its widths, and is repeated every ``SEARCH_PERIOD`` on the last minute. Where the torque is unknown, as for a
+        while after a motor has changed, the earlier torque is forgotten: it is no level that later torques could be
+        compared with.
+
+        Args:
+            estimate: of the latest sample. Its wind torque, rad/s², is that at ``wind_time``, s of the boot clock,
+                which is some time ago, since it is smoothed.
+
+        Returns:
+            One fact for each gust, with its beginning, s of the boot clock, duration and size.
         """
         if not np.isfinite(estimate.wind_torque):
             self._torques.clear()
@@ -50,6 +59,7 @@ class GustDetector:
         facts = []
         for gust in detect_gusts(torque, band, record, min_duration).gusts:
             start_time = time[gust.sample]
+            # What ended before the last search was reported then, and what reaches the latest sample may go on.
             if former_search_time < start_time + gust.length < time[-1]:
                 facts.append(
                     Fact(

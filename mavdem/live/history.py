@@ -35,6 +35,12 @@ GAP_SECONDS = 1.0
 It is also the gap that the timeline shows at a reboot of the vehicle.
 """
 
+COLUMNS_BEFORE_MOTORS = 9
+"""Columns of a history row before those of the motors: ``LiveHistory.table`` lists them."""
+
+TIME_COLUMN = 1
+"""Column of a history row with its time."""
+
 TORQUE_COLUMNS = slice(5, 7)
 """Columns of a history row with the wind torque and the half width of its band."""
 
@@ -99,7 +105,7 @@ class _ErrorSums:
     """Number of predictions."""
 
     def add(self, prediction: _Prediction, outputs: Array) -> None:
-        """Adds a prediction whose measured ``outputs`` (m,) have come."""
+        """Adds the errors of a prediction, and of its baseline, whose measured ``outputs`` (m,) have come."""
         errors = outputs - prediction.outputs
         baseline_errors = outputs - prediction.last_sample
         self.squares += errors * errors
@@ -138,7 +144,10 @@ class LiveHistory:
         self._error_sums: dict[float, _ErrorSums] = {}
 
     def advance(self, time: float, boot: int) -> None:
-        """Advances the timeline to a time of the vehicle's clock.
+        """Advances the timeline to a time of the vehicle's clock; it never goes back.
+
+        After a reboot the clock begins anew. The timeline then goes on ``GAP_SECONDS`` after where it was, so that
+        events of two boots keep their order.
 
         Args:
             time: s of the boot clock; NaN, a time that is not known yet, does not move a timeline that has begun.
@@ -161,9 +170,12 @@ class LiveHistory:
     ) -> None:
         """Adds a row, and compares it with the predictions that were made of it.
 
+        First the earlier predictions of this time are scored, then the row is kept, or skipped where the history is
+        full (``MAX_ROWS``), and at last the new predictions of its estimate begin to wait for their time.
+
         Args:
             segment: number of the row's segment; it changes at gaps, across which nothing is compared.
-            time: s of the vehicle's clock.
+            time: s of the present boot's clock.
             outputs: (m,) measured angle, rad, and rate, rad/s.
             estimate: the learner's estimate; None of a row that was not learned from.
             wind_and_motors: wind speed and half width of its band, m/s, then each motor as a share of its range.
@@ -183,6 +195,7 @@ class LiveHistory:
         if self._row_count % self._stride == 0:
             own_columns = (segment, time, outputs[0], predicted_angle, predicted_band)
             self._rows.append(array("d", (*own_columns, torque, torque_band, *wind_and_motors)))
+            # A full history halves its resolution over the whole flight, and keeps it from then on.
             if len(self._rows) > MAX_ROWS:
                 self._rows = self._rows[::2]
                 self._stride *= 2
@@ -191,7 +204,14 @@ class LiveHistory:
             self._remember_predictions(time, outputs, estimate)
 
     def _extend_learned_interval(self, time: float, is_new_segment: bool) -> None:
-        """Counts a learned sample at ``time``, s of the timeline, to the latest interval, or begins another."""
+        """Extends the latest interval of learned samples by one sample, or begins another interval.
+
+        Another begins with a new segment, and after ``GAP_SECONDS`` without a learned sample.
+
+        Args:
+            time: of the sample, s of the timeline.
+            is_new_segment: whether the sample is the first of its segment.
+        """
         start = time
         if self.learned_intervals and not is_new_segment:
             last_start, last_end = self.learned_intervals[-1]
@@ -201,18 +221,26 @@ class LiveHistory:
         self.learned_intervals.append((start, time))
 
     def _remember_predictions(self, time: float, outputs: Array, estimate: Estimate) -> None:
-        """Keeps an estimate's predictions, by horizon, until their time has come."""
+        """Keeps an estimate's predictions, by horizon, until their time has come.
+
+        Args:
+            time: of the row that the estimate is of, s of the timeline.
+            outputs: (m,) the row's measured outputs: the baseline predicts that they stay.
+            estimate: has predicted outputs and half widths of their band, (K, m), for K times ahead.
+        """
         times = (estimate.ahead_times + self.timeline_offset).tolist()
         for predicted_time, values, band in zip(
             times, estimate.ahead, estimate.ahead_band, strict=True
         ):
+            # Rounded to microseconds, so that all predictions at one horizon have the same key.
             horizon = round(predicted_time - time, 6)
             predictions = self._predictions.setdefault(horizon, deque())
             predictions.append(_Prediction(predicted_time, values, band, outputs))
 
     def _compare(self, time: float, outputs: Array) -> Interval:
-        """Compares the predictions of one time with what was measured then.
+        """Compares the predictions of one time with what was measured then, and adds the errors to the sums.
 
+        Predictions wait by horizon in the order of their time, so those that are due stand at the front of each queue.
         Predictions of a time that was never measured, and those that are not finite, are dropped.
 
         Args:
@@ -242,16 +270,22 @@ class LiveHistory:
         return reported
 
     def clear_wind_torque(self, start_time: float) -> None:
-        """Makes the wind torque unknown from ``start_time``, s of the timeline, on: a motor caused it, not the wind."""
+        """Makes the wind torque of earlier rows unknown (NaN), since it was that of a weak motor, not the wind's.
+
+        A weak motor is recognised some seconds after it became weak. Until then its torque was taken for the wind's.
+
+        Args:
+            start_time: time from which on the torque is cleared, s of the timeline. NaN clears nothing.
+        """
         for number, row in enumerate(self._rows):
-            time = row[1]
+            time = row[TIME_COLUMN]
             if time >= start_time:
                 cleared = array("d", row)
                 cleared[TORQUE_COLUMNS] = array("d", (nan, nan))
                 self._rows[number] = cleared
 
     def errors(self) -> list[HorizonErrors]:
-        """Returns the errors of the predictions at each horizon, the shortest first."""
+        """Returns the mean errors of the flight's predictions at each horizon, the shortest first."""
         errors = []
         for seconds, sums in sorted(self._error_sums.items(), key=itemgetter(0)):
             errors.append(
@@ -274,9 +308,10 @@ class LiveHistory:
         rad/s²; wind speed and the half width of its band, m/s; each of the k ``motor_names`` as a share of its range.
         Columns that a row lacks are NaN.
         """
-        width = 9 + len(self.motor_names)
+        width = COLUMNS_BEFORE_MOTORS + len(self.motor_names)
         table = np.full((len(self._rows), width), nan)
         for number, row in enumerate(self._rows):
+            # Rows of a format with more or fewer motors than the latest one are cut, or filled up with NaN.
             values = row[:width]
             table[number, : len(values)] = values
         return table

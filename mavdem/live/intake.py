@@ -62,8 +62,16 @@ class LinkIntake:
     def receive(self, timeout: float) -> list[FrameBatch]:
         """Receives and records what waits, or waits for something; opens a lost link again.
 
+        The link stamps arrivals by the wall clock, which recordings need. The analysis needs the monotonic clock, which
+        nobody sets, so that arrivals are converted here. If the wall clock is set meanwhile, the conversion is wrong;
+        it is therefore limited to the time between the last time when nothing waited, and now.
+
         Args:
             timeout: longest time to wait, s.
+
+        Returns:
+            One batch for each piece of the link, in the order of arrival; none after a timeout, or while the link is
+            lost.
         """
         start_time = clock.monotonic()
         try:
@@ -79,11 +87,11 @@ class LinkIntake:
         now = clock.monotonic()
         wall_time = clock.unix_time()
         emptied_time = self._emptied_time
+        # Fewer pieces than a call can return: the link is empty, and what comes next arrives after this call began.
         if len(pieces) < MAX_PIECES:
             self._emptied_time = start_time
         batches = []
         for stamp, frames in stamped_frames:
-            # The wall clock may be set meanwhile. Nothing arrived before everything had been read, nor later than now.
             arrival_time = min(max(now - wall_time + stamp, emptied_time), now)
             batches.append(FrameBatch(arrival_time, stamp, frames))
         return batches
@@ -98,7 +106,13 @@ class LinkIntake:
         return True
 
     def _record(self, stamped_frames: list[tuple[float, list[Frame]]]) -> None:
-        """Records frames with their stamps, UNIX s; a recording that fails ends."""
+        """Records frames before anything else is done with them, so that no error of the analysis loses any.
+
+        A recording that fails, for example on a full disk, is reported and ends; the session goes on.
+
+        Args:
+            stamped_frames: arrival, UNIX s, and frames of each piece.
+        """
         if self.recording is None:
             return
         try:
@@ -117,7 +131,7 @@ class LinkIntake:
             self._log(error.fact)
 
     def end_recording(self) -> None:
-        """Completes the recording, and reports where that fails."""
+        """Completes the recording at the end of the session; a failure is reported, and ends nothing else."""
         if self.recording is None:
             return
         try:

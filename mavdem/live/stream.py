@@ -1,4 +1,4 @@
-"""From the bytes of a MAVLink link to rows of one vehicle: motor outputs and motion on one time grid; and its events."""
+"""From the bytes of a MAVLink link to rows of one vehicle: motor outputs and motion on one time grid, and events."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
