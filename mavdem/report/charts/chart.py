@@ -130,11 +130,16 @@ class Line(NamedTuple):
         """Returns the line at the points of an even grid, without losing a peak.
 
         Values are interpolated linearly, and are NaN in gaps of more than ``MAX_GAP_STEPS`` and beyond the ends. Where
-        many samples fall into a pair of grid points, these two get the minimum and the maximum of the samples.
+        many samples fall into a pair of grid points, these two get the minimum and the maximum of the samples, so that
+        a short peak stays visible on a coarse grid.
 
         Args:
             grid: abscissae (M,), evenly spaced.
+
+        Returns:
+            A line with M samples; its band is interpolated too.
         """
+        # The sample after each grid point; its distance from the one before shows whether the point lies in a gap.
         next_sample = np.clip(np.searchsorted(self.x, grid), 1, len(self.x) - 1)
         distance = self.x[next_sample] - self.x[next_sample - 1]
         is_missing = (
@@ -151,10 +156,17 @@ class Line(NamedTuple):
         return self._replace(x=grid, y=y, low=low, high=high)
 
     def _keep_extremes(self, grid: Array, y: Array) -> None:
-        """Overwrites values ``y`` (M,) at an even ``grid`` (M,) by extremes, where many samples fall into two points.
+        """Overwrites interpolated values by the extremes of the samples, where many fall into a pair of grid points.
 
-        Of the two, the first has the maximum where the samples fall from their first to their last, else the minimum.
+        A pair of points stands for the interval of two grid steps that begins at its first point. It gets the minimum
+        and the maximum of the samples in this interval: the maximum first where the samples fall from their first to
+        their last, the minimum first otherwise.
+
+        Args:
+            grid: abscissae (M,), evenly spaced.
+            y: values (M,) at these, which are changed in place.
         """
+        # The last interval ends one step after the last point.
         end = 2 * grid[-1] - grid[-2]
         pair_starts = np.searchsorted(self.x, np.append(grid[::2], end))
         sample_counts = np.diff(pair_starts)[: len(grid) // 2]
@@ -162,6 +174,7 @@ class Line(NamedTuple):
         crowded = np.flatnonzero(sample_counts > MAX_SAMPLES_DRAWN_SINGLY)
         if not len(crowded):
             return
+        # reduceat takes the extreme from each start up to the next; fmin and fmax pass over NaN.
         starts = np.minimum(pair_starts[:-1], len(self.x) - 1)
         minimum = np.fmin.reduceat(self.y, starts)[crowded]
         maximum = np.fmax.reduceat(self.y, starts)[crowded]
@@ -254,7 +267,10 @@ class Chart(NamedTuple):
         return f"{self.title}{unit} over {self.x.label}: {'; '.join(ranges) or 'a picture'}."
 
     def thinned(self, max_points: int) -> Chart:
-        """Returns the chart with all lines on one common grid of at most about so many points.
+        """Returns the chart with all lines on one common even grid of at most about ``max_points`` points.
+
+        The script of a page draws lines over common abscissae, and many points make a page large. The grid has the step
+        of the densest line, or the step at which ``max_points`` cover all lines, if that is larger.
 
         A chart stays as it is if its lines share their abscissae already, none has too many points, and no gap in time
         has to be broken.
@@ -277,8 +293,10 @@ class Chart(NamedTuple):
     def as_json(self, max_points: int) -> JsonValues:
         """Returns the data from which ``charts.js`` draws the chart; arrays are 16-bit integers in base64.
 
+        The lines share the abscissae under the key "at". A spectrogram has none but its first and last abscissa.
+
         Args:
-            max_points: of a line; longer ones are thinned.
+            max_points: number of points that a line has at most; longer ones are thinned.
         """
         heat = self.heat
         if heat is not None:
@@ -362,7 +380,11 @@ def _line_as_json(line: Line, is_log: bool) -> JsonValues:
 
 
 def _heat_as_json(heat: Heat) -> JsonValues:
-    """Returns a spectrogram as JSON: a byte a value, from the lowest (0) to the highest (255), column by column."""
+    """Returns a spectrogram as JSON: a byte for each value, from the lowest (0) to the highest (255), in base64.
+
+    Values come in rows of one abscissa each, as they are in ``Heat.values``; "ends" are the first and the last
+    ordinate.
+    """
     levels = 255 * (heat.values - heat.values.min()) / max(np.ptp(heat.values), 1e-9)
     return {
         "heat": b64encode(levels.astype(np.uint8).tobytes()).decode(),
@@ -374,10 +396,15 @@ def _heat_as_json(heat: Heat) -> JsonValues:
 def _packed(values: Array | None, is_log: bool, is_even_grid: bool = False) -> JsonValues | None:
     """Packs an array (N,) into 16-bit integers: value = low + step · (integer + 32767), and −32768 is NaN.
 
+    They take a quarter of the room of numbers as text, and resolve more than any screen. ``charts.js`` unpacks them.
+
     Args:
         values: the array; None gives None.
         is_log: packs decimal logarithms of the values instead, for a logarithmic axis.
         is_even_grid: whether the values may be evenly spaced. If they are, only start, step and size are returned.
+
+    Returns:
+        The keys "low", "step" and "counts", the integers in base64; or "low", "step" and "size".
     """
     if values is None:
         return None

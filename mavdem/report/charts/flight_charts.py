@@ -102,12 +102,16 @@ def step_charts(responses: Responses) -> tuple[Charts, ...]:
 def _response_charts(title: str, response: LoopResponse, measured: StepResponse) -> Iterator[Chart]:
     """Yields the chart of a step response and, for a rate loop, that of its gain |T| over frequency.
 
+    T is the closed-loop response from setpoint to motion. What was measured has a 90 % band; what the identified loop
+    predicts is dashed.
+
     Args:
         title: axis and loop, such as "Roll rate".
-        response: with the prediction, where the loop is identified.
+        response: the response with its prediction, if the loop is identified.
         measured: the measured response, with its 90 % band.
     """
     steps = [Line.with_band("measured", MEASURED, measured.time, measured.step, measured.step_half)]
+    # On the logarithmic axis the lower end of the band must stay above zero.
     low = np.maximum(measured.gain - measured.gain_half, measured.gain / MIN_GAIN_RATIO)
     high = measured.gain + measured.gain_half
     gains = [Line("measured", MEASURED, measured.frequency, measured.gain, low, high)]
@@ -125,7 +129,8 @@ def _response_charts(title: str, response: LoopResponse, measured: StepResponse)
 def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
     """Returns charts of gain, phase and sensitivity of open loops over frequency, with 90 % bands.
 
-    A mark at each crossover frequency, where the gain is 1, has the phase margin beside it in the chart of the phase.
+    With the open-loop response L the sensitivity is S = 1/(1 + L), by which feedback multiplies disturbances. A mark at
+    each crossover frequency, where the gain is 1, has the phase margin beside it in the chart of the phase.
 
     Args:
         loops: variants of the loops of one axis, by the name that the legend shows, such as "now" and "advised".
@@ -137,6 +142,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
     crossovers = []
     for (name, loop), colour in zip(loops.items(), LOOP_COLOURS, strict=False):
         open_loop: OpenLoop = getattr(loop, loop_name)
+        # The response has the estimate in its first row, then draws from the posterior, which give the band.
         is_shown = open_loop.frequency >= MIN_COMPARED_FREQUENCY
         frequency = open_loop.frequency[is_shown]
         response = open_loop.response[:, is_shown]
@@ -179,7 +185,17 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
 
 
 def _phase(response: Complex) -> Array:
-    """Returns the unwrapped phase, degrees, of open-loop responses (N, F); each begins between −360 and 0 degrees."""
+    """Returns the phase, degrees, of open-loop responses without jumps of a whole turn.
+
+    An angle is only known up to whole turns. Phases are unwrapped along frequency, and moved so that each response
+    begins between −360 and 0 degrees, as a loop with delay and integration does.
+
+    Args:
+        response: complex responses (N, F), a row for each draw.
+
+    Returns:
+        Phases (N, F).
+    """
     phase = np.unwrap(np.angle(response), axis=1)
     starts_above_zero = phase[:, :1] > 0
     phase -= 2 * np.pi * starts_above_zero
@@ -227,7 +243,12 @@ class _SpectrumLines(NamedTuple):
 
 
 def _spectrum_lines(noise: MeasuredNoise, name: str) -> _SpectrumLines:
-    """Returns the spectra of a sensor, the power of its three axes added up."""
+    """Returns the spectra of a sensor before and after its filters, the power of its three axes added up.
+
+    Args:
+        noise: spectra of all sensors.
+        name: of the sensor.
+    """
     lines = []
     unit = "1/Hz"
     for stage in FILTER_STAGES:
@@ -246,7 +267,10 @@ def _spectrum_lines(noise: MeasuredNoise, name: str) -> _SpectrumLines:
 
 
 def _filter_line(loop: Loop, max_frequency: float) -> Line:
-    """Returns the gain, dB, of the gyro filters of a loop up to a frequency, Hz, on the axis on the right."""
+    """Returns the gain, dB, of the gyro filters of a loop up to a frequency, Hz, on the axis on the right.
+
+    Digital filters are defined below half of the sampling rate (the Nyquist frequency), where the line ends.
+    """
     nyquist = MAX_NYQUIST_FRACTION * loop.controller.gyro_rate
     frequency = np.linspace(0.1, min(max_frequency, nyquist), MAX_BINS)
     gain = np.maximum(abs(gyro_response(loop.controller, frequency)), MIN_FILTER_GAIN)
@@ -255,7 +279,11 @@ def _filter_line(loop: Loop, max_frequency: float) -> Line:
 
 
 def spectrogram_charts(spectrum: Spectrum) -> Sequence[Chart]:
-    """Returns the power of a sensor by frequency over time and, if the motors' output is known, over throttle."""
+    """Returns spectrograms of a sensor: its power by frequency over time and, if known, over throttle.
+
+    Over throttle, lines of motors and propellers rise with the motors' speed, while resonances of the frame stay at
+    their frequency.
+    """
     name = spectrum.name.removesuffix("_before").replace("_", " ").capitalize()
     frequency_axis = Axis("frequency (Hz)")
     order = np.argsort(spectrum.time)
@@ -280,6 +308,7 @@ def _heat(x: Array, frequency: Array, density: Array) -> Heat:
     Returns:
         The densities on an even axis, at each point those of the nearest ``x``, limited to ``HEAT_PERCENTILES``.
     """
+    # Power of the drawn frequencies, each the maximum of those it stands for, so that no spectral line is lost.
     frequency_bins, bin_density = max_decimated(frequency, density, MAX_BINS // 2)
     decibels = 10 * np.log10(np.maximum(bin_density, np.finfo(np.float64).tiny))
     even_x = np.linspace(x[0], x[-1], int(np.clip(len(x), 2, MAX_BINS)))

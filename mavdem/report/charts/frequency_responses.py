@@ -48,6 +48,7 @@ def plant_response(physical: Physical, motors: Array, frequency: Array, is_angle
     Returns:
         Responses (1 + POSTERIOR_DRAWS, F), complex: of the estimate in the first row, then of the draws.
     """
+    # A row has the effectiveness of each motor, then damping, time constant and delay.
     draws = physical.draws(POSTERIOR_DRAWS, DRAWS_SEED)
     effect = draws[:, :-DYNAMICS_COUNT] @ motors
     damping, lag, delay = draws[:, -DYNAMICS_COUNT:].T[..., None]
@@ -57,7 +58,10 @@ def plant_response(physical: Physical, motors: Array, frequency: Array, is_angle
 
 
 def identified_plant(learned: Learned) -> Physical | None:
-    """Returns the physical parameters of a model if they describe its outputs: identifiable ones, of angle and rate."""
+    """Returns the physical parameters of a model if a response can be computed from them, else None.
+
+    They must be identifiable, and the outputs no more than angle and rate, which are all that the physical plant has.
+    """
     physical = learned.physical
     output_count = learned.record.outputs.shape[1]
     if physical is None or output_count > 2 or not physical.identifiable:

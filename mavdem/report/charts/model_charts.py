@@ -52,9 +52,11 @@ RESPONSE_POINTS = 200
 def line_with_quantile_band(name: str, colour: str, x: Array, values: Array) -> Line:
     """Returns the line of an estimate with the 90 % band of draws from its posterior.
 
+    The band holds at each point the middle 90 % of the draws.
+
     Args:
-        name: of the line in the legend.
-        colour: of line and band.
+        name: name in the legend.
+        colour: colour of line and band.
         x: abscissae (T,).
         values: (N, T): the estimate in the first row, then the draws. Without draws the line is dashed.
     """
@@ -65,7 +67,7 @@ def line_with_quantile_band(name: str, colour: str, x: Array, values: Array) -> 
 
 
 def bode_charts(learned: Learned, output: int = -1) -> Charts:
-    """Returns magnitude and phase of an output over frequency, per command of the axis, with 90 % bands.
+    """Returns the Bode diagram of a vehicle: magnitude and phase of an output per command of the axis, with 90 % bands.
 
     The response is that of the physical plant or, where its parameters are not identifiable, of DEM's model.
 
@@ -105,8 +107,9 @@ def bode_charts(learned: Learned, output: int = -1) -> Charts:
 def residual_charts(learned: Learned, output: int = -1) -> Charts:
     """Returns one-step residuals over time, their autocorrelation, and their correlation with the command.
 
-    Of a good model, about one correlation in a hundred lies beyond the 99 % bounds (L. Ljung, System Identification,
-    2nd ed., sec. 16.6).
+    The residuals of a good model are white and independent of the command; what remains correlated, it does not
+    explain. Of a good model, about one correlation in a hundred lies beyond the 99 % bounds (L. Ljung, System
+    Identification, 2nd ed., sec. 16.6).
 
     Args:
         learned: the model.
@@ -141,6 +144,11 @@ def residual_charts(learned: Learned, output: int = -1) -> Charts:
 def wind_torque_charts(learned: Learned) -> Charts:
     """Returns the wind torque over time with its band and gusts, and its spectral density with that of its model.
 
+    The wind torque is the angular acceleration that the model does not explain by the motors, shown in °/s².
+
+    Args:
+        learned: the model.
+
     Raises:
         ValueError: the wind torque is not identifiable.
     """
@@ -156,6 +164,7 @@ def wind_torque_charts(learned: Learned) -> Charts:
     all_frequencies = wind.spectrum[0]
     is_shown = (all_frequencies > 0) & (all_frequencies <= MAX_WIND_FREQUENCY)
     frequency, density, model_density = (values[is_shown] for values in wind.spectrum)
+    # A spectral density has the square of the unit.
     scale = TORQUE_UNIT.scale**2
     spectrum = (
         Line("wind torque", DISTURBANCE, frequency, scale * density),
@@ -226,9 +235,10 @@ def forecast_charts(held_out: HeldOut, labels: Labels, output: int = 0) -> Chart
 
 
 def sample_times(record: Record) -> Array:
-    """Returns the times (T,) of the samples of a record, s.
+    """Returns the times (T,) of the T samples of a record, s.
 
-    They are on the flight's clock or, where a record of arrays does not know it, count from the first sample.
+    Samples are ``record.dt`` apart within a segment. Segments begin at their times on the flight's clock or, where a
+    record of arrays does not know them, follow each other without gaps from 0 on.
     """
     segment_times = record.begins or tuple(record.dt * record.segment_starts)
     times = [

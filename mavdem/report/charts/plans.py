@@ -42,7 +42,7 @@ def frame_plan(motors: MotorOutputs | None, condition: Condition | None) -> Plan
 
     Args:
         motors: outputs with the geometry of the motors; None where they were not logged.
-        condition: of the vehicle, with its hover; None where it is not known.
+        condition: condition of the vehicle with its hover, the outputs in steady flight; None where it is not known.
 
     Returns:
         The drawing; None where the positions or the hover of all motors are not known.
@@ -53,6 +53,7 @@ def frame_plan(motors: MotorOutputs | None, condition: Condition | None) -> Plan
     count = len(hover.motors)
     if len(motors.geometry.positions) != count:
         return None
+    # The outermost motor lies at RADIUS from the centre.
     positions = np.array(motors.geometry.positions, np.float64)
     positions *= RADIUS / max(np.hypot(*positions.T).max(), 1e-9)
     half_widths = condition.share_interval or (None,) * count
@@ -124,14 +125,17 @@ def _wind_rose(
     weight: float,
     mean_direction: float | None = None,
 ) -> Plan:
-    """Returns a wind rose: in each direction petals for the classes of speed, the slowest in the middle.
+    """Returns a wind rose, a histogram of wind by direction, in which petals show the classes of speed.
+
+    The petals of a direction lie one outside of the other, the slowest class in the middle. Their lengths are the
+    counts of their classes, so that all of them together reach to the count of the direction.
 
     Args:
         description: the drawing in words.
-        direction: that the wind comes from (N,), degrees.
-        speed: of the wind (N,), m/s.
-        weight: what one of the N counts: 1 for numbers of flights, otherwise percent of the time.
-        mean_direction: where an arrow shows that the wind comes from, degrees; None without an arrow.
+        direction: directions that the wind comes from (N,), degrees.
+        speed: wind speeds (N,), m/s.
+        weight: how much each of the N winds counts: 1 for numbers of flights, otherwise percent of the time.
+        mean_direction: direction, degrees, from which an arrow shows the mean wind; None without an arrow.
     """
     sector = np.rint(direction / SECTOR_WIDTH).astype(int) % SECTOR_COUNT
     bins = (SPEED_CLASS_LIMITS, np.arange(SECTOR_COUNT + 1))
@@ -154,7 +158,16 @@ def _wind_rose(
 
 
 def flown_path(timeline: Timeline | None) -> Plan | None:
-    """Returns the flown path over ground, north up, with a bar of scale; None where the position is not known."""
+    """Returns the flown path over ground, north up, with a bar of scale.
+
+    Both directions have one scale, by which the larger extent of the path fills the drawing.
+
+    Args:
+        timeline: of the flight, with its position; None without one.
+
+    Returns:
+        The drawing; None where the position is not known.
+    """
     position = None if timeline is None else timeline.position
     if position is None:
         return None
@@ -163,6 +176,7 @@ def flown_path(timeline: Timeline | None) -> Plan | None:
     # The bar is about a third of the path, rounded to one digit.
     bar_length = float(f"{size / 3:.0e}")
     scale = 2 * RADIUS / size
+    # Every so many samples one is drawn (rounded up). The middle of the path is the origin, and y points down.
     stride = -(-len(north) // MAX_PATH_POINTS)
     x = scale * (east[::stride] - (east.min() + east.max()) / 2)
     y = -scale * (north[::stride] - (north.min() + north.max()) / 2)

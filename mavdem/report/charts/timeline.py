@@ -149,7 +149,8 @@ def _shown_segment(signals: Signals, segments: Segments) -> Segment | None:
         segments: settled segments; the boot is that of the first one or, without any, the one with the most samples.
 
     Returns:
-        The part, limited to the samples of the attitude; None with less than two of them.
+        The part, limited to the samples of the attitude; None with less than two of them. Without information on
+        arming it is the whole boot.
     """
     if not signals.tilts:
         return None
@@ -182,7 +183,11 @@ def _mode_spans(signals: Signals, segment: Segment) -> tuple[Span, ...]:
 
 
 def _flight_charts(signals: Signals, segment: Segment) -> Iterator[Chart]:
-    """Yields charts of height, motors, and battery; one that was not recorded has no lines."""
+    """Yields charts of height, motors, and battery; one that was not recorded has no lines.
+
+    Motors are shown as percent of their range, and again minus the mean of all motors at each time, which shows what
+    steers the vehicle.
+    """
     yield over_time("Height", "m", _lines(signals.height, segment, ["height"]))
     motors = signals.motors
     if motors is not None:
@@ -196,11 +201,17 @@ def _flight_charts(signals: Signals, segment: Segment) -> Iterator[Chart]:
 
 
 def _axis_charts(signals: Signals, segment: Segment) -> Iterator[Chart]:
-    """Yields charts of angle and rate with their setpoints, and of the rate error, in degrees, as far as recorded."""
+    """Yields charts of one axis: angle and rate with their setpoints, and the rate error, as far as recorded.
+
+    Args:
+        signals: signals of the vehicle, for this axis.
+        segment: part of the log to show.
+    """
     attitude = signals.attitude
     if attitude is None:
         return
     rate, rate_setpoint = signals.rate_and_setpoint or (attitude.rate_series, None)
+    # Rates that were logged apart from the attitude may be in degrees/s; the attitude's own are always in rad/s.
     is_in_degrees = np.nanstd(rate.values) > MIN_DEGREES_RATIO * np.nanstd(attitude.rate)
     rate_scale = 1.0 if is_in_degrees else ANGLE_UNIT.scale
     angle_lines = _lines_with_setpoint(
@@ -274,7 +285,7 @@ def wind_speed_and_direction_charts(evidence: WindEvidence, segment: Segment) ->
     The autopilot's own estimate is drawn with them, where it was logged.
 
     Args:
-        evidence: of the wind; it yields nothing if the wind was estimated in another boot.
+        evidence: what is known of the wind; there is no chart if it was estimated in another boot.
         segment: part of the log to show.
     """
     wind = evidence.estimate
@@ -316,7 +327,7 @@ def _speed_line(name: str, time: Array, speed: Array, half_width: Array) -> Line
 
 
 def _wind_torque_chart(assessment: Assessment) -> Chart:
-    """Returns a chart of the wind torque with a line for each axis on which it is identifiable."""
+    """Returns a chart of the wind torque over time, °/s², with a line for each axis on which it is identifiable."""
     lines = []
     for axis, analysis in assessment.analyses.items():
         if analysis.learned is None:

@@ -53,6 +53,9 @@ Estimates = dict[str, Array]
 def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
     """Returns the charts of a vehicle over its flights, with 90 % intervals; None if no quantity is known.
 
+    Each quantity has a chart, whose horizontal axis counts the flights. Flights with a fault or a drift of the motors
+    are marked in all of them.
+
     Args:
         flights: rows of each flight by axis, in order of time; at least two flights.
     """
@@ -70,6 +73,7 @@ def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
             charts.append(Chart(title, axis, Axis(""), lines, marks=tuple(marks)))
     if not charts:
         return None
+    # The charts go from left to right, and then to the next row.
     columns = [tuple(charts[first::COLUMNS]) for first in range(COLUMNS)]
     return Group(tuple(column for column in columns if column))
 
@@ -93,7 +97,7 @@ def _lines(estimates: Estimates) -> Iterator[Line]:
 
 
 def _quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
-    """Yields the title of each chart, with the unit, and its estimates."""
+    """Yields the title of each chart, with the unit, and the estimates that it shows by the name of their line."""
     motors = _motor_names(flights)
     shares = _estimates(flights, "trim_share", len(motors))
     yield "Motor shares (mean 1)", dict(zip(motors, shares, strict=True))
@@ -125,7 +129,16 @@ def _motor_names(flights: Sequence[AxisRows]) -> list[str]:
 def _estimates_by_axis(
     flights: Sequence[AxisRows], quantity: AxisQuantity, input_unit: str = ""
 ) -> Estimates:
-    """Returns a quantity of roll and pitch in the shown unit; of flights with this unit of the input, or of all."""
+    """Returns a quantity of roll and pitch over the flights, in the shown unit.
+
+    Args:
+        flights: the rows of each flight.
+        quantity: which quantity.
+        input_unit: ``per_input`` of the rows to use, for a quantity that depends on the input; empty for all.
+
+    Returns:
+        Estimate and half width of its interval (flights, 2) by axis; NaN where not known.
+    """
     estimates = {}
     for axis in TILT_AXES:
         (of_axis,) = _estimates(flights, quantity.column, 1, axis, input_unit)
