@@ -2,13 +2,14 @@
 
 import sys
 from itertools import count
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
 from numpy.random import default_rng
+from partial_records import partial_record
 from pytest import approx, mark
 
+from mavdem.dem.online.estimate import Estimate
 from mavdem.facts.session import Session
 from mavdem.live.gusts import GustDetector
 from mavdem.live.session_loop import run_session
@@ -24,8 +25,8 @@ def test_a_gust_is_reported_once_and_a_motor_step_never(changed):
     live = GustDetector(DT)
     found = []
     for i, one in enumerate(torque):
-        now = SimpleNamespace(
-            wind_time=50.0 + DT * i, wind_torque=one, wind_torque_band=0.5, physical=None
+        now = partial_record(
+            Estimate, wind_time=50.0 + DT * i, wind_torque=one, wind_torque_band=0.5, physical=None
         )
         found += [(gust, DT * (i + 1)) for gust in live.add(now)]
     if changed:
@@ -41,7 +42,7 @@ def test_a_gust_is_reported_once_and_a_motor_step_never(changed):
 
 def test_an_unknown_torque_is_no_gust():
     live = GustDetector(DT)
-    unknown = SimpleNamespace(wind_torque=np.nan)
+    unknown = partial_record(Estimate, wind_torque=np.nan)
     assert not list(live.add(unknown))
 
 

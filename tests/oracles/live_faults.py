@@ -1,7 +1,8 @@
 """A live session with a simulated ArduPilot that every fault befalls, on a clock of its own: as fast as possible."""
 
+from collections.abc import Callable
 from contextlib import ExitStack
-from types import SimpleNamespace
+from dataclasses import dataclass
 from unittest.mock import Mock, patch
 
 import numpy as np
@@ -20,6 +21,23 @@ AHEAD_SECONDS = 0.25  # From the last known sample to the one that is forecast
 SETTLING_SECONDS = 2.0  # For which the filter of a forecast has run before errors count
 
 
+@dataclass
+class SimulatedLink:
+    """Stands for the ``Link`` by which a session hears the vehicle."""
+
+    receive: Callable[[float], list]
+    """Returns what has come within a time, s."""
+    send: Callable[[bytes], None]
+    """Sends a frame to the vehicle."""
+    name: str = "simulation"
+    awaits_greeting: bool = False
+    dropped_datagrams: int = 0
+
+    def drain_events(self):
+        """Returns what happened to the link: nothing."""
+        return []
+
+
 class Wire(Ground):
     """What the vehicle sends to: it runs the session that listens to it, whose clock is that of the flight."""
 
@@ -29,14 +47,7 @@ class Wire(Ground):
     def __init__(self):
         self.towards, self.back = [], []
         self.session = LiveSession(
-            SimpleNamespace(
-                name="simulation",
-                awaits_greeting=False,
-                dropped_datagrams=0,
-                receive=self.heard,
-                send=self.back.append,
-                drain_events=list,
-            ),
+            SimulatedLink(receive=self.heard, send=self.back.append),
             LiveStream(rates_requested=True),
             Settings(),
             requested_rate=RATE,

@@ -1,14 +1,12 @@
 """The simulated gyro has the filters of the loops; the autopilots' mixers keep the thrust that is asked for."""
 
-from types import SimpleNamespace
-
 import numpy as np
 from numpy.random import default_rng
+from partial_records import partial_record
 from pytest import approx, mark
 
 from mavdem.loops.filters import gyro_response
 from sitl_scenarios import mixers
-from sitl_scenarios.dynamics import AirState, State
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gyro import Gyro
 from sitl_scenarios.parameter_controller import ParameterController
@@ -33,7 +31,7 @@ HALVES = WHOLE / 2
 
 def sensed(gyro, *rates):
     """The rates of a gyro, after a step of a body that has these."""
-    body = SimpleNamespace(next_state=lambda *given: State(rates=rates))
+    body = partial_record(Body, next_state=lambda *arguments: State(rates=rates))
     gyro.advance(body, State(), (), AirState(), 1)
     return gyro.filtered_rates
 

@@ -5,13 +5,13 @@ import json
 import os
 import re
 import resource
+import shutil
 import socket
 import sqlite3
 from contextlib import ExitStack
 from http.client import HTTPResponse
 from pathlib import Path
 from shutil import rmtree
-from types import SimpleNamespace
 from unittest.mock import Mock
 from urllib.parse import urlencode
 
@@ -424,8 +424,8 @@ def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkey
         with monkeypatch.context() as patch:
             patch.setattr("mavdem.serve.library.os.fsync", full)
             refused = server.upload(("b.ulg", log("Two.")))
-            left = SimpleNamespace(free=64 << 20)
-            patch.setattr("mavdem.serve.library.shutil.disk_usage", lambda folder: left)
+            usage = shutil.disk_usage(server.library.folder)._replace(free=64 << 20)
+            patch.setattr("mavdem.serve.library.shutil.disk_usage", lambda folder: usage)
             server.library.check_space(0)
             with raises(Refusal):
                 server.library.check_space(1)

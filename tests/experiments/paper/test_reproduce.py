@@ -1,12 +1,12 @@
 """The report on the paper's experiments: each status follows from its checks, and the report holds all claims."""
 
 import re
-from types import SimpleNamespace
 
 import numpy as np
 from click import Command, Context
 from command_line import document_of, run, strict_json
 from numpy.random import default_rng
+from partial_records import partial_record
 from pytest import fail, mark
 from scipy.ndimage import gaussian_filter1d
 from test_figures import figures, hold
@@ -14,6 +14,8 @@ from test_figures import figures, hold
 import mavdem
 from mavdem.cli.commands import main
 from mavdem.cli.output import json_text
+from mavdem.dem import Learned
+from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.experiments.methods import maximum_likelihood
 from mavdem.experiments.paper import CLAIMS, authors_code, benchmark, model_order, prediction
 from mavdem.experiments.paper.checks import Check, ClaimStatus, ExperimentResult
@@ -140,11 +142,12 @@ WINDOW = Window("made up", 0, FLIGHT[:120], FLIGHT[120:])
 
 
 def test_a_model_that_holds_the_last_sample_fails_all_checks_of_prediction():
-    hold_model = SimpleNamespace(
-        one_step=lambda: np.vstack([WINDOW.train.outputs[:1], WINDOW.train.outputs[:-1]]),
-        forecast=lambda inputs: np.full_like(WINDOW.test.outputs, 9.0),
-        learning=SimpleNamespace(theta=np.append(np.arange(20.0), 20.0)[:, None]),
-        free_energy=SimpleNamespace(total=np.array([0.0, -1.0])),
+    hold_model = partial_record(
+        Learned,
+        one_step=lambda self: np.vstack([WINDOW.train.outputs[:1], WINDOW.train.outputs[:-1]]),
+        forecast=lambda self, inputs: np.full_like(WINDOW.test.outputs, 9.0),
+        learning=partial_record(Learning, theta=np.append(np.arange(20.0), 20.0)[:, None]),
+        free_energy=partial_record(FreeEnergy, total=np.array([0.0, -1.0])),
     )
     checks = prediction.prediction_checks(WINDOW, hold_model, [1.0, 9.0])
     assert not any(holds(checks))

@@ -2,13 +2,13 @@
 
 from base64 import b64decode
 from dataclasses import replace
-from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import control
 import numpy as np
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
+from partial_records import partial_record
 from pytest import approx, fixture, mark, raises
 from recorded_flights import FLIGHT
 
@@ -19,6 +19,7 @@ from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.evaluate import held_out_test, held_out_windows
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
+from mavdem.loops.axis_loops import Loop
 from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.step_response import IntervalEstimate, StepResponse
 from mavdem.report.charts import model_charts
@@ -125,8 +126,8 @@ def test_steps_of_known_loops_have_band_and_prediction():
 def test_spectra_have_their_lines_and_the_filters_over_them():
     line = SpectralLine(LineKind.MOTOR, 140.0, 100.0, 1.0, 5.0, 0.5)
     shown = {name: spectrum(name) for name in ("gyro_before", "gyro")}
-    loop = SimpleNamespace(
-        controller=controller_from_parameters(GAINS, "roll", (1.0,)), crossover=12.0
+    loop = partial_record(
+        Loop, controller=controller_from_parameters(GAINS, "roll", (1.0,)), crossover=12.0
     )
     chart = spectrum_chart(MeasuredNoise(shown, {"gyro_before": (line,)}), loop)
     assert [mark.name for mark in chart.marks] == ["motor", "crossover"]
