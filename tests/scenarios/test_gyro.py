@@ -7,6 +7,7 @@ from pytest import approx, mark
 
 from mavdem.loops.filters import gyro_response
 from sitl_scenarios import mixers
+from sitl_scenarios.dynamics import AirState, Body, State
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gyro import Gyro
 from sitl_scenarios.parameter_controller import ParameterController

@@ -57,7 +57,8 @@ class Balanced(HTMLParser):
             self.open.pop()
 
     def handle_endtag(self, tag):
-        assert tag in VOID or self.open.pop() == tag
+        if tag not in VOID:
+            assert self.open.pop() == tag
 
 
 @mark.slow
