@@ -59,7 +59,7 @@ class BalanceFigures(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SteadyRun:
-    """Commands and lean of a vehicle in one run of steady flight without a gap, N samples of k motors."""
+    """Commands of k motors, and roll and pitch, of a vehicle in one run of steady flight, N samples."""
 
     time: Array
     """(N,) seconds, rising."""
@@ -71,7 +71,12 @@ class SteadyRun:
 
 @cached_per_vehicle("axis", "inputs")
 def balance_of_steady_flight(signals: Signals) -> BalanceFigures | None:
-    """Measures the balance of a vehicle's motors in its steady flight.
+    """Measures the balance of a vehicle's motors in its steady flight: its torque commands relative to its thrust.
+
+    Each settled segment gives one run: its steady intervals, after one another.
+
+    Args:
+        signals: Signals of the vehicle.
 
     Returns:
         The figures; None where there are no motor outputs, or too little steady flight.
@@ -95,7 +100,16 @@ def balance_of_steady_flight(signals: Signals) -> BalanceFigures | None:
 
 
 def _lean(signals: Signals, segment: Segment, time: Array) -> Array:
-    """Returns roll and pitch (N, 2), rad, at times (N,), s, of a segment; NaN where they were not recorded."""
+    """Returns roll and pitch at the times of other samples, linearly interpolated.
+
+    Args:
+        signals: Signals of the vehicle.
+        segment: Segment of flight, with the boot whose clock the times are on.
+        time: (N,) times in the segment, s.
+
+    Returns:
+        (N, 2) roll and pitch, rad; NaN where they were not recorded.
+    """
     lean = np.full((len(time), len(TILT_AXES)), np.nan)
     if len(signals.tilts) < len(TILT_AXES):
         return lean
@@ -141,6 +155,7 @@ def balance_figures(
         residuals = residuals - lean_deviations @ lean_effect.T
         freedom -= len(TILT_AXES)
         effect_variance_factor = np.broadcast_to(np.diag(inverse), lean_effect.shape)
+    # Each of roll, pitch and yaw has its own variance and correlation.
     inflation = [_variance_inflation(column) for column in residuals.T]
     block_variance = (residuals**2).sum(axis=0) / freedom
     variance = block_variance * inflation
@@ -165,6 +180,7 @@ def _block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
     seconds = float(np.ptp(time)) if len(time) else 0.0
     if seconds < BLOCK_SECONDS:
         return []
+    # The first row of the mixer is thrust, the others are torques about the axes that the geometry gives.
     axis_commands = run.commands @ signatures.mixer_rows.T
     thrust = axis_commands[:, 0]
     # Axes that the geometry does not say stay NaN.
@@ -173,6 +189,7 @@ def _block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
     torques[:, columns] = axis_commands[:, 1:]
     table = np.column_stack([thrust, torques, run.lean])
 
+    # A rest shorter than a block is shared by all. The last sample, at fraction 1, belongs to the last block.
     block_count = int(seconds / BLOCK_SECONDS)
     elapsed_fraction = (time - time[0]) / seconds
     block_numbers = np.minimum(elapsed_fraction * block_count, block_count - 1).astype(int)
@@ -189,7 +206,9 @@ def _block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
 def _variance_inflation(residuals: Array) -> float:
     """Estimates by which factor the variance of a mean exceeds that of independent blocks.
 
-    The blocks are taken for a first-order autoregression with the coefficient ρ, whose factor is (1 + ρ) / (1 - ρ).
+    Neighbouring blocks are alike, as gusts last longer than a block, so their mean is known less well than from as many
+    independent ones. The blocks are taken for a first-order autoregression with the coefficient ρ, the correlation of
+    neighbours, whose factor is (1 + ρ) / (1 - ρ).
 
     Args:
         residuals: (N,) deviations of neighbouring blocks from what explains them.

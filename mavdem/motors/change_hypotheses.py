@@ -71,11 +71,13 @@ class NormalMixture:
 def student_t_mixture(scale: float) -> NormalMixture:
     """Approximates Student's t distribution with ``CHANGE_FREEDOM`` degrees of freedom by a mixture of normal ones.
 
-    A t distribution is a mixture of normal distributions whose variances follow an inverse gamma distribution; here it
-    is sampled on a geometric grid of standard deviations.
+    A t distribution of ν degrees of freedom is a mixture of normal distributions whose variances follow an inverse
+    gamma distribution. Their standard deviations s then have the density s^(−ν − 1) e^(−ν/2 (scale / s)²). It is
+    sampled at 24 of them, from 0.4 to 40 scales, in geometric steps; the weight of each is the density times s, its
+    step. As normal distributions, the components can be combined with normal errors by adding variances.
 
     Args:
-        scale: Scale of the t distribution.
+        scale: Scale of the t distribution, in the unit of the change.
     """
     standard_deviations = scale * np.geomspace(0.4, 40.0, 24)
     decay = np.exp(-CHANGE_FREEDOM / 2 * (scale / standard_deviations) ** 2)
@@ -107,6 +109,8 @@ class ChangeHypotheses:
             prior_probabilities: Prior weight of each group, of any sum.
         """
         self.signatures = signatures
+        # A motor's rises have an exponential prior. Other changes are a mixture of normal distributions, with one
+        # hypothesis for each component.
         motor_count = len(signatures.weak_motor_balance)
         mixture = student_t_mixture(CHANGE_SCALE)
         weights_by_group = {
@@ -127,6 +131,7 @@ class ChangeHypotheses:
         self.prior = np.concatenate(priors)
 
         self.change = np.zeros((len(self.prior), 3))
+        # (k, 1, 3): the first column of a signature is thrust, the others are roll, pitch and yaw.
         signatures_of_motors = signatures.weak_motor_balance[:, None, 1:]
         self.change[self.groups["motor"]] = (signatures_of_motors * RISES[:, None]).reshape(-1, 3)
         self.spread = np.zeros((len(self.prior), 3))
@@ -147,6 +152,7 @@ class ChangeHypotheses:
         posterior = self._posterior(deviation, previous)
         group_probabilities = {name: posterior[rows].sum() for name, rows in self.groups.items()}
 
+        # (k, r): hypotheses of the motors are sorted by motor, then by rise.
         by_motor_and_rise = posterior[self.groups["motor"]].reshape(-1, len(RISES))
         motor_probabilities = by_motor_and_rise.sum(axis=1)
         # The neighbours of a weak motor help it on vehicles with more than four motors, so its own command rises less.
@@ -160,6 +166,7 @@ class ChangeHypotheses:
         mean = by_motor_and_rise @ RISES / normalisation
         quantiles = []
         for level in INTERVAL_QUANTILES:
+            # The first rise at which the cumulative probability reaches the level.
             row = (cumulative < level).sum(axis=1).clip(max=len(RISES) - 1)
             quantiles.append(RISES[row])
         return ChangeProbabilities(
@@ -171,7 +178,19 @@ class ChangeHypotheses:
         )
 
     def _posterior(self, deviation: Deviation, previous: Array | None) -> Array:
-        """Computes the posterior probabilities (S,) of the hypotheses, like :meth:`explain`."""
+        """Computes the posterior probabilities of the hypotheses by Bayes' rule.
+
+        A hypothesis expects a change with a spread, to which the scale of healthy flights' deviations is added. The
+        likelihood is the product of Student's t densities on the three axes. A motor's hypothesis is ruled out where it
+        is off by more than ``MAX_MISFIT`` scales on any axis: else it might win because the others fit even worse.
+
+        Args:
+            deviation: Deviation of the flight's balance.
+            previous: (S,) posterior probabilities after the vehicle's flight before this one; None without one.
+
+        Returns:
+            (S,) probabilities with the sum 1.
+        """
         prior = self.prior
         if previous is not None:
             prior = PERSISTENCE * previous + (1 - PERSISTENCE) * prior
@@ -189,6 +208,7 @@ class ChangeHypotheses:
         log_likelihood = log_densities.sum(axis=1)
         is_misfit = (abs(standard_scores[motor_rows]) > MAX_MISFIT).any(axis=1)
         log_likelihood[motor_rows][is_misfit] = -np.inf
+        # The largest is subtracted, so that the exponentials do not all vanish.
         posterior = prior * np.exp(log_likelihood - log_likelihood.max())
         posterior /= posterior.sum()
         return posterior
@@ -196,11 +216,14 @@ class ChangeHypotheses:
     def detection_probability(self, deviation: Deviation) -> float:
         """Returns how probable a change would appear, had one motor to work ``DETECTABLE_RISE`` harder.
 
-        It is the mean over the motors, at the scale of the flight's deviation: what can be seen in the flight, whatever
-        it shows.
+        A flight whose balance is known badly looks healthy whatever its motors do. So the flight's change is replaced
+        by the signature of each motor in turn, at the flight's own scale, and explained.
 
         Args:
             deviation: Deviation of the flight; its change does not count.
+
+        Returns:
+            Probability that something changed, the mean over the motors, 0 to 1.
         """
         rises = DETECTABLE_RISE / np.diag(self.signatures.weak_motor_commands)
         changes = self.signatures.weak_motor_balance[:, 1:] * rises[:, None]

@@ -50,7 +50,9 @@ class WindowChanges(NamedTuple):
 def window_changes(blocks: Array, windows: Windows, prior: Array, freedom: float) -> WindowChanges:
     """Compares the mean of the last blocks with the mean before them, for several windows.
 
-    The mean before weights blocks exponentially, with the time constant ``MEMORY_SECONDS``.
+    Each window is one assumption on when a change began. The mean before it weights blocks exponentially, with the time
+    constant ``MEMORY_SECONDS``. With weights of sum 1, it is worth 1 / Σ weights² equal blocks. The variance of the
+    change is that of both means, and of a balance that wanders.
 
     Args:
         blocks: (N, a) blocks, the latest last.
@@ -59,6 +61,7 @@ def window_changes(blocks: Array, windows: Windows, prior: Array, freedom: float
         freedom: Degrees of freedom of that prior.
     """
     numbers = np.arange(len(blocks))
+    # Shapes (w, 1) and (N,) make (w, N): each window by each block.
     lengths = windows[:, None]
     is_in_window = numbers >= len(blocks) - lengths
     recency = np.exp(numbers * (BLOCK_SECONDS / MEMORY_SECONDS))
@@ -71,6 +74,7 @@ def window_changes(blocks: Array, windows: Windows, prior: Array, freedom: float
     noise_in_window = long_run_variance(
         blocks, is_in_window, mean_in_window, noise_before, PRIOR_FREEDOM
     )
+    # The noise may have grown with the change: the larger of both counts in the window.
     variance_before = noise_before / effective_blocks[:, None]
     variance_in_window = np.maximum(noise_before, noise_in_window) / lengths
     return WindowChanges(
@@ -86,8 +90,10 @@ def long_run_variance(
 ) -> Array:
     """Estimates the long-run variance of blocks: n times the variance of the mean of n blocks.
 
-    It is the largest of the estimates by overlapping batches of ``BATCH_LENGTHS`` blocks (method of batch means), each
-    pooled with the prior.
+    Blocks are correlated, so this is more than the variance of a block. The method of batch means takes n times the
+    variance of the means of n neighbouring blocks, with overlapping batches. How long the correlation lasts is not
+    known: so several lengths (``BATCH_LENGTHS``) are tried, each estimate is pooled with the prior by its degrees of
+    freedom, and the largest counts.
 
     Args:
         blocks: (N, a) blocks.
@@ -99,6 +105,7 @@ def long_run_variance(
     Returns:
         (w, a) variances.
     """
+    # Sums of any run of blocks are differences of cumulative sums.
     cumulative = np.vstack([np.zeros_like(blocks[:1]), np.cumsum(blocks, axis=0)])
     selected_blocks = selection.sum(axis=1, keepdims=True)
     variance = prior
@@ -106,6 +113,7 @@ def long_run_variance(
         if length > len(blocks):
             break
         batch_means = (cumulative[length:] - cumulative[:-length]) / length
+        # The selection has no gaps: a batch is in it if its first and last block are.
         is_batch_selected = selection[:, : len(batch_means)] & selection[:, length - 1 :]
         batches = is_batch_selected.sum(axis=1, keepdims=True)
         # The sum of the squared deviations from the mean, expanded so that no array of shape (w, N, a) is made.
@@ -125,6 +133,10 @@ def log_t_density(
     changes: WindowChanges, expected: Array | float, extra_variance: Array | float = 0.0
 ) -> Array:
     """Computes the log density of changes under Student's t distribution about an expected change.
+
+    The distribution is the multivariate one with a diagonal scale matrix: the axes share the degrees of freedom ν,
+    since one stretch of flight shows all variances. With squares q = Σ error² / variance over the a axes, the density
+    is in proportion to Π variance^(−1/2) (1 + q / ν)^(−(ν + a) / 2).
 
     Terms that depend on the degrees of freedom only are left out; they cancel in Bayes factors.
 

@@ -109,7 +109,10 @@ class LevelBalances:
 
 
 def level_balances(flights: Sequence[BalanceFigures]) -> LevelBalances:
-    """Removes from the balances of flights what the lean explains.
+    """Removes from the balances of flights what the lean explains: the effect of lean times the lean.
+
+    Wind makes a vehicle lean and asks for torque at once, so without this step a windy flight would look like a change
+    of the motors.
 
     Args:
         flights: n flights of one vehicle.
@@ -140,7 +143,8 @@ class ShrunkenEffects:
 def shrunken_lean_effects(flights: Sequence[BalanceFigures]) -> ShrunkenEffects:
     """Estimates the effect of lean on the balance in each flight, by empirical-Bayes shrinkage.
 
-    A flight's own estimate is weighted by its precision, the mean of all flights by the spread between flights. Half
+    In a calm flight the lean hardly varies, and its effect can only be known from the vehicle's other flights. A
+    flight's own estimate is weighted by its precision, the mean of all flights by the spread between flights. Half
     of that spread is counted as error of the estimates, since manoeuvres bias them (docs/evidence/motors.md). A flight
     without an estimate has the mean.
 
@@ -151,6 +155,7 @@ def shrunken_lean_effects(flights: Sequence[BalanceFigures]) -> ShrunkenEffects:
     variance = np.array([flight.lean_effect_error for flight in flights]) ** 2
     is_known = np.isfinite(estimates) & np.isfinite(variance)
     estimates = np.where(is_known, estimates, 0.0)
+    # An infinite variance is a weight of 0.
     variance = np.where(is_known, variance, np.inf)
 
     # The spread between flights is pooled with its prior.

@@ -50,7 +50,8 @@ def effort_change(
     Args:
         flight: The flight.
         healthy: Healthy flights, without that flight.
-        previous: Result of the vehicle's flight before this one; half of it is taken to persist.
+        previous: Result of the vehicle's flight before this one, which persists with the probability ``PERSISTENCE``;
+            None without one.
 
     Returns:
         None where the effort of the flight or of ``MIN_HEALTHY_FLIGHTS`` healthy ones is not known.
@@ -63,6 +64,7 @@ def effort_change(
     squares = ((log_efforts - centre) ** 2).sum()
     freedom = PRIOR_BALANCE_FREEDOM + len(log_efforts) - 1
     variance_between = (PRIOR_BALANCE_FREEDOM * PRIOR_EFFORT_SD**2 + squares) / freedom
+    # The flight scatters about the mean of the healthy ones, which has an error itself.
     variance = variance_between * (1 + 1 / len(log_efforts))
     log_change = np.log(flight.effort) - centre
 
@@ -70,6 +72,7 @@ def effort_change(
     prior = np.append(1 - PRIOR_CHANGE_PROBABILITY, PRIOR_CHANGE_PROBABILITY * mixture.weights)
     if previous is not None:
         prior = PERSISTENCE * previous.posterior + (1 - PERSISTENCE) * prior
+    # Row 0 is "no change", of standard deviation 0; the others are the components of the mixture.
     change_sds = np.append(0.0, mixture.standard_deviations)
     scale = np.sqrt(variance + change_sds**2)
     # SciPy's distributions take half a second to import.

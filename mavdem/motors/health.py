@@ -144,7 +144,7 @@ class _FlightEvidence:
 def _flight_evidence(
     flight: HealthFigures, healthy: HealthFlights, previous: _FlightEvidence | None
 ) -> _FlightEvidence:
-    """Compares a flight with healthy flights.
+    """Compares a flight with healthy flights, by the balance of its motors and by their effort.
 
     Args:
         flight: A flight that lacks nothing (``HealthFigures.missing``).
@@ -167,7 +167,11 @@ def _flight_evidence(
 def _assessment(
     flight: HealthFigures, evidence: _FlightEvidence, reference: JsonValues
 ) -> HealthAssessment:
-    """Turns the evidence of a flight into an assessment.
+    """Turns the evidence of a flight into an assessment: fault, drift, unknown or OK, in this order.
+
+    A fault needs a probability of ``MIN_REPORTED_PROBABILITY``, a drift the same for any change, or a balance that
+    healthy flights do not have. Without either, the flight is OK only if it would have shown a weak motor; else nothing
+    is said.
 
     Args:
         flight: The flight.
@@ -206,7 +210,10 @@ def _fault(
     change_probability: float,
     reference: JsonValues,
 ) -> HealthAssessment:
-    """Returns the assessment of a flight with a weak motor, which is named where it is probable enough.
+    """Returns the assessment of a flight with a weak motor.
+
+    The motor is named where it is the weak one with a probability of ``MIN_NAMED_PROBABILITY``, given that there is
+    one: to name a sound motor is the worse mistake.
 
     Args:
         flight: The flight.
@@ -217,6 +224,7 @@ def _fault(
     suspect = int(change.faults.argmax())
     suspect_probability = change.faults[suspect]
     is_named = suspect_probability >= MIN_NAMED_PROBABILITY * change.fault
+    # (3,) mean and ends of the 90 % interval.
     rise = change.rises[:, suspect]
     fact = Fact(
         MotorsBetween.MOTOR_WEAK,
@@ -244,6 +252,9 @@ def _drift(
 ) -> Fact:
     """Returns the fact on a change that is no fault: of the effort, of the balance, or a balance never seen before.
 
+    The more probable of the changes of effort and balance is reported. Of a changed balance, the likeliest cause is
+    given, and the motor's name if that motor is the cause with a probability of ``MIN_NAMED_PROBABILITY``.
+
     Args:
         flight: The flight.
         evidence: Its comparison with healthy flights.
@@ -268,6 +279,7 @@ def _drift(
             effort=effort.relative_change,
             **reference,
         )
+    # Of the motors, the likeliest alone competes with the other causes.
     motor = int(change.motors.argmax())
     cause_probabilities = {**change.groups, Explanation.MOTOR: float(change.motors[motor])}
     likeliest = max(Explanation, key=lambda cause: cause_probabilities[cause])

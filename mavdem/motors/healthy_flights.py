@@ -66,7 +66,10 @@ class HealthFigures:
 
     @property
     def geometry_key(self) -> tuple[Names, bytes]:
-        """Names and mixer of the motors: only flights with equal keys have comparable balances."""
+        """Names and mixer of the motors, as a key: only flights with equal keys have comparable balances.
+
+        The mixer is rounded to ``GEOMETRY_DECIMALS``, and empty where it is not known.
+        """
         if self.signatures is None:
             return self.motors, b""
         return self.motors, self.signatures.mixer_rows.round(GEOMETRY_DECIMALS).tobytes()
@@ -89,7 +92,10 @@ class HealthFigures:
         return None
 
     def overlaps(self, other: HealthFigures) -> bool:
-        """Returns whether two records are of one flight, logged twice: one begins before the other has ended."""
+        """Returns whether two records are of one flight, logged twice: one begins before the other has ended.
+
+        How long a flight took is not known: its steady part stands for it, and is 0 without a balance.
+        """
         earlier, later = sorted((self, other), key=lambda flight: flight.start_time)
         duration = 0.0 if earlier.balance is None else earlier.balance.seconds
         return later.start_time - earlier.start_time < duration
@@ -100,7 +106,10 @@ HealthFlights = Sequence[HealthFigures]
 
 
 def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = None) -> HealthFlights:
-    """Returns the flights that others are compared with.
+    """Returns the flights that others are compared with, each of them once.
+
+    Unless they are named, they are the vehicle's first sound flights, before motors and propellers wore. Flights
+    without a date are left out then.
 
     Args:
         flights: Flights of one vehicle.

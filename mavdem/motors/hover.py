@@ -117,6 +117,9 @@ def hover_figures(
 ) -> HoverFigures:
     """Computes the figures of motors from their outputs in settled flight.
 
+    Means and shares are over samples. Outputs are turned into fractions of the range by their scale, so that vehicles
+    with PWM (µs) and with normalised outputs have comparable figures.
+
     Args:
         names: Names of the k motors.
         scale: Scale of their outputs.

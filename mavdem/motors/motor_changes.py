@@ -67,8 +67,11 @@ class MotorAlarm(NamedTuple):
     def sound_command_fraction(self) -> CommandFraction:
         """The fraction of a weak motor's command by which a sound motor would give its thrust.
 
-        It hardly depends on the exponent: where thrust goes with a power of the command, a loss divides the command.
+        A motor that lost the fraction l of its thrust needs the command of a sound one with 1 − l of the thrust: where
+        thrust goes with the power n of the command, that is (1 − l)^(1/n) of its command. The interval of the loss was
+        made with these powers, so the fraction hardly depends on them.
         """
+        # The lower end of the loss is for the smallest exponent, the upper end for the largest.
         smallest_loss, largest_loss = self.loss
         smallest_exponent, largest_exponent = THRUST_EXPONENTS
         highest = (1 - smallest_loss) ** (1 / smallest_exponent)
@@ -125,6 +128,7 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     Returns:
         The facts. Each has the names of all motors whose losses are bad.
     """
+    # By boot and name of the motor: the largest loss since the motor was last sound.
     lasting_losses: dict[tuple[int, str], MotorAlarm] = {}
     ended_losses: list[tuple[MotorAlarm, float]] = []
     for change in changes:
@@ -141,13 +145,22 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     for loss, end_time in ended_losses:
         level = Level.BAD if loss.size > smallest_lasting else Level.WATCH
         losses.append(loss.fact.but(level, until=end_time))
+    # Losses that are bad come first, and of those the largest rise.
     losses.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
     bad_motors = dict.fromkeys(loss.subject for loss in losses if loss.is_bad)
     return [loss.but(names=tuple(bad_motors)) for loss in losses]
 
 
 def alarm_figures(changes: Sequence[MotorAlarm]) -> JsonValues:
-    """Returns the changes of a flight by the keys of documents, and the bound on the rate of false alarms."""
+    """Returns the changes of a flight by their kind, and the bound on the rate of false alarms.
+
+    Args:
+        changes: All changes of the flight.
+
+    Returns:
+        By the keys of documents: "alarms" (a motor lost thrust), "recoveries" and "torque_changes", each a list of
+        changes, and "false_alarms_per_hour" with the bound and the measurement behind it.
+    """
     codes = {
         "alarms": InFlight.MOTOR_LOST_THRUST,
         "recoveries": InFlight.MOTOR_RECOVERED,

@@ -41,7 +41,11 @@ class MotorSignatures:
 
     @cached_property
     def weak_motor_commands(self) -> Array:
-        """(k, k) change of the commands of all motors where the motor of the row must work harder by 1."""
+        """(k, k) change of the commands of all motors where the motor of the row must work harder by 1.
+
+        It is the projection on what the mixer can command, pinv(M) M, of the mixer M. With four motors that is all
+        commands, so only the motor's own changes.
+        """
         allocation = np.linalg.pinv(self.mixer_rows)
         return (allocation @ self.mixer_rows).T
 
@@ -49,9 +53,13 @@ class MotorSignatures:
     def is_motor_identifiable(self) -> bool:
         """Whether a weak motor can be told from a shifted load and from any other weak motor.
 
+        Motors are told apart by the directions of their signatures in roll, pitch and yaw, since the size of a loss is
+        not known. Two directions are too much alike from a cosine of ``MAX_SIGNATURE_COSINE`` on.
+
         Without spins it cannot: each signature is then that of a load that shifted towards the motor. Neither can it
         where two motors are above each other and turn the same way.
         """
+        # The first column is thrust, the last one yaw.
         signatures = self.weak_motor_balance[:, 1:]
         has_all_axes = len(self.axes) > len(AXES)
         if not has_all_axes or not signatures[:, -1].all():
@@ -62,7 +70,11 @@ class MotorSignatures:
 
 
 def motor_signatures(geometry: MotorGeometry) -> MotorSignatures:
-    """Computes the signatures of the motors of a vehicle from their positions and spins."""
+    """Computes the signatures of the motors of a vehicle from their positions and spins.
+
+    Args:
+        geometry: Positions and spins of the k motors. Axes for which it lacks something have no row in the mixer.
+    """
     motor_count = len(geometry.motors)
     axes = ["thrust"]
     rows = [np.full(motor_count, 1.0 / motor_count)]

@@ -49,7 +49,9 @@ def trim_of_signals(signals: Signals) -> Fact | None:
 def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fact:
     """Judges whether motors work unevenly, and by which pattern.
 
-    They do where the 90 % interval of some motor's deviation from the mean lies beyond ``FAULT_RISE``.
+    They do where the 90 % interval of some motor's deviation from the mean lies beyond ``FAULT_RISE``. There is no
+    healthy flight to compare with here: the flight is judged against a vehicle that is trimmed evenly. If the intervals
+    are so wide that no motor's could lie within ``FAULT_RISE``, nothing is said.
 
     Args:
         balance: Balance of the motors in one flight; None where it is not known.
@@ -66,9 +68,11 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
     level = level_balances([balance])
     level_balance = level.balances[0]
     variance = level.variances[0]
+    # (k, 3): turns roll, pitch and yaw commands into commands of motors; the column of thrust is left out.
     allocation = np.linalg.pinv(signatures.mixer_rows)[:, 1:]
     deviations = allocation @ level_balance
     half_widths = half_width(allocation**2 @ variance)
+    # What each deviation is at least, within its interval.
     sure_deviations = abs(deviations) - half_widths
     worst_motor = np.argmax(sure_deviations)
     figures: JsonValues = {
@@ -98,6 +102,9 @@ def _uneven_trim(
     figures: JsonValues,
 ) -> Fact:
     """Returns the fact on the most probable pattern of an uneven trim.
+
+    A single motor must have a probability of ``MIN_NAMED_PROBABILITY``, yaw or the centre of gravity one of
+    ``MIN_REPORTED_PROBABILITY``. Else the pattern is of several causes.
 
     Args:
         hypotheses: The patterns and their prior weights.
