@@ -1,4 +1,4 @@
-"""Assessing a log: the parts of an assessment in the order in which they are computed."""
+"""Assessing a log: computes models, loops, events and lights of a vehicle, each from those before it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -129,7 +129,15 @@ def assess_signals(
 
 
 def _motor_changes(analysis: LogAnalysis, ending: Fact | None) -> list[Fact]:
-    """Returns the thrust that motors lost, and other lasting changes of their balance, before control was lost."""
+    """Returns the thrust that motors lost, and other lasting changes of their balance, before control was lost.
+
+    Args:
+        analysis: with the alarms on motors that a live session would have raised.
+        ending: how the flight was lost; None if it was not.
+
+    Returns:
+        The losses of thrust of weak motors, then the changes that name no weak motor.
+    """
     alarms = alarms_before_loss(analysis.alarms, ending)
     other_changes = [alarm.fact for alarm in alarms if not alarm.is_weak]
     return [*thrust_losses(alarms), *other_changes]
@@ -142,11 +150,15 @@ def alarms_before_loss(alarms: Sequence[MotorAlarm], ending: Fact | None) -> lis
 
 
 def _autotune_events(signals: Signals, loops: Mapping[str, Loop | Fact]) -> list[Fact]:
-    """Returns a fact for each axis that the autopilot's AutoTune tuned in the flight.
+    """Returns the axes that the autopilot's AutoTune tuned in flight, with the gains before and after as figures.
 
     Args:
         signals: of the vehicle.
-        loops: the control loop of each axis, with which the gains before and after are rated; or why it is not known.
+        loops: the identified control loop by axis, by which the stability margins of both sets of gains are rated; or
+            why it is not known, and then the gains have no rating.
+
+    Returns:
+        One fact for each tuned axis, in the order of ``loops``.
     """
     facts = []
     for axis, loop in loops.items():
@@ -157,14 +169,19 @@ def _autotune_events(signals: Signals, loops: Mapping[str, Loop | Fact]) -> list
 
 
 def without_flight_advice(wind: WindEvidence) -> WindEvidence:
-    """Returns the evidence on the wind with facts that do not advise to fly, for a vehicle that must not.
+    """Returns the same evidence on the wind without advice to fly, for a vehicle that must not fly as it is.
 
-    The reasons why parts of the wind are not known often advise to fly legs in several directions.
+    The figures stay. Only the reasons why the wind, or its speed or direction, is not known change: they often advise
+    to fly legs in several directions. ``Fact.grounded`` is a fact without such advice.
+
+    Args:
+        wind: the estimated wind with a reason for each part that is not identifiable, the estimate of the autopilot,
+            and the obstacle: the reason if there is no estimate at all.
     """
     estimate, autopilot_estimate, obstacle = wind
     if estimate is not None:
         reasons = {name: fact.grounded for name, fact in estimate.reasons.items()}
         estimate = replace(estimate, reasons=reasons)
-    return WindEvidence(
-        estimate, autopilot_estimate, None if obstacle is None else obstacle.grounded
-    )
+    if obstacle is not None:
+        obstacle = obstacle.grounded
+    return WindEvidence(estimate, autopilot_estimate, obstacle)

@@ -74,12 +74,13 @@ class StatusText(NamedTuple):
 def status_texts(telemetry: Telemetry) -> list[StatusText]:
     """Returns all texts of the autopilot in the order of the stream.
 
-    A STATUSTEXT holds 50 characters. A longer text comes in chunks with a common ``id``, numbered by ``chunk_seq``, and
-    is joined here.
+    A STATUSTEXT holds 50 characters. A longer text comes in chunks with a common ``id``, numbered by ``chunk_seq`` from
+    0 on, and is joined here. A text that fits into one message has the ``id`` 0.
     """
     columns = telemetry.messages.get("STATUSTEXT", {})
     if "text" not in columns:
         return []
+    # Fields that a log lacks, such as ``id`` in older ones, count as 0.
     zeros = [0] * len(columns["time"])
     fields = [
         columns[name].tolist() if name in columns else zeros
@@ -90,6 +91,7 @@ def status_texts(telemetry: Telemetry) -> list[StatusText]:
     position_of_id = dict[int, int]()
     for time, boot, severity, text_id, chunk, content in zip(*fields, strict=True):
         text = content.decode(errors="replace") if isinstance(content, bytes) else content
+        # A later chunk whose first one was lost becomes a text of its own.
         if text_id and chunk and text_id in position_of_id:
             position = position_of_id[text_id]
             texts[position] = texts[position]._replace(text=texts[position].text + text)
@@ -113,21 +115,24 @@ def reported_problems(telemetry: Telemetry) -> list[Fact]:
 
 
 def _problems_of_texts(telemetry: Telemetry) -> Iterator[Fact]:
-    """Yields the problems that texts report.
+    """Yields a fact for each text of the autopilot that reports a problem, in the order of the stream.
 
-    ArduPilot before 3.4 had severities on a scale of its own, so that they do not show which of its texts warn.
+    The words of a text decide what it means. Its severity decides only whether a text with unknown words is a warning,
+    and it is added to the fact as the figure ``severity``, by its name.
+
+    ArduPilot before 3.4 used other numbers for the severities. Such firmware is recognised by texts that only it sends;
+    its severities are not used.
     """
     texts = status_texts(telemetry)
     has_old_scale = any(text.text in _MEANINGS["old_scale"] for text in texts)
     for text in texts:
+        # ``SEVERITIES`` are the names of the numbers that stand for a warning or worse.
         warns = text.severity < len(SEVERITIES) and not has_old_scale
+        severity = SEVERITIES[text.severity] if warns else None
         fact = _problem_of_text(text, warns)
         if fact is not None:
-            yield fact.but(
-                boot=text.boot,
-                basis=(telemetry.name_in_source("STATUSTEXT"),),
-                severity=SEVERITIES[text.severity] if warns else None,
-            )
+            message_name = telemetry.name_in_source("STATUSTEXT")
+            yield fact.but(boot=text.boot, basis=(message_name,), severity=severity)
 
 
 def _problem_of_text(message: StatusText, warns: bool) -> Fact | None:
@@ -145,8 +150,10 @@ def _problem_of_text(message: StatusText, warns: bool) -> Fact | None:
         if match is None:
             continue
         if not pattern.code:
+            # The text reports the end of a problem.
             return None
         groups = match.groupdict()
+        # An expression has a group for the words of the subject, or for the number of a motor or EKF lane.
         subject = groups.get("subject") or ""
         for name in ("motor", "lane"):
             if not subject and groups.get(name):
@@ -164,10 +171,11 @@ def _problem_of_text(message: StatusText, warns: bool) -> Fact | None:
 
 
 def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
-    """Yields the problems of DataFlash's ERR messages.
+    """Yields the problems that ArduPilot logs as ERR messages, each with a subsystem and an error code.
 
-    Each lasts until the same subsystem logs the error code 0 in the same boot. A change of the primary EKF lane is a
-    moment, without an end.
+    An error lasts until the same subsystem logs the code 0, "no error", in the same boot; without such a message it has
+    no end. ``PRIMARY_FILTER_SUBSYSTEM`` is different: its code is the number of the EKF lane that took over, which is a
+    moment, also for lane 0.
     """
     rows = list(_rows_of_message(telemetry, "ERR", "Subsys", "ECode"))
     for time, boot, subsystem, error_code in rows:
@@ -180,6 +188,7 @@ def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
             if later_time > time
             and (later_boot, later_subsystem, later_code) == (boot, subsystem, 0)
         ]
+        # The table of subsystems begins with number 1. Others are named by their number.
         code, subject = Reported.AUTOPILOT_ERROR, f"{subsystem}"
         if 1 <= subsystem <= len(_MEANINGS["subsystems"]):
             code, subject = _MEANINGS["subsystems"][subsystem - 1]
@@ -196,7 +205,10 @@ def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
 
 
 def _problems_of_events(telemetry: Telemetry) -> Iterator[Fact]:
-    """Yields the problems of DataFlash's EV messages; most events report none."""
+    """Yields the problems that ArduPilot logs as EV messages.
+
+    An event is a number. Most report no problem, such as "armed", and are missing from the table of meanings.
+    """
     for time, boot, number in _rows_of_message(telemetry, "EV", "Id"):
         meaning = _MEANINGS["events"].get(str(number))
         if meaning:
@@ -235,9 +247,10 @@ def in_time_order(facts: Iterable[Fact]) -> list[Fact]:
 def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
     """Returns the facts in time order, with repetitions of a report merged into its first fact.
 
-    Two facts are one report if they have the same boot and code (and text, for ``CODES_WITH_TEXT``), no contrary
-    subjects, and follow each other within ``REPEAT_SECONDS``. The merged fact has the number of reports as ``count``,
-    and ends with the last of them.
+    Autopilots repeat a warning while its cause persists, and report one problem by several messages. Two facts are one
+    report if they have the same boot and code (and text, for ``CODES_WITH_TEXT``), no contrary subjects, and follow
+    each other within ``REPEAT_SECONDS``. The merged fact has the number of reports as ``count``, and ends with the last
+    of them.
     """
     merged: list[Fact] = []
     # The positions in ``merged`` of facts with the same boot, code and quoted text.
@@ -245,6 +258,7 @@ def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
     for fact in in_time_order(facts):
         quoted_text = fact.figures["text"] if fact.code in CODES_WITH_TEXT else ""
         positions = positions_of_kind[fact.figures["boot"], fact.code, quoted_text]
+        # The latest report of the kind comes first: it is the one that is repeated, if any.
         for position in reversed(positions):
             if _is_repetition(merged[position], fact):
                 merged[position] = _merged_pair(merged[position], fact)

@@ -132,9 +132,10 @@ class LogAnalysis:
         )
 
     def as_dict(self) -> JsonValues:
-        """Returns all figures by the keys of ``report.json``; those of the model are missing without one.
+        """Returns all figures by the keys of ``report.json``, before they are turned into plain JSON values.
 
-        Angles are in rad, rates in rad/s, times in s.
+        Without a model the keys of :func:`model_figures` are missing. All other keys are always there: their values are
+        None, or empty, for what is not known. Angles are in rad, rates in rad/s, times in s.
         """
         figures: JsonValues = {}
         if self.learned is not None and self.held_out is not None:
@@ -159,12 +160,16 @@ class LogAnalysis:
 def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> JsonValues:
     """Returns the figures of a model by the keys of ``report.json``, in rad, rad/s and s.
 
+    They are the training data, the learned model with its free energy, how well it forecasts windows that no model was
+    trained on, the simulation fit, and the physical parameters. docs/report.md explains each key.
+
     Args:
         flights: what the model was trained on.
         learned: the model.
         held_out: forecasts of windows that no model was trained on.
     """
     first_flight = flights[0]
+    # The model's forecast is compared with those of the baselines, which have the same name in both vocabularies.
     forecasts = dict[StrEnum, HeldOutForecast]({MethodName.JOINT: FORECAST})
     forecasts |= {baseline: baseline for baseline in BASELINES}
     errors = {
@@ -220,8 +225,10 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Json
 def _simulation_fit_figures(learned: Learned) -> JsonValues | None:
     """Returns how the simulation-error fit of a model went, by the keys of ``report.json``.
 
-    It is None for a model without such a fit. Each of the ``terms`` of the fit's objective is that of the last
-    iteration.
+    Returns:
+        ``samples`` is how many samples ahead the fit simulates, ``numbers`` the effective number of residuals,
+        ``parameters`` the number of free parameters, ``turning`` the weights of the inputs in the command of the axis,
+        and ``terms`` are the terms of the objective at the last iteration. None for a model without such a fit.
     """
     fit = learned.simulation_fit
     if fit is None:
@@ -239,9 +246,13 @@ def _simulation_fit_figures(learned: Learned) -> JsonValues | None:
 def _ranked_errors(errors: Mapping[StrEnum, Array], variance: Array) -> dict[StrEnum, JsonValues]:
     """Returns the squared errors of each method by the keys of ``report.json``, the method with the least one first.
 
+    The methods are ranked by the key ``relative``: the error over that of the constant mean, 1 for a method that is no
+    better. The keys ``per_output`` and ``total`` are the errors themselves, in squared units of the outputs.
+
     Args:
         errors: mean squared errors (m,) of m outputs, by method.
-        variance: (m,) variances of the outputs, by which the errors of outputs with different units are added.
+        variance: (m,) variances of the outputs. An error over the variance has no unit, so that those of angle and rate
+            can be added.
     """
     normalised = {method: (error / variance).sum() for method, error in errors.items()}
     ratios = {
@@ -256,33 +267,50 @@ def _ranked_errors(errors: Mapping[StrEnum, Array], variance: Array) -> dict[Str
 
 
 def physical_parameters(signals: Signals, flights: Flights) -> Physical | NotIdentifiable:
-    """Returns the physical parameters of the axis of ``signals`` in some flights, or why there are none.
+    """Returns the physical parameters of one axis: control effectiveness, damping, motor time constant and delay.
 
-    They are those estimated from inputs and outputs alone, where these are identifiable without a bias: they are known
-    by motor, and have narrower intervals. Otherwise, and where the closed loop makes them doubtful, they are those of
-    the plant identified in its loop, if that is possible.
+    There are two estimates. The open-loop one uses only inputs and outputs. It tells the motors apart and has narrower
+    intervals, but it may be biased where the controller reacts to the wind. The closed-loop one models the controller
+    too, and so needs flights with one known set of gains, with setpoints that excite the axis.
+
+    The open-loop estimate is returned if it is unbiased and the closed loop does not contradict that. The closed-loop
+    estimate is returned in all other cases in which there is one.
+
+    Args:
+        signals: of the vehicle and the axis.
+        flights: settled flight of the axis.
+
+    Returns:
+        The parameters; or why there are none, where neither estimate is possible. An open-loop estimate that is not
+        reliable is returned too if there is no closed-loop one; its ``refusal`` says why.
     """
     open_loop = physical(flights)
     is_reliable = isinstance(open_loop, Physical) and open_loop.identifiable and not open_loop.bias
     try:
+        # The controller is known only while its gains do not change.
         flights_of_gains, _ = parts_with_one_gain_set(signals, flights)
         closed_loop = identify_plant_in_loop(signals, flights_of_gains)
     except NotLearnable as error:
         return open_loop if is_reliable else open_loop._replace(refusal=error.fact)
-    if is_reliable and closed_loop.status["effect"] is Status.REPORTED:
-        return open_loop
-    return closed_loop
+    # An effect that is not reported, as in a loop that rings, is doubtful in the open-loop estimate too.
+    loop_confirms_effect = closed_loop.status["effect"] is Status.REPORTED
+    return open_loop if is_reliable and loop_confirms_effect else closed_loop
 
 
 def figures_of_axis(
     signals: Signals, components: tuple[Component, ...], change_times: Sequence[float]
 ) -> AxisFigures:
-    """Returns physical parameters and wind torque of the axis of ``signals``.
+    """Estimates physical parameters and wind torque of the axis of ``signals``, without learning a model.
+
+    The wind torque is what remains of the total torque without that of the motors, so that it needs the parameters.
 
     Args:
         signals: of the vehicle and axis.
-        components: of the log.
-        change_times: when a motor changed, s; the wind torque is estimated anew after each.
+        components: all components of the log, for the advice on rates where the log has too little.
+        change_times: when a motor changed, s on the boot clock; the wind torque is estimated anew after each.
+
+    Returns:
+        The figures; without parameters they have the ``reason`` why there are none.
     """
     flights, learnability = usable_segments(signals, components)
     if not flights:

@@ -1,4 +1,4 @@
-"""Light on the motors: thrust that one lost in flight, limits, the pattern of the trim, and the headroom."""
+"""Light on the motors: judges lost thrust, outputs at their limit, how evenly the motors work, and the headroom."""
 
 from math import inf
 
@@ -21,8 +21,9 @@ MIN_HEADROOM = 0.1
 def motors_light(evidence: Evidence) -> Fact:
     """Returns the worst of what a log shows of its motors.
 
-    That is an event that names a motor, a limit cycle that drives them to their limits, a motor that is at its limit in
-    the hover, the pattern of the trim, or a small headroom.
+    The candidates, of which the first wins among equally bad ones, are: events that name a motor; a limit cycle that
+    drives motors to their limits; a motor at its limit in the hover; and an uneven trim or a small headroom. If no
+    hover was measured, a fact that says so takes the place of the latter two.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -36,10 +37,12 @@ def motors_light(evidence: Evidence) -> Fact:
     if oscillation is not None and oscillation.at_limit > MIN_AT_LIMIT_SHARE:
         facts.append(Fact(MotorsLight.MOTORS_SWING, share=oscillation.at_limit))
     if hover is None:
+        # The sentence of this fact differs for outputs that were not recorded, for which there are no names.
         names = _motor_names(evidence)
         not_measured = MotorsLight.MOTORS_NOT_SEEN
         facts.append(Fact(not_measured, names=names, least_duration=MIN_STEADY_SECONDS))
     else:
+        # In a shorter hover one manoeuvre could decide the share of the time at the limit.
         limited = limited_motor(hover)
         if limited is not None and hover.seconds >= MIN_STEADY_SECONDS:
             facts.append(Fact(MotorsLight.MOTOR_LIMITED, subject=limited.name, share=limited.share))
@@ -54,10 +57,11 @@ def _motor_names(evidence: Evidence) -> tuple[str, ...]:
 
 
 def _events_of_motors(evidence: Evidence) -> list[Fact]:
-    """Returns the ending and the warnings in flight that name a motor.
+    """Returns the events that show trouble of one motor, the most telling first.
 
-    Of several losses the largest comes first, of several limits the longest. Without a hover, which would show the
-    share of the time, a moment at the limit counts too.
+    They are the ending of the flight and warnings of some kinds in flight, as far as their subject is a motor of this
+    vehicle. Events without a figure of the lost thrust come first, then losses of thrust by their size, and equal ones
+    by their duration.
     """
     codes: list[Code] = [
         InFlight.MOTOR_LOST_THRUST,
@@ -66,6 +70,7 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
         Reported.THRUST_LOST,
     ]
     if evidence.condition.hover is None:
+        # A hover would show the share of the time at the limit. Without one, a moment there must do.
         codes.append(MotionEvent.MOTOR_AT_ITS_STOP)
     names = _motor_names(evidence)
     facts = [
@@ -73,6 +78,7 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
         for fact in (evidence.ending, *evidence.warnings_in_flight(codes))
         if fact is not None and fact.subject in names
     ]
+    # The "rise" of a loss of thrust is by how much the command of the motor rose to make up for it.
     facts.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_duration(fact)))
     return facts
 
@@ -87,8 +93,16 @@ def _duration(event: Fact) -> float:
 def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
     """Returns the pattern of the trim, or that the headroom is small.
 
-    A trim that is to be watched goes before the headroom. For an even trim the headroom is added as a figure, as a
-    share of the motors' range.
+    The trim is the mean output of each motor in the hover; an uneven one shows a weak motor, a shifted load or a
+    crooked arm. The headroom is what is left of a motor's range above the 99th percentile of its output. A trim that is
+    to be watched goes before a small headroom, since it may be the reason for it.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        hover: outputs of its motors in the hover.
+
+    Returns:
+        A fact; that of an even trim has the smallest ``headroom`` of a motor, as a share of its range.
     """
     trim = trim_of_signals(evidence.signals) or Fact(Trim.TRIM_UNKNOWN)
     headroom = min(hover.headroom)

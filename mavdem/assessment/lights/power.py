@@ -1,4 +1,4 @@
-"""Light on power: voltage of the battery under load and its charge in flight, and the supply voltage of the board."""
+"""Light on power: judges voltage and charge of the battery, and the supply voltage of the board, in flight."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -81,19 +81,29 @@ def power_light(evidence: Evidence) -> Fact:
 def _is_battery_measured(evidence: Evidence) -> bool:
     """Returns whether a battery is connected to the sensor, and was measured in flight.
 
-    Without a battery the voltage is constant, or never above the levels at which the autopilot acts.
+    An open input of the sensor reads a constant voltage, or one that never exceeds the levels at which the autopilot
+    acts, and with which nobody would have taken off.
     """
     voltage = evidence.signals.voltage
     if voltage is None or not len(evidence.averages_in_flight(voltage)):
         return False
+    # With 0 cells these are the levels of the autopilot's parameters alone.
     levels = _voltage_levels(evidence.signals, cells=0)
     return bool(np.ptp(voltage.values) != 0 and voltage.values.max() > levels.watch)
 
 
 def _voltage_levels(signals: Signals, cells: int) -> Limits:
-    """Returns the voltages, V, below which a battery of so many cells is low or critical; 0 if neither is known.
+    """Returns the voltages, V, below which a battery is to be watched (low) or bad (critical).
 
-    They are the parameters of the autopilot or, where these are lower, the ``CELL_VOLTAGE_LIMITS``.
+    Each is the higher of two: the level at which the autopilot acts by its parameters, and that of the cells. So a
+    level that was set too low, or not at all, does not hide an empty battery.
+
+    Args:
+        signals: of the vehicle, with its parameters.
+        cells: number of cells in series; 0 if it is not known, so that the parameters alone decide.
+
+    Returns:
+        The limits; 0 where neither parameters nor cells are known.
     """
     parameters = signals.telemetry.parameters
     critical = parameters.get(CRITICAL_VOLTAGE_PARAMETER, 0.0)
@@ -103,16 +113,22 @@ def _voltage_levels(signals: Signals, cells: int) -> Limits:
 
 
 def _battery_voltage(evidence: Evidence) -> Iterator[Fact]:
-    """Yields the lowest mean voltage over 2 s in flight, judged by the voltage of the lowest ``LOW_VOLTAGE_SECONDS``.
+    """Yields how the voltage of the battery held in flight; nothing if no battery was measured.
 
-    The voltage is below that for ``LOW_VOLTAGE_SECONDS`` in total, so that a short sag counts for nothing.
+    The samples are averaged over 2 s and sorted. What decides is the voltage that they stay below for
+    ``LOW_VOLTAGE_SECONDS`` in total, so that a short sag under a burst of thrust counts for nothing.
+
+    The fact has the lowest average ``voltage`` and the ``voltage_limit`` that decided, V, the number of ``cells``, the
+    largest ``current``, A, and the internal ``resistance``, ohm, each None if it is not known.
     """
     signals = evidence.signals
     voltage = signals.voltage
     if voltage is None or not _is_battery_measured(evidence):
         return
     averages = np.sort(evidence.averages_in_flight(voltage))
+    # The 99th percentile is the voltage of the full battery without outliers.
     cells = _cell_count(signals, np.percentile(voltage.values, 99))
+    # The number of samples in the lowest ``LOW_VOLTAGE_SECONDS``, by the usual step between samples of one boot.
     steps = np.diff(voltage.time)[np.diff(voltage.boot) == 0]
     # The step is at least 1 ms: a damaged log may have the same stamp throughout.
     lasting_rows = round(LOW_VOLTAGE_SECONDS / max(np.median(steps), 1e-3)) if len(steps) else 0
@@ -120,6 +136,7 @@ def _battery_voltage(evidence: Evidence) -> Iterator[Fact]:
     levels = _voltage_levels(signals, cells or 0)
     battery = recorded_series(signals.telemetry, "SYS_STATUS", "voltage_battery", "current_battery")
     load = _battery_load([*evidence.in_flight(battery)])
+    # Without any limit, nothing can be said of the voltage.
     code = PowerLight.CELLS_UNKNOWN
     level = None
     voltage_limit = levels.watch
@@ -142,10 +159,10 @@ def _battery_voltage(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _battery_charge(evidence: Evidence) -> Iterator[Fact]:
-    """Yields that the charge of the battery fell below PX4's BAT_LOW_THR in flight, both as shares of the full charge.
+    """Yields that the charge of the battery fell below PX4's parameter BAT_LOW_THR in flight; nothing if it did not.
 
-    SYS_STATUS has the remaining charge in percent, averaged here over 2 s. Nothing is yielded for a charge that stayed
-    above the level, or a vehicle without that parameter.
+    The autopilot estimates the remaining charge, which SYS_STATUS has in percent. It is averaged over 2 s, and compared
+    with the parameter as a share of the full charge. Vehicles without that parameter are not judged by their charge.
     """
     if not _is_battery_measured(evidence):
         return
@@ -161,12 +178,15 @@ def _battery_charge(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
-    """Yields how the supply voltage of the board held in flight, V.
+    """Yields how the supply voltage of the autopilot's board held in flight; nothing if it was not measured.
 
-    It is measured by POWER_STATUS or HWSTATUS, in mV, and averaged over 2 s. A voltage that is constant was not
-    measured.
+    A supply that falls may reset the autopilot in the air. It is low below ``BOARD_VOLTAGE_LIMITS``, and otherwise it
+    fell if its lowest value is ``MAX_BOARD_VOLTAGE_DROP`` below its median.
+
+    The fact has the lowest average over 2 s as ``voltage``, the median as ``voltage_usual``, and the limit, all in V.
     """
     telemetry = evidence.signals.telemetry
+    # A voltage that is constant was not measured.
     for message in ("POWER_STATUS", "HWSTATUS"):
         millivolts = recorded_series(telemetry, message, "Vcc")
         if millivolts is not None and np.ptp(millivolts.values) > 0:
@@ -199,8 +219,12 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
 def _cell_count(signals: Signals, full_voltage: float) -> int | None:
     """Returns how many cells the battery has in series; None if that is not clear.
 
-    It is a parameter of PX4 or else the only one of ``CELL_COUNTS`` for which the voltage at the begin of the flight,
-    ``full_voltage`` in V, is that of a cell with which flights begin.
+    A parameter of PX4 has the number. Otherwise each of the usual ``CELL_COUNTS`` is tried: the voltage of the full
+    battery over the count must be one with which a cell begins a flight. Only if exactly one count fits, it is known.
+
+    Args:
+        signals: of the vehicle, with its parameters.
+        full_voltage: voltage of the battery when it was full, V.
     """
     for name in ("BAT1_N_CELLS", "BAT_N_CELLS"):
         count = int(signals.telemetry.parameters.get(name, 0))
@@ -222,12 +246,14 @@ class _BatteryLoad(NamedTuple):
 
 
 def _battery_load(flights: Sequence[TimeSeries]) -> _BatteryLoad:
-    """Estimates the internal resistance by regression of voltage on current, about their means over 2 s.
+    """Estimates the internal resistance R of a battery by linear regression, from voltage U and current I.
 
-    These means contain the discharge, which would look like a resistance.
+    In U = U₀ − R I the open-circuit voltage U₀ falls slowly as the battery discharges. The moving means over 2 s
+    contain that, and are subtracted from both, so that the slope of what remains is −R: with the deviations u and i it
+    is R = −Σ u i / Σ i². It counts only if the correlation of u and i is at most ``MAX_RESISTANCE_CORRELATION``.
 
     Args:
-        flights: voltage, mV, and current, 10 mA, of each flight as columns (N, 2).
+        flights: one series (N, 2) for each flight: voltage, mV, and current, 10 mA, as in SYS_STATUS.
     """
     deviations: list[Array] = []
     max_current = 0.0
@@ -247,6 +273,7 @@ def _battery_load(flights: Sequence[TimeSeries]) -> _BatteryLoad:
     volt_squares = volt_deviations @ volt_deviations
     ampere_squares = ampere_deviations @ ampere_deviations
     products = volt_deviations @ ampere_deviations
+    # By the Cauchy-Schwarz inequality; the correlation is ``products`` over this.
     largest_product = (volt_squares * ampere_squares) ** 0.5
     if largest_product == 0 or products > MAX_RESISTANCE_CORRELATION * largest_product:
         return _BatteryLoad(max_current=max_current)
