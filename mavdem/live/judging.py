@@ -54,7 +54,9 @@ class ModelJudging:
     ) -> None:
         """Takes a judgement that is done, or begins to judge the newest model where that is due.
 
-        A model is judged only with physical parameters, and with the inputs of the latest rows.
+        It is called once a second, and never waits: a judgement takes seconds, and is made in the executor. Only one is
+        under way at a time, and two begin at least ``JUDGING_PERIOD`` apart. A model is judged only once physical
+        parameters are known, which the judgement is about, and only if it has the inputs of the latest rows.
 
         Args:
             now: s of the monotonic clock.
@@ -84,7 +86,10 @@ class ModelJudging:
             )
 
     def _take_result(self, pending: Future[tuple[Findings, Judgement]]) -> None:
-        """Takes a judgement, if it is done; one that failed is dropped."""
+        """Takes a judgement of the executor, if it is done.
+
+        One that failed is dropped, and the judgement before it stays: the next one may succeed.
+        """
         if not pending.done():
             return
         with suppress(ValueError, RuntimeError, CancelledError):
@@ -94,7 +99,10 @@ class ModelJudging:
     def judge_final_model(
         self, model: Learned | None, row_format: RowFormat | None, alarms: Sequence[MotorAlarm]
     ) -> Learned | None:
-        """Judges the model at the end of the session.
+        """Judges the model at the end of the session, in this thread, and sets ``findings`` and ``judgement``.
+
+        Without a model, or with one of other motors than the latest rows have, only the alarms remain to be judged. If
+        the judgement itself fails, the one before it stays.
 
         Args:
             model: the final model; None without one.
@@ -102,7 +110,8 @@ class ModelJudging:
             alarms: changes of the motors' balance.
 
         Returns:
-            The model to show: where its wind torque is the vehicle's own, it says so.
+            The model to show. Where a limit cycle or a weak motor caused the torque that was estimated as the wind's,
+            it is marked so.
         """
         with suppress(ValueError):
             if (

@@ -94,7 +94,16 @@ class FlightLearning:
         return self._row_format
 
     def begin(self, row_format: RowFormat) -> None:
-        """Prepares for rows of another format; inputs or a step that differ need another learner."""
+        """Prepares for the rows of another segment.
+
+        With the same motors and time step the learner goes on, across the gap between the segments. With others its
+        matrices no longer fit, and a new one begins. It starts from the model of an earlier flight (``prior``), if that
+        has inputs in the same unit. Where the positions of the motors are known, it also gets the directions of their
+        effects. Kept models of another boot are dated minus infinity: a landing of this boot never withdraws them.
+
+        Args:
+            row_format: what the next rows are.
+        """
         former = self._row_format
         self._row_format = row_format
         if former is not None and former.boot != row_format.boot:
@@ -139,7 +148,9 @@ class FlightLearning:
             self.learner.refits = refits or self.learner.learned is None
 
     def learn_row(self, row: AlignedRow, weakened_motors: WeakenedMotors | None) -> Estimate | None:
-        """Learns from a row of free flight, and keeps the newest model.
+        """Updates the learner with a row of free flight, and keeps its model if that is new.
+
+        A row that the learner refuses, for example with values that are not finite, is reported and skipped.
 
         Args:
             row: the row.
@@ -161,7 +172,15 @@ class FlightLearning:
         return estimate
 
     def _keep_model(self, row: AlignedRow, model: Learned | None) -> None:
-        """Keeps the learner's model as of a ``row``, unless it was learned on the way up, or is kept already."""
+        """Keeps the learner's model, if it is new and of settled flight, with the time of the row that it came with.
+
+        The times serve to withdraw what was learned of a landing. A model from the climb after take-off is only
+        remembered, so that it is not kept when the first settled row comes with the same model.
+
+        Args:
+            row: the row that the learner was updated with.
+            model: the learner's latest model; None before any.
+        """
         if row.is_settled:
             self.has_settled = True
         else:
@@ -172,7 +191,13 @@ class FlightLearning:
             self._models.append(_KeptModel(row.time, model))
 
     def count_row(self, estimate: Estimate | None) -> None:
-        """Counts a row, and reports unexpected motion and gusts by its estimate, which is None of an unlearned row."""
+        """Counts a row, and reports unexpected motion and gusts that its estimate shows.
+
+        Unexpected motion is reported when it begins, not with each of its samples.
+
+        Args:
+            estimate: of the row; None where it was not learned from.
+        """
         if estimate is None:
             self.unlearned_rows += 1
             return
@@ -186,7 +211,11 @@ class FlightLearning:
             self._log(gust)
 
     def withdraw_since(self, landing_time: float) -> None:
-        """Forgets what was learned since ``landing_time``, s of the boot clock: it was of a landing."""
+        """Forgets samples and models since ``landing_time``, s of the boot clock: they were of a landing.
+
+        Ground contact and ground effect would spoil the model. Until another model comes, the last one from before the
+        landing is the final one (``has_landed``).
+        """
         assert self.learner is not None
         self.learner.forget_since(landing_time)
         while self._models and self._models[-1].time > landing_time:
@@ -194,10 +223,14 @@ class FlightLearning:
         self.has_landed = True
 
     def final_model(self, parameters: Parameters) -> Learned:
-        """Returns the last model before the last landing; in flight, one of the latest samples.
+        """Returns the model to keep at the end of the session.
+
+        After a landing that is the last model from before it. In flight a model is learned now from the latest samples,
+        within ``FIT_SECONDS``, or twice that if there is no other model. If that fails, the last model is returned, and
+        it is reported why.
 
         Args:
-            parameters: of the autopilot.
+            parameters: of the autopilot, whose gains are kept in the model.
 
         Raises:
             NotLearnable: there is none, and why.
@@ -218,11 +251,15 @@ class FlightLearning:
         return self.named_model(self._models[-1].learned, parameters)
 
     def named_model(self, learned: Learned, parameters: Parameters) -> Learned:
-        """Returns a model with names, units, gains and range of the latest rows, and what they identify.
+        """Returns a learner's model with what the learner does not know: what its columns of numbers are.
+
+        That is names and units of inputs and outputs, the range of the inputs, and the controllers' gains; and the
+        latest physical parameters, which are fitted apart from the model. All this makes it a model that can be judged
+        and written to a file.
 
         Args:
-            learned: a model of these rows; one of other inputs is returned as it is.
-            parameters: of the autopilot, of which the gains are kept.
+            learned: a model of the latest rows' inputs; one of another number of inputs is returned as it is.
+            parameters: all parameters of the autopilot, by name; the control parameters among them are kept.
         """
         row_format = self._row_format
         if row_format is None:

@@ -60,7 +60,9 @@ class RecentMotion(NamedTuple):
 def attitude_from_samples(
     message: str, time: Array, boot: int, angle: Array, body_rate: Array
 ) -> Attitude:
-    """Returns the attitude of one axis, all of whose samples are used.
+    """Returns live samples of one axis as the ``Attitude`` that the rules for logs take.
+
+    Samples that cannot be used were dropped before, so that all of them count as used.
 
     Args:
         message: name of the message that it came with.
@@ -98,7 +100,9 @@ class LiveFindings:
 def live_evidence(
     signals: Signals, condition: Condition, findings: LiveFindings | None = None
 ) -> Evidence:
-    """Returns the evidence that a live vehicle is judged by, as that of a log.
+    """Returns live signals and figures in the form in which a log is judged, so that the same rules judge both.
+
+    What only a whole log can show counts as not judged.
 
     Args:
         signals: of the vehicle.

@@ -100,7 +100,11 @@ class _MessageReader(NamedTuple):
 
 @cache
 def message_readers() -> dict[int, _MessageReader]:
-    """Returns how each message of ``MESSAGE_FIELDS`` is decoded, by message id; the first call takes a while."""
+    """Returns how each message of ``MESSAGE_FIELDS`` is decoded, by message id; the first call takes a while.
+
+    A payload is read by a structured NumPy type of only the needed fields, with the time stamp as the last one. A stamp
+    of n bits in units of 1/u s wraps after 2ⁿ/u s: ``time_boot_ms`` after 49.7 days.
+    """
     readers = {}
     for definition in definitions_by_id().values():
         if definition.name not in MESSAGE_FIELDS:
@@ -115,6 +119,7 @@ def message_readers() -> dict[int, _MessageReader]:
                 names.append(stamp_field)
                 units_per_second = units
                 bits = 8 * wire[stamp_field].itemsize
+                # A counter of 64 bits never wraps in practice.
                 if bits < 64:
                     wrap_period = 2.0**bits / units
                 break
@@ -126,11 +131,20 @@ def message_readers() -> dict[int, _MessageReader]:
 
 
 def decode_message(frame: Frame) -> Message | None:
-    """Returns the message in a frame with a matching checksum; None if nothing live needs it."""
+    """Decodes the needed fields of the message in a frame.
+
+    It is called for every frame of a link, and therefore reads only these fields, all of them at once.
+
+    Args:
+        frame: with a matching checksum; others may hold any bytes.
+
+    Returns:
+        The message, with its stamp in s; None if nothing live needs it.
+    """
     reader = message_readers().get(frame.message_id)
     if reader is None:
         return None
-    # Bytes that MAVLink 2 left out are zero. Bytes beyond the definition are of a newer one.
+    # MAVLink 2 leaves out zeros at the end of the payload. Bytes beyond the definition are fields of a newer one.
     size = reader.payload_type.itemsize
     payload = frame.payload[:size].ljust(size, b"\0")
     values = np.frombuffer(payload, reader.payload_type)[0].item()
@@ -141,7 +155,11 @@ def decode_message(frame: Frame) -> Message | None:
 
 
 def attitude_sample(message: Message) -> AttitudeSample | None:
-    """Returns the attitude of an ATTITUDE or ATTITUDE_QUATERNION; None if it is not finite or impossible."""
+    """Returns the attitude of an ATTITUDE or ATTITUDE_QUATERNION; None if it is not finite or impossible.
+
+    A quaternion becomes roll, pitch and yaw, rad. Impossible is what lies beyond ``MAX_ANGLE`` or ``MAX_BODY_RATE``,
+    as in a damaged message whose checksum matches by chance.
+    """
     if message.name == "ATTITUDE":
         roll, pitch, yaw, roll_rate, pitch_rate, yaw_rate = message.values
     else:
@@ -174,9 +192,11 @@ def tilt_setpoint(message: Message) -> tuple[float, float]:
 
 
 def port_and_outputs(message: Message) -> tuple[int, Numbers]:
-    """Returns the port of a message of motor outputs and the outputs of its channels, unused ones as 0.
+    """Returns the port of a message of motor outputs, and the outputs of its channels in the message's own unit.
 
-    Messages without ports count as port 0.
+    Autopilots with more outputs than a message has channels send it once for each port (SERVO_OUTPUT_RAW). Messages
+    without ports have all outputs in one array, and count as port 0. Outputs that the autopilot marks as unused become
+    0, which means "no output" everywhere in live flights.
     """
     if not MOTOR_MESSAGES[message.name].is_ported:
         return 0, tuple(message.values[-1].tolist())
@@ -186,7 +206,7 @@ def port_and_outputs(message: Message) -> tuple[int, Numbers]:
 
 
 def parameters_by_name(messages: Iterable[Message], autopilot: str) -> Parameters:
-    """Returns the finite parameters by name.
+    """Returns the autopilot's finite parameters by name, as they would be read from a log of the same messages.
 
     Args:
         messages: PARAM_VALUEs, at least one.

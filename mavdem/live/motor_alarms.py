@@ -59,14 +59,18 @@ class MotorAlarms:
         return None
 
     def weakened_motors(self, inputs: Array, range_low: float) -> WeakenedMotors | None:
-        """Returns the commands by which sound motors would do what weak ones do with ``inputs``.
+        """Returns the commands with which sound motors would give the thrust that weak ones give with ``inputs``.
+
+        Without this correction the wind torque would contain the torque that a weak motor fails to give. The thrust of
+        a motor grows from the lower end of its range, so a weak motor's command above that end is scaled.
 
         Args:
             inputs: (r,) motor outputs in the unit of the stream.
             range_low: lower end of their range, at which a motor gives no thrust.
 
         Returns:
-            Equivalent commands and their 90 % half widths; None where no motor is weak.
+            Equivalent commands (r,) and their 90 % half widths (r,), in the unit of the stream, and since when they
+            hold; None where no motor is weak.
         """
         if self._watch is None or not self._watch.weak_motors:
             return None
@@ -82,7 +86,10 @@ class MotorAlarms:
     def add_sample(
         self, time: float, boot: int, motors: MotorOutputs, commands: list[float], heading: float
     ) -> Facts:
-        """Tests a sample of settled flight for a lasting change of the motors.
+        """Tests a sample of settled flight for a lasting change of the motors' balance, by ``MotorLossDetector``.
+
+        The first sample after a landing ends the alarms of the former flight. A change with a named motor replaces the
+        active alarms by those on all motors that are weak now.
 
         Args:
             time: s of the boot clock.
@@ -97,7 +104,7 @@ class MotorAlarms:
         if self.has_landed:
             self.active = ()
             self.has_landed = False
-        # Balances on two ranges of the outputs cannot be compared.
+        # Balances of other motors, or on another range of the outputs, cannot be compared: detection begins anew.
         watched_motors = (boot, motors.geometry, motors.scale.low, motors.scale.high)
         if self._watch is None or watched_motors != self._watched_motors:
             self._watch = MotorLossDetector(motors.geometry, boot)

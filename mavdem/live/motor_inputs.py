@@ -76,11 +76,13 @@ class InputSelector:
     def candidate_messages(
         self, streams: Mapping[StreamKey, SampleStream], present_message: str | None
     ) -> dict[str, Fields]:
-        """Returns the columns of the motor messages to select from, by name.
+        """Returns the columns of the motor messages to select from, by name, in the form in which a log has them.
+
+        An autopilot may send its outputs in several messages, and a message in several ports, whose columns are joined.
 
         Args:
             streams: samples by message and port.
-            present_message: the message to stay with; None where any may be selected.
+            present_message: the message to stay with, as within a segment of rows; None where any may be selected.
         """
         messages: dict[str, Fields] = {}
         for (name, port), stream in sorted(streams.items()):
@@ -97,16 +99,23 @@ class InputSelector:
     def select(
         self, messages: dict[str, Fields], vehicle: Telemetry, now: float
     ) -> MotorInputs | None:
-        """Returns the inputs as of ``now``, s, by the rules of ``Signals.motors``; None where no motors are found.
+        """Returns the motors among the output channels, by the rules for logs (``Signals.motors``).
+
+        The rules also see the extremes of earlier samples, which show the range in which each channel moves. What is
+        returned has the recent samples only, and the port and offset of each motor's channel.
 
         Args:
             messages: the candidates.
             vehicle: identity and parameters.
             now: s of the boot clock; of the outputs only the last ``MEMORY_SECONDS`` are returned.
+
+        Returns:
+            The inputs; None where no motors are found.
         """
         motors = Signals(replace(vehicle, messages=messages)).motors
         if motors is None:
             return None
+        # Channels are numbered from 1 on through all ports, each of which has ``port_width`` channels.
         _, port_width = motor_outputs.channel_outputs(motors.message, messages[motors.message])
         channels = []
         for number in motors.geometry.channels:
@@ -125,10 +134,11 @@ class InputSelector:
         return MotorInputs(recent, tuple(channels))
 
     def _columns(self, name: str, port: int, stream: SampleStream) -> Fields:
-        """The outputs of one port as the columns of its message, and an update of its extremes.
+        """Returns the outputs of one port as the columns of its message, and updates the port's extremes.
 
         The samples in which a channel was lowest or highest so far come first, then the latest samples; of a fast
-        stream only every second, third … of them.
+        stream only every second, third … of them. There are two such samples for each channel at most, so that the
+        memory is bounded, and yet a range that was once used is not forgotten.
 
         Args:
             name: name of the message.

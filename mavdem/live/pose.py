@@ -57,9 +57,11 @@ class PoseTracker:
         self._setpoint = setpoint
 
     def take_attitude(self, time: float, sample: AttitudeSample) -> None:
-        """Takes an attitude, as the latest pose and as heading.
+        """Takes an attitude as the latest pose, and decides whether its yaw counts as heading.
 
-        A setpoint older than ``MAX_SETPOINT_AGE`` is unknown. Without one, every upright attitude counts as followed.
+        The heading serves the test for weak motors, which compares steady flight only. So it is NaN in manoeuvres:
+        where the vehicle is not upright, or roll or pitch stray from their setpoint. A setpoint older than
+        ``MAX_SETPOINT_AGE`` is unknown. Without one, every upright attitude counts as steady.
 
         Args:
             time: s of the boot clock.

@@ -57,7 +57,14 @@ class Presentation:
         return self._display is not None
 
     def open(self, row_format: RowFormat) -> None:
-        """Displays rows of a format from now on. A display that fails is not used again."""
+        """Opens the display for rows of a format, which may replace the present display.
+
+        A first display is given all events so far. If opening fails, that is reported and no display is opened again:
+        a session must not end because it cannot be watched.
+
+        Args:
+            row_format: what the next rows are.
+        """
         had_display = self.has_display
         try:
             self._display = self._open_display(row_format)
@@ -81,11 +88,13 @@ class Presentation:
         estimate: Estimate | None,
         wind: WindEstimate | None,
     ) -> None:
-        """Adds a row to the history.
+        """Adds a row to the history, with the latest wind and each motor as a share of its range.
+
+        The wind is kept as speed and half width of its band, m/s; NaN before any estimate.
 
         Args:
             row: the row.
-            row_format: what it is.
+            row_format: has the boot whose clock the row's time is on, and the range of the motors.
             estimate: of the learner; None of a row that was not learned from.
             wind: the latest; None before any.
         """
@@ -139,7 +148,10 @@ class Presentation:
         pose: LatestPose | None,
         displayed: RowFormat | None,
     ) -> None:
-        """Displays the latest sample while there are no rows: what is wrong must not wait for them.
+        """Displays the latest sample while there are no rows.
+
+        In flight, rows begin only once messages come fast enough and the flight is free. A user who wonders what is
+        wrong must see the motion until then.
 
         Args:
             latest: the sample as a row of its own format; None without one, or while there are rows.
@@ -155,9 +167,14 @@ class Presentation:
             self.show(row, pose)
 
     def log(self, fact: Fact) -> None:
-        """Reports a fact, and adds it to the history, unless the like was reported in the last ``REPEAT_SECONDS``.
+        """Reports a fact to the user, to the history and to the display.
 
-        Facts with a time, each alarm and each recovery, are always reported.
+        A fact of the same kind as one that was reported in the last ``REPEAT_SECONDS`` is dropped, so that a state that
+        changes all the time does not flood the user. Facts with a time, each alarm and each recovery, are always
+        reported. If the fact tells since when a motor is weak, the wind torque in the history is cleared from then on.
+
+        Args:
+            fact: its time, where it has one, is in s of the boot clock.
         """
         now = clock.monotonic()
         kind = _kind(fact)
@@ -184,7 +201,10 @@ class Presentation:
 
 
 def _kind(fact: Fact) -> tuple[object, ...]:
-    """What repeated reports of the same thing have in common."""
+    """Returns what repeated reports of the same thing have in common: code, subject, and a detail.
+
+    The detail is the text of a message from the autopilot, or the alarm of another vehicle; else None.
+    """
     detail = fact.figures.get("text")
     if fact.code is Watch.OTHER_VEHICLE_ALARM:
         detail = fact.figures["because"]

@@ -40,7 +40,9 @@ class RateCheck:
         motor_message: str | None,
         rates: Mapping[str, float],
     ) -> Fact | None:
-        """Checks the present messages, and reports a change.
+        """Checks the present messages, and reports when something begins to be missing or all is there again.
+
+        It is called with each review of the vehicle, twice a second, and so reports changes only.
 
         Args:
             vehicle_type: name of the MAV_TYPE.
@@ -66,9 +68,14 @@ class RateCheck:
         motor_message: str | None,
         rates: Mapping[str, float],
     ) -> Fact | None:
-        """Why there are no rows, the first that holds; arguments are those of ``update``.
+        """Why there are no rows: the first reason that holds, from the most basic one on.
 
-        The vehicle may be no multirotor, attitude or motor outputs may be missing, or one of them may be too slow.
+        The vehicle may be no multirotor, attitude or motor outputs may be missing, or one of them may come slower than
+        ``MIN_STREAM_RATE``. Once all was well, rates may be a little lower than that (hysteresis): a rate at the limit
+        must not be reported twice a second. The arguments are those of ``update``.
+
+        Returns:
+            The reason; None where nothing is missing.
         """
         if vehicle_type not in POSSIBLE_MULTIROTORS:
             return Fact(VehicleFact.NOT_A_MULTIROTOR, vehicle_type=vehicle_type, axis=self._axis)
@@ -81,7 +88,7 @@ class RateCheck:
         if motor_message is None:
             return Fact(Rows.NO_LIVE_MOTORS)
         needed_rates = {name: rates[name] for name in (attitude_message, motor_message)}
-        # Hysteresis: a rate at the limit must not be reported twice a second.
+        # The lower limit holds as long as all is well.
         min_rate = MIN_STREAM_RATE / STEP_TOLERANCE if self._is_enough else MIN_STREAM_RATE
         if min(needed_rates.values()) >= min_rate:
             return None

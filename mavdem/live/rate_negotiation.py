@@ -50,6 +50,11 @@ class RateNegotiation:
     def update(self, now: float, message_time: float, is_busy: bool) -> None:
         """Sends what is due: a greeting where one is needed, then requests to the vehicle once it is known.
 
+        It is called with each step of the session. Some links (``udpout``) stay silent until they have received
+        something, hence the greeting. The vehicle's replies must be taken before the next frames are made, which depend
+        on them. Nothing is sent while the link is lost or silent, or the analysis is late: measured rates would be
+        wrong, and their measurement begins anew afterwards.
+
         Args:
             now: until when all that arrived is analysed, s of the monotonic clock.
             message_time: when a message came last, s of that clock.
@@ -91,7 +96,11 @@ class RateNegotiation:
             self._request.restart()
 
     def restore(self) -> None:
-        """Restores the vehicle's rates, and reports where it does not confirm that, tried ``MAX_TRIES`` times."""
+        """Restores the vehicle's own message rates at the end of a session, and waits for its confirmation.
+
+        What the vehicle does not confirm is sent again, ``MAX_TRIES`` times in all, since frames get lost on radios. If
+        some rate remains unconfirmed, the user is told, as the vehicle may go on with the requested rates.
+        """
         request = self._request
         if request is None:
             return
@@ -106,7 +115,14 @@ class RateNegotiation:
             self._log(Fact(RateFact.RATES_NOT_RESTORED))
 
     def _await_confirmations(self, request: RateRequest) -> None:
-        """Receives until all restorations are confirmed, for ``RETRY_SECONDS`` at most."""
+        """Receives until all restorations are confirmed, for ``RETRY_SECONDS`` at most.
+
+        What comes meanwhile is recorded as always, and read for the vehicle's replies; its rows are not needed any
+        more. A fast link could keep the analysis busy for longer, so it stops when the time is over.
+
+        Args:
+            request: what has sent the restorations; it is given the replies.
+        """
         end_time = clock.monotonic() + RETRY_SECONDS
         while request.unconfirmed and not self._intake.is_lost:
             remaining = end_time - clock.monotonic()

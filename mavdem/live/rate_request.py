@@ -105,17 +105,19 @@ class ArrivalRates:
         self._window: deque[tuple[float, dict[int, int]]] = deque()
 
     def update(self, now: float, counts: Mapping[int, int]) -> dict[int, float] | None:
-        """Returns the rate of each message, Hz, by its id.
+        """Notes the numbers of messages so far, and returns the rate of each message over the window, Hz, by its id.
 
         Args:
-            now: s of this computer's clock.
+            now: s of this computer's monotonic clock.
             counts: number of messages so far, by id.
 
         Returns:
             The rates; None while less than ``DECISION_SECONDS`` have been measured.
         """
+        # A quarter of the shortest measurement is fine enough for the beginning of the window.
         if not self._window or now - self._window[-1][0] >= DECISION_SECONDS / 4:
             self._window.append((now, dict(counts)))
+        # The window begins with the latest entry that is at least ``RATE_WINDOW_SECONDS`` old.
         while len(self._window) > 1 and self._window[1][0] <= now - RATE_WINDOW_SECONDS:
             self._window.popleft()
         start_time, start_counts = self._window[0]
@@ -224,7 +226,7 @@ class RateRequest:
             )
 
     def drain_events(self) -> list[Fact]:
-        """Returns the facts to report since the last call."""
+        """Returns the facts to report since the last call, and forgets them."""
         events = self.events
         self.events = []
         return events
@@ -235,9 +237,12 @@ class RateRequest:
         rates: Mapping[int, float] | None,
         received_parameters: Container[bytes] = (),
     ) -> list[bytes]:
-        """Returns the frames to send: a request for a parameter, questions for intervals, settings of slow messages.
+        """Returns the frames to send now: a request for a parameter, and for each message a query or a setting.
 
-        Each message waits ``RETRY_SECONDS`` between two frames about it. The vehicle's own interval is asked for first.
+        For each message the vehicle's own interval is queried first, at most ``MAX_TRIES`` times, since it is to be
+        restored at the end. After that the interval is set where the message comes too slowly. Frames about the same
+        message are at least ``RETRY_SECONDS`` apart. While rates are unknown, only messages that were set before are
+        looked at again, as if they did not come: after a reboot the vehicle has forgotten their intervals.
 
         Args:
             now: s of a monotonic clock.
@@ -261,7 +266,18 @@ class RateRequest:
         return frames
 
     def _parameter_requests(self, now: float, received_parameters: Container[bytes]) -> list[bytes]:
-        """The next request for a parameter at ``now``, s, if one is due; names that have come are skipped."""
+        """The next request for a parameter, if one is due: one at a time, ``PARAMETER_PERIOD`` apart.
+
+        All parameters at once would fill a slow radio. The queue holds each name ``MAX_TRIES`` times, for requests that
+        get lost; names that have come are skipped.
+
+        Args:
+            now: s of a monotonic clock.
+            received_parameters: names of the parameters that have come.
+
+        Returns:
+            A frame with a PARAM_REQUEST_READ, or nothing.
+        """
         pending = self._pending_parameters
         while pending and pending[0] in received_parameters:
             pending.popleft()
@@ -275,23 +291,37 @@ class RateRequest:
         return [_packed(request, GROUND_STATION)]
 
     def _settings_due(self, interval: _MessageInterval, now: float, rate: float) -> list[bytes]:
-        """The command that sets the interval of a message which comes too slowly, at ``rate``, Hz; none if it does not.
+        """Decides whether a message comes too slowly, and returns the command that sets its interval.
 
-        What remains too slow after ``MAX_TRIES`` is reported, and counts as enough from then on.
+        The steps: a message that is fast enough needs nothing. After a setting, a pause lets the measured rate follow
+        it. What remains too slow after ``MAX_TRIES`` settings is reported, and its rate counts as enough from then on.
+        Otherwise the interval is set, after noting what the vehicle's own one was. ``interval`` is updated.
+
+        Args:
+            interval: the message, and what became of its earlier settings.
+            now: s of a monotonic clock.
+            rate: measured rate of the message, Hz; 0 where none came.
+
+        Returns:
+            A frame with MAV_CMD_SET_MESSAGE_INTERVAL, or nothing.
         """
         if rate >= interval.needed_rate:
             interval.set_count = 0
+            # It was reached because of a setting only if there was one.
             interval.was_reached = interval.may_have_changed
             return []
+        # Against another ground station that sets rates back, requests are rarer than while a rate is first reached.
         pause = REPEAT_SECONDS if interval.was_reached else RATE_WINDOW_SECONDS
         if interval.may_have_changed and now - interval.request_time < pause:
             return []
         if interval.set_count == MAX_TRIES:
+            # The link or the vehicle cannot do more.
             interval.needed_rate = MIN_RATE_RATIO * rate
             self._report(interval, RateFact.RATE_BELOW_ASKED, rate=rate, needed_rate=interval.rate)
             return []
         if interval.was_reached:
             self._report_fall(interval, rate)
+        # The vehicle did not report its own interval: the measured one takes its place.
         if interval.former_interval is None:
             interval.former_interval = round(MICROSECONDS / rate) if rate else STOPPED
         interval.needed_rate = MIN_RATE_RATIO * interval.rate
@@ -299,19 +329,27 @@ class RateRequest:
         interval.set_count += 1
         interval.may_have_changed = True
         interval.request_time = now
+        # Confirmations do not name the message, so the next setting waits for this one's, or until it is lost.
         self._next_setting_time = now + RETRY_SECONDS
         microseconds = round(MICROSECONDS / interval.rate)
         return [self._command(SET_INTERVAL, interval.message_id, microseconds)]
 
     def _report_fall(self, interval: _MessageInterval, rate: float) -> None:
-        """Reports a message that became slow, at ``rate``, Hz: the first time, and that another program sets it back.
+        """Reports that a message became slow after its request was obeyed, and who may be to blame.
 
-        Another program undoes the same request again and again after it was obeyed; a reboot ends messages.
+        Each message is reported the first time that it falls. If one falls ``MAX_TRIES`` times without ending, another
+        program sets its rate back again and again, which is reported once. A rate of 0 is no sign of that: after a
+        reboot messages end.
+
+        Args:
+            interval: the message, whose ``fall_count`` is updated.
+            rate: its measured rate, Hz.
         """
         if rate > 0:
             interval.fall_count += 1
         if interval.fall_count <= 1:
             self._report(interval, RateFact.RATE_FELL, former_rate=interval.rate)
+        # Exactly this message has just reached the limit, and no other one is there: it is the first.
         contested = [
             each for each in self._intervals if each.fall_count == MAX_TRIES and each.is_reported
         ]
@@ -324,7 +362,14 @@ class RateRequest:
             self.events.append(Fact(code, subject=interval.name, **figures))
 
     def take_reply(self, message: Message) -> None:
-        """Takes a MESSAGE_INTERVAL or a COMMAND_ACK of the vehicle."""
+        """Takes a reply of the vehicle: to a query a MESSAGE_INTERVAL, to a setting a COMMAND_ACK.
+
+        Replies to other ground stations are ignored, and so is a COMMAND_ACK that only announces the final one. Older
+        autopilots leave the target of a COMMAND_ACK at 0, which counts as meant for everyone.
+
+        Args:
+            message: one of ``REPLY_MESSAGES``.
+        """
         if message.name == "MESSAGE_INTERVAL":
             message_id, microseconds = message.values
             self._take_former_interval(message_id, microseconds)
@@ -339,7 +384,14 @@ class RateRequest:
             self._take_confirmation(result)
 
     def _take_former_interval(self, message_id: int, microseconds: int) -> None:
-        """Takes the vehicle's own interval of a message, unless it is impossible or was changed on request already."""
+        """Takes the vehicle's own interval of a message, which is to be restored at the end.
+
+        An interval that was set already is not the vehicle's own any more. Once it is known, the setting need not wait.
+
+        Args:
+            message_id: id of the message.
+            microseconds: its interval, or ``STOPPED``. Shorter ones than ``SHORTEST_INTERVAL`` are no real intervals.
+        """
         if microseconds != STOPPED and microseconds < SHORTEST_INTERVAL:
             return
         for interval in self._intervals:
@@ -350,7 +402,15 @@ class RateRequest:
                 interval.request_time = -np.inf
 
     def _take_confirmation(self, result: int) -> None:
-        """Takes the MAV_RESULT of the latest setting, or of the first restoration that awaits a reply."""
+        """Takes the result of a setting.
+
+        A COMMAND_ACK does not name the message that was set. While rates are requested, one setting at a time is under
+        way, so it is the latest one; when they are restored, replies come in the order of the commands. A message whose
+        setting is refused is left as it is.
+
+        Args:
+            result: a MAV_RESULT.
+        """
         is_accepted = result == dialect.MAV_RESULT_ACCEPTED
         if self._is_restoring:
             if self.unconfirmed:
@@ -365,7 +425,10 @@ class RateRequest:
             self._report(latest, RateFact.RATE_REFUSED, result=result)
 
     def restart(self) -> None:
-        """Requests all rates again at once: the vehicle may have rebooted, and forgotten them."""
+        """Allows all rates to be requested again at once: the vehicle may have rebooted, and forgotten them.
+
+        The intervals that are to be restored stay as they were noted first. It is reported if any rate was set before.
+        """
         if any(interval.may_have_changed for interval in self._intervals):
             self.events.append(Fact(RateFact.RATES_ASKED_AGAIN))
         for interval in self._intervals:
@@ -375,7 +438,11 @@ class RateRequest:
             interval.needed_rate = MIN_RATE_RATIO * interval.rate
 
     def restoring_frames(self) -> list[bytes]:
-        """Returns the frames that restore each interval which may have changed and is not confirmed as restored."""
+        """Returns the frames that restore each interval which may have changed and is not confirmed as restored.
+
+        From the first call on, confirmations count for restorations. The caller repeats the call until nothing is
+        returned, or gives up.
+        """
         self._is_restoring = True
         self.unconfirmed = deque(
             interval
@@ -384,12 +451,22 @@ class RateRequest:
         )
         frames = []
         for interval in self.unconfirmed:
+            # Neither an unknown interval nor 0, the "default", is ever set.
             microseconds = interval.former_interval or STOPPED
             frames.append(self._command(SET_INTERVAL, interval.message_id, microseconds))
         return frames
 
     def _command(self, command: int, message_id: int, microseconds: float = 0.0) -> bytes:
-        """The frame of a command about the interval of a message."""
+        """Packs a COMMAND_LONG about the interval of a message.
+
+        Args:
+            command: ``GET_INTERVAL`` or ``SET_INTERVAL``.
+            message_id: id of the message, the command's first parameter.
+            microseconds: interval to set, the second parameter; ``STOPPED`` to send the message no more.
+
+        Returns:
+            The bytes of the frame.
+        """
         parameters = [float(message_id), microseconds]
         parameters += [0.0] * (COMMAND_PARAMETERS - len(parameters))
         confirmation = 0

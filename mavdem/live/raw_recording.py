@@ -53,6 +53,8 @@ class RawRecording:
     def add(self, stamp: float, frames: Sequence[Frame]) -> None:
         """Adds frames, and passes them on to the operating system every ``BATCH_SECONDS``.
 
+        Passing on each frame by itself would take most of the time; what still waits here is lost in a crash.
+
         Args:
             stamp: when the link completed them, UNIX s.
             frames: the frames.

@@ -32,7 +32,10 @@ class RecentMessages:
         self.rows: dict[str, list[tuple[float, Numbers]]] = {}
 
     def add(self, name: str, time: float, values: Numbers) -> None:
-        """Adds a message.
+        """Adds a message; of more than ``MAX_ROWS`` with its name, old ones are thinned out.
+
+        Every second one of the older half goes. So the memory is bounded, and yet the whole boot stays covered, the
+        latest part of it completely.
 
         Args:
             name: name of the message.
@@ -45,11 +48,14 @@ class RecentMessages:
             del rows[: MAX_ROWS // 2 : 2]
 
     def columns(self, names: Iterable[str], start_time: float = -inf) -> dict[str, Columns]:
-        """Returns the columns of messages, as a log of them has.
+        """Returns messages as the columns of a log, which the functions that judge logs take.
 
         Args:
             names: of the messages; those of which none came are left out.
-            start_time: time of the first message, s of the boot clock.
+            start_time: messages before it are left out, s of the boot clock.
+
+        Returns:
+            For each name its columns: ``time``, ``boot``, and one for each of its ``MESSAGE_FIELDS``.
         """
         columns: dict[str, Columns] = {}
         for name in names:
@@ -62,7 +68,13 @@ class RecentMessages:
 def _columns_from(
     fields: Sequence[str], rows: Sequence[tuple[float, Numbers]], boot: int
 ) -> Columns:
-    """The columns of messages of one ``boot``, from times, s, and values of each of the ``fields``."""
+    """Turns messages of one name into columns.
+
+    Args:
+        fields: names of the fields, in the order of the values.
+        rows: time, s of the boot clock, and values of each message; at least one.
+        boot: number of the boot, the same for all of them.
+    """
     times, values = zip(*rows, strict=True)
     columns = {"time": np.array(times), "boot": np.full(len(times), boot)}
     for field, column in zip(fields, zip(*values, strict=True), strict=False):

@@ -1,4 +1,4 @@
-"""From samples of attitude and motor outputs of one live vehicle to aligned rows."""
+"""From a live vehicle's samples of attitude and motor outputs to rows: both at the same times, at equal steps."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -52,6 +52,8 @@ class RowBuilder:
     def restart(self, boot: int, phase: FlightPhase) -> None:
         """Forgets the samples, at a reboot, after which the clock begins anew; the format of the latest rows stays.
 
+        The choice of messages and motors is forgotten, too: it is made anew by the samples of this boot.
+
         Args:
             boot: number of the boot.
             phase: whether the vehicle flies in this boot.
@@ -61,7 +63,8 @@ class RowBuilder:
         self._boot = boot
         self._phase = phase
         self._streams: dict[StreamKey, SampleStream] = {}
-        # Those that rows are made of, attitude first and then each port of the motors; none before they are chosen.
+        # Those that rows are made of, attitude first and then each port of the motors, that with most motors first;
+        # none before they are chosen.
         self._row_streams: tuple[SampleStream, ...] = ()
         self._selector = InputSelector(boot)
         self._grid.restart()
@@ -82,7 +85,13 @@ class RowBuilder:
         return any(name not in ATTITUDE_MESSAGES for name, _ in self._streams)
 
     def rates(self, now: float) -> dict[str, float]:
-        """Returns the rate of each message, Hz, as of ``now``, s, the slowest first; of several ports the fastest."""
+        """Returns the rate of each message of attitude and motor outputs by its name, Hz, the slowest first.
+
+        Where a message comes in several ports, it is the rate of the fastest: the last of equal names stays.
+
+        Args:
+            now: end of the time over which rates are measured, s of the boot clock.
+        """
         rates = sorted(
             (stream.recent_rate(now), name) for (name, _), stream in self._streams.items()
         )
@@ -91,7 +100,10 @@ class RowBuilder:
     def add_sample(
         self, name: str, port: int, time: float, values: Numbers | None
     ) -> SampleStream | None:
-        """Adds a sample to its stream.
+        """Adds a sample to the stream of its message and port, which begins with its first sample.
+
+        All messages of attitude and motor outputs are kept, also those that rows are not made of: the choice among them
+        goes by their samples.
 
         Args:
             name: name of the message.
@@ -116,7 +128,10 @@ class RowBuilder:
         return stream is self._row_streams[1]
 
     def latest_motor_outputs(self) -> list[float] | None:
-        """Returns the latest output of each input, in the unit of the stream; None where a port has not sent any."""
+        """Returns the latest output of each motor, in the unit of the stream and the order of the inputs.
+
+        It is None before inputs are chosen, and where one of their ports has not sent anything.
+        """
         if self.inputs is None:
             return None
         outputs = []
@@ -130,10 +145,12 @@ class RowBuilder:
     def completed_rows(self, name: str, stream: SampleStream) -> list[AlignedRow]:
         """Returns the rows that the latest sample of a stream completes.
 
-        It ends the segment at a gap and where a rate changes, and begins one where it can.
+        First the segment of rows ends where this sample follows a gap, or shows that a rate has changed. Then, if no
+        segment runs, one begins as soon as the flight and the streams allow it. At last all points of the time grid
+        that every stream has passed become rows.
 
         Args:
-            name: name of the stream's message.
+            name: name of the stream's message, for what is reported.
             stream: one that rows are made of.
         """
         inputs = self.inputs
@@ -148,7 +165,16 @@ class RowBuilder:
         return [self._row(point, inputs) for point in self._grid.completed_points()]
 
     def _end_at_interruption(self, name: str, stream: SampleStream) -> None:
-        """Ends the segment where the latest sample of a stream follows a gap, or shows that its rate has changed."""
+        """Ends the segment where the latest sample of a stream follows a gap, or shows that its rate has changed.
+
+        After a gap the next segment has the same time step, so that the learner goes on. After a change of the rate the
+        step is decided anew, and all streams are cut here, since it must not depend on samples at the former rate. The
+        rate is checked only with every ``RATE_CHECK_SAMPLES``-th sample.
+
+        Args:
+            name: name of the stream's message.
+            stream: the stream, with the latest sample added.
+        """
         if stream.gap:
             self._report(Fact(Rows.MESSAGE_GAP, subject=name, duration=stream.gap))
             self._grid.end()
@@ -166,7 +192,13 @@ class RowBuilder:
             self._grid.end()
 
     def _begin_segment(self, inputs: MotorInputs) -> None:
-        """Notes the format of a segment's rows, and reports it where it differs from that of the segment before."""
+        """Notes what the rows of a new segment are, and reports it where they differ from those before.
+
+        It also reports where the order of the motors is only assumed, since torque directions depend on it.
+
+        Args:
+            inputs: the motors whose outputs become the rows' inputs.
+        """
         assert self._grid.dt is not None and self.attitude_message is not None
         former = self.row_format
         geometry = inputs.motors.geometry
@@ -196,10 +228,14 @@ class RowBuilder:
             self._report(Fact(Rows.MOTOR_ORDER_ASSUMED, basis=geometry.basis))
 
     def _row(self, point: GridPoint, inputs: MotorInputs) -> AlignedRow:
-        """The row of a point of the grid.
+        """Returns the row of a point of the time grid.
+
+        It picks angle and body rate of the learned axis, and each motor's channel from the values of its port. Whether
+        the row is of settled or free flight is the phase of flight at its time, if the vehicle is also upright then.
 
         Args:
-            point: values of attitude, then of each port of the motors, in the order of ``inputs.ports``.
+            point: values of attitude (roll and pitch, rad, and their body rates, rad/s), then of each port of the
+                motors, in the order of ``inputs.ports``.
             inputs: the channel of each motor.
         """
         roll, pitch, roll_rate, pitch_rate = point.values[0]
@@ -219,7 +255,14 @@ class RowBuilder:
         )
 
     def choose_attitude_message(self, now: float) -> None:
-        """Chooses the message of attitude by how many of each came before ``now``, s; within a segment it stays."""
+        """Chooses which message rows take attitude from; within a segment it stays.
+
+        It goes by the number of each one's samples in the last ``DECISION_SECONDS``, by the rule for logs
+        (``preferred_message``). When none comes any more, the former choice stays.
+
+        Args:
+            now: s of the boot clock.
+        """
         if self._grid.is_running:
             return
         counts = {}
@@ -236,10 +279,14 @@ class RowBuilder:
         return self._selector.candidate_messages(self._streams, present_message)
 
     def choose_inputs(self, messages: dict[str, Fields], vehicle: Telemetry, now: float) -> None:
-        """Chooses the inputs among candidate messages, and reports a change.
+        """Chooses which output channels are the motors, and reports a change.
+
+        It is called with each review, since parameters and samples that come later may show more. Within a segment
+        other channels end it, as its rows would change their meaning. If only the order of the motors became known, the
+        rows stay what they are, and the segment goes on with an updated format.
 
         Args:
-            messages: what ``candidate_messages`` returned.
+            messages: what ``candidate_messages`` returned, by message name.
             vehicle: identity and parameters.
             now: s of the boot clock.
         """
@@ -267,7 +314,11 @@ class RowBuilder:
         self._update_row_streams()
 
     def _update_row_streams(self) -> None:
-        """Finds the streams that rows are made of, by the chosen message of attitude and the chosen inputs."""
+        """Finds the streams that rows are made of, by the chosen message of attitude and the chosen inputs.
+
+        The order is attitude, then the ports of the motors. A port that has not sent anything yet gets an empty stream,
+        for which the grid waits.
+        """
         if self.inputs is None or self.attitude_message is None:
             self._row_streams = ()
             return
@@ -277,7 +328,11 @@ class RowBuilder:
         self._row_streams = tuple(self._streams.setdefault(key, SampleStream()) for key in keys)
 
     def recent_motion(self) -> RecentMotion | None:
-        """Returns attitude and motors of the last seconds; None without one of them."""
+        """Returns attitude and motor outputs of the last seconds, in the form in which a log has them.
+
+        These are the samples themselves, each with its own time, not the rows. It is None before messages are chosen,
+        and without any sample of attitude.
+        """
         if self.inputs is None or self.attitude_message is None:
             return None
         attitude = self._row_streams[0]
@@ -293,7 +348,13 @@ class RowBuilder:
         return RecentMotion(self.inputs.motors, tilts)
 
     def latest_row(self) -> tuple[RowFormat, AlignedRow] | None:
-        """Returns the latest sample of attitude and motors as a row of its own format; None while there are rows."""
+        """Returns the latest sample of attitude and motors as a row, for a display that has no rows to show yet.
+
+        The two samples may be of slightly different times; the row has that of the attitude, and is never learned from.
+
+        Returns:
+            A format that is made for this row, and the row; None while there are rows, or where samples are missing.
+        """
         motion = self.recent_motion()
         if motion is None or self._grid.is_running or not motion.rate:
             return None

@@ -89,7 +89,11 @@ class RowGrid:
         self._former_steps: list[float] = []
 
     def end(self, forget_step: bool = False) -> None:
-        """Ends the segment. The next one has the same step, or, to ``forget_step``, decides it again."""
+        """Ends the segment: until the next one begins, no points are completed.
+
+        Args:
+            forget_step: whether the time step is decided anew for the next segment; else it stays.
+        """
         self.is_running = False
         self._retry_time = -inf
         if forget_step:
@@ -102,7 +106,20 @@ class RowGrid:
         self._steady_time = -inf
 
     def begin(self, streams: Sequence[SampleStream]) -> bool:
-        """Begins a segment if the streams, attitude first, are long and fast enough; returns whether it did."""
+        """Begins a segment if the streams are long and fast enough.
+
+        It is called with each sample while no segment runs. The streams must overlap for ``DECISION_SECONDS``, in which
+        the time step and the sampling of each stream are decided, or for ``RESUME_SECONDS`` where the step is known
+        from before a gap. The grid is laid over all these seconds, as for a log, but rows begin only with the last
+        ``RESUME_SECONDS`` of them.
+
+        Args:
+            streams: those that rows are made of: attitude first, then that with most motors, then others.
+
+        Returns:
+            Whether the segment has begun.
+        """
+        # Samples from before a gap, before the end of the former segment or at a former rate do not count.
         start_time = max(
             *(stream.start_time for stream in streams),
             self._latest_time + STAMP_ROUNDING,
@@ -125,7 +142,8 @@ class RowGrid:
             self.dt = self._decided_step(times, start_time, end_time)
             if self.dt is None:
                 return False
-        grid = resampling.common_grid(times[0], times[1], self.dt)
+        attitude_times, motor_times = times[:2]
+        grid = resampling.common_grid(attitude_times, motor_times, self.dt)
         self._samplings = tuple(_sampling(time, grid, self.dt) for time in times)
         self._streams = tuple(streams)
         self.start_time = float(grid[0])
@@ -138,7 +156,20 @@ class RowGrid:
     def _decided_step(
         self, times: Sequence[Array], start_time: float, end_time: float
     ) -> float | None:
-        """The step of a grid for streams with these stamps, s; None, until later, where they are slow or change."""
+        """Decides the time step of the grid by the rates of the streams, as for a log.
+
+        Two things put the decision off. Where a stream is slower than ``MIN_STREAM_RATE``, it is tried again after
+        ``RETRY_SECONDS``. Where a rate changes within these seconds, which the numbers of samples in ``RATE_BINS``
+        parts show, only what comes later counts.
+
+        Args:
+            times: stamps of each stream between the limits, (N,) each, s.
+            start_time: lower limit, s of the boot clock.
+            end_time: upper limit, s.
+
+        Returns:
+            The step, s; None where the decision is put off.
+        """
         rates = tuple(resampling.mean_rate(time) for time in times)
         if min(rates) < MIN_STREAM_RATE:
             self._retry_time = end_time + RETRY_SECONDS
@@ -153,9 +184,13 @@ class RowGrid:
         return self._former_step_near(resampling.common_step(times))
 
     def _former_step_near(self, step: float) -> float:
-        """A step used before, s, if it is about the same as this one, else this one.
+        """Replaces a measured step by a step used before, if they differ by less than ``MAX_STEP_RATIO``.
 
-        Lost samples make the measured step a little longer, and the model learned so far has the earlier one.
+        Lost samples make the measured step a little longer. The model that was learned so far has the earlier step, and
+        can only go on with rows of the same one.
+
+        Args:
+            step: measured step, s. Where it is new, it is remembered.
         """
         for former_step in self._former_steps:
             if 1 / MAX_STEP_RATIO < step / former_step < MAX_STEP_RATIO:
@@ -164,9 +199,11 @@ class RowGrid:
         return step
 
     def completed_points(self) -> list[GridPoint]:
-        """Returns the points that all streams have passed since the last call.
+        """Returns the points of the grid that all streams have passed since the last call, with their values.
 
-        The segment ends where one stream is ahead of another for longer than samples are kept.
+        A point is complete when no later sample can change any stream's value at it. Samples that come for an earlier
+        time afterwards are late, and dropped (``completed_time``). The segment ends where one stream is so far ahead of
+        another that its samples at the next point were dropped already.
         """
         assert self.dt is not None
         points: list[GridPoint] = []
@@ -189,7 +226,15 @@ class RowGrid:
         return points
 
     def changed_rate(self, stream: SampleStream) -> float | None:
-        """Returns the rate of a stream by which the step was decided, Hz, if the rate has changed since; else None."""
+        """Returns the former rate of a stream whose rate has changed since the step was decided.
+
+        Args:
+            stream: a stream; its rate now is that since the last gap, over ``DECISION_SECONDS`` at most.
+
+        Returns:
+            The rate by which the step was decided, Hz; None where the present one differs by less than
+            ``MAX_STEP_RATIO``, or is not known yet.
+        """
         if not self.is_running or stream not in self._streams:
             return None
         decided_rate = self.rates[self._streams.index(stream)]
@@ -200,12 +245,22 @@ class RowGrid:
 
 
 def _sampling(time: Array, grid: Array, dt: float) -> StreamSampling:
-    """How a stream with stamps ``time`` (N,) is sampled on ``grid`` (T,) of step ``dt``, all in s."""
+    """Decides how one stream becomes values on the grid, by its stamps in the first seconds, as for a log.
+
+    A stream that is faster than the grid is low-passed, since what is quicker than the grid would else be aliased. One
+    with a sample at every grid point keeps its samples. Others are interpolated.
+
+    Args:
+        time: stamps of the stream, (N,), s.
+        grid: points of the grid in these seconds, (T,), s.
+        dt: step of the grid, s.
+    """
     if not resampling.needs_low_pass(time, dt):
         keeps_samples = resampling.nearest_rows(grid, time) is not None
         return StreamSampling(np.ones(1), np.zeros(1), keeps_samples)
     rate = resampling.mean_rate(time)
     weights = resampling.low_pass_impulse_response(rate, dt)
+    # The response is centred on the point, and has one weight for each sample of the stream.
     offsets = (np.arange(len(weights)) - len(weights) // 2) / rate
     return StreamSampling(weights, offsets, keeps_samples=False)
 
@@ -213,17 +268,25 @@ def _sampling(time: Array, grid: Array, dt: float) -> StreamSampling:
 def value_at(
     stream: SampleStream, sampling: StreamSampling, time: float, dt: float
 ) -> Numbers | None:
-    """Returns the values of a stream at a point of the grid; None as long as later samples may change them.
+    """Returns the values of a stream at a point of the grid.
+
+    A stream whose samples lie on the grid gives the sample at the point. Where that one is lost, and for other streams,
+    the value is interpolated or low-passed, for which samples must have come as far beyond the point as the
+    interpolation or the filter reaches.
 
     Args:
         stream: samples, at least one.
         sampling: how they become values.
-        time: the point, s.
+        time: the point, s of the boot clock.
         dt: step of the grid, s.
+
+    Returns:
+        The values; None as long as later samples may change them.
     """
     last_time = stream.time[-1]
     if sampling.keeps_samples:
-        # On a fine grid one stamp belongs to one point. On others two may, and then the later one is waited for.
+        # Stamps are rounded to ``STAMP_RESOLUTION``. Where grid points are at least three such units apart, a stamp up
+        # to one unit before the point is its sample; on finer grids a later stamp may be nearer, and is waited for.
         needed_time = time
         if dt >= 3 * resampling.STAMP_RESOLUTION:
             needed_time = time - resampling.STAMP_RESOLUTION
@@ -233,7 +296,7 @@ def value_at(
                 return nearest
     needed_time = time - STAMP_ROUNDING
     if len(sampling.weights) > 1:
-        # The response of the low-pass filter reaches so far beyond the point.
+        # The response of the low-pass filter reaches ``FILTER_EDGE_STEPS`` steps beyond the point.
         needed_time = time + (resampling.FILTER_EDGE_STEPS * dt - resampling.STAMP_RESOLUTION)
     if last_time < needed_time:
         return None

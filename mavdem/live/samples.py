@@ -50,7 +50,10 @@ class SampleStream:
         return max(self._gap_end, self.time[0]) if self.time else inf
 
     def add(self, time: float, values: Numbers) -> bool:
-        """Adds a sample in the order of its stamp, also one that was overtaken by others.
+        """Adds a sample in the order of its stamp, also one that was overtaken by others on the network.
+
+        It also notes whether the sample follows a gap, and drops old samples once in a while. A sample for a time that
+        is complete already, or from before the last gap, is late: rows that were handed out cannot change any more.
 
         Args:
             time: stamp, s of the boot clock.
@@ -82,15 +85,16 @@ class SampleStream:
         return True
 
     def _drop_old_samples(self) -> None:
-        """Drops what is older than ``MEMORY_SECONDS``, and the oldest of more than ``MAX_SAMPLES``."""
+        """Drops samples older than ``MEMORY_SECONDS``, and the oldest ones beyond ``MAX_SAMPLES``."""
         old_count = bisect_left(self.time, self.time[-1] - MEMORY_SECONDS)
         count = max(old_count, len(self.time) - MAX_SAMPLES)
         del self.time[:count]
         del self.values[:count]
 
     def break_off(self) -> None:
-        """Separates the samples so far from the next one, as a gap does."""
+        """Separates the samples so far from the next one, as a gap does: their rate is not that of the next ones."""
         if self.time:
+            # The smallest time after the last sample.
             self._gap_end = nextafter(self.time[-1], inf)
 
     def recent_count(self, now: float) -> int:
@@ -108,7 +112,11 @@ class SampleStream:
         return resampling.mean_rate(np.array(self.time[-count:]))
 
     def rate_since_gap(self) -> float | None:
-        """Returns the mean rate over the last ``DECISION_SECONDS`` or since a later gap, Hz; None with few samples."""
+        """Returns the mean rate over the last ``DECISION_SECONDS``, or since a gap after their beginning.
+
+        Returns:
+            The rate, Hz; None with ``MEDIAN_STEPS`` samples or fewer, whose rate would be chance.
+        """
         start_time = max(self.start_time, self.time[-1] - DECISION_SECONDS)
         stamps = self.time[bisect_left(self.time, start_time) :]
         if len(stamps) <= segments.MEDIAN_STEPS:
@@ -116,7 +124,15 @@ class SampleStream:
         return resampling.mean_rate(np.array(stamps))
 
     def nearest(self, time: float) -> Numbers | None:
-        """Returns the values nearest to ``time``, s; None if they are farther than the resolution of stamps."""
+        """Returns the values of the sample at a time, or of the nearest one within the resolution of stamps.
+
+        Args:
+            time: s of the boot clock.
+
+        Returns:
+            The values; None where no stamp is as near as ``STAMP_RESOLUTION``. Of two equally near samples it is the
+            earlier one.
+        """
         next_row = bisect_left(self.time, time)
         nearest_row = None
         nearest_distance = inf
@@ -131,13 +147,20 @@ class SampleStream:
         return self.values[nearest_row]
 
     def weighted_sum(self, time: float, weights: Array, offsets: Array) -> Numbers:
-        """Returns the sum of interpolated values, weighted: a finite impulse response filter at ``time``, s.
+        """Returns the weighted sum of interpolated values around a time: a finite impulse response (FIR) filter.
+
+        The filter's taps are equally spaced, while stamps jitter, so that values are interpolated linearly at the taps.
+        A single weight of 1 at offset 0 is plain interpolation. Samples from before the last gap are not used.
 
         Args:
             time: s of the boot clock.
-            weights: (L,) of the values.
-            offsets: (L,) times of the values relative to ``time``, ascending, s.
+            weights: (L,) weight of each tap.
+            offsets: (L,) time of each tap relative to ``time``, ascending, s.
+
+        Returns:
+            The sum for each value of a sample, in its unit.
         """
+        # One sample before the first tap, and one at or after the last, enclose all of them.
         first = bisect_left(self.time, time + offsets[0]) - 1
         first = max(first, bisect_left(self.time, self.start_time))
         last = bisect_left(self.time, time + offsets[-1])

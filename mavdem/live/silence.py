@@ -22,7 +22,7 @@ class SilenceMonitor:
         self._sample_count = 0
 
     def note_messages(self, first_arrival: float, last_arrival: float) -> float:
-        """Notes messages; returns how long none had come before them, s.
+        """Notes messages that arrived together; returns how long none had come before them, s.
 
         Args:
             first_arrival: of the first of them, s of the monotonic clock.
@@ -33,7 +33,9 @@ class SilenceMonitor:
         return silence
 
     def note_samples(self, sample_count: int) -> float:
-        """Notes how many samples the latest messages have completed.
+        """Notes whether the latest messages, which ``note_messages`` was called with, had samples of the motion.
+
+        A vehicle may go on with slow messages while attitude and motor outputs have stopped.
 
         Args:
             sample_count: number of samples of attitude and motors so far.
@@ -49,7 +51,16 @@ class SilenceMonitor:
         return silence
 
     def silence(self, now: float) -> Fact | None:
-        """Returns what has not come in the ``SILENCE_SECONDS`` before ``now``, s; None where nothing is missing."""
+        """Returns that nothing came in the last ``SILENCE_SECONDS``: no message at all, or no motion of the vehicle.
+
+        Motion counts as missing only after it has come once; before that, other facts say what is missing.
+
+        Args:
+            now: until when all that arrived is analysed, s of the monotonic clock.
+
+        Returns:
+            The fact; None where nothing is missing.
+        """
         limit = now - SILENCE_SECONDS
         missing = None
         if self.message_time < limit:

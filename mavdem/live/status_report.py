@@ -45,7 +45,12 @@ class StatusReport:
 
     @property
     def status(self) -> SessionStatus:
-        """The status as of now. Of a silent link, rates are 0 and nothing is watched."""
+        """The status as of now: that of the stream, completed by what the session knows.
+
+        A stream has no clock of its own and does not notice a silence. Where the link is silent, rates therefore become
+        0, and nothing counts as watched any more. The obstacle is the most basic one: silence, then what rows lack,
+        then what learning lacks.
+        """
         status = self.stream.status()
         silence = self._silence_fact()
         rates = status.rates
@@ -71,7 +76,7 @@ class StatusReport:
         return status.with_predictions(self.learning.estimate)
 
     def _silence_fact(self) -> Fact | None:
-        """What a silent link lacks; None if it is not silent."""
+        """That the link is lost, or what has not come for ``SILENCE_SECONDS``; None while messages come."""
         if self.intake.is_lost:
             return Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
         return self.silence.silence(self.backlog.now)
@@ -86,7 +91,14 @@ class StatusReport:
         return None if learner is None else learner.obstacle
 
     def account_for(self, now: float) -> dict[Spent, float]:
-        """Accounts for the time until ``now``, s of the monotonic clock; returns seconds by what they were spent on."""
+        """Counts the session's time since the last call to what it was spent on, by the present state of its parts.
+
+        Args:
+            now: until when everything that arrived is analysed, s of the monotonic clock.
+
+        Returns:
+            Seconds of the session by what they were spent on.
+        """
         row_format = self.learning.row_format
         state = AccountedState(
             link_is_lost=self.intake.is_lost,

@@ -31,7 +31,14 @@ class AccountedState:
     """Status of link and vehicle."""
 
     def kind_at(self, now: float) -> Spent:
-        """Returns what the time until ``now``, s, is spent on where it is not learned from."""
+        """Returns what time is spent on that is not learned from: the most basic thing that is missing.
+
+        In this order: the link, messages, a vehicle, its motion at sufficient rates, settled flight. Where none of the
+        first four is missing and the vehicle does not fly, it is time on the ground.
+
+        Args:
+            now: s of the monotonic clock.
+        """
         obstacle = self.status.obstacle
         on_ground_codes = (Session.NOT_FLYING, Session.FLIGHT_UNKNOWN)
         waits_for_messages = obstacle is not None and obstacle.code not in on_ground_codes
@@ -68,9 +75,11 @@ class TimeAccount:
         return now - self.entry_time >= ENTRY_SECONDS
 
     def update(self, now: float, state: AccountedState) -> dict[Spent, float]:
-        """Counts the time since the last entry.
+        """Counts the time since the last entry: first what was learned from, and the rest by the present state.
 
-        Samples count for the time that they span, not for that in which they were analysed.
+        Learned samples count for the time that they span, not for that in which they were analysed. They may be
+        analysed later than they came, so that they can span more than the time since the last entry; up to
+        ``ENTRY_SECONDS`` of them are carried over to the next entry.
 
         Args:
             now: until when everything that arrived is analysed, s of the monotonic clock.

@@ -87,11 +87,16 @@ class VehicleReview:
     def proceed(self, now: float, rows: RowBuilder) -> None:
         """Begins a review when one is due, and does its next part when that is due.
 
+        It is called with each message, and does one part at most, except where a new review is due before the last one
+        is done, as after a pause of the link. Then the rest is done at once, so that no part is ever left out. The
+        times depend on the boot clock alone, so that a recorded flight gives the same reviews.
+
         Args:
             now: s of the boot clock.
             rows: builds the rows of the vehicle.
         """
         self._now = now
+        # Reviews begin where the clock enters another period, whenever the last one began.
         is_due = now // REVIEW_PERIOD != self._review_time // REVIEW_PERIOD
         if is_due:
             while self._parts:
@@ -108,7 +113,12 @@ class VehicleReview:
         part(rows)
 
     def _begin(self, now: float) -> None:
-        """Begins a review at ``now``, s."""
+        """Begins a review at ``now``, s of the boot clock, by queueing its parts.
+
+        Their order matters: inputs are chosen by the messages; the phase needs the inputs' collective; and the watchdog
+        needs the phase and the motion. Choosing inputs is a part of its own, which ``_choose_messages`` adds.
+        """
+        # After a pause of the link, rates are unknown as at the beginning.
         is_first = not abs(now - self._review_time) < DECISION_SECONDS
         self._review_time = now
         if is_first:
@@ -141,7 +151,11 @@ class VehicleReview:
         )
 
     def _choose_messages(self, rows: RowBuilder) -> None:
-        """Chooses the message of attitude, and collects the messages that inputs may be chosen from."""
+        """Chooses the message of attitude, and collects the messages that inputs may be chosen from.
+
+        For a multirotor it also takes the parameters received so far, by which motors and the drag of the vehicle are
+        known better, and makes choosing the inputs the next part. Other vehicles get no inputs.
+        """
         rows.choose_attitude_message(self._review_time)
         vehicle = self._followed
         if vehicle.vehicle_type not in POSSIBLE_MULTIROTORS:
@@ -159,8 +173,9 @@ class VehicleReview:
     def _review_phase(self, rows: RowBuilder) -> None:
         """Checks the rates of messages, and decides whether the vehicle flies.
 
-        Rates are checked once the vehicle has been heard for ``DECISION_SECONDS``. With a take-off the wind's estimates
-        begin anew.
+        Rates are checked once the vehicle has been heard for ``DECISION_SECONDS``; before, they are not known. Where
+        motor outputs come and yet no motors can be chosen among them, nothing has moved: the motors are idle, and the
+        vehicle is on the ground. With a take-off the estimates of the wind begin anew.
         """
         now = self._review_time
         connected_seconds = now - self._connection_start
@@ -186,7 +201,10 @@ class VehicleReview:
         self._motion = rows.recent_motion()
 
     def _begin_watchdog_review(self, _: RowBuilder) -> None:
-        """Reports what the autopilot has reported since the last review."""
+        """Reports what the autopilot has reported since the last review, and queues the rest of the watchdog's review.
+
+        Battery and vibration are judged in flight only.
+        """
         assert self._telemetry is not None
         now = self._review_time
         is_flying = self.phase.is_flying
@@ -202,7 +220,10 @@ class VehicleReview:
         self.watchdog.review_lights()
 
     def _finish_watchdog_review(self, _: RowBuilder) -> None:
-        """Reports alarms by the motion, and notes whether the motors' balance is watched."""
+        """Reports alarms by the motion, and notes whether the motors' balance is watched.
+
+        The balance is tested sample by sample elsewhere (``MotorAlarms``); here only its obstacle is asked.
+        """
         for fact in self.watchdog.finish_review(self._motion):
             self._report(fact)
         now = self._review_time
