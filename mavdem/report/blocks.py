@@ -82,7 +82,10 @@ def plain_text(blocks: Iterable[Block]) -> str:
 
 
 def _block_as_text(block: Block) -> str:
-    """Returns a sentence after its lead, or a table with columns as wide as their widest cells."""
+    """Returns a block as plain text: a sentence after its lead, or a table with columns as wide as their widest cells.
+
+    The first column, and all columns of words, are aligned on the left, numbers on the right.
+    """
     if isinstance(block, Sentence):
         return f"{block.lead} {block.text}".strip()
     columns = []
@@ -114,7 +117,7 @@ def _block_as_markdown(block: Block) -> str:
 
 
 def shortened(text: str, columns: int) -> str:
-    """Returns a text in at most so many columns, at the cost of its details.
+    """Returns a text in at most ``columns`` characters, at the cost of its details.
 
     Remarks in brackets are dropped first, then clauses from the end. Where the clauses that fit would fill less than
     half of the columns, the text is cut after a word, with "…".
@@ -123,6 +126,7 @@ def shortened(text: str, columns: int) -> str:
         text = _BRACKETS.sub("", text)
     if len(text) <= columns:
         return text
+    # The longest beginning of the text that ends with a clause and fills at least half of the columns.
     longest_beginning = ""
     for clause_end in re.finditer("[;.] ", text):
         if columns / 2 <= clause_end.start() < columns:

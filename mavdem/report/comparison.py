@@ -49,7 +49,12 @@ def comparison_report(comparison: Comparison) -> Iterator[Block]:
 def _result_text(comparison: Comparison, question: Question) -> str:
     """Returns in a sentence whether the first method's errors are lower or higher than those of each other method.
 
-    Methods that failed in all windows are named apart.
+    The first method is the reference of all paired tests. The others are grouped by the result of their test. Methods
+    that failed in all windows cannot be tested, and are named apart.
+
+    Args:
+        comparison: errors and tests of all methods.
+        question: ``KNOWN`` for forecasts with recorded inputs, ``UNKNOWN`` for those without.
     """
     rows = comparison.over_flights(question)
     failed_methods = [row["method"] for row in rows if row["failed"] == row["windows"]]
@@ -77,9 +82,15 @@ def _result_text(comparison: Comparison, question: Question) -> str:
 
 
 def _error_blocks(comparison: Comparison, question: Question) -> Blocks:
-    """Returns a table with a row for each method, the lowest error first, and cautions before it.
+    """Returns a table of all methods with their errors, and before it what the table shows and a caution.
 
-    A caution says that the first method's band is too narrow, if it holds too few samples.
+    A row has the error ratio at each horizon, how often the method failed, the paired test against the reference, and
+    the share of samples in its 90 % band. The caution says that the reference's band is too narrow, if it holds clearly
+    fewer samples than 90 %.
+
+    Args:
+        comparison: errors and tests of all methods.
+        question: whether inputs were known or not.
     """
     reference = comparison.methods_of(question)[0]
     tests = comparison.tests(question)
@@ -88,6 +99,7 @@ def _error_blocks(comparison: Comparison, question: Question) -> Blocks:
     for row in comparison.over_flights(question):
         # The reference itself has no test.
         test = tests.get(row["method"])
+        # The last horizon is the whole test part.
         share_in_band = row["inside"][-1]
         coverage = "" if share_in_band is None else f"{100 * share_in_band:.0f} %"
         test_cells = ["", ""] if test is None else [f"{test.ratio:.3g}", f"{test.p_value:.2g}"]
@@ -136,12 +148,16 @@ def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
 def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool) -> Blocks:
     """Returns the report of a choice of model order: its reason, a table of F̄ by order and flight, and what to do.
 
+    F̄ is the free energy, a bound of the log evidence of a model with so many states. Only differences of it have a
+    meaning, so that it is shown relative to the chosen order.
+
     Args:
         choice: the chosen order, with the free energy of all orders.
         names: of the flights, one for each row of ``choice.free_energy``.
         known_inputs: whether inputs were known, as for ``free_energy_by_order``.
     """
     has_several_flights = len(names) > 1
+    # Orders count from 1, columns from 0.
     chosen = choice.chosen - 1
     rows = []
     for column, order in enumerate(choice.orders):

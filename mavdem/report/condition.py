@@ -59,7 +59,10 @@ def vehicle_contents(vehicle: JsonValues) -> Blocks:
     """Returns what a log contains of a vehicle: whether a model can be learned, repairs, settled flight, and messages.
 
     Args:
-        vehicle: one of the vehicles of an inventory.
+        vehicle: one of the vehicles of an inventory (``mavdem.assessment.inventory``).
+
+    Returns:
+        Sentences, and a table of the periodic messages by their rate where there are any.
     """
     learnability = vehicle["verdict"]
     is_tilt = learnability.axis in TILT_AXES
@@ -75,7 +78,12 @@ def vehicle_contents(vehicle: JsonValues) -> Blocks:
 
 
 def _messages_by_rate(vehicle: JsonValues) -> dict[str, list[str]]:
-    """Returns the names of a vehicle's periodic messages by their rounded rate, the fastest first."""
+    """Groups the names of a vehicle's periodic messages by their rounded rate, the fastest first.
+
+    Returns:
+        Names by the text of the rate ("50.0 Hz"); messages below 1 Hz are together. A name is followed by what the log
+        itself calls the message, where that differs.
+    """
     descriptions = vehicle["names"]
     fastest_first = sorted(
         vehicle["messages"].items(), key=lambda message: -(message[1]["rate"] or 0.0)
@@ -116,6 +124,7 @@ def _is_lossy(sender: JsonValues) -> bool:
     """Returns whether a link lost messages of a sender, by gaps in sequence numbers and in periodic streams.
 
     Where no stream has gaps although numbers are missing, nothing was lost: the log keeps only some kinds of messages.
+    So missing numbers are believed only if the periodic messages lack a similar share, at least half of it or 1 %.
     """
     lost_share = sender["lost_share"]
     missing_share = sender["missing_share"]
@@ -130,9 +139,13 @@ def component_id(component: JsonValues) -> str:
 
 
 def wind_blocks(evidence: WindEvidence) -> Blocks:
-    """Returns the wind's speed and direction with intervals, the autopilot's own estimate, and what is not reported.
+    """Returns the wind in sentences: speed and direction with intervals, the autopilot's own estimate, and doubts.
 
-    Without an estimate that is the reason why there is none, if any.
+    Args:
+        evidence: the estimate with the reasons for quantities that it does not report, or the reason why there is none.
+
+    Returns:
+        The sentences; without an estimate only the reason, if one is known.
     """
     wind = evidence.estimate
     if wind is None:
@@ -202,7 +215,7 @@ def drag_table(drag: Drag, settings: Mapping[str, tuple[float, float, float]]) -
     """Returns a table of a vehicle's linear drag, and of the autopilot's parameters that express it.
 
     Args:
-        drag: of the vehicle.
+        drag: drag of the vehicle; its linear part is the mean over both body axes, 1/s.
         settings: value and both ends of the 90 % interval of each parameter, by name.
     """
     low, high = drag.interval("linear").mean(axis=1)

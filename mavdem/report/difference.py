@@ -56,7 +56,7 @@ def difference_blocks(
 
     Args:
         difference: what was compared.
-        parameters: those of the autopilot that changed.
+        parameters: parameters of the autopilot that changed.
         lacking: the sides, "A" or "B", whose parameters are not known.
     """
     by_reason = group_by(difference.incomparable, lambda missing: missing.reason)
@@ -128,9 +128,13 @@ def surest_change(difference: VehicleDifference) -> str:
 
 
 def next_blocks(difference: VehicleDifference) -> list[Sentence]:
-    """Returns which part of one vehicle to check after a change; nothing without a change, or for two vehicles.
+    """Returns a sentence on which part of the vehicle to check after a change.
 
-    Of motors that seem weaker it is the surest one, otherwise the part of the surest change.
+    It is the motor that most surely became weaker; where none did, the part of the surest change, which is the one with
+    the lowest p-value.
+
+    Returns:
+        One sentence; none without a change, or where the states are of two vehicles.
     """
     changes = difference.of(QuantityOutcome.CHANGED)
     before, after = difference.vehicles
@@ -144,7 +148,10 @@ def next_blocks(difference: VehicleDifference) -> list[Sentence]:
 
 
 def _is_weaker(change: QuantityChange) -> bool:
-    """Returns whether a change means a weaker motor: it works harder, or has less effect."""
+    """Returns whether a change means a weaker motor.
+
+    A motor that became weaker either takes a larger share of the output to hold the vehicle level, or has less effect.
+    """
     if change.quantity.motor == 0:
         return False
     increases = change.difference > 0
@@ -180,9 +187,9 @@ def _change_text(change: QuantityChange, difference: VehicleDifference) -> str:
 
 
 def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
-    """Yields for each kind of quantity what is the same, such as "share of motor 1 and motor 2 (± 2 %)".
+    """Yields a text for each kind of quantity that is the same, such as "share of motor 1 and motor 2 (± 2 %)".
 
-    The half width is the widest one of these quantities.
+    The half width is the widest one of these quantities, so that it holds for each.
     """
     for kind, of_kind in group_by(changes, lambda change: change.quantity.kind).items():
         shown = SHOWN_QUANTITIES[kind]
@@ -202,7 +209,10 @@ def _signed(number: str) -> str:
 
 
 def _vehicle_doubts(difference: VehicleDifference) -> Blocks:
-    """Returns doubts whether both states are of one vehicle, as cautions; that they have no name, where that is so."""
+    """Returns doubts whether both states are of one vehicle, as cautions.
+
+    Where a state has no vehicle's name, a sentence says just that: nothing more can be told.
+    """
     before, after = difference.vehicles
     if UNKNOWN in (*before, *after):
         return [*render_section("difference_unnamed")]

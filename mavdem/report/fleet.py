@@ -107,8 +107,12 @@ def fleet_blocks(rows: FlightRows) -> Blocks:
 def is_one_vehicle(name: str, flights: Flights) -> bool:
     """Returns whether a page has a part of its own for the flights under a name.
 
-    Several vehicles may share a MAVLink system id as their name. Such flights have a part only if there is something to
-    report about them.
+    Where logs do not name their vehicle, its MAVLink system id is its name, which several vehicles may share. Such
+    flights have a part only if there is something to report: a judged health, or a bad headline of the latest flight.
+
+    Args:
+        name: name of the vehicle or vehicles.
+        flights: the flights under this name.
     """
     if name == UNKNOWN:
         return False
@@ -149,7 +153,11 @@ def badge(flights: Flights) -> str:
 
 
 def urgency(flights: Flights) -> Urgency:
-    """Returns what a vehicle is sorted by: how bad its latest judged flight is, then how recently it flew."""
+    """Returns what a vehicle is sorted by: how bad its latest judged flight is, then how recently it flew.
+
+    The rank is the position of the health in ``HEALTHS``, the worst first. A bad headline of the latest flight raises
+    it to just behind a drift.
+    """
     rank: float = HEALTHS.index(MotorHealth(vehicle_health(flights)))
     if bad_headline(flights):
         rank = min(rank, BAD_HEADLINE_RANK)
@@ -158,7 +166,11 @@ def urgency(flights: Flights) -> Urgency:
 
 
 def vehicle_words(flights: Flights) -> VehicleWords:
-    """Returns what a vehicle's latest judged flight shows, and what was found in all of its flights."""
+    """Returns what a vehicle's latest judged flight shows, and what was found in all of its flights.
+
+    Args:
+        flights: flights of the vehicle in order of date, at least one.
+    """
     health = vehicle_health(flights)
     counts = Counter(worst_health(flight) for flight in flights)
     worst_troubled_row = None
@@ -195,8 +207,14 @@ def _latest_reason(flights: Flights) -> str:
 def _health_summary(vehicles: Mapping[str, Flights]) -> dict[str, object]:
     """Returns the values for the fleet's headline: vehicles that need a look, recovered ones, and healthy ones.
 
+    A vehicle has recovered if its motors are healthy now, but had a fault or a drift in an earlier flight.
+
     Args:
         vehicles: flights of each vehicle, by its name.
+
+    Returns:
+        Values by the names that the template uses: "ill" and "judged" are numbers of vehicles, "named" and "recovered"
+        lists in words.
     """
     ranked = sorted((urgency(flights), name) for name, flights in vehicles.items())
     urgent = [

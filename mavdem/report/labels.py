@@ -81,7 +81,11 @@ class AxisCommand(NamedTuple):
 
     @classmethod
     def of(cls, learned: Learned) -> AxisCommand:
-        """Returns the command of a model's axis, by the mixer geometry or else by each motor's effectiveness."""
+        """Returns the command of a model's axis, by the mixer geometry or else by each motor's effectiveness.
+
+        The directions of the inputs say which way each motor turns the vehicle, and how much. They are scaled so that
+        the command of these inputs, w · m, is 1.
+        """
         labels = Labels.of(learned)
         directions = input_directions(learned)
         weights = command_weights(directions)

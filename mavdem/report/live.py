@@ -34,11 +34,16 @@ def live_report(
 
     Args:
         history: what was collected in flight.
-        status: of the session at its end.
+        status: state of the session at its end.
         account: seconds of the flight by what they were used for.
-        axis: that was learned.
-        learned_seconds: length of the latest part of the flight that the model is of, s.
+        axis: axis that was learned.
+        learned_seconds: length of the latest part of the flight from which the model was learned, s.
+
+    Returns:
+        Sentences on prediction, alarms of the motors and the state of the session, tables of errors and of time, and
+        sentences on what was learned and on the link.
     """
+    # One horizon stands for all in the headline: that nearest to the reported one.
     errors = history.errors()
     reported_errors = min(
         errors, key=lambda error: abs(error.seconds - REPORTED_HORIZON), default=None
@@ -69,7 +74,12 @@ def _time_table(account: Mapping[Spent, float]) -> Table:
 def _error_table(errors: Sequence[HorizonErrors], axis: str) -> Table:
     """Returns a table of prediction errors: a row for each horizon, three columns each for angle and rate.
 
-    The columns are the RMSE, that of the baseline, and the share of the measurements in the 90 % band.
+    The columns are the RMSE in degrees or degrees/s, that of the baseline, and the share of the measurements in the
+    90 % band.
+
+    Args:
+        errors: mean squared errors at each horizon, rad² and rad²/s², and shares in the band.
+        axis: name of the axis, the first output.
     """
     header = ["RMSE of predictions"]
     rows = [[f"{error.seconds:.2g} s ahead"] for error in errors]

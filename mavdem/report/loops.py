@@ -78,7 +78,11 @@ def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
 
 
 def _texts_of_next_step(tuning: Tuning) -> set[str]:
-    """Returns what the next step of a tuning says already: its sentence and the remedies of its reasons, or nothing."""
+    """Returns the texts that the next step of a tuning contains already, so that they are not repeated.
+
+    These are its sentence and the remedies of its reasons. The empty text is among them: a fact without a remedy has
+    nothing to repeat.
+    """
     next_step = tuning.judgement.next_step
     reasons = [next_step.figures.get("because"), *next_step.figures.get("also", ())]
     remedies = {reason.remedy for reason in reasons if reason}
@@ -104,7 +108,10 @@ def compared_loops(advice: Advice) -> LoopsByAxis:
 
 
 def _margin_blocks(advice: Advice) -> Blocks:
-    """Returns tables of the margins now and as advised, and sentences on filters, measurements and cautions."""
+    """Returns tables of the margins now and as advised, and sentences on filters, measurements and cautions.
+
+    A loop whose crossover is near the rate of the log gets a caution: its delay and time constant are not known well.
+    """
     loop = advice.before
     blocks: Blocks = [*margin_tables(compared_loops(advice))]
     if loop.crossover * loop.record.dt > MAX_CROSSOVER_FRACTION:
@@ -139,7 +146,12 @@ def _figure_text(loop: OpenLoop, attribute: str, scale: float) -> str:
 
 
 def gain_blocks(advice: Advice) -> Blocks:
-    """Returns a table of the gains that change, if any, and sentences on what to expect of them."""
+    """Returns a table of the gains that change, if any, and sentences on what to expect of them.
+
+    Args:
+        advice: each gain as it is now and as it should be set, and the loops with either.
+    """
+    # Gains that are equal in the digits of the table do not count as changed.
     factors = {
         name: gain.set / gain.now
         for name, gain in advice.gains.items()

@@ -112,7 +112,8 @@ def one_line_list(names: Iterable[str], max_names: int = 5, max_length: int = 80
 def plus_minus(value: float, half_width: float) -> str:
     """Returns an estimate with the half width of its interval, both with the digits that the half width bears.
 
-    A value or a half width that is not finite gives a dash; without a half width, the value has three digits.
+    The half width gets one significant digit, or two where the first is 1 or 2, and the value ends at the same decimal
+    place. A value or a half width that is not finite gives a dash; without a half width, the value has three digits.
 
     >>> plus_minus(3.5123, 1.149), plus_minus(1234.0, 32.0)
     ('3.5 ± 1.1', '1230 ± 30')
@@ -121,6 +122,7 @@ def plus_minus(value: float, half_width: float) -> str:
         return "-"
     if half_width <= 0:
         return f"{value:.3g}"
+    # Power of ten of the last digit that is shown.
     last_digit = floor(log10(half_width))
     if half_width < SMALL_LEADING_DIGIT * 10.0**last_digit:
         last_digit -= 1
@@ -149,7 +151,7 @@ def with_unit(value: float, unit: DisplayUnit) -> str:
 
 
 def rounded(value: float, digits: int = 2) -> str:
-    """Returns a number with so many significant digits, and all digits before the decimal point.
+    """Returns a number with at least ``digits`` significant digits, and with all digits before the decimal point.
 
     Numbers outside of ``PLAIN_SIZES`` have an exponent. NaN and −∞ give a dash, ∞ gives "infinite".
     """

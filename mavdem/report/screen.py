@@ -78,7 +78,11 @@ def summary(learned: Learned) -> str:
 
 
 def analysis_blocks(assessment: Assessment) -> Blocks:
-    """Returns the report of a log: headline, lights, model or why there is none, condition, wind, and next step."""
+    """Returns the report of a log: headline, lights, model or why there is none, condition, wind, and next step.
+
+    Tier "a" is a log of which a full model can be learned. Without such a model the sentences on the tier and on the
+    vehicle's condition take its place.
+    """
     analysis = assessment.analysis
     conclusion_blocks = conclusion(assessment.judgement)
     if analysis is None:
@@ -180,7 +184,8 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
 
     Args:
         learned: a model, whose control effectiveness is shown if it has physical parameters.
-        hover: how hard each motor works: trim, trim deviation, headroom and time at the limits.
+        hover: how hard each motor works: trim, trim deviation, headroom and time at the limits. Its columns are put
+            beside those of the model if both are of the same motors.
 
     Returns:
         One table, or two if the inputs of the model are not the motors, then the sentence.
@@ -388,7 +393,11 @@ def _text_of_reason(is_doubtful: bool) -> Callable[[Fact], str]:
 
 
 def detail_blocks(learned: Learned) -> Blocks:
-    """Returns what the screen leaves out: cautions, poles, and how a model was learned; files have its matrices."""
+    """Returns what the screen leaves out: cautions, poles, and how a model was learned; files have its matrices.
+
+    Learning is described by the gain of the free energy over its iterations, nats, both of DEM and, where there was
+    one, of the fit by simulation that followed.
+    """
     energy = learned.free_energy
     fit = learned.simulation_fit
     fit_gain = 0.0

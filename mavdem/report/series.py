@@ -69,6 +69,8 @@ def series_of(
 ) -> dict[str, Series]:
     """Returns the series of a learned flight by name; the names are the constants of this module.
 
+    A model knows its training samples by number only, so that the times of the flights are given to its series.
+
     Args:
         flights: settled segments of one boot, in order of time.
         learned: the model that was learned from them, if any.
@@ -106,7 +108,7 @@ def _model_series(
 
     Args:
         outputs: names of the outputs.
-        time: of the training samples (T,), s.
+        time: times of the T training samples (T,), s.
         learned: the model. Its process noise and free energy exist at some of the samples only.
     """
     samples, noise = learned.process_noise()

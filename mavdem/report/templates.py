@@ -101,6 +101,8 @@ def sentences_by_axes(
 ) -> list[Sentence]:
     """Renders facts about axes as sentences, one for all axes that share a fact: "Roll and pitch: …".
 
+    Facts are compared without their axis; a group is then rendered as one fact about all its axes.
+
     Args:
         facts: pairs of an axis and a fact about it.
         text_of_fact: makes the text of a fact; by default its sentence.
@@ -127,8 +129,8 @@ def sentence_templates() -> dict[str, dict[str, str]]:
 def _render(fact: Fact, part: str) -> str:
     """Renders the ``part`` "sentence", "remedy" or "headline" of a fact; empty where it has none.
 
-    Advice to fly is left out where the fact is grounded. That advice is the remedy or, for a fact that is itself a
-    remedy and so has none, the sentence.
+    Advice to fly is left out where the fact is grounded, which means that the vehicle must not fly. That advice is the
+    remedy or, for a fact that is itself a remedy and so has none, the sentence.
     """
     templates = sentence_templates()[fact.code]
     advice_part = "remedy" if "remedy" in templates else "sentence"

@@ -80,7 +80,15 @@ def twin_blocks(twin: Twin, comparison: Mapping[str, Mapping[str, list[float]]])
 
 
 def _motion_table(axis: str, figures: Mapping[str, Sequence[float]]) -> Block:
-    """Returns the table that compares the recorded motion about one axis with the twin's."""
+    """Returns the table that compares the recorded motion about one axis with the twin's.
+
+    Rates are compared by band of frequency, in dB relative to the recorded flight, which has 0 dB by definition; the
+    other figures are shown for both flights.
+
+    Args:
+        axis: name of the axis.
+        figures: as of :func:`twin_blocks`, of this axis.
+    """
     rows = []
     for (low, high), level in zip(pairwise(RATE_BANDS), figures["levels"], strict=True):
         rows.append([f"{axis} rate, {low:g} to {high:g} Hz (dB)", "0", f"{level:+.1f}"])
@@ -95,7 +103,7 @@ def vehicle_text(twin: Twin, ending: str, source: str) -> str:
 
     Args:
         twin: the learned vehicle.
-        ending: of the file, which names its format: ".toml", ".json", ".params" or ".sdf".
+        ending: ending of the file, which names its format: ".toml", ".json", ".params" or ".sdf".
         source: name of the log that the twin was learned from.
     """
     plain_text_environment = environment().overlay(autoescape=False)

@@ -66,7 +66,11 @@ class Plots:
         return draw_charts(model_charts.wind_torque_charts(self.learned))
 
     def _training_flights(self) -> list[Flight]:
-        """Returns the training data as flights, one for each segment, with the names and units of the model."""
+        """Returns the training data as flights, one for each segment, with the names and units of the model.
+
+        A model keeps its training data as one record. Held-out windows need flights, from which other models are
+        trained.
+        """
         record = self.learned.record
         labels = Labels.of(self.learned)
         segment_times = np.split(model_charts.sample_times(record), record.segment_starts[1:])

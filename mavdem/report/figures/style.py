@@ -126,6 +126,8 @@ def legend_above(axes: Axes) -> None:
 def limit_to_values(axes: Axes, values: ArrayLike, margin: float = 0.6) -> None:
     """Limits the vertical axis to a margin around values, however wide a band around them is.
 
+    A band may be much wider than its line, which would then look flat.
+
     Args:
         axes: whose limits are set; they are only narrowed.
         values: that must be visible; NaN is ignored.

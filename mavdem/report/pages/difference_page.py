@@ -138,13 +138,14 @@ def _largest_margin_change(sides: Reviews, axes: Sequence[str]) -> _MarginChange
 
     Args:
         sides: both reviews.
-        axes: those whose rate loop is known in both.
+        axes: axes whose rate loop is known in both.
     """
     changes = []
     for axis in axes:
         loops = _rate_loops(sides, axis)
         intervals = [loops[side]["phase_margin_interval"] for side in SIDE_COLOURS]
         # An infinite end is None in the document and NaN here, so that it never lies apart.
+        # Two intervals do not overlap where the higher one of the lower ends is above the lower one of the upper ends.
         lows, highs = np.array(intervals, np.float64).T
         if lows.max() > highs.min():
             before, after = (loops[side]["phase_margin"] for side in SIDE_COLOURS)
@@ -195,7 +196,10 @@ def _step_charts(sides: Reviews, axis: str) -> Iterator[Chart]:
 
 
 def _spectrum_chart(sides: Reviews) -> Chart:
-    """Returns a chart of the gyro's spectra, before the filters where these were logged; without lines if unknown."""
+    """Returns a chart of the gyro's power spectra in both flights, (rad/s)²/Hz, the sum over its three axes.
+
+    Spectra before the filters are preferred to those after them. A side without a spectrum has no line.
+    """
     lines = []
     for side, review in sides.items():
         spectra = review.get("spectra") or {}
@@ -212,7 +216,11 @@ def _spectrum_chart(sides: Reviews) -> Chart:
 
 
 def _trim_chart(sides: Reviews) -> Chart:
-    """Returns a chart of the motors' trim deviations with their intervals; without lines if unknown."""
+    """Returns a chart of how far each motor's trim is from the mean of all motors in both flights, %.
+
+    Each motor is a dot with the whisker of its interval. A side whose trim is not known has no dots; where the numbers
+    of motors differ, the axis has the names that both have.
+    """
     lines = []
     motor_count = MAX_MOTORS
     for side, review in sides.items():

@@ -78,7 +78,8 @@ def _vehicle_parts(
 ) -> list[dict[str, object]]:
     """Returns the values from which the template makes the part of each vehicle, the most urgent vehicle first.
 
-    Flights that do not say whose they are may be those of several vehicles, and have no part.
+    Flights that do not say whose they are may be those of several vehicles, and have no part. Charts are drawn for the
+    most urgent vehicles with several flights; the first parts are open, if their vehicle needs a look.
     """
     ranked = sorted(
         (urgency(flights), name, flights)
@@ -190,6 +191,7 @@ def _suspect_motors(flight: AxisRows) -> str:
 
 def _notes(flight: AxisRows) -> str:
     """Returns what is reported about a flight, one sentence a line, the most important first, each once."""
+    # A log without a flight has one note: why it was not used.
     first_row = flight[0]
     if not first_row.has_flight:
         return truncated(first_row.status, MAX_NOTE_LENGTH)

@@ -166,7 +166,10 @@ def log_page(
 
 
 def _with_saturations_counted(events: Facts) -> Iterator[Fact]:
-    """Yields the events, but only the first saturation of each motor, with the number of all of them."""
+    """Yields the events, but only the first saturation of each motor, with the number of all of them.
+
+    A motor may reach its limit hundreds of times in a flight, which would fill the list of events.
+    """
     saturation = MotionEvent.MOTOR_AT_ITS_STOP
     counts = Counter(event.subject for event in events if event.code is saturation)
     for event in events:
@@ -283,7 +286,12 @@ def _gain_advice(assessment: Assessment, evidence: Evidence) -> AdviceByAxis:
 
 
 def _loops_chapter(evidence: Evidence, advice: AdviceByAxis) -> Chapter:
-    """Returns the chapter of control loops: margins or why they are not known, advised gains, and charts of both."""
+    """Returns the chapter of control loops: margins or why they are not known, advised gains, and charts of both.
+
+    Args:
+        evidence: the loops of all axes as far as they were identified, and their margins.
+        advice: gains that are advised by axis, or why there are none; empty without advice.
+    """
     blocks: Blocks = [*_margin_sentences(evidence)]
     loops = identified_loops(evidence.loops)
     loops_by_axis: dict[str, Mapping[str, Loop]] = {
@@ -306,7 +314,10 @@ def _loops_chapter(evidence: Evidence, advice: AdviceByAxis) -> Chapter:
 
 
 def _margin_sentences(evidence: Evidence) -> list[Sentence]:
-    """Returns the sentences about the margins of all axes, or about why they are not known."""
+    """Returns the sentences about the margins of all axes, or about why they are not known.
+
+    Axes with the same fact share one sentence.
+    """
     axes_and_facts = []
     for margin in evidence.margins:
         facts = [fact.but(names=(margin.axis,)) for fact in margin.facts]
@@ -318,7 +329,15 @@ def _margin_sentences(evidence: Evidence) -> list[Sentence]:
 
 
 def _gyro_chapter(assessment: Assessment, timeline: Timeline | None, is_full: bool) -> Chapter:
-    """Returns the chapter of the gyro's vibration: its spectrum, the filters of the fastest loop, and spectrograms."""
+    """Returns the chapter of the gyro's vibration: its spectrum, the filters of the fastest loop, and spectrograms.
+
+    The fastest loop is the one with the highest crossover frequency, which the filters' delay concerns most.
+
+    Args:
+        assessment: assessment of the log.
+        timeline: charts over time, whose events are marked in the spectrogram.
+        is_full: whether there are spectrograms, which take much of a page.
+    """
     noise = assessment.noise
     loops = [*identified_loops(assessment.loops).values()]
     blocks: Blocks = [Sentence(str(fact)) for fact in noise.facts]
@@ -369,7 +388,11 @@ def _spectrum_groups(
 
 
 def _motors_chapter(analysis: LogAnalysis, evidence: Evidence) -> Chapter:
-    """Returns the chapter of the motors: a table of them, the vehicle from above, and without a model its condition."""
+    """Returns the chapter of the motors: a table of them, the vehicle from above, and without a model its condition.
+
+    Tier "a" is a log of which a full model can be learned. The hover figures are part of its table of motors; for other
+    tiers sentences on the condition say the same with less.
+    """
     is_full_tier = analysis.tier.tier == "a"
     hover = analysis.condition.hover if is_full_tier else None
     blocks = motor_blocks(analysis.learned, hover)
