@@ -18,13 +18,12 @@ After a change, the balance that it left is the reference, and the noise before 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import floor, inf, log, nan
-from typing import Any, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, Flags
+from mavdem.arrays import Array
 from mavdem.confidence import STRONG_EVIDENCE_NATS, coverage_factor
 from mavdem.containers import Numbers
 from mavdem.dataset.phases import TRANSIENT_SECONDS
@@ -33,6 +32,13 @@ from mavdem.facts import Fact
 from mavdem.facts.motors import InFlight
 from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.balance import MIN_STEADY_SECONDS
+from mavdem.motors.change_causes import (
+    RISES,
+    CauseEvidence,
+    can_reach_threshold,
+    cause_evidence,
+    log_sum,
+)
 from mavdem.motors.change_statistics import (
     BLOCK_SECONDS,
     PRIOR_FREEDOM,
@@ -41,6 +47,7 @@ from mavdem.motors.change_statistics import (
     log_t_density,
     window_changes,
 )
+from mavdem.motors.heading_sectors import heading_change, is_independent_of_heading
 from mavdem.motors.motor_changes import THRUST_EXPONENTS, MotorAlarm
 from mavdem.motors.signatures import motor_signatures
 from mavdem.motors.thrust_loss import lost_thrust
@@ -84,17 +91,8 @@ STALE_SECONDS = 15.0
 HOURS_TO_FALSE_ALARM = 10.0
 """Mean time to a false alarm by design, hours."""
 
-RISES = np.geomspace(0.05, 0.8, 13)
-"""(s,) rises of a weak motor's own command that are considered, relative to the mean command."""
-
-RECOVERIES = np.linspace(0.2, 1.3, len(RISES))
-"""(s,) shares of a weak motor's rise that its recovery takes back; the rise may be wrong by a quarter."""
-
 MAX_RECOVERED_SHARE = 1 / 4
 """Share of its former rise below which a motor's remaining rise counts as recovered: the rise may be wrong by it."""
-
-OTHER_CHANGE_SD = 0.06
-"""Standard deviation of a change of the balance that is no motor's, relative to the mean command; a choice."""
 
 PRIOR_BLOCK_SD = 0.006
 """Standard deviation of a block's balance before the flight has shown its own, relative to the mean command."""
@@ -111,32 +109,20 @@ A load that shifts in wind changes yaw too.
 OTHERS_PER_MOTOR = 0.1
 """Prior odds of such a change against one of a motor. They are high: the worst mistake is to name a sound motor."""
 
-RECOVERIES_PER_LOSS = 5.0
-"""Prior odds of the recovery of a weak motor, or of all of them, against the loss of another one; a choice."""
-
 SETTLING_ERROR = 0.04
 """Standard error of a motor's rise a second after it began, as a fraction of it: yaw settles last."""
-
-HEADING_SECTORS = 6
-"""Number of sectors of headings. Within half of 60° the wind comes from much the same side."""
-
-MIN_SHOWN_SHARE = 0.5
-"""Share of a change that steady flight in each sector of headings must show; a choice."""
-
-Angle = TypeVar("Angle", float, Array)
 
 TOO_SLOW = Fact(InFlight.MOTOR_OUTPUTS_TOO_SLOW, needed_rate=MIN_SAMPLE_RATE)
 """Obstacle where motor outputs come too slowly."""
 
 
-def _log_sum(logarithms: Any) -> Any:
-    """Returns the logarithm of the sum of numbers along the first axis, from the array or list of their logarithms."""
-    return np.logaddexp.reduce(logarithms)
+class _RiseEstimate(NamedTuple):
+    """Estimated rise of each of k motors' commands in a change, as a fraction of the command before it."""
 
-
-def _heading_change(heading: Angle, reference: float) -> Angle:
-    """Returns the change of a heading, or of several, from a reference, rad, the shorter way round: -pi to pi."""
-    return (heading - reference + np.pi) % (2 * np.pi) - np.pi
+    rises: Array
+    """(k,) rises; 0 of motors that the change does not concern."""
+    half_widths: Array
+    """(k,) half widths of their 90 % intervals."""
 
 
 class MotorLossDetector:
@@ -201,6 +187,9 @@ class MotorLossDetector:
     ) -> list[MotorAlarm]:
         """Takes a sample of settled flight.
 
+        Samples are averaged over blocks of ``BLOCK_SECONDS`` of the clock. The first sample of a new block closes the
+        one before, which is tested for a change. After a gap of ``MAX_GAP`` the test begins anew.
+
         Args:
             time: Seconds on the clock of the boot.
             commands: (k,) motor outputs as fractions of the range.
@@ -233,7 +222,12 @@ class MotorLossDetector:
         return self.alarms[alarm_count:]
 
     def _restart(self, time: float, heading: float) -> None:
-        """Forgets all flight before a gap; ``time``, s, and ``heading``, rad, are those of the next sample."""
+        """Forgets all flight before a gap, with its reference, noise and weak motors, as after a landing.
+
+        Args:
+            time: Time of the next sample, s.
+            heading: Heading at that sample, rad.
+        """
         self._times = []
         self._blocks = []
         self._headings = []
@@ -249,7 +243,13 @@ class MotorLossDetector:
         self._sample_count = 0
 
     def _check_sample_rate(self, time: float) -> None:
-        """Counts a sample at ``time``, s, and decides every ``REFERENCE_SECONDS`` whether samples come fast enough."""
+        """Counts a sample, and decides every ``REFERENCE_SECONDS`` whether samples come fast enough.
+
+        If they do not, ``obstacle`` says so until they do.
+
+        Args:
+            time: Time of the sample, s.
+        """
         elapsed = time - self._count_start
         if elapsed >= REFERENCE_SECONDS:
             min_samples = SAMPLE_RATE_TOLERANCE * MIN_SAMPLE_RATE * elapsed
@@ -260,6 +260,8 @@ class MotorLossDetector:
 
     def _add_block(self, time: float, commands: Array, heading: float) -> None:
         """Adds a block of flight and tests whether the balance changed.
+
+        It is not tested while too many blocks are missing, or before there is enough flight to compare with.
 
         Args:
             time: End of the block, s.
@@ -272,7 +274,7 @@ class MotorLossDetector:
         # The balance is relative to the thrust, so that neither battery nor climb changes it.
         self._times.append(time)
         self._blocks.append(self._torque_rows @ (commands / thrust))
-        turn = _heading_change(heading, self._block_heading)
+        turn = heading_change(heading, self._block_heading)
         is_steady = abs(turn) <= MAX_HEADING_CHANGE * BLOCK_SECONDS
         self._headings.append(heading if is_steady else nan)
         if is_steady:
@@ -297,36 +299,47 @@ class MotorLossDetector:
     def _test_for_change(self, windows: Windows) -> None:
         """Tests whether the balance changed within the last blocks, and records the change if it did.
 
+        A change of a motor is recorded if three things hold: its Bayes factor against "nothing changed" reaches the
+        threshold, the odds against all other causes are strong evidence, and no turn of the vehicle explains it. What
+        is no motor's is tested after that.
+
         Args:
-            windows: (w,) numbers of last blocks.
+            windows: (w,) numbers of last blocks, in each of which the change may have begun.
         """
         changes = window_changes(np.array(self._blocks), windows, self._noise, self._freedom)
         no_change = log_t_density(changes, 0.0)
-        if not self._can_reach_threshold(changes, no_change):
+        motor_causes = len(self._signatures) + len(self.weak_motors)
+        if not can_reach_threshold(changes, no_change, motor_causes, self._threshold):
             return
-        evidence = self._evidence(changes, no_change)
+        weak_motor_sizes = {motor: alarm.size for motor, alarm in self.weak_motors.items()}
+        evidence = cause_evidence(
+            changes, no_change, self._signatures, self._tilt_axes, weak_motor_sizes
+        )
         best = int(np.argmax(evidence.motors))
         other_motors = np.delete(evidence.motors, best)
-        rivals = [*other_motors, _log_sum(evidence.load)]
+        rivals = [*other_motors, log_sum(evidence.load)]
         # The last rival is that nothing changed, with a Bayes factor of 1.
         rivals += [evidence.others + log(OTHERS_PER_MOTOR), 0.0]
-        log_odds = evidence.motors[best] - _log_sum(rivals)
+        log_odds = evidence.motors[best] - log_sum(rivals)
         is_enough = evidence.motors[best] >= self._threshold
         if is_enough and log_odds >= STRONG_EVIDENCE_NATS:
             window = int(np.argmax(evidence.motor_windows[best]))
             blocks_since = int(windows[window])
             if self._is_independent_of_heading(blocks_since, changes, window):
+                # The last size is the largest. Only the ratios between the motors matter.
                 largest_rises = evidence.rises[best, -1]
                 self._record_motor_change(largest_rises, blocks_since, changes, window, log_odds)
             return
         self._test_for_torque_change(windows, changes, evidence)
 
     def _test_for_torque_change(
-        self, windows: Windows, changes: WindowChanges, evidence: _Evidence
+        self, windows: Windows, changes: WindowChanges, evidence: CauseEvidence
     ) -> None:
         """Tests whether the steady torque changed by something that is no motor, and makes it the new reference.
 
-        A change in roll and pitch is recorded. One of any other cause only ends the reference, after ``STALE_SECONDS``.
+        A change in roll and pitch, as by a shifted load, is recorded once it has lasted ``REFERENCE_SECONDS``: a gust
+        is over by then. A change of any cause, even an unknown one, only ends the reference once it has lasted
+        ``STALE_SECONDS``, since flight before it is then no longer comparable.
 
         Args:
             windows: (w,) numbers of last blocks.
@@ -334,11 +347,13 @@ class MotorLossDetector:
             evidence: Evidence for the causes of a change.
         """
         seconds = windows * BLOCK_SECONDS
+        # The logarithm of a Bayes factor of 0 leaves out windows that are too short.
         lasting_load = evidence.load + np.where(seconds >= REFERENCE_SECONDS, 0.0, -inf)
-        load = _log_sum(lasting_load)
+        load = log_sum(lasting_load)
+        # The last rival is that nothing changed, with a Bayes factor of 1.
         rivals = [*evidence.motors, evidence.others + log(OTHERS_PER_LOAD), 0.0]
-        log_odds = load - _log_sum(rivals)
-        any_cause = _log_sum(
+        log_odds = load - log_sum(rivals)
+        any_cause = log_sum(
             [evidence.yaw, evidence.all_axes, evidence.load, *evidence.motor_windows]
         )
         stale_change = np.where(seconds >= STALE_SECONDS, 0.0, -inf) + any_cause
@@ -355,78 +370,10 @@ class MotorLossDetector:
         # From now on, flight is compared with that since the change.
         self._keep_last_blocks(blocks_since)
 
-    def _can_reach_threshold(self, changes: WindowChanges, no_change: Array) -> bool:
-        """Returns whether any cause could explain the changes well enough for an alarm.
-
-        No cause explains a change better than one that expects exactly this change. Most changes are too small even for
-        that, which saves the computation of all causes.
-
-        Args:
-            changes: Change of the balance for each of w windows.
-            no_change: (w,) log density of the changes where nothing changed.
-        """
-        log_perfect_density = -np.log(changes.variance).sum(axis=-1) / 2
-        best_log_ratio = (log_perfect_density - no_change).max()
-        # The causes are all motors, all recoveries, their joint recovery, and three that are no motor.
-        causes = len(self._signatures) + len(self.weak_motors) + 4
-        alternatives = RECOVERIES_PER_LOSS * len(no_change) + causes
-        return bool(best_log_ratio + log(alternatives) >= self._threshold)
-
-    def _evidence(self, changes: WindowChanges, no_change: Array) -> _Evidence:
-        """Computes the Bayes factors of all causes of a change against "nothing changed".
-
-        Args:
-            changes: Change of the balance for each of w windows.
-            no_change: (w,) log density of the changes where nothing changed.
-        """
-        motor_count = len(self._signatures)
-        rises = self._hypothetical_rises()
-        expected = rises @ self._signatures
-        # The shape (s, h, 1, a) has the sizes, over which the mixture sums, first, and room for the windows.
-        expected_by_size = expected.swapaxes(0, 1)[:, :, None]
-        densities = log_t_density(changes, expected_by_size)
-        motor_windows = _log_sum(densities) - log(len(RISES)) - no_change
-        motors = _log_sum(motor_windows.T) - log(motor_count)
-        motors[motor_count:] += log(RECOVERIES_PER_LOSS)
-
-        load, yaw, all_axes = (
-            log_t_density(changes, 0.0, OTHER_CHANGE_SD**2 * axes) - no_change
-            for axes in (self._tilt_axes, 1 - self._tilt_axes, np.ones_like(self._tilt_axes))
-        )
-        return _Evidence(
-            rises=rises,
-            motor_windows=motor_windows,
-            motors=motors,
-            load=load,
-            yaw=yaw,
-            all_axes=all_axes,
-            others=float(_log_sum([_log_sum(yaw), _log_sum(all_axes)])),
-        )
-
-    def _hypothetical_rises(self) -> Array:
-        """Returns the rises of all motors' commands under each hypothesis of a motor.
-
-        Returns:
-            (h, s, k) for h hypotheses with s sizes each: each motor weakens, each weak motor recovers, and all weak
-            motors recover together where there are several.
-        """
-        unit_rises = np.eye(len(self._signatures))
-        weak_rises = [alarm.size * unit_rises[motor] for motor, alarm in self.weak_motors.items()]
-        recoverable_rises = list(weak_rises)
-        if len(weak_rises) > 1:
-            recoverable_rises.append(sum(weak_rises))
-        losses = [np.outer(RISES, unit_rise) for unit_rise in unit_rises]
-        recoveries = [np.outer(-RECOVERIES, weak_rise) for weak_rise in recoverable_rises]
-        return np.array(losses + recoveries)
-
     def _is_independent_of_heading(
         self, blocks_since: int, changes: WindowChanges, window: int
     ) -> bool:
-        """Returns whether a change shows in steady flight, and no turn of the vehicle explains it.
-
-        Between two headings the torque of the wind differs just as between a sound and a weak motor. So the change must
-        show between flight before and after it at a common heading; without a common heading, at all of two or more
-        headings after and at none before.
+        """Returns whether a change shows in enough steady flight, and no turn of the vehicle explains it.
 
         Args:
             blocks_since: Number of blocks since the change began.
@@ -435,47 +382,13 @@ class MotorLossDetector:
         """
         if self._steady_blocks * BLOCK_SECONDS < MIN_STEADY_SECONDS:
             return False
-        blocks = np.array(self._blocks)
-        change = changes.change[window]
-        weights = change / changes.variance[window]
-        mean_after = blocks[-blocks_since:].mean(axis=0)
-        # The progress of the change in a block is -1 before it and 0 after it.
-        progress = (blocks - mean_after) @ weights / (change @ weights)
-        is_after = np.arange(len(blocks)) >= len(blocks) - blocks_since
-        progress_before = self._mean_by_sector(progress, ~is_after)
-        progress_after = self._mean_by_sector(progress, is_after)
-        common_sectors = progress_before.keys() & progress_after.keys()
-        if common_sectors:
-            return all(
-                progress_after[sector] - progress_before[sector] > MIN_SHOWN_SHARE
-                for sector in common_sectors
-            )
-        if len(progress_after) < 2 or not progress_before:
-            return False
-        is_absent_before = max(progress_before.values()) < -MIN_SHOWN_SHARE
-        is_present_after = min(progress_after.values()) > -MIN_SHOWN_SHARE
-        return is_absent_before and is_present_after
-
-    def _mean_by_sector(self, values: Array, selection: Flags) -> dict[int, float]:
-        """Averages values of blocks over each sector of headings in which the vehicle flew steadily.
-
-        Args:
-            values: (N,) a value of each block.
-            selection: (N,) which blocks count.
-
-        Returns:
-            The mean by the number of the sector, from that of the last heading on; only sectors with
-            ``SETTLING_BLOCKS`` blocks or more.
-        """
-        turns = _heading_change(np.array(self._headings), self._headings[-1])
-        sector_width = 2 * np.pi / HEADING_SECTORS
-        sectors = np.round(turns / sector_width) % HEADING_SECTORS
-        means = {}
-        for sector in range(HEADING_SECTORS):
-            rows = (sectors == sector) & selection
-            if np.count_nonzero(rows) >= SETTLING_BLOCKS:
-                means[sector] = values[rows].mean()
-        return means
+        return is_independent_of_heading(
+            np.array(self._blocks),
+            np.array(self._headings),
+            blocks_since,
+            changes.change[window],
+            changes.variance[window],
+        )
 
     def _record_motor_change(
         self,
@@ -487,7 +400,9 @@ class MotorLossDetector:
     ) -> None:
         """Records the loss or the recovery of one motor, or the recovery of several.
 
-        The size of the change is the weighted least-squares estimate along the signature of the rises.
+        A motor's rise is counted from when it was sound. So the rise before this change and the change multiply:
+        1 + rise = (1 + rise before) (1 + change). A motor that recovered, or whose remaining rise is within the error
+        of the former one, is recorded as sound, with size 0. Of any other, the rise and the lost thrust are recorded.
 
         Args:
             rises: (k,) rises of the motors' commands of the hypothesis, up to their size.
@@ -496,28 +411,15 @@ class MotorLossDetector:
             window: Index of the window of that length.
             log_odds: Logarithm of the odds that this is the cause.
         """
-        balance_before = np.mean(self._blocks[-blocks_since:], axis=0) - changes.change[window]
-        # The block in which the change began is partly from before it, and is left out.
-        balance_after = np.mean(self._blocks[1 - blocks_since :], axis=0)
-        # The balance is relative to the mean command, which rises too.
-        mean_rise = (rises / self._own_rise_ratio).mean()
-        signature = rises @ self._signatures - mean_rise * balance_after
-        weighted_signature = signature / changes.variance[window]
-        precision = weighted_signature @ signature
-        commands = self._allocation @ [1.0, *balance_before]
-        relative_rises = rises / commands
-        estimates = (
-            weighted_signature @ (balance_after - balance_before) / precision * relative_rises
-        )
-        standard_errors = np.hypot(precision**-0.5 * relative_rises, SETTLING_ERROR * estimates)
-        half_widths = coverage_factor() * standard_errors
-
+        estimate = self._estimated_rises(rises, blocks_since, changes, window)
         moved_motors = np.flatnonzero(rises).tolist()
         for motor in moved_motors:
             previous = self.weak_motors.pop(motor, None)
             previous_rise = 0.0 if previous is None else previous.size
             lowest, rise, highest = (
-                (1 + previous_rise) * (1 + estimates[motor] + sign * half_widths[motor]) - 1
+                (1 + previous_rise)
+                * (1 + estimate.rises[motor] + sign * estimate.half_widths[motor])
+                - 1
                 for sign in (-1, 0, 1)
             )
             is_sound_again = rise < max(RISES[0], previous_rise * MAX_RECOVERED_SHARE)
@@ -527,18 +429,59 @@ class MotorLossDetector:
                 loss = self._thrust_loss(motor, max(lowest, 0.0), highest)
                 rise = max(rise, RISES[0])
                 self.weak_motors[motor] = self._record(motor, blocks_since, log_odds, rise, loss)
-        # From now on, flight is compared with that since the change, once the vehicle has settled.
+        # From now on, flight is compared with that since the change, once the vehicle has settled. The noise before the
+        # change is the prior of the noise after it.
         self._keep_last_blocks(blocks_since - SETTLING_BLOCKS)
         self._noise = changes.noise[window]
         self._freedom = min(changes.freedom[window], MAX_PRIOR_FREEDOM)
 
+    def _estimated_rises(
+        self, rises: Array, blocks_since: int, changes: WindowChanges, window: int
+    ) -> _RiseEstimate:
+        """Returns by how much the motors' commands rose in a change, relative to what they were before it.
+
+        The size of the change is the weighted least-squares estimate along its signature: with balance before and
+        after it b₀ and b₁, signature g and variance V, it is gᵀ V⁻¹ (b₁ − b₀) / (gᵀ V⁻¹ g).
+
+        The balance is relative to the mean command. If the change has the size x (1 is all of ``rises``), the mean
+        command rises by x · mean_rise, which the signature allows for.
+
+        Args:
+            rises: (k,) rises of the motors' commands of the hypothesis, up to their size.
+            blocks_since: Number of blocks since the change began.
+            changes: Change of the balance for each window.
+            window: Index of the window of that length.
+        """
+        balance_before = np.mean(self._blocks[-blocks_since:], axis=0) - changes.change[window]
+        # The block in which the change began is partly from before it, and is left out.
+        balance_after = np.mean(self._blocks[1 - blocks_since :], axis=0)
+        mean_rise = (rises / self._own_rise_ratio).mean()
+        signature = rises @ self._signatures - mean_rise * balance_after
+        weighted_signature = signature / changes.variance[window]
+        precision = weighted_signature @ signature
+        # Commands before the change, relative to their mean: thrust 1 and the balance.
+        commands = self._allocation @ [1.0, *balance_before]
+        relative_rises = rises / commands
+        estimates = (
+            weighted_signature @ (balance_after - balance_before) / precision * relative_rises
+        )
+        standard_errors = np.hypot(precision**-0.5 * relative_rises, SETTLING_ERROR * estimates)
+        return _RiseEstimate(estimates, coverage_factor() * standard_errors)
+
     def _thrust_loss(self, motor: int, lowest_rise: float, highest_rise: float) -> Numbers:
         """Returns the interval of the fraction of its thrust that a motor lost, for all ``THRUST_EXPONENTS``.
 
+        The interval is as wide as what is not known: how far the command rose, and with which power of it thrust goes.
+        On vehicles whose neighbours help a weak motor, its own command rises by less than it lacks: so the loss is
+        divided by that ratio. Nothing loses more than all its thrust.
+
         Args:
             motor: Index of the motor.
-            lowest_rise: Lower end of the interval of its command's rise.
+            lowest_rise: Lower end of the interval of its command's rise, as a fraction.
             highest_rise: Upper end.
+
+        Returns:
+            Lower and upper end, fractions of the thrust.
         """
         smallest_exponent, largest_exponent = THRUST_EXPONENTS
         own_rise_ratio = self._own_rise_ratio[motor]
@@ -554,7 +497,7 @@ class MotorLossDetector:
         size: float,
         loss: Numbers = (),
     ) -> MotorAlarm:
-        """Adds a change to the alarms.
+        """Adds a change to the alarms, as detected with the last block.
 
         Args:
             motor: Index of the motor; None where the change is no motor's.
@@ -584,26 +527,3 @@ class MotorLossDetector:
         del self._times[:excess]
         del self._blocks[:excess]
         del self._headings[:excess]
-
-
-@dataclass(frozen=True, eq=False)
-class _Evidence:
-    """Logarithms of the Bayes factors of all causes of a change against "nothing changed".
-
-    There are h hypotheses of a motor, w windows since the change, s sizes and k motors.
-    """
-
-    rises: Array
-    """(h, s, k) rises of the motors' commands under the hypotheses of a motor."""
-    motor_windows: Array
-    """(h, w) Bayes factors of the hypotheses of a motor, averaged over the sizes, by window."""
-    motors: Array
-    """(h,) the same with prior odds, summed over the windows."""
-    load: Array
-    """(w,) Bayes factor of a change in roll and pitch, by window."""
-    yaw: Array
-    """(w,) Bayes factor of a change in yaw, by window."""
-    all_axes: Array
-    """(w,) Bayes factor of a change in roll, pitch and yaw, by window."""
-    others: float
-    """Bayes factor of a change in yaw alone or in all axes, summed over the windows."""

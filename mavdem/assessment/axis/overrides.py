@@ -72,7 +72,7 @@ def _loss_override(loss: Fact) -> Fact:
     """Returns the override of a motor that lost thrust in flight.
 
     Args:
-        loss: the fact of the motor, from :func:`mavdem.motors.loss_detection.losses_of`.
+        loss: the fact of the motor, from :func:`mavdem.motors.motor_changes.thrust_losses`.
     """
     return Fact(
         Override.MOTORS,

@@ -1,0 +1,148 @@
+"""Bayes factors of the causes of a change of the motors' balance in flight: a weak motor, a load, or others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import log
+from typing import Any
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.motors.change_statistics import WindowChanges, log_t_density
+
+RISES = np.geomspace(0.05, 0.8, 13)
+"""(s,) rises of a weak motor's own command that are considered, relative to the mean command."""
+
+RECOVERIES = np.linspace(0.2, 1.3, len(RISES))
+"""(s,) shares of a weak motor's rise that its recovery takes back; the rise may be wrong by a quarter."""
+
+RECOVERIES_PER_LOSS = 5.0
+"""Prior odds of the recovery of a weak motor, or of all of them, against the loss of another one; a choice."""
+
+OTHER_CHANGE_SD = 0.06
+"""Standard deviation of a change of the balance that is no motor's, relative to the mean command; a choice."""
+
+CAUSES_WITHOUT_MOTOR = 3
+"""Number of the causes that are no motor's: a change in roll and pitch, in yaw, and in all axes."""
+
+
+@dataclass(frozen=True, eq=False)
+class CauseEvidence:
+    """Logarithms of the Bayes factors of all causes of a change against "nothing changed".
+
+    There are h hypotheses of a motor, w windows since the change, s sizes and k motors.
+    """
+
+    rises: Array
+    """(h, s, k) rises of the motors' commands under the hypotheses of a motor."""
+    motor_windows: Array
+    """(h, w) Bayes factors of the hypotheses of a motor, averaged over the sizes, by window."""
+    motors: Array
+    """(h,) the same with prior odds, summed over the windows."""
+    load: Array
+    """(w,) Bayes factor of a change in roll and pitch, by window."""
+    yaw: Array
+    """(w,) Bayes factor of a change in yaw, by window."""
+    all_axes: Array
+    """(w,) Bayes factor of a change in roll, pitch and yaw, by window."""
+    others: float
+    """Bayes factor of a change in yaw alone or in all axes, summed over the windows."""
+
+
+def log_sum(logarithms: Any) -> Any:
+    """Returns the logarithm of the sum of numbers along the first axis, from the array or list of their logarithms."""
+    return np.logaddexp.reduce(logarithms)
+
+
+def cause_evidence(
+    changes: WindowChanges,
+    no_change: Array,
+    signatures: Array,
+    tilt_axes: Array,
+    weak_motor_sizes: Mapping[int, float],
+) -> CauseEvidence:
+    """Computes the Bayes factors of all causes of a change against "nothing changed".
+
+    A Bayes factor is the ratio of two densities of the observed change: under the cause, averaged over the sizes that
+    the change may have, and under "nothing changed". When the change began is not known either: factors are given by
+    window, and summed over the windows.
+
+    Args:
+        changes: Change of the balance on a axes for each of w windows.
+        no_change: (w,) log density of the changes where nothing changed.
+        signatures: (k, a) change of the balance where the own command of a motor rises by 1.
+        tilt_axes: (a,) 1 for roll and pitch, 0 for yaw.
+        weak_motor_sizes: Rise of the command of each motor that is weak already, by its index.
+    """
+    motor_count = len(signatures)
+    rises = hypothetical_rises(motor_count, weak_motor_sizes)
+    expected = rises @ signatures
+    # The shape (s, h, 1, a) has the sizes, over which the mixture sums, first, and room for the windows.
+    expected_by_size = expected.swapaxes(0, 1)[:, :, None]
+    densities = log_t_density(changes, expected_by_size)
+    # All sizes are equally probable, and so is the loss of any motor. Recoveries come after the losses.
+    motor_windows = log_sum(densities) - log(len(RISES)) - no_change
+    motors = log_sum(motor_windows.T) - log(motor_count)
+    motors[motor_count:] += log(RECOVERIES_PER_LOSS)
+
+    # A cause that is no motor's changes its axes by any amount, which adds to their variance.
+    load, yaw, all_axes = (
+        log_t_density(changes, 0.0, OTHER_CHANGE_SD**2 * axes) - no_change
+        for axes in (tilt_axes, 1 - tilt_axes, np.ones_like(tilt_axes))
+    )
+    return CauseEvidence(
+        rises=rises,
+        motor_windows=motor_windows,
+        motors=motors,
+        load=load,
+        yaw=yaw,
+        all_axes=all_axes,
+        others=float(log_sum([log_sum(yaw), log_sum(all_axes)])),
+    )
+
+
+def hypothetical_rises(motor_count: int, weak_motor_sizes: Mapping[int, float]) -> Array:
+    """Returns the rises of all motors' commands under each hypothesis of a motor.
+
+    The hypotheses are: each motor weakens, each weak motor recovers, and all weak motors recover together where there
+    are several. A recovery takes back a share of the rise that the motor had.
+
+    Args:
+        motor_count: k motors.
+        weak_motor_sizes: Rise of the command of each motor that is weak already, by its index.
+
+    Returns:
+        (h, s, k) for h hypotheses with s sizes each, relative to the mean command; negative for recoveries.
+    """
+    unit_rises = np.eye(motor_count)
+    weak_rises = [size * unit_rises[motor] for motor, size in weak_motor_sizes.items()]
+    recoverable_rises = list(weak_rises)
+    if len(weak_rises) > 1:
+        recoverable_rises.append(sum(weak_rises))
+    losses = [np.outer(RISES, unit_rise) for unit_rise in unit_rises]
+    recoveries = [np.outer(-RECOVERIES, weak_rise) for weak_rise in recoverable_rises]
+    return np.array(losses + recoveries)
+
+
+def can_reach_threshold(
+    changes: WindowChanges, no_change: Array, motor_causes: int, threshold: float
+) -> bool:
+    """Returns whether any cause could explain the changes well enough for an alarm.
+
+    No cause explains a change better than one that expects exactly this change. Most changes are too small even for
+    that, which saves the computation of all causes.
+
+    Args:
+        changes: Change of the balance for each of w windows.
+        no_change: (w,) log density of the changes where nothing changed.
+        motor_causes: Number of losses and of recoveries of single motors.
+        threshold: Logarithm of the sum of Bayes factors that an alarm needs.
+    """
+    log_perfect_density = -np.log(changes.variance).sum(axis=-1) / 2
+    best_log_ratio = (log_perfect_density - no_change).max()
+    # A joint recovery of all weak motors is one more cause. Sums are at most the best term times the number of terms.
+    causes = motor_causes + CAUSES_WITHOUT_MOTOR + 1
+    alternatives = RECOVERIES_PER_LOSS * len(no_change) + causes
+    return bool(best_log_ratio + log(alternatives) >= threshold)
