@@ -98,12 +98,18 @@ def _print_vehicles(document: JsonValues, assessments: Sequence[Assessment], ver
 
 
 def _why_not_learnable(document: JsonValues, source: str, axis: str) -> Fact:
-    """Returns the fact that no model can be learned from a log, with the reason that its first vehicle has.
+    """Returns the error message of ``mavdem info --json`` for a log from which no model can be learned.
+
+    A log may have several vehicles. The message names them all but explains the reason for the first one only; the
+    JSON document has the reasons for the others.
 
     Args:
-        document: Document of the command, whose vehicles have a verdict each.
+        document: The document that was printed. Its ``vehicles`` have a ``verdict`` each, with the ``reason``.
         source: Path of the log.
-        axis: Axis of the model.
+        axis: Axis of the model: roll, pitch or yaw.
+
+    Returns:
+        The fact, whose sentence is printed on standard error. It has no reason if the log has no vehicle.
     """
     vehicles = document["vehicles"]
     return Fact(

@@ -22,7 +22,8 @@ from mavdem.files import (
 def check_output_folder(folder: Path, names: Names = (), *inputs: PathName | None) -> None:
     """Checks, before a command begins its work, that it can write its files into a folder.
 
-    Nothing is created or changed.
+    Learning takes minutes, and its result must not be lost because of a wrong path. Nothing is created or changed: the
+    check looks at the nearest folder that exists already, in which the missing ones would be created.
 
     Args:
         folder: Folder for the results. It need not exist.
@@ -32,6 +33,7 @@ def check_output_folder(folder: Path, names: Names = (), *inputs: PathName | Non
     Raises:
         Unreadable: The folder or a file cannot be written, or a file to write is one of ``inputs``.
     """
+    # The first of the folder and its parents that exists. The root always does.
     candidates = (folder, *folder.absolute().parents)
     existing = next(path for path in candidates if os.path.lexists(path))
     if not existing.is_dir():
@@ -44,8 +46,10 @@ def check_output_folder(folder: Path, names: Names = (), *inputs: PathName | Non
             with suppress(FileNotFoundError):
                 (existing / part).lstat()
     for name in names:
+        # A file that does not exist yet, in a folder that may not exist yet, is no error.
         with reporting_write_errors(folder / name), suppress(FileNotFoundError):
             writable_target(folder / name)
+    # Paths are compared after links are resolved: an input may be reached by another name.
     targets = {os.path.realpath(folder / name) for name in names}
     for path in inputs:
         if path and os.path.realpath(path) in targets:

@@ -147,11 +147,20 @@ class HeldOut(Document):
     @model_validator(mode="before")
     @classmethod
     def _figures_of_windows(cls, windows: held_out.HeldOut) -> JsonValues:
-        """Computes the figures of the document from the forecasts of held-out windows.
+        """Computes the values of this document's fields, before pydantic checks them.
 
-        The error ratio (NMSE) of a forecast is its squared error over that of a reference: the constant mean of the
-        training data or, for ``share_worse_than_hold_last``, the last sample held.
+        The error ratio of a forecast is its squared error, summed over the outputs in units of their training
+        variances, divided by that of a trivial forecast. The trivial forecast is the constant mean of the training data
+        or, for ``share_worse_than_hold_last``, the last sample before the window. Above 1 the model is of no use.
+
+        Args:
+            windows: W windows of measured outputs, each with its forecasts by name: by the model with and without the
+                recorded motors, and the two trivial ones. No model was trained on them.
+
+        Returns:
+            Values by the names of the fields below. Lists by window have W entries.
         """
+        # One ratio for each window, (W,), of the forecast that knows the recorded motors.
         error_ratios = windows.error_ratios()
         ratios_to_last_sample = windows.error_ratios(HOLD_LAST)
         return {

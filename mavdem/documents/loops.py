@@ -206,13 +206,20 @@ class Tune(Judged):
 
 
 def tune_document(source: str, margins: str, tuning: Tuning) -> Tune:
-    """Makes the document of ``mavdem tune``.
+    """Makes the JSON document of ``mavdem tune`` from the gains that were advised.
+
+    The attributes of ``tuning`` (parameters to set, notch filter) and of the flight's judgement (headline, lights, next
+    step) fill the fields of the same names; see :meth:`Document.from_results`.
 
     Args:
         source: name of the log.
-        margins: name of the margins that were asked for, as in ``--margins``.
-        tuning: the gains that are advised, or why there are none, which becomes the key ``error``.
+        margins: name of the stability margins that were asked for, as in ``--margins``.
+        tuning: by axis the advised gains, or why the loops of the axis are not known; and the judgement of the flight.
+
+    Returns:
+        The document. Its key ``error`` is there only if no axis has gains to set.
     """
+    # An absent key must not be passed at all: a value of None would stand in the JSON as null.
     error = {}
     if tuning.refusal:
         error["error"] = {"reason": str(tuning.refusal), "remedy": ""}
@@ -223,13 +230,20 @@ def tune_document(source: str, margins: str, tuning: Tuning) -> Tune:
 
 
 def _axis_document(advice: Advice | Fact) -> AxisAdvice:
-    """Makes the record of one axis: its loops and the gains to set, or why its loops are not known.
+    """Makes the part of the tuning document that belongs to one axis.
 
-    Without gains to set, the key ``expected`` is null.
+    Args:
+        advice: the loops of the axis with the gains before and after the change, the gains to set and the noise of the
+            demand; or a fact that says why the loops are not known.
+
+    Returns:
+        The record. Without known loops it has the key ``refusal`` only. If the loops are known but no gains are
+        advised, ``expected``, the loops with the new gains, is null.
     """
     if isinstance(advice, Fact):
         return AxisAdvice.from_results(refusal=advice)
     loop = advice.before
+    # Gains, margins asked for, and noise are attributes of the advice; the others have other names in the document.
     return AxisAdvice.from_results(
         advice,
         loop=loop,

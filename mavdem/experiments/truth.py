@@ -106,7 +106,14 @@ class Truth(NamedTuple):
 
 
 def read_truth(path: PathName, axis: str) -> Truth:
-    """Returns one axis, "roll", "pitch" or "yaw", of a truth file of ``mavdem fly``.
+    """Reads one axis of a truth file: the simulator's own parameters and wind torque, written by ``mavdem fly``.
+
+    A truth file is a NumPy archive (``.npz``). A vehicle without a motor failure has no effects after one; those before
+    then hold throughout.
+
+    Args:
+        path: of the file.
+        axis: "roll", "pitch" or "yaw".
 
     Raises:
         Unreadable: ``path`` is not a truth file, or cannot be read.
@@ -123,6 +130,7 @@ def read_truth(path: PathName, axis: str) -> Truth:
                 weak=file["weak"],
                 effect=effect,
                 weak_effect=file.get(f"{axis}_effect_weak", effect),
+                # The rate is the last state of the simulator's A, and decays at −A's last diagonal entry.
                 damping=-float(file[f"{axis}_A"][-1, -1]),
                 lag=float(file["lag"][0]),
                 delay=float(file["delay"]),
@@ -139,17 +147,25 @@ def read_truth(path: PathName, axis: str) -> Truth:
 
 def _require_equal_lengths(truth: Truth) -> None:
     """Raises ``ValueError`` where columns of a truth file have other lengths than its times, or effects differ."""
+    # Both functions raise this error themselves when they are given arrays that do not fit together.
     for column in (truth.rate, truth.disturbance, truth.weak):
         np.interp(0.0, truth.time, column)
     np.stack([truth.effect, truth.weak_effect])
 
 
 def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
-    """Returns the truth of the axis of a flight.
+    """Reads the truth of a simulated flight, and makes sure that it belongs to this flight.
+
+    The truth file has the rate that the simulated autopilot knew. In its own flight that is the recorded rate, up to
+    resampling. A root mean square difference of ``MAX_RATE_DIFFERENCE`` standard deviations shows another flight.
 
     Args:
-        flights: segments of one flight.
-        path: of its truth file.
+        flights: segments of one flight, with the times of their samples on the boot clock, s. The last output is the
+            rate of the axis, rad/s, by whose name, such as "roll rate", the axis is chosen.
+        path: of the truth file.
+
+    Returns:
+        The truth of that axis, for the whole simulated flight.
 
     Raises:
         Unreadable: the file is no truth file, or that of another flight.
@@ -163,6 +179,7 @@ def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
     for segment in flights:
         time = segment.time
         rate = segment.outputs[:, -1]
+        # Before and after the truth file the rate is NaN, which makes the difference NaN.
         true_rate = np.interp(time, truth.time, truth.rate, np.nan, np.nan)
         difference = np.sqrt(np.mean((rate - true_rate) ** 2)) / rate.std()
         # A NaN, where the truth file does not cover the segment, is no small difference either.
@@ -180,11 +197,11 @@ def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
 def compare_with_truth(
     learned: Learned, flights: Sequence[Flight], truth: Truth
 ) -> TruthComparison:
-    """Returns the physical parameters and the wind torque of a model together with their truth.
+    """Compares a learned model with the simulator's truth: physical parameters and wind torque, each side by side.
 
     Args:
-        learned: the model.
-        flights: the segments that it was trained on.
+        learned: the model of one axis. Without physical parameters or wind torque that part is empty.
+        flights: the segments that it was trained on, whose times the wind torque is compared at.
         truth: of these flights, as from :func:`truth_of`.
 
     Raises:
@@ -206,19 +223,27 @@ def compare_with_truth(
 def compared_effects(
     physical: Physical, flight: Flight, truth: Truth, time: Array
 ) -> Iterator[ComparedParameter]:
-    """Yields the effect of each motor and their mean; nothing where the inputs are not the motors' outputs.
+    """Yields the control effectiveness of each motor and the mean of their magnitudes, beside their truth.
+
+    The effectiveness is the angular acceleration by a change of a motor's output, rad/s² per µs of pulse width.
 
     Args:
         physical: the estimated parameters.
-        flight: a segment, for the names of its inputs.
+        flight: a segment, for the names and units of its inputs.
         truth: of the flight.
-        time: (T,) all samples of the flight, s.
+        time: (T,) times of all samples of the flight, s. The effect that held for most of them counts: it changes when
+            a motor fails.
+
+    Yields:
+        r motors and their mean; nothing where the inputs are not the motors' outputs in µs, but for example the
+        controller's demand.
     """
     if flight.input_units != (MOTOR_UNIT,) * truth.effect.size:
         return
     unit = f"rad/s² per {MOTOR_UNIT}"
     status = physical.status["effect"]
     true_effect = truth.effect_at(time)
+    # Half widths (r,) of the 90 % intervals.
     half_widths = physical.interval()[0]
     for motor, input_name in enumerate(flight.input_names):
         # The name in brackets says where the motor is.
@@ -239,7 +264,10 @@ def compared_effects(
 
 
 def compared_dynamics(physical: Physical, truth: Truth) -> Iterator[ComparedParameter]:
-    """Yields the rate damping, the motor time constant and the delay."""
+    """Yields the rate damping (1/s), the motor time constant (s) and the delay (s), each beside its truth.
+
+    Each has the half width of its 90 % interval, and its status: reported, biased or not identifiable.
+    """
     _, damping_half_width, lag_half_width, delay_half_width = physical.interval()
     lag_status = physical.status["lag"]
     yield ComparedParameter(
@@ -265,8 +293,22 @@ def compared_dynamics(physical: Physical, truth: Truth) -> Iterator[ComparedPara
 
 
 def compared_wind(wind: WindTorque, truth: Truth, time: Array) -> ComparedWind:
-    """Returns the wind torque and its truth at the samples ``time`` (T,), s."""
+    """Compares the estimated wind torque with the one that the simulator applied.
+
+    The wind torque is the angular acceleration that the motors do not cause, rad/s².
+
+    Args:
+        wind: the estimate at T samples, with the half widths of its 90 % band and its steady part.
+        truth: the simulated torque, at times of its own.
+        time: (T,) times of the estimate's samples on the boot clock, s.
+
+    Returns:
+        Correlation, standard deviations and the share of the truth inside the band; and the steady part beside its
+        truth, which is the mean over these samples.
+    """
+    # The simulator has its own sampling step.
     true_torque = np.interp(time, truth.time, truth.disturbance)
+    # A constant course, such as in calm air, has no correlation.
     correlation = nan
     if true_torque.std() and wind.torque.std():
         correlation = float(np.corrcoef(wind.torque, true_torque)[0, 1])

@@ -1,6 +1,6 @@
-"""The difference between two states of a vehicle: what changed beyond its interval, what did not, what is unknown.
+"""Compares two states of a vehicle, each one flight or several: which motor and plant figures changed significantly.
 
-Each state is one flight or several. The variance of a difference has two parts: that within the flights, by their
+The variance of a difference has two parts: that within the flights, by their
 intervals, and that between flights, which several flights of a state show. ``SD_BETWEEN_FLIGHTS`` is assumed
 beforehand (random effects, L. V. Hedges and I. Olkin, "Statistical Methods for Meta-Analysis", 1985). What other
 conditions of flight can do widens the interval. All quantities are tested together: the probability that any is called
@@ -193,12 +193,22 @@ BaselineDifferences = dict[str, tuple[FlightRow, VehicleDifference | None]]
 
 
 def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifference:
-    """Returns what differs between two states of a vehicle, or between two vehicles.
+    """Compares two states of a vehicle, for example before and after a repair, or two vehicles.
+
+    Every quantity that is estimated in both states is compared: trim shares and control effectiveness of the motors,
+    rate damping, and motor time constant. Other conditions of flight, such as the battery's voltage, widen its interval
+    by an allowance. All differences are then tested together, so that many quantities do not raise the number of false
+    alarms.
 
     Args:
-        before: rows of the first state.
+        before: rows of the fleet's table for the first state, one for each axis of each flight.
         after: rows of the second state. Rows without figures are left out of both.
+
+    Returns:
+        The differences with their outcomes; what could not be compared, with the reason; and how both states were
+        flown.
     """
+    # Indices 0 and 1 are the first and the second state. Estimates are, by state and flight, a dictionary by quantity.
     states = [flights_of(row for row in rows if row.is_read) for rows in (before, after)]
     conditions = (conditions_of(states[0]), conditions_of(states[1]))
     estimates = [[estimates_of(flight) for flight in flights] for flights in states]
@@ -211,6 +221,7 @@ def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifferen
     else:
         comparable_kinds = []
     changes = []
+    # A quantity may be missing in some flights of a state: those that have it are compared.
     for quantity in {quantity for flight in estimates[0] for quantity in flight}:
         estimates_before = [flight[quantity] for flight in estimates[0] if quantity in flight]
         estimates_after = [flight[quantity] for flight in estimates[1] if quantity in flight]
@@ -237,9 +248,17 @@ def _vehicle_names(flights: Flights) -> Names:
 
 
 def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterChange]:
-    """Returns the parameters that somebody set to other values: those of control first, then by name.
+    """Returns the autopilot parameters that somebody set to other values between two states.
 
-    Parameters that the autopilot itself sets, such as statistics, are left out.
+    Parameters that the autopilot itself sets, such as statistics, are left out, and so are those that only one of the
+    states has: logs need not hold all parameters.
+
+    Args:
+        before: values by the autopilot's name, in the first state.
+        after: the same of the second state.
+
+    Returns:
+        The changes: parameters of control first, each part in the order of names.
     """
     changes = []
     for name in before.keys() & after.keys():
@@ -260,11 +279,20 @@ def states_without_gains(before: Parameters, after: Parameters) -> Names:
 
 
 def baseline_differences(rows: FlightRows, baseline: FlightRows) -> BaselineDifferences:
-    """Compares the latest flight of each vehicle with its flights of a baseline.
+    """Compares the latest flight of each vehicle with its own flights in a baseline of healthy flights.
 
     Only the latest flight is compared: flights with a fault and without one, taken together, would hide the fault.
-    Flights of the baseline do not count as later ones, and flights of unknown vehicles are left out.
+    Flights of unknown vehicles are left out.
+
+    Args:
+        rows: rows of the fleet's table, one for each axis of each flight. They may contain the baseline.
+        baseline: rows of the healthy flights.
+
+    Returns:
+        By vehicle, the first row of its latest flight and the difference, which is None if the baseline has no flight
+        of this vehicle.
     """
+    # The key of a row is a digest of its log, so that a flight of the baseline is known under any file name.
     baseline_keys = {row.key for row in baseline if row.key}
     baseline_vehicles = vehicles_of(baseline)
     later_rows = [row for row in rows if row.key not in baseline_keys]
@@ -282,9 +310,17 @@ def baseline_differences(rows: FlightRows, baseline: FlightRows) -> BaselineDiff
 
 
 def estimates_of(flight: AxisRows) -> dict[Quantity, Estimate]:
-    """Returns the estimates of one flight, from the rows of its axes.
+    """Collects what one flight tells of the compared quantities, from the rows of its axes.
 
-    Only physical parameters that are "reported" are compared: the bias of the others depends on wind and steering.
+    Only physical parameters with the status "reported" are taken. The bias of the others depends on wind and steering,
+    so that they would seem to change with the weather.
+
+    Args:
+        flight: the rows of roll, pitch and yaw. Half widths of 90 % intervals become standard deviations.
+
+    Returns:
+        By quantity: logarithms, relative to the median motor, of trim shares and effects; the logarithm of the mean
+        effect by axis; the damping, 1/s, and the motor time constant, s, by axis.
     """
     estimates: dict[Quantity, Estimate] = {}
     effects_by_axis: dict[Quantity, list[Estimate]] = {}
@@ -304,6 +340,7 @@ def estimates_of(flight: AxisRows) -> dict[Quantity, Estimate]:
         effects = log_estimates(row.effect, row.effect_interval)
         if effects and row.effect_status == Status.REPORTED:
             estimates[Quantity(MEAN_EFFECT, axis=axis)] = mean_estimate(effects.values())
+            # A model may have the controller's demand as its input in place of the motors.
             if len(row.motors or ()) == len(row.effect or ()):
                 for quantity, estimate in relative_to_median(EFFECT, effects).items():
                     effects_by_axis.setdefault(quantity, []).append(estimate)
@@ -323,14 +360,17 @@ def mean_estimate(estimates: Iterable[Estimate]) -> Estimate:
 
 
 def log_estimates(values: Numbers | None, half_widths: Numbers | None) -> dict[int, Estimate]:
-    """Returns the logarithm of a positive quantity of each motor.
+    """Returns the logarithm of a quantity of each motor, so that a change by a factor is a difference.
+
+    The error of ln x is that of x divided by x, to first order. This holds for small errors only, so values with wider
+    intervals are left out.
 
     Args:
-        values: of each motor; their signs are ignored.
-        half_widths: of their intervals.
+        values: (r,) of the motors, in any unit. Their signs are ignored: an effect has the sign of the motor's side.
+        half_widths: (r,) of their 90 % intervals, in the same unit.
 
     Returns:
-        Estimates by the number of the motor, from 1, without those of too wide an interval.
+        Estimates by the number of the motor, from 1.
     """
     estimates = {}
     pairs = zip(values or (), half_widths or (), strict=False)
@@ -342,7 +382,18 @@ def log_estimates(values: Numbers | None, half_widths: Numbers | None) -> dict[i
 
 
 def relative_to_median(kind: str, estimates: Mapping[int, Estimate]) -> dict[Quantity, Estimate]:
-    """Returns each motor's logarithm less the median of all motors; nothing if there are too few motors."""
+    """Returns each motor's logarithm less the median of all motors: how far the motor is from the typical one.
+
+    What all motors have in common, such as the battery's voltage, drops out. The median does not move if a single motor
+    changes, so the others stay unchanged. The error of the median is neglected.
+
+    Args:
+        kind: ``SHARE`` or ``EFFECT``.
+        estimates: logarithms by the number of the motor.
+
+    Returns:
+        Estimates by quantity; nothing with fewer than ``MIN_MOTORS``, whose median is no typical motor.
+    """
     if len(estimates) < MIN_MOTORS:
         return {}
     median_value = median(estimate.value for estimate in estimates.values())
@@ -369,7 +420,11 @@ class StateEstimates(NamedTuple):
 
     @property
     def excess_squares(self) -> float:
-        """The sum of squared deviations from the mean, less its expectation from errors within the flights alone."""
+        """What the squared deviations from the mean exceed their expectation by, if flights did not differ at all.
+
+        Errors of variances v within f flights alone give Σ (x − x̄)² an expectation of Σ v (1 − 1/f). The rest comes
+        from real differences between the flights. It is negative by chance where there are none.
+        """
         squares = ((self.values - self.values.mean()) ** 2).sum()
         return float(squares - self.variances.sum() * (1 - 1 / self.values.size))
 
@@ -380,10 +435,11 @@ def quantity_change(
     after: Sequence[Estimate],
     allowance: float,
 ) -> QuantityChange:
-    """Estimates the difference of one quantity between two states by a random-effects model.
+    """Estimates the difference of one quantity between two states by a random-effects model (Hedges and Olkin, 1985).
 
-    The variance of a flight's estimate is that within the flight plus a common variance between flights τ². The mean of
-    a state weighs its flights by the inverse of that variance.
+    The variance of a flight's estimate is that within the flight plus a common variance between flights, τ². The mean
+    of a state weighs its flights by the inverse of that sum. τ² combines the assumed ``SD_BETWEEN_FLIGHTS``, which
+    counts as ``PRIOR_FREEDOM`` flights, with the scatter that the flights show. The difference has a t distribution.
 
     Args:
         quantity: what is compared.
@@ -395,11 +451,14 @@ def quantity_change(
         The change, not yet tested together with others.
     """
     states = [StateEstimates.of(before), StateEstimates.of(after)]
+    # τ²: squares of the assumption and of the flights, over the degrees of freedom of both.
     observed_freedom = sum(state.values.size - 1 for state in states)
     between_freedom = PRIOR_FREEDOM + observed_freedom
     excess = sum(state.excess_squares for state in states)
     prior_squares = PRIOR_FREEDOM * SD_BETWEEN_FLIGHTS[quantity.kind] ** 2
     variance_between = (prior_squares + max(excess, 0.0)) / between_freedom
+    # The variance of the difference is the sum of those of both means. It is split into the two parts that come from τ²
+    # and from within the flights, since these are known with different degrees of freedom.
     means = []
     variance = 0.0
     variance_from_between = 0.0
@@ -418,6 +477,7 @@ def quantity_change(
     half_width = coverage_factor(freedom=freedom) * sd
     mean_before, mean_after = means
     difference = mean_after - mean_before
+    # Two-sided probability of such a difference if nothing changed.
     p = float(2 * stdtr(freedom, -abs(difference) / sd))
     if quantity.kind in (DAMPING, LAG):
         return QuantityChange(
@@ -429,16 +489,21 @@ def quantity_change(
 
 
 def with_outcomes(changes: Sequence[QuantityChange]) -> list[QuantityChange]:
-    """Tests changes together by Holm's procedure.
+    """Decides for each quantity whether it changed, by a test of all together (Holm's step-down procedure, 1979).
 
-    In the order of their p, quantities are called changed until the first with p > ``SIGNIFICANCE`` divided by the
-    number of those that are left. The others are the same if their interval lies within ``EQUIVALENCE_LIMITS``, else
-    uncertain.
+    Each quantity that is tested by itself adds its own chance of a false alarm. Holm's procedure bounds the chance of
+    any at ``SIGNIFICANCE``: from the smallest p-value on, quantities are called changed until the first one whose p
+    exceeds ``SIGNIFICANCE`` divided by the number of those not yet tested. The others are the same if their interval
+    lies within ``EQUIVALENCE_LIMITS``, else uncertain.
+
+    Args:
+        changes: the differences with their p-values.
 
     Returns:
         The changes with their outcomes, in the order of kinds, motors and axes.
     """
     tested = []
+    # After the first quantity that is not called changed, none of larger p may be.
     may_reject = True
     for rank, change in enumerate(sorted(changes, key=lambda change: change.p)):
         may_reject = may_reject and change.p <= SIGNIFICANCE / (len(changes) - rank)
@@ -455,11 +520,17 @@ def with_outcomes(changes: Sequence[QuantityChange]) -> list[QuantityChange]:
 
 
 def condition_allowance(kind: str, conditions: tuple[Conditions, Conditions]) -> float:
-    """Returns the standard deviation of the difference of a quantity that other conditions of flight may cause.
+    """Returns how much other conditions of flight alone may change a quantity.
+
+    The trim shares depend on the lean of the vehicle, since drag acts above or below the centre of mass. The mean
+    effect of the motors depends on voltage and thrust. The other quantities get no allowance.
 
     Args:
-        kind: of the quantity.
-        conditions: of the two states.
+        kind: kind of the quantity, such as ``SHARE``.
+        conditions: how both states were flown.
+
+    Returns:
+        A standard deviation in the unit of the difference: relative for shares and effects.
     """
     before, after = conditions
     if kind == SHARE:
@@ -488,7 +559,11 @@ def _lean_change(before: float | None, after: float | None) -> float:
 
 
 def conditions_of(flights: Flights) -> Conditions:
-    """Returns the mean conditions of flights."""
+    """Returns how flights were flown: means over the flights that have a value, None where no flight has one.
+
+    Args:
+        flights: of one state, the rows of each by axis.
+    """
     # The conditions are the same in the rows of all axes, but for the wind torque.
     first_rows = [flight[0] for flight in flights]
     wind_torques = {}
@@ -514,7 +589,14 @@ def _known_mean(values: Iterable[float | None]) -> float | None:
 
 
 def comparison_obstacle(states: Sequence[Flights]) -> Fact | None:
-    """Returns why two states cannot be compared, or only by quantities without a model; None where all can be."""
+    """Returns why two states cannot be compared at all, or in part; None where all can be compared.
+
+    Only states of the same number of motors, unit of trim, and inputs of the models have figures of the same meaning.
+    After ``Incomparable.OTHER_INPUTS``, the last to be checked, the trim can still be compared: it needs no model.
+
+    Args:
+        states: the flights of the first and of the second state.
+    """
     for name, flights in zip(STATE_NAMES, states, strict=True):
         if not flights:
             return Fact(Incomparable.NO_FLIGHT, subject=name)
@@ -524,6 +606,7 @@ def comparison_obstacle(states: Sequence[Flights]) -> Fact | None:
         Incomparable.OTHER_INPUTS: _inputs_of_model,
     }
     for code, property_of in properties.items():
+        # Flights of one state may differ among themselves, so one value in common is enough.
         before, after = (
             {property_of(row) for flight in flights for row in flight} - {None, ""}
             for flights in states
@@ -553,12 +636,17 @@ def missing_quantities(
     estimates: Sequence[Sequence[Iterable[Quantity]]],
     obstacle: Fact | None,
 ) -> Iterator[MissingQuantity]:
-    """Yields what cannot be compared, each with the reason.
+    """Yields what a reader would expect to be compared but is not, each with the reason.
+
+    Expected are the trim shares, the effects of the motors, and damping and motor time constant of roll and pitch.
 
     Args:
         states: the flights of both states.
-        estimates: the quantities that each flight of each state has an estimate of.
-        obstacle: that of :func:`comparison_obstacle`.
+        estimates: by state and flight, the quantities that have an estimate.
+        obstacle: why nothing, or nothing that needs a model, can be compared; from :func:`comparison_obstacle`.
+
+    Yields:
+        One entry for all quantities, or one for all of models, where there is an obstacle; else one for each quantity.
     """
     if obstacle is not None and obstacle.code is not Incomparable.OTHER_INPUTS:
         yield MissingQuantity(Fact(Compared.EVERYTHING), obstacle)
@@ -590,7 +678,15 @@ def _has_estimate(quantity: Quantity, flight_estimates: Sequence[Iterable[Quanti
 
 
 def missing_reason(quantity: Quantity, state_name: str, flights: Flights) -> Fact:
-    """Returns why a state has no estimate of a quantity: it is not reported by the models, or not estimated at all."""
+    """Returns why a state has no estimate of a quantity.
+
+    Either its models say that their value is biased or not identifiable, or no flight has a value at all.
+
+    Args:
+        quantity: what is missing.
+        state_name: "A" or "B", for the message.
+        flights: the flights of the state.
+    """
     statuses = set()
     for flight in flights:
         for row in flight:

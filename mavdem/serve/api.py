@@ -86,10 +86,15 @@ class Api:
     async def _receive_logs(self, request: HttpRequest) -> Added:
         """Receives the logs of an upload and adds them to the library.
 
+        Two limits protect the server before it receives anything: the number of uploads at the same time, and the
+        number of logs that still wait to be read.
+
         Raises:
-            Refusal: the sender may not upload, the server is busy, or the upload has no log that can be added.
+            Refusal: the sender may not upload, one of the limits is reached, or the upload has no log that can be
+                added.
         """
         self._rights.require(request, Use.UPLOAD)
+        # The number of rows that match, without the rows themselves.
         _, waiting_logs = await run_in_threadpool(
             self._library.find, "stage = ?", [Stage.WAITING], 0
         )
@@ -105,28 +110,34 @@ class Api:
         return await run_in_threadpool(self._add_logs_of_form, form, request)
 
     def _add_logs_of_form(self, form: UploadForm, request: HttpRequest) -> Added:
-        """Moves the logs of a received form into the library, and removes its other files.
+        """Moves the logs of an upload into the library, and deletes all other files that came with it.
 
-        If the library has a log already, its sharing is widened and a missing note is added, provided that the sender
-        may change flights.
+        A file that is no log does not stop the others: it is listed with the reason. If the library has the same log
+        already, its flight is kept; a sender who may change flights then widens its sharing and adds a missing note.
+
+        Args:
+            form: the received files, which lie in a temporary folder, and the text fields of the form.
+            request: the request, for the sender's rights and for its path, which may select the sharing.
 
         Returns:
-            The flights, and the files that are no logs with the reasons.
+            The flights that were added or already there, and the refused files with the reasons.
 
         Raises:
-            Refusal: none of the files is a log, or there is no room.
+            Refusal: none of the files is a log; the disk is full; or the flight was deleted in the meantime.
         """
         columns = _columns_of_form(form.fields, request.url.path)
         flights = []
         refused = []
         try:
             for path, file in form.files.items():
+                # A browser sends an empty file for a file field that was left blank.
                 if not file.size:
                     continue
                 # Some browsers send the whole path of the file on their machine.
                 file_name = PureWindowsPath(valid_unicode(file.filename or "")).name
                 name = file_name[:MAX_NAME_LETTERS] or "log"
                 try:
+                    # This raises a refusal for a file that is no log.
                     detect_format(path)
                     entry = self._library.add(path, name, **columns)
                     if self._rights.allows(request, Use.WRITE):
@@ -143,6 +154,7 @@ class Api:
         if not flights:
             first_reason = refused[0][1]
             raise Refusal(first_reason)
+        # This wakes the background reading.
         self._log_added()
         refused_logs = [{"name": name, "error": error_values(fact)} for name, fact in refused]
         return Added.model_validate({"flights": flights, "refused": refused_logs})

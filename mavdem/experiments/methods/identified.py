@@ -54,7 +54,11 @@ class Baseline(ForecasterBase):
 
     @property
     def cautions(self) -> Facts:
-        """Limitations of the model: that it is unstable, or that its method has not converged."""
+        """Limits of the model that a user of its forecasts must know, as facts; empty where there are none.
+
+        An unstable model is one whose forecasts grow without bound: the largest eigenvalue of its step from sample to
+        sample is beyond the unit circle, here by ``growth``. A method may also have stopped at its limit of iterations.
+        """
         cautions = []
         if not self.stable:
             cautions.append(
@@ -88,7 +92,13 @@ class Identified(Baseline):
     starts: Array
 
     def one_step(self) -> Array:
-        """Returns (T, m): each training sample predicted from those before it in its segment, and the inputs."""
+        """Predicts each training sample from the samples before it in its segment, and the inputs.
+
+        Each segment begins with the state that the method estimated for its first sample.
+
+        Returns:
+            (T, m) predictions in the outputs' units, of all segments one after the other.
+        """
         predictions = []
         for start, (inputs, outputs) in zip(self.starts, self.record.segments, strict=True):
             predictions.append(self.model.predicted_outputs(start, inputs, outputs))
@@ -97,12 +107,16 @@ class Identified(Baseline):
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> Forecast:
-        """Returns forecasts as :meth:`rolling_forecast_known_inputs`, of a model on which inputs have no effect.
+        """Forecasts the outputs without the inputs of the time that is forecast.
+
+        Only models without an effect of the inputs, such as the constant mean, can do that: a plant model needs to know
+        the motors. ``steps``, the samples after the training data and the result are as for
+        :meth:`rolling_forecast_known_inputs`.
 
         Args:
             steps: samples of each forecast.
-            inputs: (H, r) after the training data, which have no effect.
-            outputs: (H, m) of the same samples.
+            inputs: (H, r) after the training data. They have no effect.
+            outputs: (H, m) of the same samples, from which the state at the start of each forecast is filtered.
 
         Raises:
             ValueError: inputs have an effect on the model.
@@ -164,19 +178,26 @@ def identified(
     order: int,
     fit: Callable[[Segments, int], NormalizedFit],
 ) -> Identified:
-    """Identifies a state-space model by a method that works in normalized units.
+    """Identifies a state-space model: normalizes the data, runs a method on them, and converts its model back.
+
+    Normalized, the outputs and the principal components of the inputs have mean 0 and variance 1, so that all methods
+    weigh the outputs alike and none meets inputs that depend on each other; see :class:`NormalizedUnits`.
 
     Args:
-        method: name of the method; the result is called ``method(order)``.
-        train: a flight, or segments of one.
-        order: number of states.
-        fit: the method, a function of the segments in normalized units and the order.
+        method: name of the method, such as "PEM"; with the order it is the name of the model, such as "PEM(2)".
+        train: a flight of r inputs and m outputs, or segments of one.
+        order: number of states n.
+        fit: the method. It takes the segments in normalized units, each as inputs (T, k) and outputs (T, m), and n.
+
+    Returns:
+        The model in the flight's own units, with the first state of each segment and the training data.
 
     Raises:
         ValueError: the order is no positive number, an output is constant, or the data do not support the fit.
     """
     order = validated_count(order, "order")
     record = Record.from_flights(train)
+    # The matrices are so small that several threads would only cost time.
     with one_thread():
         units = NormalizedUnits.of(record)
         fitted = fit(units.normalized_segments(record), order)

@@ -58,7 +58,15 @@ def pem(train: TrainingData, order: int = 2) -> Identified:
 
 
 def pem_fit(segments: Segments, order: int) -> NormalizedFit:
-    """Fits a model of ``order`` states to segments in normalized units, from the subspace model on."""
+    """Runs PEM (prediction error method) on segments in normalized units.
+
+    Args:
+        segments: inputs (T, k) and outputs (T, m) of each.
+        order: number of states n.
+
+    Returns:
+        The model with the first states of the segments, and the number of iterations if it has not converged.
+    """
     start = subspace_fit(segments, order)
     likelihood = PredictionErrorLikelihood(start.model, start.starts, segments)
     expansion = likelihood.expand(likelihood.parameters)
@@ -93,7 +101,10 @@ class PredictionErrorLikelihood(NamedTuple):
         return np.concatenate([part.ravel() for part in self._parameter_arrays])
 
     def with_parameters(self, parameters: Array) -> PredictionErrorLikelihood:
-        """Returns the same likelihood with the model and the first states of a parameter vector (f,)."""
+        """Returns the same likelihood with the model and the first states of a parameter vector (f,).
+
+        This undoes :attr:`parameters`: the vector is cut into the parts, which get their shapes again.
+        """
         arrays = self._parameter_arrays
         ends = np.cumsum([array.size for array in arrays])
         reshaped = []
@@ -121,15 +132,25 @@ class PredictionErrorLikelihood(NamedTuple):
         return concentrated_log_likelihood(self.errors(parameters))
 
     def expand(self, parameters: Array) -> QuadraticExpansion:
-        """Returns the gradient and the Gauss-Newton curvature of the log likelihood, by finite differences of errors.
+        """Expands the log likelihood to second order around parameters, for a Gauss-Newton step.
 
-        The errors are weighted by the inverse of their covariance at these parameters.
+        With errors e and their covariance Σ at these parameters, the log likelihood is −½ Σₜ eₜᵀ Σ⁻¹ eₜ but for a
+        constant. Its gradient is −Jᵀ Σ⁻¹ e and its curvature Jᵀ Σ⁻¹ J, where the derivatives J = ∂e/∂θ come from
+        finite differences: one run of the predictor for each parameter.
+
+        Args:
+            parameters: (f,) as in :attr:`parameters`.
+
+        Returns:
+            Value (nats), gradient (f,) and curvature (f, f).
         """
         errors = self.errors(parameters)
+        # Steps are relative for large parameters and absolute for small ones.
         steps = FINITE_DIFFERENCE_STEP * np.maximum(1.0, abs(parameters))
         moved_errors = np.array([self.errors(parameters + step) for step in np.diag(steps)])
         derivatives = (moved_errors - errors) / steps[:, None, None]
         precision = np.linalg.inv(error_covariance(errors))
+        # Σ⁻¹ = L Lᵀ: derivatives and errors times L have unit weight, so that plain products of them suffice.
         precision_root = np.linalg.cholesky(precision)
         weighted_derivatives = (derivatives @ precision_root).reshape(len(parameters), -1)
         curvature = weighted_derivatives @ weighted_derivatives.T
@@ -197,7 +218,10 @@ class EMFit(NamedTuple):
 
 
 def iterate_em(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -> EMFit:
-    """Runs EM from the subspace model with noise, until it has converged or for a number of iterations.
+    """Runs EM (expectation maximization) from the subspace model with noise, until the likelihood hardly rises.
+
+    Each iteration smooths the states of all segments under the model there is (E step), and fits the model to the
+    smoothed states (M step). The smoother gives the log likelihood of the model as well.
 
     Args:
         segments: inputs (T, k) and outputs (T, m) of each, in normalized units.
@@ -228,11 +252,14 @@ def iterate_em(segments: Segments, order: int, iterations: int = MAX_ITERATIONS)
 
 
 def model_with_noise(fit: NormalizedFit, segments: Segments) -> LinearGaussianModel:
-    """Returns the model that EM starts from: the subspace model with the noise that its gain implies, and more.
+    """Returns the model that EM starts from: the subspace model with independent noises of states and outputs.
+
+    Innovations e of covariance R that enter the states by the gain K make state noise of covariance K R Kᵀ. More is
+    added, since EM can hardly enlarge a noise that is nearly 0.
 
     Args:
-        fit: of the subspace method.
-        segments: that it was fitted to.
+        fit: model and first states by the subspace method.
+        segments: inputs (T, k) and outputs (T, m) of each, in normalized units, that it was fitted to.
     """
     model = fit.model
     residuals = []
@@ -250,8 +277,9 @@ def maximize_expected_likelihood(
 ) -> LinearGaussianModel:
     """Returns the model with the highest expected likelihood of outputs and states together: the M step of EM.
 
-    It regresses x⁺ on [x, u, 1] and y on [x, 1], with expected products E zzᵀ of regressors and targets z. These are
-    the products of the states' means, and the covariances of states where two of them meet.
+    It regresses the next state x⁺ on [x, u, 1], and the output y on [x, 1]. The states are not known, only their means
+    and covariances, so that the regressions use expected products: E xxᵀ = mean · meanᵀ + covariance. The covariances
+    are therefore added to the blocks of the products in which a state meets a state (Shumway and Stoffer, 1982).
 
     Args:
         model: of the last iteration, for its shapes: n states, k inputs, m outputs.
@@ -266,12 +294,14 @@ def maximize_expected_likelihood(
         means = states.means
         covariances = states.covariances
         ones = np.ones((len(outputs), 1))
+        # Columns: state (n), inputs (k), constant, next state (n).
         transitions = np.hstack([means[:-1], inputs[:-1], ones[:-1], means[1:]])
         products = transitions.T @ transitions
         products[:n, :n] += covariances[:-1].sum(0)
         products[-n:, :n] += states.lag_one_covariances.sum(0)
         products[-n:, -n:] += covariances[1:].sum(0)
         dynamics_products.append(products)
+        # Columns: state (n), constant, outputs (m).
         observations = np.hstack([means, ones, outputs])
         products = observations.T @ observations
         products[:n, :n] += covariances.sum(0)

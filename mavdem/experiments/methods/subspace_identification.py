@@ -1,4 +1,4 @@
-"""Subspace identification: states are projections of the past onto the future, the model is their regression.
+"""Subspace identification of state-space models: states from canonical correlations of past and future samples.
 
 The method works on windows of h past and h future samples of k inputs and m outputs, in normalized units.
 """
@@ -59,10 +59,11 @@ def subspace(train: TrainingData, order: int = 2) -> Identified:
 
 
 def subspace_fit(segments: Segments, order: int) -> NormalizedFit:
-    """Identifies a model of segments in normalized units.
+    """Identifies a state-space model of segments in normalized units, in three steps without iterations.
 
-    With the estimated states x it regresses y = C x + trim + e and x⁺ = A x + B u + offset + w. The covariances of w
-    and e give the gain K.
+    1. The state x at the middle of each window is the map of :func:`canonical_state_map` applied to the past half.
+    2. Least squares of y = C x + trim + e and of x⁺ = A x + B u + offset + w, where x⁺ is the state one sample later.
+    3. The covariances of w and e give the steady Kalman gain K of the innovation form.
 
     Args:
         segments: inputs (T, k) and outputs (T, m) of each.
@@ -75,6 +76,7 @@ def subspace_fit(segments: Segments, order: int) -> NormalizedFit:
     first_inputs, first_outputs = segments[0]
     k = first_inputs.shape[1]
     m = first_outputs.shape[1]
+    # Each window has as many past samples as future ones. Its middle sample is the first of the future.
     windows = sample_windows(segments, 2 * horizon)
     count = len(windows)
     state_map = canonical_state_map(windows, order, k)
@@ -86,6 +88,7 @@ def subspace_fit(segments: Segments, order: int) -> NormalizedFit:
     regressors = np.hstack([constant, states])
     output_coefficients = least_squares(regressors, outputs)
     innovations = outputs - regressors @ output_coefficients
+    # The first column belongs to the constant.
     output_trim, C = np.split(output_coefficients.T, [1], axis=1)
 
     regressors = np.hstack([constant, states, inputs])
@@ -117,25 +120,30 @@ def sample_windows(segments: Segments, length: int) -> Array:
 
 
 def choose_horizon(segments: Segments, order: int) -> int:
-    """Returns the number of past and of future samples to look at: as many as there are enough windows for.
+    """Returns h, the number of past and of future samples that states are estimated from.
+
+    A longer past shows more of the state. But the regressions have 1 + 2 h (k + m) regressors, and need several windows
+    for each of them: so h is the largest up to ``MAX_HORIZON`` with ``SUFFICIENT_WINDOWS`` windows for each regressor,
+    or else the smallest that can show all states.
 
     Args:
         segments: inputs (T, k) and outputs (T, m) of each.
-        order: number of states.
+        order: number of states n.
 
     Raises:
         NotLearnable: too few samples even for the shortest horizon.
     """
     k, m = (int(table.shape[1]) for table in segments[0])
-    # The outputs of the horizon must be able to show all states.
+    # The h · m outputs of the future must be more than the n states that they show.
     min_horizon = order // m + 1
     lengths = np.array([len(outputs) for _, outputs in segments])
 
     def regressors_of(horizon: int) -> int:
-        """Numbers in a window, and the constant."""
+        """Returns the number of inputs and outputs in a window of 2 h samples, and one for the constant."""
         return 1 + 2 * horizon * (k + m)
 
     def windows_per_regressor(horizon: int) -> float:
+        # A segment of T samples has T − 2 h + 1 windows.
         windows = np.maximum(lengths - 2 * horizon + 1, 0).sum()
         return float(windows / regressors_of(horizon))
 
@@ -153,10 +161,12 @@ def choose_horizon(segments: Segments, order: int) -> int:
 
 
 def canonical_state_map(windows: Array, order: int, k: int) -> Array:
-    """Returns the map from the past to states by canonical correlation analysis.
+    """Returns the linear map from past samples to states, by canonical correlation analysis (CVA, Larimore 1990).
 
-    The future inputs and a constant are projected out of the past and of the future outputs. The states are the
-    combinations of the remaining past with the largest correlations with the remaining future.
+    What the future inputs and a constant explain is removed from the past and from the future outputs, since the state
+    must tell what the inputs do not. The states are the n combinations of the remaining past with the largest
+    correlations with the remaining future: orthonormal bases of both are multiplied, and the left singular vectors of
+    the product are the directions of largest correlation.
 
     Args:
         windows: (N, 2 h, k + m) samples, half past and half future, inputs before outputs.
@@ -177,17 +187,26 @@ def canonical_state_map(windows: Array, order: int, k: int) -> Array:
     future_outputs = future[:, :, k:].reshape(count, -1)
     past_residual = past - regressors @ least_squares(regressors, past)
     future_residual = future_outputs - regressors @ least_squares(regressors, future_outputs)
+    # Orthonormal bases make covariances into correlations.
     past_basis, past_map = orthonormal_basis(past_residual)
     _, future_map = orthonormal_basis(future_residual)
     correlations = past_basis.T @ future_residual @ future_map
     directions = np.linalg.svd(correlations, full_matrices=False)[0]
     if directions.shape[1] < order:
         raise NotLearnable(Forecasts.TOO_FEW_STATES, order=order, states=directions.shape[1])
+    # A column of an orthonormal basis of N rows has the variance 1/N.
     return past_map @ directions[:, :order] * np.sqrt(count)
 
 
 def orthonormal_basis(table: Array) -> ArrayPair:
-    """Returns an orthonormal basis (N, c) of the columns of a table (N, d), and the map (d, c) from table to basis."""
+    """Finds an orthonormal basis of the columns of a table, by its singular value decomposition.
+
+    Args:
+        table: (N, d) with columns that may depend on each other.
+
+    Returns:
+        The basis (N, c) and the map (d, c) with table · map = basis. c is the numerical rank of the table.
+    """
     basis, singular_values, directions = np.linalg.svd(table, full_matrices=False)
     independent = singular_values > RANK_TOLERANCE * singular_values.max(initial=0.0)
     return basis[:, independent], directions[independent].T / singular_values[independent]
@@ -199,13 +218,15 @@ def least_squares(regressors: Array, targets: Array) -> Array:
 
 
 def innovation_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
-    """Returns the gain K (n, m) of the innovation form of x⁺ = A x + … + w, y = C x + … + v.
+    """Returns the steady Kalman gain K (n, m) of the innovation form of x⁺ = A x + … + w, y = C x + … + v.
 
-    With it A − K C is stable (Van Overschee and De Moor, Subspace Identification for Linear Systems, 1996, sec. 4.2.2,
-    Table 4.1).
+    With it the predictor A − K C is stable (Van Overschee and De Moor, Subspace Identification for Linear Systems,
+    1996, sec. 4.2.2, Table 4.1).
+
+    For data without noise the Riccati equation has no such solution, so a little noise is added, and more if need be.
 
     Args:
-        A: (n, n).
+        A: (n, n) of one sampling step.
         C: (m, n).
         Q, R, S: covariances E wwᵀ (n, n), E vvᵀ (m, m) and E wvᵀ (n, m).
 
@@ -223,10 +244,12 @@ def innovation_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
 def initial_state(model: StateSpace, inputs: Array, outputs: Array) -> Array:
     """Returns the first state (n,) of a segment with the least squared one-step prediction errors.
 
-    Predictions are linear in the first state. Where the segment does not determine it, the smallest one is taken.
+    The predictions are linear in the first state: those from state 0 plus the effect of each of its n entries, which is
+    the difference that a unit entry makes. So the state is found by linear regression. Where the segment does not
+    determine it, the smallest one is taken.
 
     Args:
-        model: in innovation form.
+        model: in innovation form, in the units of the data.
         inputs: (T, k) of the segment.
         outputs: (T, m) of the segment.
     """

@@ -3,7 +3,7 @@
 The paper is A. Anil Meera and M. Wisse, "A Brain Inspired Learning Algorithm for the Perception of a Quadrotor in
 Wind". Each claim has one experiment, which a module of this package runs and checks by rules that are fixed beforehand.
 
-Needs the extra ``view``: ``pip install 'mavdem[view]'``.
+Its figures need matplotlib, the extra ``plot``: ``pip install 'mavdem[plot]'``.
 """
 
 from collections.abc import Sequence

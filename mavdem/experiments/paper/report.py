@@ -1,4 +1,4 @@
-"""The report of ``mavdem reproduce``: a page with a chapter for each claim of the paper, and ``numbers.json``."""
+"""The report of ``mavdem reproduce``, which runs a paper's experiments again: a page with a chapter for each claim."""
 
 import platform
 from collections.abc import Sequence
@@ -77,7 +77,13 @@ class ItemReport:
         return f"{self.status.value.capitalize()}: {joined_findings(self.result.checks)}."
 
     def to_dict(self) -> JsonValues:
-        """Returns the entry of this claim in ``numbers.json``, as plain JSON values by name."""
+        """Returns the entry of this claim in ``numbers.json``, the file with all figures behind the page.
+
+        Returns:
+            Values by key: ``paper`` is what the paper claims and where; ``verdict`` whether that is reproduced, and
+            ``sentence`` the same in words; ``checks`` the rules with their findings; ``numbers`` the results of the
+            experiment, whose keys each experiment defines; ``remarks`` the limits of the comparison.
+        """
         claim = self.claim
         return {
             "name": claim.name,
@@ -91,7 +97,11 @@ class ItemReport:
         }
 
     def chapter(self) -> Chapter:
-        """Returns the chapter of the page: the claim, the findings, the rules of the checks, tables and figures."""
+        """Returns the chapter of this claim on the page.
+
+        From top to bottom: the paper's words with the labels of its figures and tables, the findings in one sentence, a
+        table of the checks with their rules, the tables of the experiment, the remarks, and the figures.
+        """
         claim = self.claim
         result = self.result
         quotation = f"“{claim.quote}” ({', '.join(claim.labels)})"
@@ -107,6 +117,7 @@ class ItemReport:
     def _check_table(self) -> Table:
         """Returns the table of all checks with their findings and rules, those that fail first."""
         rows = []
+        # False sorts before True.
         for check in sorted(self.result.checks, key=lambda check: check.holds):
             rows.append(["holds" if check.holds else "fails", check.finding, check.rule])
         return Table(["check", "finding", "holds if"], rows, words=True)
