@@ -46,7 +46,7 @@ class NoLoop(NamedTuple):
 class Assessment:
     """What happened in a log, what its vehicle is, and what the figures are good for; ``str`` is the screen.
 
-    The parts are computed in the order of :func:`mavdem.assessment.assess.assess_signals`. Only the measured responses
+    The parts are computed in the order of ``mavdem.assessment.assess.assess_signals``. Only the measured responses
     and the noise spectra, which take seconds and which few callers need, are computed when they are first read.
     """
 

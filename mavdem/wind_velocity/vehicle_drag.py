@@ -278,8 +278,8 @@ class Drag(ImmutableResult):
 
         The drag coefficients stay as they are. The lean has a part that stays, as by an offset load, and a part that
         changes from flight to flight, as by the accelerometers' bias (``LEAN_CHANGE_SD``). So its mean shrinks to the
-        share a of the variance that stays, and its variance P becomes a² P + (1 − a²) ``LEAN_SD``². This is a step of a
-        first-order autoregression whose stationary variance is that of the population.
+        share a of the variance that stays, and its variance P becomes a² P + (1 − a²) times the square of ``LEAN_SD``.
+        This is a step of a first-order autoregression whose stationary variance is that of the population.
         """
         constant_share = 1 - (LEAN_CHANGE_SD / LEAN_SD) ** 2
         scale = np.array([1, 1, 1, 1, constant_share, constant_share])
