@@ -85,7 +85,10 @@ def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
 
 
 def identified_parameters(learned: Learned) -> Physical:
-    """Returns the physical parameters of a model, and warns of those that are not reported without reserve.
+    """Returns the physical parameters of a model, and warns of those that are biased or poorly known.
+
+    Args:
+        learned: the model.
 
     Raises:
         NotLearnable: the parameters are not identifiable, or the model has other outputs than an angle and its rate.
@@ -113,21 +116,24 @@ def plant_system(parameters: Sequence[float], names: SignalNames) -> control.Sta
     """Returns the plant of one set of physical parameters in continuous time.
 
     With the motors' torque τ, the rate ω and the angle φ: τ̇ = (u(t − delay) − τ)/lag, ω̇ = τ − damping ω, φ̇ = ω, where
-    u is the sum of the inputs by their effects.
+    u is the sum of the inputs by their effects. A delay has no finite state-space model; its Padé approximation, a
+    rational all-pass of ``PADE_ORDER``, takes its place.
 
     Args:
         parameters: effect of each input, rad/s² per unit, then the damping, 1/s, the motor time constant, s, and the
             delay, s.
-        names: of the system and its signals; with one output the plant ends at the rate.
+        names: names of the system and its signals; with one output the plant ends at the rate.
     """
     import control
 
+    # The effects of all inputs come first, the three parameters of the dynamics last.
     effect = parameters[:-3]
     damping, lag, delay = parameters[-3:]
     outputs = names["outputs"]
     output_count = len(outputs)
     pade_order = PADE_ORDER if delay else 0
     delay_system = control.tf2ss(*control.pade(delay, pade_order))
+    # States: angle, rate and torque.
     angle_rate_torque = np.array([[0, 1, 0], [0, -damping, 1], [0, 0, -1 / lag]])
     # A plant with the rate as its only output has no state of the angle.
     first_state = MAX_PLANT_OUTPUTS - output_count

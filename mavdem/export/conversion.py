@@ -84,6 +84,13 @@ def convert(
 def convert_stream(source: Path, out: Path) -> JsonValues:
     """Writes all MAVLink frames of a log in the other stream format, and reports what was written.
 
+    Args:
+        source: the log, .tlog or .mcap.
+        out: the file to write, of the other of these formats.
+
+    Returns:
+        Plain JSON values, as of :func:`convert`.
+
     Raises:
         ValueError: the source has the format of ``out`` already.
     """
@@ -110,6 +117,14 @@ def convert_to_table(
     source: Path, out: Path, axis: str, vehicle: str | None, inputs: str | None
 ) -> JsonValues:
     """Writes the longest segment of one vehicle's flight as a table with its wind, and reports what was written.
+
+    It is the flight from which a model would be learned. A log without one may still have attitude and motors, and
+    their longest common segment is then written with the reason as a caution.
+
+    Args:
+        source: the log.
+        out: the file to write.
+        axis, vehicle, inputs: as for :func:`convert`.
 
     Raises:
         NotLearnable: the log has no segment with attitude and inputs.

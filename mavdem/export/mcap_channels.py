@@ -54,9 +54,10 @@ def write_channels(
 
 
 def json_keys(names: Sequence[str]) -> list[str]:
-    """Returns names of signals as viewers can have them in paths: "motor_1" for "motor 1 (front right)".
+    """Returns names of signals as JSON keys that viewers accept in paths: "motor_1" for "motor 1 (front right)".
 
-    Where two would be the same, all are numbered.
+    Characters other than letters, digits and underscores would need quotes there. Where two names would become the same
+    key, all get a number at their end.
     """
     keys = [re.sub(r"\W+", "_", without_remark(name)).strip("_") for name in names]
     if len(set(keys)) < len(keys):

@@ -115,7 +115,11 @@ def wind_columns(signals: Signals, boot: int, time: Array) -> dict[str, Array]:
 def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> None:
     """Writes a table as CSV: a line with the names of the columns, then a line for each sample.
 
-    CSV has no place for metadata, so the ``provenance`` is not written.
+    Args:
+        file: where to write; it stays open.
+        table: the columns, all of the same length.
+        provenance: where the flight comes from. It is not written, since CSV has no place for metadata; the argument
+            is there because all writers of tables are called alike.
     """
     formatted_columns = []
     for name, column in table.items():

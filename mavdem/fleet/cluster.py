@@ -102,7 +102,10 @@ class Cluster:
             raise self._refusal(Reading.CLUSTER_CANNOT_READ, because=str(error)) from None
 
     def stop(self) -> None:
-        """Gives up what is being read, and ends the waiting processes; the next log makes a new connection."""
+        """Gives up what is being read, and ends the waiting processes; the next log makes a new connection.
+
+        The client is taken out of the object first, so that another thread does not use it while it closes.
+        """
         with self._lock:
             client = self._client
             self._client = None
@@ -135,6 +138,7 @@ class Cluster:
             except (OSError, ValueError) as error:
                 because = str(error).splitlines()[0]
                 raise self._refusal(Reading.NO_SCHEDULER, because=because) from None
+            # Where a check raises, the client is closed; pop_all keeps it open where all went well.
             with ExitStack() as on_failure:
                 on_failure.callback(client.close)
                 self._check_workers(client)
@@ -163,7 +167,15 @@ class Cluster:
 
 
 def read_on_worker(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
-    """Reads a log in a worker of the cluster, by a process that is kept for the next log."""
+    """Reads a log in a worker of the cluster, by a process that is kept for the next log.
+
+    The worker itself does not read: a log that crashes its reader, or needs too much memory, must not end the worker.
+
+    Args:
+        job: the log.
+        limits: time and memory for it.
+        read: the function that reads it.
+    """
     # Dask's workers are daemons, which may have no child processes. The readers end with their worker.
     current_process().daemon = False
     # Threads of the worker take readers side by side, so that it may become empty after any check.

@@ -74,10 +74,11 @@ def best_tier(flight: AxisRows) -> str:
 def distinct_flights(flights: Sequence[FlightRows]) -> list[FlightRows]:
     """Returns the flights of one vehicle without duplicates: two logs of one flight, such as tlog and DataFlash.
 
-    Flights that overlap in time are one flight; the log with the best tier stands for it.
+    Flights that overlap in time are one flight, since a vehicle cannot fly twice at once; the log with the best tier
+    stands for it. A flight without a date is never taken for a duplicate.
 
     Args:
-        flights: of one vehicle, in order of date.
+        flights: flights of one vehicle, in order of date.
     """
     distinct: list[FlightRows] = []
     for flight in flights:

@@ -35,6 +35,9 @@ def earlier_flight(path: Path, axis: str) -> Learned:
 def earlier_drag(path: Path, wind_speed: float | None = None) -> Drag:
     """Returns the drag of an earlier flight as a prior for the next one.
 
+    A vehicle keeps its drag coefficients from flight to flight, more or less, so that the next flight need not estimate
+    them from nothing.
+
     Args:
         path: what ``mavdem learn`` or ``mavdem wind --json`` wrote. In a folder, and beside a ``model.json``, it is the
             report.

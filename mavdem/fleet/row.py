@@ -343,9 +343,13 @@ def column_types() -> JsonValues:
 
 
 def column_value(value: Any, column_type: Any) -> Any:
-    """Returns a value as the type of its column.
+    """Converts a value to the type of its column, so that equal flights have equal rows in SQLite, JSON and Parquet.
 
     NaN and infinity become None, times become UTC, and text becomes such as UTF-8 can hold.
+
+    Args:
+        value: the value; None stays None.
+        column_type: type of the column: ``str``, ``int``, ``float``, ``datetime`` or a tuple of one of these.
     """
     if value is None:
         return None
@@ -407,8 +411,9 @@ def row_schema() -> Any:
 def columns_of_report(report: Mapping[str, Any]) -> JsonValues:
     """Returns the columns that a document of ``report.json`` has a value for.
 
-    Of a log with a model the inputs and the cautions are those of the model; otherwise those of the motors' trim and of
-    the verdict on the log.
+    Most columns are values of the document at the path in their metadata. A few follow from several values. Of a log
+    with a model the inputs and the cautions are those of the model; otherwise those of the motors' trim and of the
+    verdict on the log.
     """
     columns = {}
     for column in fields(FlightRow):

@@ -37,8 +37,10 @@ PAGE_KEY_LETTERS = 16
 def rows_of_log(path: Path, key: str = "", make_page: MakePage | None = None) -> LogRows:
     """Reads and judges a log.
 
+    Each vehicle is assessed by itself. An error that concerns one of several vehicles becomes a row with its reason.
+
     Args:
-        path: of the log.
+        path: path of the log.
         key: hash and size of the log's content, by which its pages are named.
         make_page: makes the HTML of a flight's page from the log's name and its assessment; no pages unless given.
 
@@ -148,9 +150,15 @@ def _balance_columns(signals: Signals) -> JsonValues:
 
 
 def wind_columns(wind: WindVelocity) -> JsonValues:
-    """Returns the speed and direction of the wind, where they are identifiable, and the drag; angles in rad.
+    """Returns the columns of wind and drag.
 
-    The speed is None in calm air, where it may have been 0.
+    Args:
+        wind: estimate of the wind, its direction in degrees.
+
+    Returns:
+        Speed, m/s, and direction, rad, with half widths of their 90 % intervals, where they are identifiable. The speed
+        is None in calm air, where it may have been 0. The drag has four coefficients: linear along body x and y, 1/s,
+        then quadratic, 1/m.
     """
     columns = JsonValues()
     if wind.speed_identifiable:
@@ -178,7 +186,11 @@ def margin_columns(loop: Loop) -> JsonValues:
 
 
 def _mean_columns(analysis: LogAnalysis) -> JsonValues:
-    """Returns the means of inputs (r,) and outputs (m,) over the flights that a model was trained on."""
+    """Returns the means of inputs (r,) and outputs (m,) over the flights that a model was trained on.
+
+    By them another flight is compared with this one; see ``mavdem.fleet.tracking.residual_mean``. Empty without a
+    model.
+    """
     if analysis.learned is None:
         return {}
     inputs = np.concatenate([flight.inputs for flight in analysis.flights])

@@ -95,7 +95,7 @@ def local_logs(name: str, excluded_path: str) -> Iterator[LogSource]:
     """Yields the logs of this machine that a file, a folder or a pattern stands for.
 
     Args:
-        name: of the file or folder, or the pattern.
+        name: path of a file or folder, or a pattern.
         excluded_path: real path of a folder whose files are left out; empty for none.
     """
     paths = []
@@ -135,6 +135,9 @@ def source_of(path: str) -> LogSource:
 def remote_logs(url: str) -> Iterator[LogSource]:
     """Yields the logs that a URL stands for: a file, the logs in a folder, or what a pattern matches.
 
+    fsspec knows the file system of the URL. Files in a folder are chosen by the endings of their names, since their
+    first bytes would have to be fetched.
+
     Raises:
         MissingExtra: fsspec is not installed.
         Unreadable: the URL cannot be reached.
@@ -170,7 +173,11 @@ def remote_logs(url: str) -> Iterator[LogSource]:
 
 
 def version_of(details: Mapping[str, Any]) -> str:
-    """Returns what changes with the content of a remote file, by the details that its file system has; or ""."""
+    """Returns a text that changes with the content of a remote file, or "" where its file system has none.
+
+    Args:
+        details: properties of the file, whose names differ from file system to file system.
+    """
     for name in VERSION_FIELDS:
         if details.get(name):
             return str(details[name])

@@ -55,8 +55,8 @@ def state_of(name: str, path: Path, vehicle: str | None = None) -> VehicleState:
 
     Args:
         name: what the log or the fleet is called in messages.
-        path: of the log, or of the folder of the fleet.
-        vehicle: its name, as a fleet has it; in a log also "system:component". All vehicles unless given.
+        path: path of the log, or of the folder of the fleet.
+        vehicle: name of the vehicle, as a fleet has it; in a log also "system:component". All vehicles unless given.
 
     Raises:
         NotLearnable: there are no flights of the vehicle.
@@ -113,6 +113,9 @@ def of_common_vehicle(
     before: VehicleState, after: VehicleState
 ) -> tuple[VehicleState, VehicleState]:
     """Returns the flights of the one vehicle that both states have, or all flights where neither has several vehicles.
+
+    Two states of one vehicle each may be compared even where their vehicles differ. With several vehicles, only the one
+    that both have can be meant.
 
     Raises:
         NotLearnable: the states have no vehicle in common, or several.

@@ -173,7 +173,10 @@ class Store:
             yield
 
     def has_read(self, source: LogSource, limits: JobLimits) -> bool:
-        """Returns whether a log is unchanged, and another reading would end as the last one did."""
+        """Returns whether a log need not be read: it is unchanged, and another reading would end as the last one did.
+
+        A log without a version, such as a pipe, always counts as changed.
+        """
         query = f"""select 1 from logs where path = :path and version = :version and version <> '' and
             :size in ({UNKNOWN_SIZE}, size) and {IS_FINAL_SQL}"""
         return self.db.execute(query, _query_values(source, limits)).fetchone() is not None
@@ -202,10 +205,17 @@ class Store:
     def add(self, source: LogSource, outcome: JobOutcome, limits: JobLimits) -> None:
         """Adds the outcome of a log, with its pages, in place of what the store had by its name and by its content.
 
-        A log whose content was known by another name becomes a further name of that content.
+        The table ``logs`` has an entry for each name of a log; the rows of flights belong to the content, which several
+        names may share. A log whose content was known by another name becomes a further name of that content.
+
+        Args:
+            source: name, size and version of the log.
+            outcome: what came of reading it.
+            limits: the limits within which it was read; with higher ones it may be read again.
         """
         self._write_pages(outcome)
         path = utf8_text(source.path)
+        # Without a key the content was not reached; then the path stands for it.
         content = outcome.key or f"path:{path}"
         with self.transaction():
             query = "select max(tracked) from logs where path = ?"
@@ -315,6 +325,10 @@ class Store:
 
     def publish(self, assess: AssessRows) -> None:
         """Judges the vehicles of which anything is new, or whose baseline is, and writes the table if it changed.
+
+        Rows are marked with the hash of the baseline by which they were judged; those with another mark, or none, are
+        to be judged again. A change is noted in the table ``unpublished`` within the same transaction, so that a run
+        that is killed before it writes the Parquet file leaves this to the next one.
 
         Args:
             assess: judges all rows of a vehicle.

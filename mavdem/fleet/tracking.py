@@ -62,6 +62,10 @@ class TrackedLogs(NamedTuple):
 def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
     """Judges the health of the motors in each flight of one vehicle.
 
+    A flight has a row for each axis, but the balance of its motors is judged once per flight. The models of the healthy
+    flights then give each row its residual mean (:func:`residual_mean`). Flights under a name that several vehicles may
+    share are judged only against a baseline: otherwise one vehicle would be compared with another.
+
     Args:
         rows: all rows of the vehicle.
         baseline: rows of its healthy flights; the vehicle's first sound flights where it is empty.
@@ -69,6 +73,7 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
     Returns:
         The same rows in their order, with the columns of health.
     """
+    # Columns of an earlier judgement are cleared first.
     unjudged: JsonValues = dict.fromkeys((*ASSESSMENT_COLUMNS, *COMPARISON_COLUMNS))
     unjudged["health"] = UNKNOWN
     rows = [replace(row, **unjudged) for row in rows]
@@ -95,6 +100,7 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
         healthy_rows = baseline_rows
     else:
         healthy_rows = [row for row in flown if assessments[_flight_key(row)].is_healthy]
+    # One model for each healthy flight and axis.
     models = {(*_flight_key(row), row.axis): row for row in healthy_rows}.values()
 
     assessed_rows = []
@@ -113,7 +119,15 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
 
 
 def health_figures(row: FlightRow) -> HealthFigures:
-    """Returns the figures of one flight that the health of its motors is judged by."""
+    """Returns the figures of one flight that the health of its motors is judged by.
+
+    The balance has three figures with errors, roll, pitch and yaw, the lean of the vehicle (2), and the effect of lean
+    on the balance (3, 2). Columns of a table are flat, so that they get their shapes here. A flight is sound, and may
+    be a healthy one to compare with, if it did not oscillate and no motor was at its upper stop for long.
+
+    Args:
+        row: any row of the flight, since these columns are the same for all axes.
+    """
     motors = row.motors or ()
     balance = None
     signatures = None
@@ -160,8 +174,9 @@ def residual_mean(row: FlightRow, healthy_models: Iterable[FlightRow]) -> float 
     flight, Δu and Δω, thus leaves damping Δω − effect · Δu, which is the mean wind torque or a fault.
 
     Args:
-        row: the flight.
-        healthy_models: rows of healthy flights; those without a model of the same axis and inputs are left out.
+        row: the flight, of one axis.
+        healthy_models: rows of healthy flights. Those without a model of the same axis and inputs are left out, and so
+            is the flight itself.
 
     Returns:
         The mean over the models, rad/s²; None where there is none.
@@ -194,8 +209,11 @@ def track(
 ) -> TrackedLogs:
     """Brings the table of a fleet up to date with logs.
 
+    Logs that the fleet does not know as they are now are read, those of the baseline first. Then the vehicles of which
+    anything is new are judged, and the table is written.
+
     Args:
-        folder: of the fleet, which is made if it does not exist.
+        folder: folder of the fleet, which is made if it does not exist.
         names: files, folders, patterns and URLs of logs.
         reader: reads the logs.
         baseline: names of healthy flights, or of one fleet; the baseline of the last run unless given.
@@ -255,6 +273,7 @@ def _read_new_logs(
     new_logs = [log for log in logs if not store.has_read(log, reader.limits)]
     # The largest first: if it were the last, the other processes would wait for it.
     new_logs.sort(key=lambda log: -log.size)
+    # Outcomes come in any order, and name their log by its path.
     sources = {log.path: log for log in new_logs}
     unread = []
     jobs = (Job(log.path, store.keys_of_size(log, reader.limits), page) for log in new_logs)

@@ -148,11 +148,15 @@ class LogReader:
         self._logs_of_process = 0
 
     def read(self, job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome | None:
-        """Reads a log in the process.
+        """Reads a log in the process, and finds out why where the process does not return an outcome.
+
+        Without an outcome the process has ended or is hanging. Its exit code tells the cause: the signal SIGXCPU that
+        it used too much processor time, ENOMEM that it had too little memory, anything else that it crashed. After a
+        crash, and after missing memory in a process that had read other logs, a new process tries once more.
 
         Args:
             job: the log.
-            limits: of its reading.
+            limits: time and memory for its reading.
             read: the function that reads it.
 
         Returns:
@@ -288,6 +292,7 @@ def side_by_side(
     Yields:
         The outcomes, in the order in which they come.
     """
+    # Each reader has one log at a time: when it is done, its function is submitted anew with the next log.
     executor = ThreadPoolExecutor(MAX_READER_THREADS)
     try:
         busy = {executor.submit(read, job): read for read, job in zip(reads, jobs, strict=False)}
@@ -310,8 +315,16 @@ def side_by_side(
 def perform(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
     """Reads one log within limits, in the process of a ``LogReader``.
 
-    Processor time beyond the limit ends the process by SIGXCPU. Where memory is missing it ends with the exit code
-    ENOMEM, since what is left of its memory is fragmented.
+    The operating system enforces the limits. Processor time beyond the limit ends the process by SIGXCPU. Where memory
+    is missing it ends with the exit code ENOMEM, since what is left of its memory is fragmented.
+
+    Args:
+        job: the log.
+        limits: processor time and memory for it.
+        read: the function that reads it.
+
+    Returns:
+        The outcome, with the seconds that the reading took and the largest memory of the process so far, MiB.
     """
     begin = time.perf_counter()
     if not os.environ.get("MAVDEM_TRACEBACK"):
@@ -392,7 +405,10 @@ def reading_failure(error: Exception) -> Fact:
 
 @contextmanager
 def _local_file(path: str) -> Iterator[Path]:
-    """Yields a log as a plain file of this machine, which is a temporary copy of a URL's.
+    """Yields a log as a plain file of this machine; the file behind a URL is copied for as long as it is read.
+
+    The name of the folder of copies has the number of this process, by which the copies are found and removed if the
+    process is killed.
 
     Raises:
         Unreadable: it is no plain file, or it cannot be fetched.

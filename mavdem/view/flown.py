@@ -81,7 +81,11 @@ class Pose:
         return float(np.hypot(*self.rotors.T).max())
 
     def airborne_samples(self) -> Flags:
-        """Returns (N,) whether the rotors carry the vehicle; everywhere if they never do."""
+        """Returns (N,) whether the rotors carry the vehicle; everywhere if they never do.
+
+        The median of the mean rotor speed while armed stands for that of hover, since a flight is mostly hover.
+        Slightly slower rotors still carry the vehicle while it descends.
+        """
         speed = self.rotor_speeds.mean(axis=1)
         hover_speed = np.median(speed[self.armed]) if self.armed.any() else np.inf
         is_airborne = speed > AIRBORNE_SPEED_SHARE * hover_speed
@@ -101,6 +105,8 @@ class Pose:
 def pose_of(motion: object, rotors: Sequence[Sequence[float]]) -> Pose:
     """Returns what is shown of a simulated flight.
 
+    The simulator is a package of its own, whose record of the motion has these attributes by name.
+
     Args:
         motion: has the attributes of ``Pose`` but for the rotors.
         rotors: distances of the rotors forward of the centre of mass, and then right of it, m.
@@ -116,8 +122,8 @@ def write_pose(path: PathName, name: str, pose: Pose) -> None:
     """Writes a simulated flight as an .rrd file with its own layout, completely or not at all.
 
     Args:
-        path: of the file.
-        name: of the recording.
+        path: path of the file.
+        name: name of the recording.
         pose: the flight.
 
     Raises:
@@ -190,7 +196,15 @@ def scene_view(pose: Pose) -> rrb.View:
 
 
 def log_vehicle(recording: rr.RecordingStream, pose: Pose) -> None:
-    """Draws the vehicle with its attitude: a box with a nose on four arms, and the thrust of each rotor as an arrow."""
+    """Draws the vehicle with its attitude: a box with a nose on four arms, and the thrust of each rotor as an arrow.
+
+    Position and attitude are those of two entities, one within the other, at each drawn sample. The parts of the
+    vehicle are drawn once, in the body frame; only the arrows of thrust change their lengths.
+
+    Args:
+        recording: where to draw.
+        pose: the flight.
+    """
     arm = pose.arm
     rows = pose.drawn_samples()
     index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])]
@@ -241,6 +255,7 @@ def log_wind_and_path(recording: rr.RecordingStream, pose: Pose) -> None:
     rows = pose.drawn_samples()
     wind = pose.wind[rows]
     speed = np.linalg.norm(wind, axis=1, keepdims=True)
+    # The arrow lies on the side that the wind comes from, and its head is at a fixed distance from the vehicle.
     vectors = WIND_ARROW_SCALE * arm * wind
     heads = -WIND_ARROW_DISTANCE * arm * wind / np.maximum(speed, SMALLEST_SPEED)
     colour = palette.channels(palette.DISTURBANCE)

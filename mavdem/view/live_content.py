@@ -53,7 +53,14 @@ class Channels(NamedTuple):
 
 
 def live_blueprint(channels: Channels) -> rrb.Blueprint:
-    """Returns tabs: the flight on one axis of time, more of the samples, the status."""
+    """Returns the layout of a live flight in three tabs: the flight, details of its samples, and the status.
+
+    The first tab has texts at the top, plots over the last seconds below, and what is watched with the events beside
+    them. The paths of entities are those that ``LiveWriter`` and ``SinkThread`` write to.
+
+    Args:
+        channels: names and units of what is shown.
+    """
 
     def plot(name: str, origin: str) -> rrb.TimeSeriesView:
         """Returns a plot of the last seconds before the time cursor, which alone are queried."""
@@ -101,9 +108,9 @@ def figures(
     """Returns the texts that are shown beside the plots.
 
     Args:
-        status: of the session.
-        row: the latest one.
-        channels: of the row.
+        status: state of the session.
+        row: the latest row, with the estimates at its time.
+        channels: names and units of the row's channels.
         trained_until: time of the last sample that the latest model was trained on, s of the boot clock; None before
             the first model.
 

@@ -95,7 +95,11 @@ class SinkThread(threading.Thread):
         self._attempt(self._send)
 
     def _attempt(self, work: Callable[[], None]) -> None:
-        """Does some ``work`` with the sink; where that fails ``trouble`` says why, and a later turn may try again."""
+        """Does some ``work`` with the sink; where that fails ``trouble`` says why, and a later turn may try again.
+
+        Nothing that goes wrong with one sink may end the flight or disturb the other sinks, so that all errors end
+        here.
+        """
         begin = wall.monotonic()
         try:
             work()
@@ -122,7 +126,10 @@ class SinkThread(threading.Thread):
                 self.sink.delivered(arrived=False)
 
     def _open(self) -> None:
-        """Opens the sink, if rows wait for it and an attempt is due."""
+        """Opens the sink, if rows wait for it and an attempt is due.
+
+        A sink that is not there yet, such as a viewer, is tried again after ``RETRY_SECONDS``; a file is not.
+        """
         is_due = wall.monotonic() >= self._next_attempt
         if self._recording is not None or not self._rows or not is_due:
             return
@@ -137,7 +144,11 @@ class SinkThread(threading.Thread):
         self._writer = None
 
     def _send(self) -> None:
-        """Sends the rows, events and status that wait, if the sink is open."""
+        """Sends the rows, events and status that wait, if the sink is open.
+
+        While the view is paused rows stay in their queue, unless the flight is ending. Rows are drawn before events,
+        since an alarm is marked in plots that must exist, and the status only when its turn has come.
+        """
         if self._recording is None:
             return
         recording = self._recording
@@ -170,7 +181,11 @@ class SinkThread(threading.Thread):
         self._writer.write(rows)
 
     def _send_event(self, recording: rr.RecordingStream, event: Event) -> None:
-        """Writes an event into the log, and marks it in the plots where it is an alarm."""
+        """Writes an event into the log, and marks it in the plots where it is an alarm.
+
+        Where a motor has lost thrust or recovered it, what looked like wind torque was the motor's, and is marked as
+        such from the time on at which it began.
+        """
         log_event(recording, event.seconds, event.sentence, event.fact.level)
         cause = event.fact.figures.get("because", event.fact)
         if self._writer is not None and isinstance(cause, Fact):

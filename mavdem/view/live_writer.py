@@ -172,7 +172,11 @@ class LiveWriter:
         return values
 
     def _draw_predicted_angle(self, rows: list[DisplayRow]) -> None:
-        """Draws the angle of the model, and its prediction at the horizon nearest to ``REPORTED_HORIZON``, s."""
+        """Draws the angle of the model, and its prediction at the horizon nearest to ``REPORTED_HORIZON``, s.
+
+        A prediction is drawn at the time that it is for, not at the time at which it was made. Rows without an estimate
+        give NaN, which breaks the line.
+        """
         horizon_seconds = np.array(self.channels.horizons) * self.channels.dt
         horizon = abs(horizon_seconds - REPORTED_HORIZON).argmin()
         seconds = horizon_seconds[horizon]
@@ -232,7 +236,10 @@ class LiveWriter:
         return values
 
     def _draw_attitude(self, rows: list[DisplayRow]) -> None:
-        """Draws the angles that the model does not have, the setpoints of roll and pitch, and the rates."""
+        """Draws the angles of axes without a model, the setpoints of roll and pitch, and all body rates, in degrees.
+
+        They are those of the row's pose, which has a time of its own; ``timeline_offset`` moves it to the timeline.
+        """
         poses = []
         for row in rows:
             if row.pose is not None:
@@ -291,14 +298,18 @@ class LiveWriter:
         )
 
     def _draw_free_energy(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
-        """Draws F(t) and the surprise at the centres of their windows of samples."""
+        """Draws the free energy F(t) of the samples, nats, and their surprise.
+
+        Both are known only when the window of samples around a time is complete, so they are drawn at its centre,
+        ``estimate.seen``. A constant line at 1 shows the surprise of the worst of twenty samples.
+        """
         energies = []
         surprises = []
         for row, estimate in estimates:
             if np.isfinite(estimate.seen):
                 time = estimate.seen + row.timeline_offset
                 energies.append(Sample(0, time, [estimate.free_energy]))
-                # A surprise of 1 is the worst of twenty samples.
+                # The first value is the constant line.
                 surprises.append(Sample(0, time, [1.0, estimate.surprise]))
         self._draw(Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)), energies)
         lines = Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED))

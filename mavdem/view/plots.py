@@ -178,11 +178,17 @@ def _finite_bounds(chart: Chart) -> Iterator[Array]:
 
 
 def _band_and_line(line: Line, value_range: Interval) -> Iterator[_DrawnLine]:
-    """Yields the band of a line, where it has one, and the line over it."""
+    """Yields the band of a line, where it has one, and the line over it.
+
+    Args:
+        line: the line over the boot clock.
+        value_range: smallest and largest value of the plot. Edges of the band are clipped to one span beyond either.
+    """
     if line.low is not None and line.high is not None:
         low, high = value_range
         # Edges far beyond what is in sight are drawn as far as the viewer may be scrolled.
         edges = np.clip([line.low, line.high], 2 * low - high, 2 * high - low).T
+        # Of a long band every so many samples are drawn.
         step = ceil(len(line.x) / MAX_STROKES)
         # The colour is opaque, since the opacities of strokes that overlap would add up.
         shade = colour_on_dark(line.colour, palette.BAND_OPACITY)
@@ -236,8 +242,8 @@ def streamed(name: str, application: str) -> Iterator[rr.RecordingStream]:
     """Yields a recording that goes to standard output as it is made.
 
     Args:
-        name: of the recording.
-        application: the viewer has one blueprint for each.
+        name: name of the recording.
+        application: id of the application; the viewer keeps one layout for each.
     """
     with rr.RecordingStream(application) as recording:
         recording.stdout()
@@ -251,7 +257,7 @@ def recorded(target: Target, name: str) -> Iterator[rr.RecordingStream]:
 
     Args:
         target: the file; a stream is only flushed.
-        name: of the recording.
+        name: name of the recording.
 
     Raises:
         OSError: the file cannot be written.

@@ -136,13 +136,17 @@ class RecordingTabs:
         return rrb.Vertical(top, bottom, row_shares=[9, 91], name="Flight")
 
     def _flight_charts(self) -> list[Chart]:
-        """Returns a chart of each axis's angle, one chart of all rates, and the other charts of the timeline."""
+        """Returns a chart of each axis's angle, one chart of all rates, and the other charts of the timeline.
+
+        A page has a chart of its own for each rate. Here rates share one, without setpoints, since plots are low.
+        """
         angle_charts: list[Chart] = []
         rate_lines = []
         # Each axis has a chart of its angle, and where the rate was recorded a second one.
         for number, (axis, charts) in enumerate(self._timeline.axis_charts.items()):
             angle_charts += charts[:1]
             if len(charts) > 1:
+                # The first line is the setpoint where one was recorded, and otherwise the measured rate.
                 rate = charts[1].lines[0]
                 rate_lines.append(rate._replace(name=axis, colour=palette.distinct(number)))
         return [*angle_charts, over_time("Rates", "°/s", rate_lines), *self._timeline.flight_charts]

@@ -194,7 +194,11 @@ class RecordingFile(Sink):
                 raise OSError(exit_code, "not completed", str(self.path))
 
     def _cut_to_complete_messages(self) -> bool:
-        """Cuts the file after its last complete message; returns whether there was more."""
+        """Cuts the file after its last complete message; returns whether there was more.
+
+        Each message has a header with its length, by which the next header is found. The loop ends at the first header
+        that is incomplete, or that lies beyond the end of the file because the message before it is.
+        """
         size = self.path.stat().st_size
         with self.path.open("rb") as file:
             message_start = STREAM_HEADER_BYTES
