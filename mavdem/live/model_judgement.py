@@ -1,4 +1,4 @@
-"""What a model that was learned in flight is good for, and the judgement of its vehicle."""
+"""What a model that was learned in a live flight is good for, and the judgement of its vehicle."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -36,6 +36,10 @@ def judge_model(
 ) -> tuple[Findings, Judgement]:
     """Judges a model learned in flight, and the vehicle by the longest segment of the model's samples.
 
+    The samples of the model are put into the form of a log of one axis in settled flight, so that the functions that
+    judge logs can be used: limit cycle, hover trim, control loop, and from these the lights and the headline. What
+    needs other axes or messages is left for the judgement of the recording after the flight.
+
     It is slow, and runs in the executor that learns models: arguments and results can be pickled.
 
     Args:
@@ -48,6 +52,7 @@ def judge_model(
         What the model is good for, and the vehicle's judgement.
     """
     record = learned.record
+    # Motor outputs (T, r), and angle, rad, with body rate, rad/s (T, 2), of the longest segment.
     inputs, outputs = max(record.segments, key=lambda segment: len(segment[1]))
     axis = record.output_names[0]
     count = len(inputs)

@@ -137,7 +137,8 @@ class SessionStatus(ImmutableResult):
     def overall_judgement(self) -> Judgement:
         """Headline, lights and next step of the flight: the model's judgement and what was found without a model.
 
-        Of each light the worse of the two counts. A bad light becomes the headline unless the headline is bad already,
+        Without a judgement by a model, that of a flight that cannot be judged is completed by what was found. Of each
+        light the worse of the two facts counts. A bad light becomes the headline unless the headline is bad already,
         and in flight a bad headline makes landing the next step.
         """
         weak_motors = [alarm.fact for alarm in self.motor_alarms if alarm.is_weak]
@@ -181,7 +182,13 @@ class SessionStatus(ImmutableResult):
         return Fact(Session.ESTIMATES_LATE, delay=self.analysis_delay)
 
     def with_predictions(self, estimate: Estimate) -> SessionStatus:
-        """Returns the status with ``prediction_band`` and ``useful_horizon`` as of an ``estimate``."""
+        """Returns the status with ``prediction_band`` and ``useful_horizon`` filled in.
+
+        Args:
+            estimate: the learner's latest. It has predictions, with bands (K, m), for K horizons; the angle is the
+                first of the m outputs.
+        """
+        # The predicted horizons are whole steps, so that the nearest one to that which is reported counts.
         horizons = estimate.ahead_times - estimate.time
         reported = abs(horizons - REPORTED_HORIZON).argmin()
         band = PredictionBand(horizons[reported], estimate.ahead_band[reported, 0])

@@ -106,7 +106,11 @@ class Component:
 
     @property
     def can_be_followed(self) -> bool:
-        """Whether it is known to be a multirotor; many autopilots send nothing but HEARTBEATs until they are asked."""
+        """Whether it is certain enough that this is a multirotor to follow.
+
+        It has identified itself and sends attitude; or it has sent HEARTBEATs of a multirotor for some seconds and no
+        attitude, since many autopilots send nothing else until they are asked.
+        """
         if self.is_identified and self.sends_attitude:
             return True
         return (
@@ -123,11 +127,14 @@ class Component:
         return f"{self.name} ({self.vehicle_type}, {self.autopilot})"
 
     def count_frame(self, frame: Frame, now: float) -> bool:
-        """Counts a frame of this component.
+        """Counts a frame of this component, unless it is a copy, and the messages that are missing before it.
+
+        Some links send each frame twice. A copy has the same bytes and sequence number as a recent frame; after
+        ``COPY_FRAMES`` frames an equal one is a new message, since sequence numbers wrap.
 
         Args:
-            frame: the frame.
-            now: when it was received, s of any clock.
+            frame: the frame, in the order of arrival.
+            now: when it was received, s; only differences count, so that any clock will do.
 
         Returns:
             False for a copy of a frame, as some links send; it is to be ignored.
@@ -149,9 +156,14 @@ class Component:
         return True
 
     def _count_missing(self, sequence: int, now: float) -> None:
-        """Counts the messages that are missing before this sequence number, received ``now``, s.
+        """Counts the messages that are missing before the latest one, by the step of the sequence numbers.
 
-        Of a gap in which the numbers may have wrapped the duration is counted instead.
+        They wrap after 256, so that a long gap may hide any multiple of that. Where a gap lasts longer than half of
+        them usually take, by the mean interval between frames, only its duration is counted.
+
+        Args:
+            sequence: sequence number of the latest frame, 0 to 255.
+            now: when it was received, s.
         """
         gap = max(now - self._last_frame_time, 0.0)
         self._last_frame_time = now
@@ -161,6 +173,7 @@ class Component:
             self.uncounted_gap_seconds += gap
         elif self.frame_count > 1:
             self._missing_count += missing_messages(self._last_sequence, sequence)
+        # Exponential moving average of the interval.
         change = min(gap, MAX_COUNTED_GAP) - self._mean_interval
         self._mean_interval += change / INTERVAL_MEMORY_FRAMES
 
@@ -202,7 +215,11 @@ class VehicleSelector:
 
     @property
     def followed_parameters(self) -> Parameters:
-        """The followed vehicle's parameters received so far, by name; also those that MAVProxy stores for it."""
+        """The followed vehicle's parameters received so far, by name; also those that MAVProxy stores for it.
+
+        MAVProxy answers requests itself, as another component of the same system, with what it has read before. What
+        the vehicle has sent itself comes first.
+        """
         vehicle = self.followed
         if vehicle is None:
             return {}
@@ -228,7 +245,16 @@ class VehicleSelector:
         return self.components[ids]
 
     def update(self, sender: Component) -> None:
-        """Follows a component that has just sent a message, or reports it, where its messages so far allow that."""
+        """Decides, after each intact message, whether its sender is the vehicle to follow, or another one to report.
+
+        Once a vehicle is followed, others are only reported. A wanted vehicle is followed as soon as it sends anything,
+        or, if only its system is given, once it is certain to be a multirotor. Without a wish, the only multirotor of
+        the link is followed; among several the user must choose. Vehicles that send attitude come first: of those
+        without, it is not known whether they fly at all.
+
+        Args:
+            sender: component that has just sent a message, which is counted already.
+        """
         if self.followed is not None:
             self._report_other_vehicle(sender, self.followed)
         elif self._wanted is not None:
@@ -253,7 +279,13 @@ class VehicleSelector:
         self._report(Fact(VehicleFact.FOLLOWING_VEHICLE, subject=vehicle.description))
 
     def _report_choice(self, vehicles: list[Component]) -> None:
-        """Reports several vehicles, of which the user must choose one, unless these were reported already."""
+        """Reports several vehicles, of which the user must choose one, unless these were reported already.
+
+        Until then that is why nothing is followed (``obstacle``), and all of them are watched for alarms.
+
+        Args:
+            vehicles: the vehicles, by system and component id; at least two.
+        """
         names = {vehicle.name for vehicle in vehicles}
         if names == self.other_vehicles:
             return
@@ -267,7 +299,12 @@ class VehicleSelector:
         )
 
     def _report_other_vehicle(self, sender: Component, followed: Component) -> None:
-        """Reports a vehicle besides the one that is followed, once."""
+        """Reports a vehicle besides the followed one, once it is certain, and has it watched for alarms from then on.
+
+        Args:
+            sender: component that has just sent a message.
+            followed: the vehicle that is followed.
+        """
         if sender is followed or sender.name in self.other_vehicles:
             return
         if not (sender.is_identified and sender.sends_attitude):

@@ -115,7 +115,10 @@ class Watchdog:
     def begin_review(
         self, now: float, vehicle: Telemetry, is_flying: bool, settled_start: float | None
     ) -> list[Fact]:
-        """Begins a review.
+        """Begins a review: notes the phase of flight, collects the messages so far, and finds new reports in them.
+
+        Phases are kept as landed states, each with its beginning and end, since that is the form in which the functions
+        that judge a log take them.
 
         Args:
             now: s of the boot clock.
@@ -128,6 +131,7 @@ class Watchdog:
         """
         state = IN_AIR if is_flying else ON_GROUND
         former_state = self._states[-1][1] if self._states else state
+        # The former state is known to hold until the last review, the new one from now on.
         if not self._states or former_state != state:
             self._states.append((self._review_time, former_state))
             self._states.append((now, state))
@@ -155,10 +159,10 @@ class Watchdog:
             review.facts[Watched.VIBRATION] = vibration_light(evidence)
 
     def finish_review(self, motion: RecentMotion | None) -> list[Fact]:
-        """Ends a review with what the motion shows.
+        """Ends a review: judges the motion in flight, and compares all findings with the alarms that are active.
 
         Args:
-            motion: of the last seconds; None where it is unknown.
+            motion: attitude and motor outputs of the last seconds; None where they do not come.
 
         Returns:
             Alarms that begin, become worse, or are over.
@@ -180,7 +184,14 @@ class Watchdog:
         start_time: float,
         settled: Intervals | None = None,
     ) -> Signals:
-        """The vehicle's status messages since ``start_time``, s, with the phases until ``now`` as landed states."""
+        """Returns the vehicle's status messages as the signals of a log.
+
+        Args:
+            vehicle: identity and parameters.
+            now: time of the review, s of the boot clock; until then the latest phase lasts.
+            start_time: messages before it are left out, s.
+            settled: intervals of settled flight, s; None where they are not needed.
+        """
         columns = self._recent.columns(STATUS_MESSAGES, start_time)
         last_state = self._states[-1][1]
         times, states = zip(*self._states, (now, last_state), strict=True)
@@ -192,7 +203,15 @@ class Watchdog:
         )
 
     def _new_reports(self, signals: Signals) -> list[Fact]:
-        """What the autopilot has reported since the last review."""
+        """Returns what the autopilot has reported since the last review.
+
+        ``reported_events`` finds the reports of the last minute, most of which earlier reviews found, too. New are
+        those that the last review did not find and whose time is not long past: a report may also reappear when what
+        overlapped it leaves the minute.
+
+        Args:
+            signals: of the last minute.
+        """
         former = self._reported
         facts = reported_events(signals)
         self._reported = {_identity(fact) for fact in facts}
@@ -206,10 +225,18 @@ class Watchdog:
         return reports
 
     def _add_motion_facts(self, review: _Review, motion: RecentMotion) -> None:
-        """Adds a limit cycle, and the motor that is longest at its upper limit, to the facts of a review."""
+        """Judges the motion in flight: a limit cycle that begins, and a motor that stays at its upper limit.
+
+        A motor at its limit leaves the controller no authority. It counts if it is there for ``ALARMING_SHARE`` of the
+        last ``DECISION_SECONDS``, not right after take-off, and not if all motors are.
+
+        Args:
+            review: the review, whose ``facts`` are added to.
+            motion: attitude and motor outputs of the last seconds.
+        """
         motors = motion.motors
         at_upper, at_lower = samples_at_limits(motors.scale.fraction(motors.outputs), motors.scale)
-        # Without motors at their limits there is no limit cycle, and in most flights there are none.
+        # A limit cycle is bounded by motors at their limits, which in most flights are none: this saves the detection.
         if at_upper.any() or at_lower.any():
             cycle = detect_starting_limit_cycle(
                 motors, motion.tilts, self._recent.boot, review.phase_start, review.now
@@ -233,9 +260,15 @@ class Watchdog:
             )
 
     def _changed_alarms(self, review: _Review) -> list[Fact]:
-        """The alarms that begin, become worse, or are over after a review; it also updates lights and active alarms.
+        """Compares the facts of a review with the active alarms, updates these, and returns what changed.
 
-        An alarm is over after the landing, or when its reason has not been seen for ``CALM_SECONDS``.
+        An alarm begins, or is given anew, where a fact warns that is not active with the same level and code. It is
+        over after the landing, or when its reason has not been seen for ``CALM_SECONDS``: what comes and goes is one
+        alarm. The worst fact of each light is kept for the judgement of the flight.
+
+        Returns:
+            Alarms, with the time of the review, and ends of alarms, with the time at which the reason was seen last;
+            s of the boot clock.
         """
         alarms = []
         for kind, fact in review.facts.items():
@@ -256,7 +289,11 @@ class Watchdog:
         return alarms
 
     def _update_watch_facts(self, review: _Review, motion: RecentMotion | None) -> None:
-        """Notes for each thing, but the motors' balance, since when it is watched, or why it is not."""
+        """Notes for each thing that is watched since when it is, or why it is not.
+
+        Messages may be missing; and on the ground only warnings of the autopilot are watched. The motors' balance is
+        left out, since another part of the review knows about it.
+        """
         obstacles = self._message_obstacles(review.now, motion)
         for kind in Watched:
             if kind is Watched.MOTORS:
@@ -267,7 +304,16 @@ class Watchdog:
             self.set_watched(kind, obstacle, review.now)
 
     def _message_obstacles(self, now: float, motion: RecentMotion | None) -> Mapping[Watched, Fact]:
-        """What cannot be watched for lack of messages as of ``now``, s, and the message that is missing or slow."""
+        """Returns what cannot be watched for lack of messages, and why.
+
+        Args:
+            now: s of the boot clock; status messages of the last minute count.
+            motion: attitude and motor outputs of the last seconds; None where they do not come. A limit cycle needs
+                them at half of ``MIN_STREAM_RATE`` at least.
+
+        Returns:
+            The fact that names what is missing or slow, by what is watched.
+        """
         obstacles = {}
         if motion is None:
             obstacles[Watched.OSCILLATION] = Fact(Rows.NO_LIVE_MOTORS)
@@ -305,7 +351,7 @@ class Watchdog:
 
 
 def not_watched(watch_fact: Fact, reason: Fact, time: float) -> Fact:
-    """Returns that what a ``watch_fact`` is about is not watched any more.
+    """Returns a fact that replaces a ``watch_fact`` while the link is silent: nothing is watched then.
 
     Args:
         watch_fact: since when it was watched, or why it was not.
@@ -318,5 +364,5 @@ def not_watched(watch_fact: Fact, reason: Fact, time: float) -> Fact:
 
 
 def _identity(fact: Fact) -> tuple[object, ...]:
-    """What two reviews' facts about the same report have in common."""
+    """Returns what the facts of two reviews about the same report have in common, so that it is reported once."""
     return fact.code, fact.subject, fact.figures.get("text"), fact.time

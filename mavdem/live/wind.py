@@ -125,7 +125,11 @@ class WindEstimate(NamedTuple):
 
     @property
     def compass(self) -> CompassWind:
-        """Speed and direction, with their 90 % intervals."""
+        """Speed and direction, with their 90 % intervals.
+
+        The error of the autopilot's heading, ``HEADING_SD``, adds to that of the direction.
+        """
+        # The function takes many estimates, here a single one.
         speeds, directions, speed_bands, direction_bands = speed_and_direction(
             self.velocity[None], self.band[None]
         )
@@ -143,7 +147,11 @@ class WindEstimate(NamedTuple):
 
     @property
     def facts(self) -> Facts:
-        """The speed, and where the wind comes from if that is known; the speed is None where it may be calm."""
+        """What is told of the wind: its speed, and where it comes from if that is known.
+
+        The speed is None where its interval reaches down to calm. Then, or with a half width beyond
+        ``MAX_DIRECTION_INTERVAL``, no direction is given: it would be chance.
+        """
         wind = self.compass
         low = lower_speed_bound(wind.speed_low, wind.speed_high)
         strength = Fact(
@@ -164,7 +172,10 @@ class WindEstimate(NamedTuple):
 
     @property
     def light(self) -> Fact:
-        """The fact that the wind's light shows of a flight whose mean wind this is."""
+        """The fact that the wind's light shows, where this is the mean wind of a flight.
+
+        Where the drag is known too badly to tell the speed, the light says that the wind is not known, and why.
+        """
         facts = self.facts
         strength = facts[0]
         low, high = strength.figures["speed_interval"]
@@ -220,7 +231,10 @@ class LiveWind:
         self.restart()
 
     def restart(self) -> None:
-        """Forgets the flight: another begins, or the vehicle's clock begins anew."""
+        """Forgets samples, filter and estimates: another flight begins, or the vehicle's clock begins anew.
+
+        What is known of the drag, and the estimator's flags, stay.
+        """
         self.latest: WindEstimate | None = None
         self.mean: WindEstimate | None = None
         self.obstacle: Fact | None = None
@@ -252,7 +266,12 @@ class LiveWind:
             self._attitudes.append((time, roll, pitch, yaw))
 
     def add_velocity(self, name: str, time: float, values: Sequence[float]) -> Fact | None:
-        """Adds a velocity, and estimates the wind at the steps that it completes.
+        """Adds a velocity, and estimates the wind at the steps of the filter that it completes.
+
+        Velocities are taken from one message at a time, at most every ``MIN_SAMPLE_STEP``, and only while they are
+        possible and the estimator calls them valid. After a silence the filter is given up, as the wind may have
+        changed. Every ``FIRST_FIT_SECONDS`` it is checked that the vehicle flies freely, which also begins the filter.
+        The filter then goes on in its own steps as far as both attitude and velocity have come.
 
         Args:
             name: name of the message, one of ``VELOCITY_MESSAGES``.
@@ -262,6 +281,7 @@ class LiveWind:
         Returns:
             The wind with the flight's first estimate; None otherwise.
         """
+        # Other messages have the same velocity, only rounded: they count while the preferred one does not come.
         if name == PREFERRED_MESSAGE:
             self._preferred_time = time
         elif time - self._preferred_time < SILENCE_SECONDS:
@@ -291,10 +311,16 @@ class LiveWind:
         return Fact(Session.WIND_KNOWN, because=self.latest.facts)
 
     def _motion(self, start_time: float, end_time: float) -> _Motion:
-        """The attitudes between two times, s, with the velocities interpolated at them, as of a recorded flight.
+        """Returns the attitudes between two times, with the velocities interpolated at their stamps.
 
-        Attitudes before the first and after the last velocity, or in a gap of velocities, are left out.
+        Attitudes before the first and after the last velocity, or in a gap of velocities longer than
+        ``MAX_VELOCITY_GAP``, are left out, as they are for a recorded flight.
+
+        Args:
+            start_time: first time, s of the boot clock.
+            end_time: s; attitudes at this time are left out.
         """
+        # Columns of both tables: the time, then three angles or velocities.
         attitudes = np.array(
             [row for row in self._attitudes if start_time <= row[0] < end_time]
         ).reshape(-1, 4)
@@ -313,7 +339,19 @@ class LiveWind:
         return _Motion(time, attitudes[:, 1:], velocity)
 
     def _check_free_flight(self, time: float) -> None:
-        """Begins the filter where the vehicle has flown freely in the last seconds before ``time``, s, or ends it."""
+        """Begins the filter where the vehicle flies freely, or ends it where its motion shows that it does not.
+
+        A vehicle that is held, on a stand for example, does not lean against the wind, so that no wind can be
+        estimated. This is judged by the motion of the last ``FIRST_FIT_SECONDS``, by the rules for logs
+        (``validated_motion``). Where it has too few samples, it is judged again a step later. Where it fails, the
+        estimates so far were of no wind, and are forgotten; ``obstacle`` says why.
+
+        The filter runs for each combination of ``GUST_PARAMETERS`` and of ``DRAG_DRAWS`` random draws of the drag, so
+        that the spread of the estimates shows how well the drag is known. The seed is fixed, for equal results.
+
+        Args:
+            time: of the latest velocity, s of the boot clock.
+        """
         motion = self._motion(time - FIRST_FIT_SECONDS, time)
         stamps = motion.time
         is_short = len(stamps) < MIN_CHECKED_SAMPLES
@@ -337,7 +375,7 @@ class LiveWind:
             self._step = grid.step
             drag = self.earlier_drag or self.parameter_drag
             drags = normal_draws(drag.mean, drag.covariance, DRAG_DRAWS, seed=1)
-            # Each size of gusts with each draw of the drag.
+            # (12 · 16, 6 + 4) drag and lean, then gusts and noise: the draws of the drag vary fastest.
             parameters = np.hstack(
                 [
                     np.tile(drags, (len(GUST_PARAMETERS), 1)),
@@ -358,7 +396,17 @@ class LiveWind:
             raise NotLearnable(NoWind.NOT_MEASURED, name="velocity")
 
     def _estimate_step(self, end_time: float) -> None:
-        """Advances the filters by the step that ends at ``end_time``, s, and averages them by their likelihood."""
+        """Advances the filters by one step, and averages their winds, weighted by likelihood, to an estimate.
+
+        This is Bayesian model averaging over the sizes of gusts and noise: the weight of a size is its prior times the
+        likelihood of the innovations so far, which is forgotten over ``LIKELIHOOD_MEMORY_SECONDS``. All draws of the
+        drag have equal weight within a size, as the drag is not learned from the flight; their mean log likelihood
+        counts. ``latest`` and ``mean`` are updated.
+
+        Args:
+            end_time: end of the step, s of the boot clock. The measurement, and the estimate, are of the middle of the
+                last two steps, ``_step`` before it.
+        """
         filters = self._filter
         if filters is None:
             return
@@ -370,6 +418,7 @@ class LiveWind:
                 filters.update(grid, 0)
                 filters.log_likelihoods *= 1 - self._step / LIKELIHOOD_MEMORY_SECONDS
 
+        # The rows are sizes of gusts, the columns draws of the drag; the prior is a normal one of the logarithms.
         likelihoods = filters.log_likelihoods.reshape(len(GUST_PARAMETERS), -1).mean(axis=1)
         prior_distances = (GUST_PARAMETERS - GUST_PRIOR_MEAN) / GUST_PRIOR_SD
         log_weights = likelihoods - (prior_distances**2).sum(axis=1) / 2
@@ -385,9 +434,13 @@ class LiveWind:
         self._update_mean(self.latest)
 
     def _update_mean(self, estimate: WindEstimate) -> None:
-        """Adds an estimate to the mean, whose band is the mean band.
+        """Adds an estimate to the running mean of the flight.
 
-        Drag and lean err alike in all estimates, so that the mean is known no better than they are.
+        The band of the mean is the mean band, not one that shrinks with the number of estimates: drag and lean err
+        alike in all of them, so that the mean is known no better than each.
+
+        Args:
+            estimate: the latest estimate.
         """
         self._estimate_count += 1
         mean = self.mean or estimate
