@@ -24,7 +24,7 @@ REAL_NUMBER_KINDS = "biufO"
 
 
 def _array_from_json(dtype: type[np.generic], accepted_kinds: str, value: Any) -> NDArray[Any]:
-    """Converts nested lists of a JSON document to an array.
+    """Converts nested lists of a JSON document to an array, when pydantic validates a field of one of the types below.
 
     Args:
         dtype: Type of the array's elements.
@@ -38,9 +38,11 @@ def _array_from_json(dtype: type[np.generic], accepted_kinds: str, value: Any) -
         ValueError: The value is no list, the lists are ragged, or they hold numbers of another kind.
     """
     try:
+        # The kind is taken before the conversion, which would turn texts or fractions into the wanted type.
         if isinstance(value, list) and np.asarray(value).dtype.kind in accepted_kinds:
             return np.array(value, dtype)
     except (TypeError, ValueError, OverflowError):
+        # The one reason below covers all of these errors.
         pass
     raise ValueError("must be numbers of one shape")
 

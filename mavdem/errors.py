@@ -22,6 +22,7 @@ class Refusal(ValueError):
         super().__init__(self.fact)
 
     def __str__(self) -> str:
+        """The sentence of the fact, followed by its remedy."""
         return self.fact.advised
 
     @property
@@ -51,6 +52,8 @@ def error_message(error: Exception) -> str:
 def fact_from_error(error: BaseException) -> Fact:
     """Converts an error to a fact that can be shown or written to a document.
 
+    It serves where one method or flight of several may fail while the others go on.
+
     Args:
         error: Any error.
 
@@ -65,7 +68,7 @@ def fact_from_error(error: BaseException) -> Fact:
 
 
 def failure_fact(code: Code, error: Exception, finishing: bool = False) -> Fact:
-    """Returns a fact, to be watched, that a step failed and why.
+    """Returns a fact with the level "watch": a step failed, and why, while the program goes on without it.
 
     Args:
         code: Code of the fact, which says what failed.

@@ -28,6 +28,7 @@ class MissingExtra(ImportError):
     """
 
     def __init__(self, fact: Fact) -> None:
+        """Takes the ``fact`` that names what is missing."""
         super().__init__(fact)
         self.fact = fact
 
@@ -51,7 +52,14 @@ def missing_extra_fact(extra: str, subject: str) -> Fact | None:
 
 
 def require_extra(extra: str, subject: str = "") -> None:
-    """Raises ``MissingExtra`` unless all modules of an ``extra``, which the ``subject`` needs, are installed."""
+    """Raises ``MissingExtra`` unless all modules of an extra are installed.
+
+    Whoever needs an extra calls it before the import, so that the user reads what to install.
+
+    Args:
+        extra: Name of the extra, a key of ``EXTRAS``.
+        subject: What needs the extra: the beginning of the error's sentence.
+    """
     fact = missing_extra_fact(extra, subject)
     if fact is not None:
         raise MissingExtra(fact)

@@ -40,6 +40,8 @@ def load_adjacent_toml(module: str, name: str) -> dict[str, Any]:
 def atomic_write(path: PathName, scratch: Path | None = None) -> Iterator[BinaryIO]:
     """Opens a file for writing that appears under its name only when the block has ended without an error.
 
+    So a crash, a full disk or Ctrl-C leaves what was there before, never half a file.
+
     Args:
         path: Path of the file; a file that exists there is replaced.
         scratch: Folder for the unfinished file, on the same file system; the file's own folder unless given.
@@ -57,6 +59,9 @@ def atomic_write(path: PathName, scratch: Path | None = None) -> Iterator[Binary
 @contextmanager
 def atomic_writes(*paths: PathName, scratch: Path | None = None) -> Iterator[tuple[Path, ...]]:
     """Replaces several files together, when all of them are written.
+
+    Each file is first written into a temporary folder beside it, and then renamed, which POSIX does atomically within
+    a file system. The folders are removed at the end of the block, also after an error.
 
     Args:
         *paths: Paths of the files; those that exist are replaced.

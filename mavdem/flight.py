@@ -103,6 +103,27 @@ class Flight:
         setpoint_units: Names | None = None,
         cautions: Facts = (),
     ) -> None:
+        """Checks the arguments, which the class describes, and keeps read-only copies of them.
+
+        Args:
+            time: (T,) s; uniform, from the first to the last sample.
+            inputs: (T, r) motor outputs, or (T,) for one.
+            outputs: (T, m) measured motion, or (T,) for one column.
+            dt: Sampling step, s; the mean step of ``time`` unless given.
+            input_names: r names; "input 1" and so on unless given.
+            output_names: m names; "output 1" and so on unless given.
+            input_units: r units; empty unless given.
+            output_units: m units; empty unless given.
+            provenance: Source of the flight, as plain JSON values by name.
+            effect_directions: (r,) relative effect of each input on the axis.
+            setpoints: (T, q), or (T,) for one; NaN where there is none yet.
+            setpoint_names: q names.
+            setpoint_units: q units.
+            cautions: Facts that make a model less reliable.
+
+        Raises:
+            ValueError: The shape, order or values of an argument are wrong; the message names it.
+        """
         if not isinstance(provenance, Mapping | None):
             raise ValueError(f"provenance must be values by name, not {provenance!r}")
         time = _checked_time(time)
@@ -131,6 +152,7 @@ class Flight:
             "setpoint_units": _checked_labels(setpoint_units, "setpoint_units", setpoint_table),
             "cautions": cautions,
         }
+        # A frozen dataclass refuses plain assignment, also in its own constructor.
         for name, value in fields.items():
             object.__setattr__(self, name, value)
         # The units of a flight from a log, which has a provenance, are those of its messages.
@@ -178,9 +200,11 @@ class Flight:
             raise ValueError(
                 "time must increase from sample to sample, and there must be two at least"
             )
+        # The median step is hardly changed by gaps, which are few; their lengths would change the mean.
         is_gap = steps > MAX_STEP_RATIO * np.median(steps)
         if dt is None:
             dt = float(steps[~is_gap].mean())
+        # Index of the first sample after each gap.
         cuts = np.flatnonzero(is_gap) + 1
 
         tables = {"inputs": inputs, "outputs": outputs, "setpoints": labels.pop("setpoints", None)}
@@ -193,12 +217,14 @@ class Flight:
 
         segments = []
         for number, segment_time in enumerate(np.split(stamps, cuts)):
+            # A single sample has no step, and nothing can be learned from it.
             if len(segment_time) > 1:
                 arrays: JsonValues = {name: parts[number] for name, parts in parts_by_name.items()}
                 segments.append(cls(segment_time, **arrays, dt=dt, **labels))
         return tuple(segments)
 
     def __len__(self) -> int:
+        """The number of samples, T."""
         return len(self.time)
 
     def __getitem__(self, part: slice) -> Flight:
@@ -250,11 +276,13 @@ class Flight:
         return to_xarray(self)
 
     def _repr_html_(self) -> str:
+        """The flight as Jupyter notebooks show it: mean, deviation and range of each signal in a table."""
         from mavdem.report.pages.page import flight_html
 
         return flight_html(self)
 
     def __repr__(self) -> str:
+        """One line with the number of samples, their rate, the names of the signals, and the source."""
         names = f"{', '.join(self.input_names)} -> {', '.join(self.output_names)}"
         source = self.provenance.get("source")
         origin = f" from {source}" if source else ""
@@ -279,7 +307,13 @@ def boot_number(flight: Flight) -> int:
 
 
 def _checked_time(values: ArrayLike) -> Array:
-    """Returns time stamps as a read-only array (T,); raises ``ValueError`` where there are none."""
+    """Copies a caller's time stamps, s, to a read-only array (T,).
+
+    Whether they are uniform is checked later (``_uniform_step``): arrays with gaps are cut first.
+
+    Raises:
+        ValueError: There are none, they have another shape, or one is not finite.
+    """
     time = _read_only_copy(values, "time")
     if time.ndim != 1 or not len(time):
         raise ValueError(f"time must be a non-empty array of shape (T,), not {time.shape}")
@@ -312,7 +346,18 @@ def _checked_table(values: ArrayLike, name: str, length: int, allow_nan: bool = 
 
 
 def _checked_directions(values: ArrayLike | None, inputs: Array) -> Array | None:
-    """Returns effect directions as a read-only array (r,), one for each column of ``inputs`` (T, r); None for None."""
+    """Copies a caller's effect directions to a read-only array.
+
+    Args:
+        values: (r,) relative effect of each input on the axis; None where the mixer geometry is not known.
+        inputs: (T, r) the inputs that they belong to.
+
+    Returns:
+        The directions (r,); None for None.
+
+    Raises:
+        ValueError: There is not one number for each input.
+    """
     if values is None:
         return None
     directions = _read_only_copy(values, "effect_directions")

@@ -14,12 +14,14 @@ class ReadOnlyDict(dict[Key, Value]):
     """A dictionary that can be read, merged, pickled and written as JSON, but not changed."""
 
     def _refuse(self, *_: Any, **__: Any) -> NoReturn:
+        """Takes the place of all methods that change a dictionary, and raises ``TypeError``."""
         raise TypeError("a result cannot be changed: change a copy, dict(…)")
 
     __setitem__ = __delitem__ = __ior__ = _refuse
     clear = pop = popitem = setdefault = update = _refuse
 
     def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles the dictionary as a call of its constructor with a plain dictionary."""
         # By default pickle fills a dictionary item by item, which is refused here.
         return ReadOnlyDict, (dict(self),)
 
@@ -27,7 +29,8 @@ class ReadOnlyDict(dict[Key, Value]):
 def freeze(value: ValueType) -> ValueType:
     """Makes a value immutable, with all that it contains.
 
-    Arrays are set read-only in place, and NumPy's scalars become Python's numbers. Dictionaries are copied to a
+    Results are handed to callers and cached, so that a change by one of them would change the figures of all. Arrays
+    are set read-only in place, and NumPy's scalars become Python's numbers. Dictionaries are copied to a
     :class:`ReadOnlyDict`. Tuples, named tuples and dataclasses are searched for such values; a dataclass, also a frozen
     one, gets its frozen values in place.
 
@@ -60,9 +63,11 @@ class ImmutableResult:
     """Base class of dataclasses that freeze their values (:func:`freeze`) when they are made and when unpickled."""
 
     def __post_init__(self) -> None:
+        """Freezes the values when the result is made."""
         freeze(self)
 
     def __setstate__(self, values: dict[str, Any]) -> None:
+        """Freezes the values again when the result is unpickled."""
         # Arrays lose their read-only flag when they are pickled.
         vars(self).update(values)
         freeze(self)

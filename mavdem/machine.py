@@ -9,7 +9,10 @@ LOOPBACK = "127.0.0.1"
 
 
 def has_screen() -> bool:
-    """Returns whether a window can probably be opened: on Linux, whether an X11 or Wayland display is set."""
+    """Returns whether a window can probably be opened: on Linux, whether an X11 or Wayland display is set.
+
+    On other systems a user nearly always has a screen.
+    """
     return not sys.platform.startswith("linux") or bool(
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     )

@@ -47,7 +47,7 @@ PAGE_TOP_LENGTH = 1 << 16
 
 
 def result_files(assessment: Assessment) -> Names:
-    """Returns the names of the ``RESULT_FILES`` that can be written for an assessment.
+    """Returns the names of the ``RESULT_FILES`` that can be written for an assessment, before any is written.
 
     Without a model there are only the document and the page; without the package ``rerun`` there is no recording.
     """
@@ -58,7 +58,7 @@ def result_files(assessment: Assessment) -> Names:
 
 
 def write_result_files(paths: Mapping[str, Path], document: str, assessment: Assessment) -> None:
-    """Writes the result files of an assessment.
+    """Writes the result files of an assessment: document and page always, with a model also that and its recordings.
 
     Args:
         paths: Path to write to, for each name that :func:`result_files` returns.
@@ -126,13 +126,16 @@ def write_fleet_pages(
 
 
 def _update_flight_page(path: Path, comparison: str) -> None:
-    """Replaces the comparison with other flights at the top of a flight's page; raises ``Unreadable``.
+    """Replaces the comparison with other flights at the top of a flight's page.
 
-    A page on which nothing changes is not written again.
+    Pages may be long, so that only their top is searched, and a page on which nothing changes is not written again.
 
     Args:
         path: Path of the page.
         comparison: HTML of the comparison.
+
+    Raises:
+        Unreadable: The page cannot be written.
     """
     with path.open(encoding="utf-8", errors="replace") as file:
         top = file.read(PAGE_TOP_LENGTH)

@@ -39,6 +39,11 @@ MIN_CORRELATION = 0.9
 def suspected_unit_error(outputs: NDArray[np.float64], dt: float) -> Fact | None:
     """Returns the unit error that an angle and its rate show, or None where they agree or are no such pair.
 
+    The change of the angle over ``COMPARED_STEPS`` steps is regressed on the integral of the rate over the same steps.
+    The slope is 1 where both have consistent units; each unit error has a slope of its own
+    (``RATIO_BY_UNIT_ERROR``). Columns whose correlation is below ``MIN_CORRELATION`` are no angle with its rate. A
+    slope of 1 also fits an angle and a rate that are both in degrees: then only the size of the angle tells.
+
     Args:
         outputs: Angle and rate, (T, 2), expected in rad and rad/s. Other numbers of columns are not judged.
         dt: Sampling step, expected in s.
@@ -54,11 +59,13 @@ def suspected_unit_error(outputs: NDArray[np.float64], dt: float) -> Fact | None
     expected_change = integrated_rate[COMPARED_STEPS:] - integrated_rate[:-COMPARED_STEPS]
 
     expected_power = expected_change @ expected_change
+    # The product of both changes at which their correlation is just ``MIN_CORRELATION``.
     least_product = MIN_CORRELATION * (change @ change * expected_power) ** 0.5
     # Written with "not", so that NaN and overflowing products count as uncorrelated too.
     if not change @ expected_change > least_product:
         return None
 
+    # Slope of the least-squares line through the origin.
     ratio = change @ expected_change / expected_power
     largest_angle = abs(angle).max()
     for unit_error, expected_ratio in RATIO_BY_UNIT_ERROR.items():

@@ -73,7 +73,14 @@ UtcTime = Annotated[datetime, with_unit("UTC")]
 
 
 def field_units(record: type) -> dict[str, str]:
-    """Returns the unit of each field of a record class by the field's name; fields without a unit are left out."""
+    """Returns the unit of each field of a record class, from the annotations of the fields' types.
+
+    Args:
+        record: A dataclass, named tuple or model with type hints such as ``Seconds``.
+
+    Returns:
+        The unit by the field's name; fields without a unit are left out.
+    """
     units = {}
     for name, hint in get_type_hints(record, include_extras=True).items():
         unit = _unit_in_hint(hint)
@@ -83,7 +90,17 @@ def field_units(record: type) -> dict[str, str]:
 
 
 def _unit_in_hint(hint: Any) -> str:
-    """Returns the unit that annotates a type, or a type within it such as a tuple's items; empty without one."""
+    """Finds the unit that annotates a type, or else a type within it.
+
+    ``Annotated`` keeps its annotations in ``__metadata__``. Types such as ``tuple[Seconds, ...]`` have no unit of their
+    own; the first of their arguments that has one gives it.
+
+    Args:
+        hint: A type hint.
+
+    Returns:
+        The unit; empty where there is none.
+    """
     for annotation in getattr(hint, "__metadata__", ()):
         return str(annotation.json_schema_extra["unit"])
     for argument in get_args(hint):
