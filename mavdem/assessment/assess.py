@@ -169,14 +169,16 @@ def _autotune_events(signals: Signals, loops: Mapping[str, Loop | Fact]) -> list
 
 
 def without_flight_advice(wind: WindEvidence) -> WindEvidence:
-    """Returns the same evidence on the wind without advice to fly, for a vehicle that must not fly as it is.
+    """Removes advice to fly from the facts about the wind, for a vehicle that must not fly as it is.
 
-    The figures stay. Only the reasons why the wind, or its speed or direction, is not known change: they often advise
-    to fly legs in several directions. ``Fact.grounded`` is a fact without such advice.
+    A fact that says why a part of the wind is not known usually advises to fly legs in several directions. After a
+    crash, or with an oscillation, that advice would be dangerous.
 
     Args:
-        wind: the estimated wind with a reason for each part that is not identifiable, the estimate of the autopilot,
-            and the obstacle: the reason if there is no estimate at all.
+        wind: the wind in m/s, or why it is not known.
+
+    Returns:
+        The same evidence with every such fact replaced by its form without advice (:attr:`mavdem.facts.Fact.grounded`).
     """
     estimate, autopilot_estimate, obstacle = wind
     if estimate is not None:

@@ -38,12 +38,17 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     a step of the setpoint is no error until the vehicle had time to follow it. Where the setpoint is not known, half of
     the angle is taken for the error: the other half is taken for intended. Where a rate was the setpoint and not an
     angle, as in Acro mode, any angle is taken for intended.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
     """
     flight = attitude_tracking(signals, boot)
     if flight is None or len(flight.time) < 2:
         return None
     window = max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(flight.time))))
-    # SciPy centres its windows; this shift lets them end with their sample.
+    # Lowest and highest setpoint over the samples up to each one. SciPy centres its windows; this shift lets them end
+    # with their sample.
     shift = (window - 1) // 2
     is_unknown = np.isnan(flight.setpoints)
     setpoints = np.where(is_unknown, 0.0, flight.setpoints)

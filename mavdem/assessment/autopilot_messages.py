@@ -72,10 +72,16 @@ class StatusText(NamedTuple):
 
 
 def status_texts(telemetry: Telemetry) -> list[StatusText]:
-    """Returns all texts of the autopilot in the order of the stream.
+    """Returns all texts that the autopilot sent, in the order of the stream, with long ones joined.
 
-    A STATUSTEXT holds 50 characters. A longer text comes in chunks with a common ``id``, numbered by ``chunk_seq`` from
-    0 on, and is joined here. A text that fits into one message has the ``id`` 0.
+    A MAVLink message STATUSTEXT holds 50 characters. A longer text comes in chunks: they have a common ``id`` that is
+    not 0, and are numbered by ``chunk_seq`` from 0. Short texts have the id 0.
+
+    Args:
+        telemetry: messages of the vehicle.
+
+    Returns:
+        The texts with time (s since boot), boot and severity of their first chunk.
     """
     columns = telemetry.messages.get("STATUSTEXT", {})
     if "text" not in columns:
@@ -91,7 +97,7 @@ def status_texts(telemetry: Telemetry) -> list[StatusText]:
     position_of_id = dict[int, int]()
     for time, boot, severity, text_id, chunk, content in zip(*fields, strict=True):
         text = content.decode(errors="replace") if isinstance(content, bytes) else content
-        # A later chunk whose first one was lost becomes a text of its own.
+        # A chunk with a number above 0 continues the text with its id. Ids are used again, so a chunk 0 begins another.
         if text_id and chunk and text_id in position_of_id:
             position = position_of_id[text_id]
             texts[position] = texts[position]._replace(text=texts[position].text + text)
@@ -102,10 +108,14 @@ def status_texts(telemetry: Telemetry) -> list[StatusText]:
 
 
 def reported_problems(telemetry: Telemetry) -> list[Fact]:
-    """Returns a fact for each text, error and event by which the autopilot reports a problem.
+    """Collects what the autopilot itself reports as a problem, in texts and in DataFlash's errors and events.
 
-    Every fact has the figures ``boot`` and ``basis`` (names of the messages that it rests on). Facts of texts have the
-    ``text`` and the name of its ``severity`` too.
+    Args:
+        telemetry: messages of the vehicle.
+
+    Returns:
+        A fact for each report. It has the figures ``boot`` and ``basis``, the names of the messages that it rests on.
+        Facts of texts have the ``text`` itself and the name of its ``severity`` too.
     """
     return [
         *_problems_of_texts(telemetry),
@@ -115,13 +125,14 @@ def reported_problems(telemetry: Telemetry) -> list[Fact]:
 
 
 def _problems_of_texts(telemetry: Telemetry) -> Iterator[Fact]:
-    """Yields a fact for each text of the autopilot that reports a problem, in the order of the stream.
+    """Yields the problems that the autopilot's texts report, each as a fact.
 
-    The words of a text decide what it means. Its severity decides only whether a text with unknown words is a warning,
-    and it is added to the fact as the figure ``severity``, by its name.
+    The meaning of known texts is recognised by patterns. Other texts are quoted if their severity is a warning or
+    worse. ArduPilot before 3.4 had severities on a scale of its own, so that they do not show which of its texts warn;
+    such a firmware is recognised by texts that only it sends.
 
-    ArduPilot before 3.4 used other numbers for the severities. Such firmware is recognised by texts that only it sends;
-    its severities are not used.
+    Args:
+        telemetry: messages of the vehicle.
     """
     texts = status_texts(telemetry)
     has_old_scale = any(text.text in _MEANINGS["old_scale"] for text in texts)
@@ -171,11 +182,14 @@ def _problem_of_text(message: StatusText, warns: bool) -> Fact | None:
 
 
 def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
-    """Yields the problems that ArduPilot logs as ERR messages, each with a subsystem and an error code.
+    """Yields the problems that ArduPilot logs as ERR messages, each as a fact with its start and end.
 
-    An error lasts until the same subsystem logs the code 0, "no error", in the same boot; without such a message it has
-    no end. ``PRIMARY_FILTER_SUBSYSTEM`` is different: its code is the number of the EKF lane that took over, which is a
-    moment, also for lane 0.
+    An ERR message has the number of a subsystem and an error code. The code 0 means that an error of this subsystem is
+    over, so a problem lasts until the same subsystem logs 0 in the same boot. One subsystem is different: the primary
+    lane of the EKF has the number of the new lane as code, so 0 is a lane too, and the change has no end.
+
+    Args:
+        telemetry: messages of the vehicle.
     """
     rows = list(_rows_of_message(telemetry, "ERR", "Subsys", "ECode"))
     for time, boot, subsystem, error_code in rows:
@@ -188,7 +202,7 @@ def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
             if later_time > time
             and (later_boot, later_subsystem, later_code) == (boot, subsystem, 0)
         ]
-        # The table of subsystems begins with number 1. Others are named by their number.
+        # Subsystems are numbered from 1. One that is not in the list is reported by its number.
         code, subject = Reported.AUTOPILOT_ERROR, f"{subsystem}"
         if 1 <= subsystem <= len(_MEANINGS["subsystems"]):
             code, subject = _MEANINGS["subsystems"][subsystem - 1]
@@ -284,10 +298,15 @@ def _is_repetition(earlier: Fact, later: Fact) -> bool:
 
 
 def _merged_pair(first: Fact, repetition: Fact) -> Fact:
-    """Returns a report together with its repetition, as one fact.
+    """Merges the repetition of a report into the first fact of it, so that it is shown once with its count.
 
-    It has the time of the ``first`` fact, the later end, the worse level, the messages of both, and a subject if one of
-    them has one. Its ``count`` is one more. Of other figures those of the ``first`` fact are kept.
+    Args:
+        first: the report, with the figures ``basis`` (names of messages) and ``count``.
+        repetition: a later fact of the same code, with ``basis``.
+
+    Returns:
+        A fact with the time of the first one, the later end, the worse level, the messages of both, a subject if one of
+        them has one, and a count that is one higher. Of all other figures the first fact's are kept.
     """
     last_time = max(_last_time(first), _last_time(repetition))
     # A dictionary keeps each name once, in order.
@@ -296,6 +315,7 @@ def _merged_pair(first: Fact, repetition: Fact) -> Fact:
     figures["basis"] = tuple(basis)
     figures["count"] = first.figures["count"] + 1
     return first.but(
+        # Levels count in the order of their definition: good, watch, bad, unknown.
         max(first.level, repetition.level, key=list(Level).index),
         until=None if last_time == first.time else last_time,
         subject=first.subject or repetition.subject,

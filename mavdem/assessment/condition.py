@@ -97,15 +97,21 @@ class Condition(ImmutableResult):
 
 
 def condition_of(signals: Signals) -> Condition:
-    """Measures the condition of a vehicle.
+    """Measures the condition of a vehicle, in settled flight where there is one.
 
-    Motor figures are those of the motors' own messages, whatever inputs of a model ``signals`` are for. Figures that
-    were not recorded are None or empty.
+    Args:
+        signals: signals of the vehicle. They may have been prepared for a model with other inputs than the motors'
+            outputs, such as torque setpoints; the figures of the motors are always of the outputs.
+
+    Returns:
+        The condition; figures that were not recorded are None or empty.
     """
     if signals.inputs != "motors":
         signals = signals.for_axis("roll", "motors")
     recorded_segments = recorded_spans(signals)
     settled = settled_flight(signals)
+
+    # Outputs of the motors in the hover, and what follows from them.
     try:
         hover = hover_of(signals)
     except NotLearnable:
@@ -116,6 +122,7 @@ def condition_of(signals: Signals) -> Condition:
         assert signals.motors is not None
         share_intervals = _share_intervals(signals.motors, settled)
         commands = _mean_commands(signals.motors, settled)
+
     tilt = _tilt(signals, settled)
     armed = None
     if signals.armed is not None:
@@ -138,9 +145,16 @@ def condition_of(signals: Signals) -> Condition:
 
 
 def _oscillation(signals: Signals, settled: Segments) -> Oscillation | None:
-    """Returns the limit cycle in ``settled`` flight or, without one, in all flight; None if there is none.
+    """Looks for a limit cycle of the vehicle's motors and tilt, first in settled flight and then in all flight.
 
-    A vehicle may swing so much that its flight does not count as settled.
+    All flight is searched too because a vehicle may swing so much that its flight does not count as settled.
+
+    Args:
+        signals: signals of the vehicle.
+        settled: segments of settled flight.
+
+    Returns:
+        The limit cycle, in settled flight if there is one; None if the vehicle does not oscillate.
     """
     tilts = dict(zip(TILT_AXES, signals.tilts, strict=False))
     in_settled_flight = detect_limit_cycle(signals.motors, tilts, settled)
@@ -152,10 +166,18 @@ def _oscillation(signals: Signals, settled: Segments) -> Oscillation | None:
 
 
 def _share_intervals(motors: MotorOutputs, settled: Segments) -> tuple[float | None, ...]:
-    """Returns the half widths of the 90 % intervals of each motor's share of the mean output.
+    """Returns how uncertain each motor's share of the work is: half widths of 90 % intervals.
 
-    With the outputs u_i and their mean over the motors m, the share is the ratio of means E[u_i]/E[m]. To first order
-    its error is the mean of (u_i − m E[u_i]/E[m])/E[m].
+    With the output u_i of motor i, and the mean m of the outputs of all motors at the same time, the share is the ratio
+    of means E[u_i]/E[m]; 1 for a motor that does as much as the others. To first order, the error of this ratio is the
+    mean of (u_i − m E[u_i]/E[m])/E[m], whose interval follows from its samples.
+
+    Args:
+        motors: outputs of k motors.
+        settled: segments of settled flight.
+
+    Returns:
+        Half width for each motor (k,); None where the flight is too short for one.
     """
     shares = _shares_in(motors, settled)
     means_of_motors = shares.mean(axis=1, keepdims=True)
@@ -166,9 +188,17 @@ def _share_intervals(motors: MotorOutputs, settled: Segments) -> tuple[float | N
 
 
 def _mean_commands(motors: MotorOutputs, settled: Segments) -> dict[str, MeanFigure]:
-    """Returns the mean command about each axis in settled flight, as a share of the motors' range.
+    """Returns the mean command about each axis in settled flight, with its interval.
 
-    The command is the combination of the outputs by the row of the mixer; axes whose row is not known are left out.
+    A command about an axis is the combination of the motors' outputs that turns the vehicle about it: the outputs times
+    the row of the mixer. In steady flight its mean is not 0 if a load is off centre, a motor is weak, or wind pushes.
+
+    Args:
+        motors: outputs of k motors, with the geometry of the frame.
+        settled: segments of settled flight.
+
+    Returns:
+        Figures by axis, as shares of the motors' range; axes whose row of the mixer is not known are left out.
     """
     shares = _shares_in(motors, settled)
     commands = {}
@@ -202,9 +232,16 @@ def _mean_lean(signals: Signals, settled: Segments) -> dict[str, MeanFigure]:
 
 
 def _tilt(signals: Signals, settled: Segments) -> Array:
-    """Returns the tilt: the angle of the body's vertical axis from the vertical, by cos(tilt) = cos(roll) cos(pitch).
+    """Returns the tilt in settled flight: the angle between the vehicle's vertical axis and the vertical.
 
-    The result is (N,) in rad for N samples of settled flight; (0,) if roll or pitch is not known.
+    It follows from cos(tilt) = cos(roll) cos(pitch).
+
+    Args:
+        signals: signals of the vehicle.
+        settled: segments of settled flight.
+
+    Returns:
+        Tilt at each sample of settled flight (N,), rad; empty if roll or pitch is not known.
     """
     angles = _roll_and_pitch(signals, settled)
     if not angles:
@@ -216,9 +253,15 @@ def _tilt(signals: Signals, settled: Segments) -> Array:
 
 
 def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures | None:
-    """Returns the vibration in settled flight; None if it was not recorded there.
+    """Returns how strongly the vehicle vibrates in settled flight, by the autopilot's own message.
 
-    The level is that of the first IMU, whose axes are the first columns. Clips are counted over all IMUs.
+    Args:
+        signals: signals of the vehicle.
+        settled: segments of settled flight.
+
+    Returns:
+        Mean level of the first IMU, m/s², and number of clips over all IMUs: times that an accelerometer was out of its
+        range. None if vibration was not recorded in settled flight.
     """
     vibration = reported_vibration(signals)
     if vibration is None:
@@ -226,16 +269,24 @@ def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures 
     rows = in_segments(vibration.levels, *settled, slack=0)
     if not rows.any():
         return None
+    # Columns are the axes of the first IMU, then those of the others.
     levels_of_first_imu = vibration.levels.values[rows, : len(vibration.axes)]
     clips = int(vibration.clips[rows].sum())
     return VibrationFigures(tuple(levels_of_first_imu.mean(axis=0)), clips)
 
 
 def _battery_figures(signals: Signals, segments: Segments) -> BatteryFigures | None:
-    """Returns the figures of the first battery in some segments; None if its voltage was not recorded there.
+    """Returns voltage and current of the first battery in some segments.
 
-    Voltages at start and end are medians over ``AVERAGING_SECONDS``, since the load varies. The current is None if it
-    was not measured.
+    Voltages at start and end are medians over ``AVERAGING_SECONDS``, since the load, and with it the voltage, varies.
+
+    Args:
+        signals: signals of the vehicle.
+        segments: the time that counts; the first and the last may be in different boots.
+
+    Returns:
+        Voltages in V and currents in A, the latter None if no current was measured; None if the voltage was not
+        recorded in these segments.
     """
     voltage = signals.voltage
     if voltage is None:

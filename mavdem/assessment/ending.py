@@ -67,9 +67,16 @@ def ending_of(
 
 
 def _motor_report(signals: Signals, bad_events: Sequence[Fact], boot: int) -> Fact | None:
-    """Returns the last report of the autopilot in a boot that one of the motors failed; None without one.
+    """Returns the last report of the autopilot in a boot that one of the motors failed.
 
-    The autopilot says "motor 2". The fact has the full name, "motor 2 (rear left)".
+    Args:
+        signals: signals of the vehicle, with the names of its motors.
+        bad_events: bad events of the log in the order of time.
+        boot: number of the boot.
+
+    Returns:
+        A fact with the full name of the motor, such as "motor 2 (rear left)", where the autopilot only says "motor 2";
+        None without such a report.
     """
     if signals.motors is None:
         return None

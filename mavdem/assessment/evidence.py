@@ -123,6 +123,9 @@ class Evidence:
     def settled_segments(self, excluded_modes: frozenset[str]) -> Segments:
         """Returns the segments of settled flight until the vehicle was lost, without some flight modes.
 
+        Some modes excite the vehicle by themselves, or have no setpoint of the angle: what they do would be mistaken
+        for how well the vehicle flies.
+
         Args:
             excluded_modes: names of ArduPilot's flight modes.
         """
@@ -135,7 +138,16 @@ class Evidence:
         return tuple(segments)
 
     def warnings_in_flight(self, codes: Container[Code]) -> Iterator[Fact]:
-        """Yields the events that are bad or to be watched, have one of these ``codes``, and happened in flight."""
+        """Yields the events of some kinds that warn of something and happened in flight.
+
+        On the ground, and after the vehicle was lost, the same events mean nothing.
+
+        Args:
+            codes: codes of the events to yield.
+
+        Yields:
+            Facts whose level is bad or to be watched, in the order of time.
+        """
         for event in self.events:
             if event.code not in codes or not event.warns:
                 continue
@@ -143,7 +155,11 @@ class Evidence:
                 yield event
 
     def _intervals_before_loss(self, boot: int) -> Intervals:
-        """Returns the time before the vehicle was lost, if that was in this boot; otherwise all time."""
+        """Returns the part of a boot before the vehicle was lost, s; all time if it was not lost in this boot.
+
+        Args:
+            boot: number of the boot.
+        """
         ending = self.ending
         if ending is None or ending.figures.get("boot", boot) != boot:
             return [(-inf, inf)]

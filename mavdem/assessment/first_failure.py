@@ -151,10 +151,17 @@ def _assumed_landing(signals: Signals, boot: int, onset: float) -> bool:
 
 
 def _landing_assumed(signals: Signals, cause: Fact, collective: float | None) -> Fact:
-    """Returns that the autopilot switched all motors off since it took the vehicle for landed.
+    """Returns the fact that the autopilot switched all motors off in the air because it took the vehicle for landed.
 
-    ``collective`` is the mean output in the hover. It is the thrust that the autopilot's parameters mean only as long
-    as PX4's THR_MDL_FAC does not bend the relation between the two.
+    The autopilot decides that by comparing the thrust with some parameters, whose values are in the fact, so that they
+    can be compared with the thrust in the hover and mended.
+
+    Args:
+        signals: signals of the vehicle.
+        cause: the fact that all motors were off, with its time.
+        collective: mean output of all motors in the hover, as a share of their range; None if it is not known. It
+            equals the thrust of the parameters only if PX4's THR_MDL_FAC is 0, since that bends the relation between
+            the two. Otherwise the fact does not state it.
     """
     parameters = signals.telemetry.parameters
     settings = [(name, parameters[name]) for name in LANDING_PARAMETERS if name in parameters]
@@ -186,6 +193,7 @@ def _failure_by_commands(
     if motors is None:
         return None
     commands = motors.range_fractions(boot)
+    # Commands of three times: usual flight before the failure, the seconds just before it, and the failure itself.
     start, _ = interval
     usual_commands = _commands_between(commands, start - RECOVERY_SECONDS, start - LASTING_SECONDS)
     commands_before = _commands_between(commands, start - AVERAGING_SECONDS, start)
@@ -198,10 +206,14 @@ def _failure_by_commands(
     change = commands_now.mean(axis=0) - usual
     if (change < -usual / 2).all():
         return Fact(FailedFirst.ALL_OFF_FIRST, time=time[0])
+
+    # All thrust in use. While the attitude is lost the controller uses all of it, so the thrust before that counts.
     thrust_commands = commands_now if fall_direction is None else commands_before
     thrust_share = thrust_commands.mean() / motors.scale.stop
     if thrust_share > SPENT_THRUST_SHARE:
         return Fact(FailedFirst.THRUST_SPENT_FIRST, time=time[0], share=thrust_share)
+
+    # One motor: at its limit, or the opposite one at idle to make up for it.
     idle = min_airborne_collective(signals.telemetry.parameters)
     weak = _weak_motor(motors, change, fall_direction)
     if weak is None:

@@ -27,9 +27,15 @@ Events of one kind that follow each other within this time are one event.
 
 
 def settled_flight(signals: Signals) -> Segments:
-    """Returns the segments of settled flight; none for vehicles that are no multirotors.
+    """Returns the parts of a log in which a multirotor flies settled: off the ground, and not in a manoeuvre or fall.
 
-    They have attitude and motor outputs throughout or, if the log has no motor outputs, the attitude.
+    The attitude is recorded in all of them, and the motor outputs too, unless the log has none at all.
+
+    Args:
+        signals: signals of the vehicle.
+
+    Returns:
+        Segments in the order of boot and time; none for a vehicle that is no multirotor.
     """
     if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         return ()
@@ -86,9 +92,17 @@ def merge_close(intervals: Intervals, gap: float) -> Intervals:
 
 
 def height_in_flight(signals: Signals, boot: int, flight: Interval, time: float) -> float | None:
-    """Returns the height in metres above where a flight began, at ``time``, s; None where it was not recorded.
+    """Returns the height of the vehicle above its take-off at a time of a flight.
 
-    For a flight that began before the log it is the height above the autopilot's home.
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        flight: start and end of the flight, s since boot; the start is minus infinity if it was before the log.
+        time: s since boot.
+
+    Returns:
+        Height in m above where the flight began or, if that is not in the log, above the autopilot's home; None if no
+        height was recorded.
     """
     height = height_above_take_off(signals, boot, flight)
     take_off, _ = flight
@@ -98,10 +112,18 @@ def height_in_flight(signals: Signals, boot: int, flight: Interval, time: float)
 
 
 def trusted_climb_rate(signals: Signals, boot: int, flight: Interval) -> TimeSeries | None:
-    """Returns the vertical speed of a boot, m/s up, where the estimate of the height is reliable.
+    """Returns the vertical speed of a boot, without the samples in which its estimate has probably diverged.
 
-    Samples with a height below the take-off by more than ``MAX_GROUND_HEIGHT`` are left out: there the vertical
-    estimate may have diverged. All samples are returned where no height was recorded, None where no speed was.
+    After an impact the autopilot's vertical estimate often runs away. A height well below the take-off shows that.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        flight: start and end of the flight, s since boot, whose take-off is the zero of the height.
+
+    Returns:
+        Vertical speed, m/s up, at the samples that are not more than ``MAX_GROUND_HEIGHT`` below the take-off; at all
+        samples if no height was recorded. None if no speed was recorded.
     """
     climb_rate = series_of_boot(signals.climb_rate, boot)
     height = height_above_take_off(signals, boot, flight)

@@ -107,10 +107,17 @@ def identity_of(signals: Signals, receive_time: float = float("nan")) -> Identit
 
 
 def _name_of(telemetry: Telemetry) -> _NameWithBasis:
-    """Returns the name of a vehicle, and what it was made from.
+    """Returns a name by which all logs of a vehicle are recognised as its own, and what the name was made from.
 
-    The number of the autopilot's board is unique. Without it the calibration of a sensor is hashed, since no two
-    sensors have the same. Without that the name is only autopilot and system id, which many vehicles share.
+    It is, in this order of preference:
+
+    1. the serial number of the autopilot's board, which is unique;
+    2. a hash of the calibration of a sensor, since no two sensors have the same; default values do not count, nor those
+       of simulators;
+    3. the name of the autopilot and the MAVLink system id, which many vehicles share.
+
+    Args:
+        telemetry: messages and parameters of the vehicle.
     """
     board_number = (
         telemetry.board
@@ -122,9 +129,10 @@ def _name_of(telemetry: Telemetry) -> _NameWithBasis:
     parameters = telemetry.parameters
     for sensor, parameter_groups in CALIBRATION_PARAMETERS.items():
         for group in parameter_groups:
+            # A group has the names of an offset and of scale factors, with a place for the axis.
             names = [name.format(axis) for name in group.split() for axis in "XYZ"]
             values = [parameters[name] for name in names if name in parameters]
-            # The offsets come before the scale factors.
+            # The offsets of X, Y and Z come first. They are 0 if the sensor was never calibrated.
             offsets = tuple(round(offset, 6) for offset in values[:3])
             is_calibrated = any(offsets) and offsets not in SIMULATOR_OFFSETS
             if len(values) == len(names) and is_calibrated:
@@ -135,9 +143,15 @@ def _name_of(telemetry: Telemetry) -> _NameWithBasis:
 
 
 def _board_number_in_messages(telemetry: Telemetry) -> str:
-    """Returns the number of the board in AUTOPILOT_VERSION, in hexadecimal; empty if there is none.
+    """Returns the serial number of the autopilot's board from the MAVLink message AUTOPILOT_VERSION.
 
-    The last message that has a number counts. It is written as ArduPilot's texts write it for the same board.
+    It is written as ArduPilot's texts write it, so that a vehicle has the same name in logs that have only these.
+
+    Args:
+        telemetry: messages of the vehicle.
+
+    Returns:
+        The number in hexadecimal, of the last message that has one; empty without one.
     """
     columns = telemetry.messages.get("AUTOPILOT_VERSION", {})
     rows = np.atleast_2d(np.asarray(columns.get("uid2", []), dtype=np.uint8))
@@ -155,9 +169,16 @@ def _texts(telemetry: Telemetry) -> list[str]:
 
 
 def _firmware(telemetry: Telemetry) -> str:
-    """Returns name and version of the firmware; empty if the log does not have them.
+    """Returns name and version of the firmware, such as "ArduCopter V4.3.0".
 
-    ArduCopter reports them in a text. Otherwise they are made of the version number in AUTOPILOT_VERSION.
+    ArduCopter reports them in a text. Without it they are made of the version number in AUTOPILOT_VERSION, whose bytes
+    are the numbers of the version.
+
+    Args:
+        telemetry: messages of the vehicle.
+
+    Returns:
+        Name and version; empty if the log does not have them.
     """
     for text in _texts(telemetry):
         if text.startswith(FIRMWARE_TEXTS):
@@ -172,9 +193,15 @@ def _firmware(telemetry: Telemetry) -> str:
 
 
 def _first_fix(telemetry: Telemetry) -> tuple[float, float] | None:
-    """Returns latitude and longitude of the first GPS fix, degrees north and east, to a metre; None without a fix.
+    """Returns where the vehicle was at its first GPS fix, rounded to about a metre.
 
-    GPS_RAW_INT goes before the estimated GLOBAL_POSITION_INT.
+    The receiver's own GPS_RAW_INT is preferred to GLOBAL_POSITION_INT, which the autopilot estimates.
+
+    Args:
+        telemetry: messages of the vehicle.
+
+    Returns:
+        Latitude and longitude, degrees north and east; None without a fix.
     """
     for message in ("GPS_RAW_INT", "GLOBAL_POSITION_INT"):
         columns = telemetry.messages.get(message, {})
@@ -191,9 +218,17 @@ def _first_fix(telemetry: Telemetry) -> tuple[float, float] | None:
 
 
 def _date(signals: Signals, receive_time: float) -> datetime | None:
-    """Returns when the settled flight began or, if that is not known, the log; None if neither is known.
+    """Returns the date of a flight: when its settled part began or, if that is not known, when the log did.
 
-    SYSTEM_TIME relates the boot clock to UNIX time. ``receive_time`` is that of the first message, UNIX time in s.
+    Messages SYSTEM_TIME have UNIX time beside the time since boot, so the beginning of the flight, which is known since
+    boot, can be converted. Before the first GPS fix their UNIX time is not set; such messages are skipped.
+
+    Args:
+        signals: signals of the vehicle.
+        receive_time: when the first message was received, UNIX time in s.
+
+    Returns:
+        The date; None if the log shows no plausible time.
     """
     columns = signals.telemetry.messages.get("SYSTEM_TIME", {})
     flight = min(settled_segments(signals), default=None)

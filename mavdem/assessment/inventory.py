@@ -82,10 +82,15 @@ def vehicle_contents(telemetry: Telemetry, log: Log) -> VehicleContents:
 
 
 def autopilot_alarms(telemetry: Telemetry) -> list[JsonValues]:
-    """Returns the warnings of the autopilot, by the keys of documents: the most severe first, then by time.
+    """Lists the warnings of the autopilot: of its texts and, in DataFlash logs, of the messages ERR and EV.
 
-    Each has ``severity``, ``text``, ``time`` in s since boot, ``boot`` and, for one that is repeated, its ``count``.
-    They are of texts and, in DataFlash, of the messages ERR and EV.
+    Args:
+        telemetry: messages of the vehicle.
+
+    Returns:
+        A dictionary for each warning, the most severe first, then by time: name of its ``severity``, ``text``, ``time``
+        in s since boot, number of the ``boot``, and ``count``, how often it was repeated. The severity of a warning
+        that has none is the least.
     """
     alarms = []
     for fact in merge_repeats(reported_problems(telemetry)):
@@ -104,9 +109,15 @@ def autopilot_alarms(telemetry: Telemetry) -> list[JsonValues]:
 
 
 def _component_values(component: Component, missing_share: float | None) -> JsonValues:
-    """Returns what a component sent and lost, by the keys of documents.
+    """Returns what a MAVLink component sent and what was lost of it, as values of a document.
 
-    ``missing_share`` is that of its streams; None if it is no vehicle.
+    Args:
+        component: counts of a component's messages.
+        missing_share: share of the samples of its streams that are missing; None if it is no vehicle.
+
+    Returns:
+        MAVLink ids of ``system`` and ``component``, its ``kind``, number of ``messages``, number ``lost`` by the
+        sequence numbers, ``lost_share`` (lost of all that were sent), and ``missing_share``.
     """
     message_count = sum(component.messages.values())
     return {
@@ -121,9 +132,16 @@ def _component_values(component: Component, missing_share: float | None) -> Json
 
 
 def _vehicle_values(vehicle: VehicleContents) -> JsonValues:
-    """Returns what a log holds of a vehicle, by the keys of documents.
+    """Returns what a log holds of a vehicle, as values of a document.
 
-    Messages are in order of their names, with their number and rate in Hz.
+    Args:
+        vehicle: telemetry, learnability, condition and identity of the vehicle.
+
+    Returns:
+        Who it is (MAVLink ids, type, autopilot, identity); how much there is: number of ``parameters``, ``messages`` by
+        name with ``count`` and ``rate`` in Hz (``names`` has their names in another log format, such as DataFlash),
+        number of ``boots``, ``segments``; ``repairs`` of the data; and what it is good for: ``verdict``, tier and
+        condition; with the autopilot's warnings.
     """
     telemetry, learnability, condition, identity = vehicle
     messages = dict(sorted(telemetry.messages.items()))

@@ -53,10 +53,14 @@ def unjudged(refusal: Fact) -> Judgement:
 
 
 def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
-    """Returns the worst that was found.
+    """Returns the worst that was found, which is shown first.
 
     The order is: what is bad; without a flight, why there is none; what is to be watched; and that nothing is wrong
     with what was checked.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        lights: the facts of the eight lights, by name.
     """
     vehicle_lights = [lights[name] for name in VEHICLE_LIGHTS]
     if evidence.condition.oscillation is not None:

@@ -84,6 +84,10 @@ def _events_of_boot(signals: Signals, boot: int) -> Iterator[Fact]:
 
     Losses of attitude and falls are examined flight by flight. They explain limits of motors that come after them,
     which are left out.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
     """
     error = attitude_error(signals, boot)
     if error is None:
@@ -170,9 +174,19 @@ def _attitude_events(
 def _loss_intervals(
     error: AttitudeError, flight: Interval, climb_rate: TimeSeries | None
 ) -> Intervals:
-    """Returns the intervals, s, that begin in a flight or as it ends, in which the attitude was lost.
+    """Returns the intervals of a flight in which the attitude was lost.
 
-    A vehicle that falls and ends its flight on its side has lost its attitude too, whatever the setpoint was.
+    It is lost while the error exceeds ``LOST_ANGLE``. A vehicle that falls and ends its flight on its side has lost its
+    attitude too, whatever the setpoint was.
+
+    Args:
+        error: error of the attitude in the boot.
+        flight: start and end of the flight, s since boot.
+        climb_rate: vertical speed, m/s up; None if it was not recorded.
+
+    Returns:
+        Intervals, s since boot, that begin in the flight or at most ``MAX_SETPOINT_DELAY`` after it. Losses that follow
+        each other within ``RECOVERY_SECONDS`` are one.
     """
     lost = lasting_runs(error.time, error.magnitude > LOST_ANGLE, MAX_SETPOINT_DELAY)
     fallen = []
@@ -209,6 +223,7 @@ class _AttitudeLoss(NamedTuple):
         rows = in_intervals(self.error.time, [(self.start, self.end)])
         angle = self.error.magnitude[rows].max()
         has_setpoint = bool(self.error.has_setpoint[rows].all())
+        # The flight is followed back from the loss to the onset, where the vehicle began to leave its setpoint.
         onset = self._onset()
         height = height_in_flight(self.signals, self.boot, self.flight, onset)
         impact = impact_time(self.signals, self.boot, onset - MAX_SETPOINT_DELAY, self.start)
@@ -239,10 +254,17 @@ class _AttitudeLoss(NamedTuple):
     def _code(self, onset: float, height: float | None, impact: float | None) -> MotionEvent:
         """Returns the kind of a loss that was not recovered.
 
-        A vehicle that never rose tipped over. One that felt an impact, or was near the ground, hit something first.
+        A vehicle that never rose tipped over. One that felt an impact, or was near the ground, hit something first. All
+        others lost their attitude in the air.
+
+        Args:
+            onset: when the attitude began to leave its setpoint, s since boot.
+            height: height above the take-off then, m; None if it was not recorded.
+            impact: when the accelerometers felt an impact, s since boot; None if they felt none.
         """
         take_off, _ = self.flight
         is_airborne = has_risen(self.signals, self.boot, (take_off, onset))
+        # Without a height, a vehicle that has flown for a while has risen.
         if is_airborne is None:
             is_airborne = onset - take_off > RECOVERY_SECONDS
         if not is_airborne:
@@ -272,6 +294,7 @@ class _AttitudeLoss(NamedTuple):
         Its motors must have worked with more than half of their usual mean, and it must have been off the ground, as
         far as its height is known.
         """
+        # Mean command of all motors; a vehicle that lies on the ground has it at idle.
         collective = series_of_boot(self.signals.collective, self.boot)
         recovered_at = self.end + RECOVERY_SECONDS
         if collective is None or min(self.flight[1], collective.time[-1]) < recovered_at:
@@ -284,9 +307,17 @@ class _AttitudeLoss(NamedTuple):
         return after.mean() > usual / 2 and (height is None or height > MAX_GROUND_HEIGHT)
 
     def _sink_rate(self, code: MotionEvent, onset: float, height: float | None) -> float | None:
-        """Returns the largest speed downward of the loss, m/s; None if it is not known.
+        """Returns the largest speed downward of the loss.
 
-        A vehicle that the ground threw over had its speed before that.
+        A vehicle that lost its attitude in the air falls afterwards. One that hit something had its speed before.
+
+        Args:
+            code: kind of the loss.
+            onset: when the attitude began to leave its setpoint, s since boot.
+            height: height above the take-off then, m; None if it was not recorded.
+
+        Returns:
+            Speed downward, m/s; None if it is not known.
         """
         if height is not None and height < -MAX_GROUND_HEIGHT:
             # The vertical estimate had diverged before the loss.
@@ -400,9 +431,14 @@ def _impacts_of_fall(climb_rate: TimeSeries, boot: int, interval: Interval) -> I
 
 
 def _clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
-    """Yields when the accelerometers were out of their range in flight, and how often.
+    """Yields when the accelerometers were out of their range in flight ("clipping"), and how often.
 
     Clips of all IMUs are counted together. Those that follow each other within ``RECOVERY_SECONDS`` are one event.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        flights: start and end of each flight, s since boot.
     """
     vibration = reported_vibration(signals)
     if vibration is None:

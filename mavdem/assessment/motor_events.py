@@ -1,4 +1,4 @@
-"""MotorOutputs that stay at their upper limit in flight, or are off while the others fly the vehicle."""
+"""Motors whose output stays at its upper limit in flight, or that are off while the others carry the vehicle."""
 
 from collections.abc import Iterator
 
@@ -47,9 +47,18 @@ def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
 
 
 def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
-    """Yields when a motor stayed at its upper limit, or was off, in the ``flights`` of a boot.
+    """Yields when a motor stayed at its upper limit, or was off, in flight.
 
-    A motor counts as off only if it lasts for more than ``MAX_SETPOINT_DELAY``: a mixer may stop one for a moment.
+    A motor counts as off only if that lasts for more than ``MAX_SETPOINT_DELAY``: a mixer may stop one for a moment.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        flights: start and end of each flight of the boot, s.
+
+    Yields:
+        A fact for each motor and interval, with the name of the motor as subject and the ``share`` of the interval's
+        samples in which it was at the limit, or off.
     """
     motors = signals.motors
     if motors is None or boot not in motors.boot:

@@ -65,10 +65,14 @@ class MeasuredNoise(NamedTuple):
         return tuple(facts)
 
     def _filter_facts(self, unfiltered: Spectrum, filtered: Spectrum) -> Iterator[Fact]:
-        """Yields which share of the power of each motor line the gyro's filters remove.
+        """Yields how much of each motor line the gyro's filters remove.
 
-        The power is that in the band of the line. Lines above the Nyquist frequency of the filtered gyro cannot be
-        compared.
+        It is the share of the power in the band about the line's frequency (``LINE_BAND``), by the spectra before and
+        after the filters. Lines above the Nyquist frequency of the filtered gyro cannot be compared.
+
+        Args:
+            unfiltered: spectrum of the gyro before its filters.
+            filtered: spectrum of the gyro after its filters.
         """
         for line in self.lines:
             if line.kind is LineKind.MOTOR and line.frequency < filtered.nyquist_frequency:
@@ -80,10 +84,14 @@ class MeasuredNoise(NamedTuple):
 
 
 def _spectrum_fact(spectrum: Spectrum) -> Fact:
-    """Returns which spectrum was measured, from which message, and how far it reaches.
+    """Returns the fact that says which spectrum was measured, and how far it reaches.
 
-    The figure ``highest`` is half of the rate of the samples, Hz: faster vibration is folded below it. ``windows`` is
-    the number of windows of the average.
+    Args:
+        spectrum: an averaged power spectrum of a sensor.
+
+    Returns:
+        A fact with the ``name`` of the sensor, the ``source`` (its message), the ``highest`` frequency, which is half
+        of the rate of the samples in Hz (faster vibration is folded below it), and the number of ``windows`` averaged.
     """
     return Fact(
         Noise.SPECTRUM_SEEN,
@@ -95,10 +103,15 @@ def _spectrum_fact(spectrum: Spectrum) -> Fact:
 
 
 def _line_fact(line: SpectralLine) -> Fact:
-    """Returns the fact of a spectral line, whose code says where it comes from.
+    """Returns the fact of a spectral line; its code says where the line comes from, such as a motor or the frame.
 
-    Its frequency is in Hz and ``ratio`` its power over that around it. The frequency follows the throttle, or the
-    motors' speed, to the power of ``exponent``; ``order`` is the frequency over that speed.
+    Args:
+        line: a peak of a spectrum.
+
+    Returns:
+        A fact with the ``frequency`` in Hz; the ``ratio`` of its power to that around it; its ``harmonics``; the
+        ``exponent`` of the power with which the frequency follows throttle or motor speed; and the ``order``, the
+        frequency over the motor speed.
     """
     return Fact(
         LINE_CODES[line.kind],
@@ -111,10 +124,16 @@ def _line_fact(line: SpectralLine) -> Fact:
 
 
 def noise_of(evidence: Evidence) -> MeasuredNoise:
-    """Measures the noise of a flight: spectra and their lines, and the notch filter to set.
+    """Measures the noise of a flight: spectra of the sensors, their lines, and the notch filter to set.
 
-    The notch is advised with the phase that it costs the identified loops. There are no spectra without an attitude,
-    and no notch if the controller is not known.
+    A notch filter costs phase at the crossover of the control loops, so the identified loops enter the advice.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Returns:
+        The noise, with samples in flight only. Without an attitude there are no spectra, and without a known controller
+        there is no advice.
     """
     signals = evidence.signals
     if signals.attitude is None:

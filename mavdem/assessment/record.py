@@ -81,9 +81,10 @@ class Assessment:
 
     @property
     def loops(self) -> Mapping[str, Loop | NoLoop]:
-        """The control loops of "roll", "pitch" and "yaw", each a ``Loop``, or a ``NoLoop`` with its ``refusal``.
+        """The identified control loops by axis, "roll", "pitch" and "yaw".
 
-        If no vehicle was judged, the headline is the refusal of all three.
+        Each is a ``Loop``, or a ``NoLoop`` whose ``refusal`` says why it is not known. If no vehicle was judged, the
+        headline is the refusal of all three.
         """
         if self.evidence is None:
             return ReadOnlyDict({axis: NoLoop(self.headline) for axis in AXES})
@@ -153,9 +154,11 @@ class Assessment:
 
     @cached_property
     def wind_share_of_torque(self) -> Fact | None:
-        """The share of the wind torque's variance that the wind in m/s explains; None if one of them is not known.
+        """How much of the wind torque on the axis the wind velocity explains, as a fact.
 
-        The wind must be on the clock of the training data, and the torque resolved.
+        It connects the two estimates of the wind: the torque (rad/s²) by the model of the axis, and the velocity (m/s)
+        by the vehicle's drag. The share is of the torque's variance at the samples that the model was trained on. None
+        if one of the two is not known, they are of different boots, or the torque is smaller than its errors.
         """
         if self.analysis is None or self.model is None or self.wind_of_model is None:
             return None
@@ -167,9 +170,9 @@ class Assessment:
 
     @property
     def contents(self) -> VehicleContents:
-        """What the log holds of the vehicle, as an inventory of the log reports it.
+        """What the log holds of the vehicle: the part of the assessment that an inventory of the log reports too.
 
-        It exists only if a vehicle was judged.
+        It must only be used if a vehicle was judged; otherwise there is no evidence.
         """
         assert self.analysis is not None and self.evidence is not None
         return VehicleContents(

@@ -161,9 +161,14 @@ def _event(
 
 
 def _arming_events(signals: Signals, span: Segment) -> Iterator[Fact]:
-    """Yields when the motors were armed and disarmed, by HEARTBEAT in the recorded ``span`` of one boot.
+    """Yields when the motors were armed and disarmed, by the flag in HEARTBEAT messages.
 
-    A log may begin while they are armed, which the figure ``is_begun`` says.
+    A log may begin while they are armed: then the first event is at the log's beginning, and its figure ``is_begun`` is
+    true.
+
+    Args:
+        signals: signals of the vehicle.
+        span: the recorded part of one boot.
     """
     state = series_of_boot(signals.armed, span.boot)
     if state is None:
@@ -175,10 +180,14 @@ def _arming_events(signals: Signals, span: Segment) -> Iterator[Fact]:
 
 
 def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
-    """Yields take-offs and landings.
+    """Yields take-offs and landings in one boot.
 
-    The flights are those that motors and heights show. A take-off or landing that the land detector reports within
-    ``AVERAGING_SECONDS`` of one has the land detector's time.
+    The flights are those that motor outputs and heights show, because a land detector may be mistaken. But their times
+    are averages. So if the land detector reports a change within ``AVERAGING_SECONDS`` of one, the event has its time.
+
+    Args:
+        signals: signals of the vehicle.
+        span: the recorded part of one boot.
     """
     detected_changes = np.zeros(0)
     landed_state = series_of_boot(signals.landed_state, span.boot)
@@ -206,7 +215,12 @@ def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
 def _mode_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
     """Yields changes of the flight mode in one boot, with ArduPilot's reason where the log has it.
 
-    The level is that of the reason: a mode that the pilot chose is good, one of a failsafe is to be watched.
+    The level of an event is that of its reason: a mode that the pilot chose is good, one of a failsafe is to be
+    watched. Reasons are in the field ``Rsn`` of DataFlash's messages MODE, which are translated to CURRENT_MODE.
+
+    Args:
+        signals: signals of the vehicle.
+        span: the recorded part of one boot.
     """
     columns = signals.telemetry.messages.get("CURRENT_MODE", {})
     message = "CURRENT_MODE" if columns else "HEARTBEAT"
@@ -229,9 +243,14 @@ def _restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
 
 
 def _estimator_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
-    """Yields each change of the estimator's primary lane, and each reset, in one boot.
+    """Yields each change of the state estimator's primary lane, and each of its resets, in one boot.
 
-    The ``COUNTING_FIELDS`` have the messages; the subject of the event may contain the new value, such as "lane 1".
+    Both show in fields that hold a number or count: every change of the value is an event. ``COUNTING_FIELDS`` lists
+    them. The subject of an event may contain the new value, such as "lane 1".
+
+    Args:
+        signals: signals of the vehicle.
+        span: the recorded part of one boot.
     """
     for counting in COUNTING_FIELDS:
         columns = signals.telemetry.messages.get(counting.message, {})
@@ -248,9 +267,16 @@ def _estimator_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
 
 
 def _lasting_faults(signals: Signals, span: Segment) -> Iterator[Fact]:
-    """Yields the intervals in which a message reports a fault while the motors are armed.
+    """Yields the faults of sensors, radio and battery that last for some time, while the motors are armed.
 
-    A fault that is still there when the boot's record ends has no end.
+    Before arming, sensors start and radios are off, so faults then mean nothing.
+
+    Args:
+        signals: signals of the vehicle.
+        span: the recorded part of one boot.
+
+    Yields:
+        A fact with start and end for each interval; a fault that is still there when the record ends has no end.
     """
     armed = intersection(armed_intervals(signals, span.boot), [(span.start, span.end)])
     for fault in _fault_signals(signals):
@@ -275,7 +301,14 @@ def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
     """Yields every fault that a message may report for a time, with the samples that report it.
 
     These are failsafes, a lost GPS fix or radio, low voltages and charges, unhealthy sensors, and PX4's failure
-    detectors. Messages that the log does not have yield empty signals.
+    detectors.
+
+    Args:
+        signals: signals of the vehicle, with the messages of all boots.
+
+    Yields:
+        The message, flags (N,) of its N samples that report the fault, the code of the event, and perhaps its subject.
+        The flags are empty for a message that the log does not have.
     """
 
     def column(message: str, field: str) -> NDArray[Any]:
@@ -292,7 +325,7 @@ def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
 
     yield FaultSignal("input_rc", column("input_rc", "rc_lost") > 0, Reported.RADIO_LOST)
 
-    # In mV; 0 where the board does not measure it.
+    # The voltage is in mV; it is 0 where the board does not measure it.
     board_voltage = column("POWER_STATUS", "Vcc")
     is_low = (board_voltage > 0) & (board_voltage < 1000 * BOARD_VOLTAGE_LIMITS.bad)
     yield FaultSignal("POWER_STATUS", is_low, Reported.BOARD_VOLTAGE_LOW)
@@ -315,6 +348,7 @@ def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
         yield FaultSignal(message, is_detected, fault.code, fault.subject)
     failed_motors = column(message, "motor_failure_mask").astype(np.int64)
     for motor in range(MAX_MOTORS):
+        # Bit i of the mask stands for motor i + 1.
         has_failed = failed_motors >> motor & 1 > 0
         if has_failed.any():
             subject = f"motor {motor + 1}"

@@ -1,4 +1,4 @@
-"""Comparison: every method on every window of every flight, the first method beside each of the others.
+"""Comparison of forecasting methods: all are trained and tested on the same windows of flights, then tested in pairs.
 
 The error ratio of a window is that of the whole test part: its error over that of the constant mean. A flight has the
 median over its windows, because a mean would show one diverged forecast only, and the worst window beside it. Over
@@ -73,7 +73,12 @@ V.G): the first derivative only, which the model itself needs."""
 
 
 def _default_methods() -> Iterator[Method]:
-    """Yields the methods of ``mavdem compare``."""
+    """Yields the methods of ``mavdem compare``, the reference first: DEM's joint model is compared with all others.
+
+    They are DEM by several settings; subspace identification, prediction-error method (PEM) and expectation
+    maximisation (EM) with 2 or 4 states; joint vector autoregressions (VAR) of 4 and 10 lags; and three trivial
+    forecasts. Those that do not need the inputs of the forecast time are also asked to predict without them.
+    """
     for name, settings in DEM_SETTINGS.items():
         yield Method(name, partial(learn, settings=settings), predicts=name is MethodName.JOINT)
     for order in (2, 4):
@@ -123,7 +128,17 @@ class Outcome:
         return self.scores[question].squared_error[-1]
 
     def to_dict(self, question: Question = KNOWN) -> JsonValues:
-        """Returns values of a ``question`` for its document, without the forecasts themselves."""
+        """Returns the values of this outcome for a document, without the forecasts themselves.
+
+        Args:
+            question: what the forecast was given.
+
+        Returns:
+            ``failure``, ``stable``, ``cautions`` and ``seconds`` as in this class; ``mspe``, the mean squared errors
+            over the whole test part, by output and in total; and two lists with a value per horizon: ``relative``, the
+            error over that of the constant mean, and ``inside_90_percent_band``, the share of samples in the band, None
+            without one.
+        """
         errors = self.mspe(question)
         scores = self.scores[question]
         return {
@@ -132,13 +147,22 @@ class Outcome:
             "cautions": self.cautions,
             "mspe": {"per_output": errors, "total": errors.sum()},
             "relative": scores.ratio,
+            # The mean of one share turns NaN into None.
             "inside_90_percent_band": [known_mean([share]) for share in scores.inside.tolist()],
             "seconds": round(self.seconds, ROUNDED_SECONDS),
         }
 
 
 def evaluate_window(method: Method, window: Window) -> Outcome:
-    """Trains a method on the first part of a window and forecasts the second; a failure is in the outcome."""
+    """Trains a method on the first part of a window and forecasts the second.
+
+    A method that fails on a window must not end the comparison: the outcome then has the reason, and infinite errors,
+    so that a failure counts as the worst forecast.
+
+    Args:
+        method: the method.
+        window: training part and test part.
+    """
     begin = thread_time()
     # The outcome itself says what NumPy and SciPy would warn of.
     with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -174,7 +198,15 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
 
 
 def infinite_scores(method: Method, window: Window) -> dict[Question, Scores]:
-    """Returns the scores of a method without a forecast, by question: infinite errors."""
+    """Returns the scores of a method that made no forecast: infinite errors at every horizon.
+
+    Args:
+        method: the method; one that predicts has scores without the inputs too.
+        window: the window, whose test part gives horizons and number of outputs.
+
+    Returns:
+        Scores by question, of the same shapes as those of a forecast.
+    """
     test = window.test
     output_count = test.outputs.shape[1]
     questions = [KNOWN, FROM_ZERO]
@@ -195,7 +227,10 @@ def infinite_scores(method: Method, window: Window) -> dict[Question, Scores]:
 
 
 def question_horizons(question: Question, test: Flight) -> tuple[int, ...]:
-    """Returns the horizons, in steps, of a question on a test part: a forecast from state 0 is made once only."""
+    """Returns the horizons, in steps, at which forecasts that answer a question are evaluated.
+
+    A forecast from state 0 has only the horizon of the whole test part, because it is not renewed from the data.
+    """
     return (len(test),) if question == FROM_ZERO else horizons(len(test), test.dt)
 
 
@@ -310,7 +345,11 @@ class Comparison:
         return tuple(outcome.method for outcome in self.outcomes[0] if question in outcome.scores)
 
     def of_flight(self, flight: str) -> Comparison:
-        """Returns the part of one ``flight``, by its name."""
+        """Returns the part of the comparison that is of one flight, as a comparison of its own.
+
+        Args:
+            flight: name of the flight.
+        """
         windows = []
         outcomes = []
         for window, window_outcomes in zip(self.windows, self.outcomes, strict=True):
@@ -320,14 +359,30 @@ class Comparison:
         return Comparison(tuple(windows), self.methods, tuple(outcomes))
 
     def summaries(self, flight: str, question: Question = KNOWN) -> tuple[JsonValues, ...]:
-        """Returns each method's summary of a ``question`` on the ``flight`` of that name, the lowest error first.
+        """Returns each method's summary over the windows of one flight, the lowest median error first.
+
+        Error ratios are the squared error over that of the constant mean, on the whole test part unless stated
+        otherwise.
+
+        Args:
+            flight: name of the flight.
+            question: what the forecasts were given.
 
         Returns:
-            Plain values by name. ``windows`` and the other ``COUNTS`` are numbers of windows; ``failure`` is the first
-            reason; ``mspe`` per output and ``mspe_total`` are means over windows, as the paper has them; ``relative``
-            and ``worst`` are the median and the largest error ratio. Each of the ``horizons``, the last that of the
-            whole test part, has the median, ``inside``, the mean share in the 90 % band or None, and ``reference``, the
-            first method compared with this one (:class:`mavdem.evaluate.Paired`).
+            Plain values by name:
+
+            - ``method``: name of the method.
+            - ``windows``, ``failed``, ``diverged``, ``unstable``, ``worse_than_constant``: numbers of all windows, of
+              those without a forecast, with an infinite error in spite of one, with an unstable model, and with an
+              error ratio above 1.
+            - ``failure``: why the first of the failed windows has no forecast; None if none failed.
+            - ``mspe``, ``mspe_total``: mean squared error per output and in total, means over windows, as in the paper.
+            - ``relative``, ``worst``: median and largest error ratio.
+            - ``seconds``: median processor time of the training, s.
+            - ``horizons``: for each horizon, the last that of the whole test part: its ``steps``; the median error
+            ratio
+              ``relative``; ``inside``, the mean share of samples in the 90 % band or None; and ``reference``, the first
+              method compared with this one (:class:`mavdem.evaluate.Paired`).
         """
         return self._summaries[flight, question]
 
@@ -339,7 +394,10 @@ class Comparison:
 
     @cached_property
     def _summaries(self) -> dict[tuple[str, Question], tuple[JsonValues, ...]]:
-        """The summaries by flight and question."""
+        """The summaries of all methods, by name of the flight and question, as :meth:`summaries` returns them.
+
+        They are computed once for all, because the tests over flights and the document need them several times.
+        """
         summaries = {}
         for flight in self.flights:
             for question in Question:
@@ -353,11 +411,11 @@ class Comparison:
         return tuple(sorted(summaries, key=itemgetter("relative")))
 
     def _summary(self, method: str, question: Question, reference: str) -> JsonValues:
-        """Returns the summary of a method over all windows, as :meth:`summaries` has it.
+        """Returns the summary of a method over all windows; :meth:`summaries` says what its keys mean.
 
         Args:
             method: its name.
-            question: what was forecast.
+            question: what the forecasts were given.
             reference: name of the method that it is compared with.
         """
         outcomes = self._outcomes_by_method[method]
@@ -404,9 +462,17 @@ class Comparison:
         }
 
     def tests(self, question: Question = KNOWN) -> dict[str, Paired]:
-        """Compares the first method with each other one over the whole test part, by name, for a ``question``.
+        """Tests whether the first method has other errors over the whole test part than each of the other methods.
 
-        Pairs are flights where there are enough of them to distinguish anything, and else windows of all flights.
+        Windows of a flight resemble each other, so a result for flights in general needs flights as pairs. With fewer
+        than ``MIN_PAIRS`` flights no test could find a difference, and the windows of all flights are the pairs
+        instead.
+
+        Args:
+            question: what the forecasts were given.
+
+        Returns:
+            The result by name of the other method, with the first method's error over that of the other.
         """
         first, *others = self.methods_of(question)
         if len(self.flights) >= MIN_PAIRS:
@@ -428,12 +494,23 @@ class Comparison:
         return [outcome.scores[question].ratio[-1] for outcome in self._outcomes_by_method[method]]
 
     def over_flights(self, question: Question = KNOWN) -> tuple[JsonValues, ...]:
-        """Returns each method's summary of a ``question`` over all flights, the lowest error first.
+        """Returns each method's summary over all flights, the lowest error first; each flight counts the same.
+
+        Args:
+            question: what the forecasts were given.
 
         Returns:
-            Plain values by name. ``relative`` and ``horizons``, those that all flights have, are geometric means of the
-            flights' medians, ``inside`` is a mean, ``COUNTS`` and ``mspe_total`` are sums; of ``reference`` each flight
-            is one pair.
+            Plain values by name:
+
+            - ``method``: name of the method.
+            - ``flights``: number of flights.
+            - ``relative``: geometric mean over flights of their median error ratio.
+            - ``horizons``, ``inside``: lists with a value per horizon that all flights have: the geometric mean of the
+              median error ratios, and the mean share of samples in the 90 % band.
+            - ``windows``, ``failed``, ``diverged``, ``unstable``, ``worse_than_constant``: sums of the numbers
+              of windows.
+            - ``mspe_total``: sum over flights.
+            - ``reference``: the first method compared with this one, where each flight is one pair.
         """
         summaries: list[JsonValues] = []
         for flight in self.flights:
@@ -445,9 +522,21 @@ class Comparison:
         return tuple(sorted(overall, key=itemgetter("relative")))
 
     def to_dict(self, question: Question = KNOWN) -> JsonValues:
-        """Returns values of a ``question`` for its document, by flight and by window, infinite errors as infinity.
+        """Returns the comparison as values of a document; infinite errors stay infinite.
 
-        Of forecasts given the inputs, the same of predictions without them is in ``predictions``.
+        Args:
+            question: what the forecasts were given.
+
+        Returns:
+            Values by name:
+
+            - ``reference``: name of the first method; ``methods``: names of all that answer the question.
+            - ``start``: "zero" for forecasts from state 0, else "data".
+            - ``verdicts``: results of :meth:`tests`.
+            - ``over_flights``: results of :meth:`over_flights`.
+            - ``flights``: for each flight its summaries and single outcomes (:meth:`_flight_values`).
+            - ``predictions``: the same values of predictions without the inputs; None where no method predicts, and in
+              these values themselves.
         """
         has_predictions = question != UNKNOWN and self.methods_of(UNKNOWN)
         return {
@@ -461,7 +550,17 @@ class Comparison:
         }
 
     def _flight_values(self, flight: str, question: Question) -> JsonValues:
-        """Returns the values of one flight for the document of a ``question``."""
+        """Returns the values of one flight for the document.
+
+        Args:
+            flight: name of the flight.
+            question: what the forecasts were given.
+
+        Returns:
+            What was sampled (``dt`` in s, names and units of the outputs), samples of the training part and of the part
+            that was forecast, ``standings`` (the results of :meth:`summaries`), and ``windows``: for each its first
+            sample, its time in s, and the outcome of each method by name.
+        """
         part = self.of_flight(flight)
         train = part.windows[0].train
         test = part.windows[0].test
@@ -492,13 +591,14 @@ class Comparison:
 
 
 def overall_summary(method: str, rows: Sequence[JsonValues]) -> JsonValues:
-    """Returns the summary of a method over flights, as :meth:`Comparison.over_flights` has it.
+    """Returns the summary of a method over flights; :meth:`Comparison.over_flights` says what its keys mean.
 
     Args:
-        method: its name.
-        rows: its summaries, one for each flight.
+        method: name of the method.
+        rows: its summaries, one for each flight, as :meth:`Comparison.summaries` returns them.
     """
-    # Flights of other rates have other numbers of horizons. The last one is the whole test part in all of them.
+    # Flights sampled at other rates have other numbers of horizons. The last is the whole test part in all of them, so
+    # it is kept, with the shorter horizons that all have.
     common_horizons = min(len(row["horizons"]) for row in rows)
     horizon_columns = []
     for index in (*range(common_horizons - 1), -1):

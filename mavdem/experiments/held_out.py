@@ -105,8 +105,13 @@ class HeldOut(ImmutableResult):
 
     @property
     def coverage(self) -> float:
-        """Share of the forecast samples, of all outputs, that lie inside the 90 % band; 0 if none was forecast."""
+        """How often the 90 % band of the forecast held: 0.9 if the model knows the size of its errors.
+
+        It is the share of samples of all windows and outputs whose measurement is inside the band. Samples without a
+        forecast do not count; a forecast that overflowed does, as outside. It is 0 if nothing was forecast.
+        """
         forecast = self.forecasts[FORECAST]
+        # Windows of a part whose model failed have NaN in both.
         is_forecast = ~(np.isnan(forecast) & np.isnan(self.band))
         if not is_forecast.any():
             return 0.0
@@ -127,16 +132,22 @@ def held_out_windows(
     steps: int | None = None,
     progress: Progress = lambda _: None,
 ) -> HeldOut:
-    """Returns forecasts of all of some flights, by five models that are each trained on four fifths of the samples.
+    """Forecasts every part of some flights by models that have not seen it (5-fold blocked cross-validation).
 
-    Every window follows samples that only the filter uses: those before it in its flight, or at the beginning of a
-    flight, its first 1.5 s or more, which are in no window.
+    Each of five models is trained on four fifths of the samples, and forecasts the remaining fifth in windows.
+
+    Before its first window, a model's filter needs samples to find the state. They are those before the window in its
+    flight. At the beginning of a flight there are none, so the first 1.5 s or more of it are in no window.
 
     Args:
         flights: segments of one vehicle, sampled alike.
         settings: of the fits; ``Settings()`` unless given.
         steps: samples of a window; those of 1.5 s unless given.
         progress: called with the share done.
+
+    Returns:
+        All windows in the order of time, with their forecasts and those of the baselines. Windows whose model could not
+        be learned have NaN, and the reason is in ``failures``.
 
     Raises:
         ValueError: too little flight for a window in any part.
@@ -277,7 +288,15 @@ def forecast_part(
 
 
 def joined_parts(parts: Sequence[HeldOut]) -> HeldOut:
-    """Returns all windows of several parts in the order of time; the variance is the mean of the parts' variances."""
+    """Joins the held-out windows of all folds to one result, in the order of time.
+
+    Args:
+        parts: results of parts, with the same number of samples in each window.
+
+    Returns:
+        All W windows. Each fold has training data of its own, so the variance, as the unit of errors, is the mean of
+        the parts' variances.
+    """
     start_times = np.concatenate([part.time[:, 0] for part in parts])
     order = np.argsort(start_times, kind="stable")
     forecasts = {}

@@ -87,7 +87,14 @@ def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None 
 
 
 def _median_ratio(log_ratios: Array) -> float:
-    """Returns the median ratio of the logarithms (W,); NaN without any."""
+    """Returns the median over windows of the ratio of two methods' errors.
+
+    Args:
+        log_ratios: logarithms of the ratios (W,); infinite where one of the methods has no finite error.
+
+    Returns:
+        The median ratio, 0 to infinity; NaN without windows.
+    """
     if not len(log_ratios):
         return nan
     with np.errstate(invalid="ignore", over="ignore"):
@@ -98,13 +105,21 @@ def _median_ratio(log_ratios: Array) -> float:
 
 
 def _signed_rank_p_value(log_ratios: Array) -> float:
-    """Returns the two-sided p-value of Wilcoxon's signed-rank test of logarithms (W,), which may be infinite."""
+    """Returns the two-sided p-value of Wilcoxon's signed-rank test of whether the ratios are centred on 1.
+
+    Args:
+        log_ratios: logarithms of error ratios of independent windows (W,), which may be infinite. Those that are 0 do
+            not count, as usual in this test.
+
+    Returns:
+        The p-value; 1 where no ratio differs from 1.
+    """
     # SciPy's statistics take half a second to import.
     from scipy.stats import rankdata, wilcoxon
 
     differences = log_ratios[log_ratios != 0]
     if not len(differences):
         return 1.0
-    # The test uses signs and ranks only, and ranks are finite where a method diverged.
+    # The test uses only signs, and ranks of magnitudes. SciPy does not take infinite values, so it gets the ranks.
     signed_ranks = np.sign(differences) * rankdata(abs(differences))
     return float(wilcoxon(signed_ranks).pvalue)

@@ -55,9 +55,10 @@ class Scores(NamedTuple):
 
     @property
     def ratio(self) -> Array:
-        """(K,) error ratios: below 1 is better than the constant mean.
+        """Error ratio at each horizon (K,): squared error over that of the constant mean, below 1 where it is better.
 
-        This is the NMSE of system identification; the skill score of meteorology is 1 less this.
+        Outputs differ in unit, so each counts in units of its variance in training. The ratio is the normalised mean
+        squared error (NMSE) of system identification; 1 minus it is the skill score of meteorology.
         """
         error = (self.squared_error / self.variance).sum(axis=1)
         baseline_error = (self.baseline / self.variance).sum()
@@ -135,7 +136,14 @@ class BaselineErrors(NamedTuple):
 
 
 def baseline_errors(train: Flight, test: Flight) -> BaselineErrors:
-    """Returns the training variance, and the squared error of the training mean in the test part.
+    """Returns what the errors of forecasts are compared with: the simplest forecast, and the unit of each output.
+
+    Args:
+        train: training part, which gives mean and variance of the m outputs.
+        test: test part, on which the mean is the forecast.
+
+    Returns:
+        Variance in training, and mean squared error of the training mean in the test part.
 
     Raises:
         ValueError: an output of ``train`` is constant.

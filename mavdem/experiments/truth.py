@@ -140,7 +140,7 @@ def read_truth(path: PathName, axis: str) -> Truth:
     except OSError as error:
         cause = error_message(error)
     except (LookupError, TypeError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
-        # The file is not an archive of arrays, or not of these.
+        # The file is not an archive of arrays, or not of these arrays.
         cause = ""
     raise Unreadable(Forecasts.NO_TRUTH_FILE, name=name, error=cause)
 

@@ -158,7 +158,14 @@ def windows(
 def required_windows(
     name: str, flight: Flight, train: Length | None, test: Length | None, hop: int | None
 ) -> tuple[Window, ...]:
-    """Returns the :func:`windows` of these lengths, at least one.
+    """Returns the :func:`windows` of a flight, of which there must be at least one.
+
+    Args:
+        name: name of the flight.
+        flight: the flight.
+        train: length of each training part; 7 s for ``None``.
+        test: length of each test part; 1.5 s for ``None``.
+        hop: samples from the start of a window to that of the next; half a window for ``None``.
 
     Raises:
         TooFewSamples: no window fits into the flight.
@@ -173,7 +180,14 @@ def required_windows(
 def disjoint(windows: Sequence[Window]) -> Indices:
     """Returns the indices of windows that share no sample, as many as possible.
 
-    By interval scheduling: of each flight, the window that ends first, then the next that begins after it, and so on.
+    A statistical test needs windows that are independent. The greedy rule of interval scheduling finds the most: of
+    each flight take the window that ends first, then of those that begin after it the one that ends first, and so on.
+
+    Args:
+        windows: windows of one or several flights, which may overlap.
+
+    Returns:
+        Ascending indices of the chosen windows.
     """
     chosen = []
     end_of_chosen: dict[str, int] = {}

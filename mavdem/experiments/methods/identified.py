@@ -1,4 +1,4 @@
-"""State-space models that other methods than DEM identify: the result with its forecasts, and how a fit is run."""
+"""State-space models that methods other than DEM identify: how such a method is run, and how its model forecasts."""
 
 from __future__ import annotations
 

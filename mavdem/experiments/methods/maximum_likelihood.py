@@ -115,7 +115,15 @@ class PredictionErrorLikelihood(NamedTuple):
         return self._replace(model=model, starts=starts)
 
     def errors(self, parameters: Array) -> Array:
-        """Returns the one-step prediction errors (T, m) of all samples of all segments."""
+        """Returns the one-step prediction errors of all samples.
+
+        Args:
+            parameters: parameter vector (f,).
+
+        Returns:
+            Measured minus predicted outputs (T, m) in normalized units, segments one after the other. Each sample is
+            predicted from those before it in its segment.
+        """
         model, starts, segments = self.with_parameters(parameters)
         predictions = []
         for start, (inputs, outputs) in zip(starts, segments, strict=True):
@@ -188,7 +196,17 @@ def em(train: TrainingData, order: int = 2) -> Identified:
 
 
 def em_fit(segments: Segments, order: int) -> NormalizedFit:
-    """Fits a model of ``order`` states to segments in normalized units, and converts it to innovation form.
+    """Fits a state-space model by expectation maximisation (EM), in normalized units.
+
+    EM finds the covariances Q and R of state and output noise. All methods here return models in innovation form, with
+    one noise and a gain, so the steady-state Kalman gain K for Q and R is computed at the end.
+
+    Args:
+        segments: inputs (T, k) and outputs (T, m) of each segment.
+        order: number of states.
+
+    Returns:
+        The model with the first state of each segment, and the number of iterations if it is still improving.
 
     Raises:
         NotLearnable: the likelihood becomes infinite, or there is no steady-state filter.

@@ -34,7 +34,14 @@ class NormalizedUnits(NamedTuple):
 
     @classmethod
     def of(cls, record: Record) -> NormalizedUnits:
-        """Returns the units in which the training data have mean 0 and variance 1.
+        """Returns the units in which the training data have mean 0 and variance 1, and inputs are not correlated.
+
+        Motors move together, so that their commands depend on each other, and a regression on them would be singular.
+        The principal components of the inputs do not; those that hardly vary are left out. They come from the singular
+        value decomposition of the inputs in units of their standard deviations.
+
+        Args:
+            record: the training data.
 
         Raises:
             ValueError: an output is constant.
@@ -55,7 +62,14 @@ class NormalizedUnits(NamedTuple):
         )
 
     def normalized_segments(self, record: Record) -> Segments:
-        """Returns the inputs (T, k) and outputs (T, m) of each segment in normalized units."""
+        """Converts the training data to normalized units.
+
+        Args:
+            record: inputs and outputs in physical units.
+
+        Returns:
+            Inputs u′ (T, k) and outputs y′ (T, m) of each segment.
+        """
         segments = []
         for inputs, outputs in record.segments:
             normalized_inputs = (inputs - self.input_trim) @ self.input_map
@@ -64,7 +78,17 @@ class NormalizedUnits(NamedTuple):
         return segments
 
     def physical_model(self, model: StateSpace) -> StateSpace:
-        """Returns a model in normalized units, without feedthrough and input trim, in physical units."""
+        """Converts a model that was fitted in normalized units to physical units.
+
+        Only matrices beside inputs and outputs change: B by the map of the inputs, C and K by the scale of the outputs.
+        The states stay in the units of the method.
+
+        Args:
+            model: model of u′ and y′; it must have no feedthrough D, and no input trim.
+
+        Returns:
+            The model of the inputs u and the outputs y.
+        """
         scale = self.output_scale
         return replace(
             model,

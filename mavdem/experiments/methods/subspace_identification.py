@@ -110,7 +110,18 @@ def subspace_fit(segments: Segments, order: int) -> NormalizedFit:
 
 
 def sample_windows(segments: Segments, length: int) -> Array:
-    """Returns all windows (N, length, k + m) of consecutive samples, inputs before outputs; none across a gap."""
+    """Returns all windows of consecutive samples, as rows of the regressions of subspace identification.
+
+    Windows overlap: one begins at every sample. None reaches across a gap between segments, and segments shorter than
+    a window have none.
+
+    Args:
+        segments: inputs (T, k) and outputs (T, m) of each segment.
+        length: number of samples in a window.
+
+    Returns:
+        Windows (N, length, k + m), with the inputs of a sample before its outputs.
+    """
     windows = []
     for inputs, outputs in segments:
         if len(inputs) >= length:
