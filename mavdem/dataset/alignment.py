@@ -96,7 +96,16 @@ def _setpoint_columns(setpoints: Sequence[Setpoint], boot: int, time: Array) -> 
 
 
 def _source_provenance(signals: Signals, segment: Segment) -> JsonValues:
-    """Returns the part of a flight's provenance that says where it comes from: source, segment and messages."""
+    """Returns where a flight comes from, as the first part of its provenance, so that it can be made again.
+
+    Args:
+        signals: signals of the vehicle, for one axis.
+        segment: span of the log that the flight is.
+
+    Returns:
+        Values by name: ``source`` (name of the log), MAVLink ids and types of the vehicle, ``axis``, the ``segment``
+        (boot, start and end in s), and the ``messages`` that attitude and model inputs (``motors``) were read from.
+    """
     telemetry = signals.telemetry
     attitude, motors = signals.attitude_and_inputs
     return {
@@ -112,7 +121,17 @@ def _source_provenance(signals: Signals, segment: Segment) -> JsonValues:
 
 
 def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
-    """Returns the part of a flight's provenance that says what flew: motors, setpoints and parameters."""
+    """Returns what flew, as the second part of a flight's provenance.
+
+    Args:
+        signals: signals of the vehicle, for one axis.
+        segment: span of the log that the flight is.
+
+    Returns:
+        Values by name: ``motors`` (output channels, positions and spins, and which of these are assumed), ``scale`` of
+        the outputs, messages of the ``setpoints``, ``repairs`` of the data, ``parameters`` of the controller at the end
+        of the log, and ``earlier``, those that had another value in this segment.
+    """
     telemetry = signals.telemetry
     _, motors = signals.attitude_and_inputs
     geometry = motors.geometry
@@ -172,9 +191,16 @@ def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
 
 @cached_per_vehicle()
 def _changed_parameter_messages(signals: Signals) -> Columns:
-    """Returns the messages of those parameters that did not always have their last value.
+    """Returns the PARAM_VALUE messages of those parameters that did not always have their last value.
 
-    They are few, even where every boot sends all parameters again.
+    An autopilot may send all of its thousand parameters in every boot, but few ever change. The search for what was
+    valid at some time is then quick.
+
+    Args:
+        signals: signals of the vehicle, whose log has PARAM_VALUE.
+
+    Returns:
+        Columns of the messages, in the order of the log.
     """
     telemetry = signals.telemetry
     parameter_messages = telemetry.messages["PARAM_VALUE"]

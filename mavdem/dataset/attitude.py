@@ -196,9 +196,18 @@ def attitude_from_messages(telemetry: Telemetry, axis: str) -> Attitude | None:
 
 
 def _euler_angles(columns: Columns, message: str, axis: str) -> tuple[Array, Array, Array]:
-    """Returns roll, pitch and yaw (N,), rad, of a message with the attitude.
+    """Returns the Euler angles of a message that has the attitude.
 
-    The heading of ATTITUDE is 0 unless ``axis`` is yaw: a bad heading must not exclude rows of the other axes.
+    Rows with an impossible value are excluded later. So that a bad heading does not exclude rows for a model of roll or
+    pitch, the yaw of ATTITUDE is read only where it is needed. A quaternion cannot be separated like that.
+
+    Args:
+        columns: fields of the message, N rows.
+        message: ATTITUDE_QUATERNION, or another message with the fields roll, pitch and yaw in rad.
+        axis: "roll", "pitch" or "yaw", the axis of the model.
+
+    Returns:
+        Roll, pitch and yaw (N,), rad; yaw is 0 where it was not read.
     """
     if message == "ATTITUDE_QUATERNION":
         roll, pitch, yaw = euler_angles(float_columns(columns, ("q1", "q2", "q3", "q4")))

@@ -69,7 +69,15 @@ def split_at_gaps(time: Array, is_gap: Flags) -> Intervals:
 
 
 def intersection(first: Intervals, second: Intervals) -> Intervals:
-    """Returns the times that are in both sets of intervals."""
+    """Returns the times that are in both sets of intervals.
+
+    Args:
+        first: intervals (start, end) in s, ascending and without overlap.
+        second: the same of the other set.
+
+    Returns:
+        Ascending intervals of more than one point of time. The search goes through both sets once, side by side.
+    """
     overlaps = []
     i = 0
     j = 0
@@ -92,7 +100,14 @@ def union(first: Intervals, second: Intervals) -> Intervals:
 
 
 def complement(intervals: Intervals) -> Intervals:
-    """Returns all times from -inf to inf that are not in a set of intervals."""
+    """Returns all times that are not in a set of intervals.
+
+    Args:
+        intervals: intervals (start, end) in s, ascending and without overlap; ends may be infinite.
+
+    Returns:
+        The gaps between them, from minus infinity before the first to infinity after the last.
+    """
     gaps = []
     previous_end = -inf
     for start, end in intervals:

@@ -265,7 +265,15 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
 
 
 def _no_multirotor(signals: Signals, components: Sequence[Component]) -> Fact:
-    """Returns the refusal of a vehicle of another kind; it names a multirotor that is in the log too."""
+    """Returns the refusal of a vehicle that is no multirotor, since models are of multirotors only.
+
+    A log may have several vehicles, of which the wrong one was chosen. So the refusal names another one that is a
+    multirotor.
+
+    Args:
+        signals: signals of the chosen vehicle.
+        components: all MAVLink components in the log.
+    """
     multirotors = [component for component in components if component.kind in MULTIROTORS]
     other_multirotor = multirotors[0] if multirotors else None
     return Fact(
@@ -283,7 +291,16 @@ def _component_ids(component: Component) -> str:
 
 
 def _impossible_attitude(signals: Signals, code: Reason | Caution) -> Fact:
-    """Returns a fact with the number of attitude messages with an impossible angle or body rate."""
+    """Returns a fact about attitude messages with an angle or body rate that no vehicle can have.
+
+    Args:
+        signals: signals of the vehicle, with an attitude.
+        code: whether this is a reason against a model, because they are many, or only a caution.
+
+    Returns:
+        A fact with the number of such messages (``count``), of all messages (``sent``), the ``name`` of the message,
+        and the largest possible ``body_rate``, rad/s.
+    """
     attitude = signals.attitude
     assert attitude is not None
     return Fact(
@@ -296,7 +313,14 @@ def _impossible_attitude(signals: Signals, code: Reason | Caution) -> Fact:
 
 
 def _without_inputs(signals: Signals) -> Fact:
-    """Returns the refusal of a log without motor outputs or, where the demand was chosen, without the demand."""
+    """Returns the refusal of a log that lacks the inputs of the model.
+
+    They are the motor outputs or, where the caller chose it, the controller's demand for the axis. Without motor
+    outputs the refusal advises how to record them.
+
+    Args:
+        signals: signals of the vehicle, for one axis.
+    """
     telemetry = signals.telemetry
     if signals.inputs == "demand":
         is_recorded = DEMAND_MESSAGE in telemetry.messages
@@ -317,7 +341,11 @@ def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
     """Returns the refusal of a vehicle that was armed and did not fly, with the evidence that it did not.
 
     The evidence is a landed state in the air without any vertical speed, the landed state on the ground or, where none
-    is reported, the low collective.
+    is reported, the low collective (mean output of all motors).
+
+    Args:
+        signals: signals of the vehicle.
+        figures: figures of the log, with the time for which the vehicle was armed, s.
     """
     telemetry = signals.telemetry
     name = telemetry.name_in_source("EXTENDED_SYS_STATE")
@@ -406,7 +434,13 @@ class _SegmentJudge:
         )
 
     def refusal(self, figures: QualityFigures) -> Fact | None:
-        """Returns why a segment with these figures cannot be learned from; None where it can."""
+        """Returns why a segment cannot be learned from; None where it can.
+
+        The length is checked first, then rates, and then the values; the first check that fails gives the reason.
+
+        Args:
+            figures: figures of the segment's quality.
+        """
         # A short segment of a slow stream may be fast; it is still the rate of the stream that should change.
         if (figures.duration or 0.0) < MIN_SEGMENT_DURATION:
             return self.slow_or_short(self.log_figures, figures.duration)
@@ -442,7 +476,14 @@ class _SegmentJudge:
         )
 
     def _too_slow(self, figures: QualityFigures) -> Fact | None:
-        """Returns the refusal of streams that come too slowly, with what would make them faster."""
+        """Returns the refusal of a segment whose attitude or inputs come too slowly, with what would make them faster.
+
+        Args:
+            figures: figures of the segment, with the rates of both streams, Hz; a missing rate counts as 0.
+
+        Returns:
+            The refusal; None where both streams are fast enough.
+        """
         telemetry = self.signals.telemetry
         attitude_rate = figures.attitude_rate or 0.0
         rates = {
@@ -469,7 +510,17 @@ class _SegmentJudge:
         return rate_advice(signals.telemetry, components=self.components)
 
     def _repeated_values(self, figures: QualityFigures) -> Fact | None:
-        """Returns the refusal of a stream that repeats old values under new stamps, so that new ones are too rare."""
+        """Returns the refusal of a stream that repeats old values under new stamps.
+
+        Some autopilots and radios send the last value again, so that the rate of messages looks higher than it is. The
+        rate of values that are new decides.
+
+        Args:
+            figures: figures of the segment: rates of messages and of new values (``_fresh``) of both streams, Hz.
+
+        Returns:
+            The refusal, of the attitude before the inputs; None where new values come fast enough.
+        """
         telemetry = self.signals.telemetry
         if (figures.attitude_fresh or 0.0) < self.min_rate:
             message = self.attitude.message
@@ -492,7 +543,14 @@ class _SegmentJudge:
         )
 
     def _constant_or_rounded_outputs(self, figures: QualityFigures) -> Fact | None:
-        """Returns the refusal of outputs that never change, or whose changes are lost in rounding."""
+        """Returns the refusal of outputs that never change, or whose changes are lost in rounding.
+
+        The model of yaw has the rate only, so its angle may be constant; the angles of roll and pitch may not.
+
+        Args:
+            figures: figures of the segment: standard deviations of angle and rate, their resolutions (rad, rad/s), and
+                the ratio of signal to rounding noise (``output_snr``).
+        """
         axis = self.signals.axis
         is_angle_constant = axis in TILT_AXES and not figures.angle_sd
         if not figures.rate_sd or is_angle_constant:
@@ -508,7 +566,12 @@ class _SegmentJudge:
         return None
 
     def _inconsistent_rates(self, figures: QualityFigures) -> Fact | None:
-        """Returns the refusal of body rates that contradict the angles."""
+        """Returns the refusal of body rates that contradict the angles: one of the two is wrong.
+
+        Args:
+            figures: figures of the segment, with the ``consistency``: how well the integral of the rate explains the
+                changes of the angle, 1 if fully; None where it was not measured.
+        """
         axis = self.signals.axis
         if figures.consistency is not None and figures.consistency < MIN_CONSISTENCY:
             is_still = figures.rate_sd is not None and figures.rate_sd < MAX_STILL_RATE
@@ -523,7 +586,12 @@ class _SegmentJudge:
         return None
 
     def _rounded_command(self, figures: QualityFigures) -> Fact | None:
-        """Returns the refusal of model inputs whose torque command is lost in rounding."""
+        """Returns the refusal of model inputs whose torque command is lost in rounding.
+
+        Args:
+            figures: figures of the segment: standard deviation and resolution of the torque command, in the unit of the
+                inputs, and the ratio of signal to rounding noise (``input_snr``).
+        """
         if figures.input_snr is not None and figures.input_snr < MIN_SNR:
             return Fact(
                 Reason.COMMAND_ROUNDED,
@@ -536,7 +604,12 @@ class _SegmentJudge:
 
 
 def _best_segment(judge: _SegmentJudge, segments: Sequence[Segment]) -> Learnability:
-    """Returns the first of several segments that can be learned from, or the first of all where none can."""
+    """Returns the result for the first of several segments that can be learned from, or the first of all if none can.
+
+    Args:
+        judge: judges single segments.
+        segments: at least one segment, the preferred first.
+    """
     refused = []
     for segment in segments:
         learnability = judge.learnability(segment)

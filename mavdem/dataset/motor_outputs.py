@@ -127,6 +127,13 @@ def motor_outputs_or_obstacle(telemetry: Telemetry) -> MotorOutputs | Fact:
 def axis_demand(telemetry: Telemetry, axis: str) -> MotorOutputs | None:
     """Returns the controller's demand for one axis, -1 to 1, in the form of motor outputs with a single column.
 
+    Where motor outputs are logged too slowly, a model can take the demand, which the mixer turns into them, as its
+    input. The resolution is the smallest difference between two recorded values.
+
+    Args:
+        telemetry: messages of the vehicle.
+        axis: "roll", "pitch" or "yaw".
+
     Returns:
         The demand; None where it was not recorded or never moved.
     """
@@ -208,7 +215,19 @@ class _OutputBank:
 
 
 def _outputs_in_message(telemetry: Telemetry, message: str) -> MotorOutputs | Fact:
-    """Returns the outputs of all motors from one message, or the obstacle if it does not have them."""
+    """Reads the outputs of all motors from one message.
+
+    A message has the outputs of all channels of an autopilot, of which some drive servos or nothing. The motors' own
+    follow from the parameters or, without these, from the channels that move.
+
+    Args:
+        telemetry: messages and parameters of the vehicle.
+        message: name of a message with output channels that the log has.
+
+    Returns:
+        The outputs; or a fact that says why the message does not have them: no motor moves, or channels of motors are
+        missing or constant.
+    """
     name = telemetry.name_in_source(message)
     banks = _output_banks(message, telemetry.messages[message])
     bank_of_channel = {channel: bank for bank in banks for channel in bank.channels}
@@ -282,9 +301,17 @@ def _combined_outputs(
 
 
 def _output_banks(message: str, columns: Columns) -> list[_OutputBank]:
-    """Returns the bank of output channels of each port in a message, in the order of the ports.
+    """Splits a message with output channels into banks: the channels of one port each.
 
-    A channel without a finite output on its port counts as unused, with outputs of 0.
+    Autopilots send more than 8 or 16 outputs in several messages of the same name, which differ by their ``port``. A
+    channel without a finite output on its port counts as unused, with outputs of 0.
+
+    Args:
+        message: name of the message.
+        columns: its fields, N rows.
+
+    Returns:
+        One bank for each port, in the order of the ports.
     """
     outputs, channels_per_port = channel_outputs(message, columns)
     port = float_column(columns, "port") if "port" in columns else np.zeros(len(outputs))

@@ -146,6 +146,13 @@ def _flights_in_air(signals: Signals, boot: int) -> Intervals:
     """Returns when a vehicle is armed and in the air, neither taking off nor landing as far as that is reported.
 
     Where neither the landed state nor the vertical speed is known, the flight modes that land say when it lands.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+
+    Returns:
+        Intervals, s since boot.
     """
     flights = intersection(
         armed_intervals(signals, boot), landed_state_intervals(signals, boot, (IN_AIR,))
@@ -271,7 +278,16 @@ def min_airborne_collective(parameters: Parameters) -> float:
 
 
 def max_collective(signals: Signals) -> float:
-    """Returns the highest averaged collective of a log, as a fraction of the range; 0 where it was not recorded."""
+    """Returns the highest collective (mean output of all motors) of a log, by its moving average.
+
+    The average leaves out short peaks, which lift no vehicle.
+
+    Args:
+        signals: signals of the vehicle.
+
+    Returns:
+        The highest average of all boots, as a fraction of the range; 0 where the collective was not recorded.
+    """
     collective = signals.collective
     if collective is None:
         return 0.0
@@ -360,7 +376,15 @@ def height_above_take_off(signals: Signals, boot: int, flight: Interval) -> Time
 
 
 def _ignored_tilt_setpoints(signals: Signals, boot: int, flight: Interval) -> bool:
-    """Returns whether a vehicle never rose in a flight, and hardly tilted although its setpoints asked it to."""
+    """Returns whether a vehicle was held: it never rose in a flight, and hardly tilted although setpoints asked it to.
+
+    That is a vehicle on a test stand, or in somebody's hand. Where no height shows whether it rose, it counts as free.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        flight: start and end of the flight, s since boot.
+    """
     if has_risen(signals, boot, flight) is not False:
         return False
     for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
@@ -434,7 +458,16 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
 
 
 def _mean_square_tilt_rates(signals: Signals, boot: int, time: Array) -> Array:
-    """Returns the sum (N,) of the mean squares of roll and pitch rate, (rad/s)², at the times (N,) of a boot."""
+    """Returns how fast roll and pitch change: the sum of the mean squares of their rates.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        time: times in that boot (N,), s.
+
+    Returns:
+        Moving averages of the squared rates of both axes, added up (N,), (rad/s)²; interpolated to the times.
+    """
     total = np.zeros(len(time))
     for tilt in signals.tilts:
         squares = TimeSeries(tilt.time, tilt.boot, tilt.rate**2).select(tilt.boot == boot)

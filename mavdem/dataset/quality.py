@@ -222,9 +222,20 @@ class _TorqueCommand(NamedTuple):
 
 
 def _torque_command(signals: Signals, flight: Flight) -> _TorqueCommand:
-    """Combines the inputs of a flight to the torque command about its axis, by the mixer row of the axis.
+    """Combines the inputs of a flight to the torque command about its axis, and says how much rounding adds to it.
 
-    Where the motors' positions are not known, it is the motor that deviates most from the mean of all motors.
+    The command is the combination of the motors by the mixer row of the axis. Where the motors' positions are not
+    known, it is that motor's deviation from the mean of all motors which varies most.
+
+    Rounding to a step q makes a uniform error of variance q²/12 in each input; errors of several motors add up by the
+    squares of their weights.
+
+    Args:
+        signals: signals of the vehicle, for one axis.
+        flight: T samples of the r inputs.
+
+    Returns:
+        Command (T,) in the unit of the inputs, and the standard deviation of its rounding error.
     """
     _, motors = signals.attitude_and_inputs
     mixer_row = motors.geometry.mixer_row(signals.axis)

@@ -134,9 +134,19 @@ def _stream_advice(telemetry: Telemetry, rate: int, is_requested: bool) -> Fact:
 
 
 def _dataflash_advice(telemetry: Telemetry) -> Fact:
-    """Advises how ArduPilot logs attitude and demands fast.
+    """Advises which settings make ArduPilot log attitude and demands fast to its DataFlash log.
 
-    The demands stand in for motor outputs, which ArduCopter logs at 10 Hz only (RCOU).
+    The demands stand in for motor outputs, which ArduCopter logs at 10 Hz only (message RCOU). They are logged at the
+    attitude's rate if a bit of the parameter LOG_BITMASK is set, by firmware from ``FIRST_VERSION_WITH_DEMAND`` on.
+    Parameters that limit the rate of logging may stand in the way.
+
+    Args:
+        telemetry: messages and parameters of the vehicle.
+
+    Returns:
+        A fact. Where demands are missing although fast logging is on, or because the firmware cannot log them, it has
+        the ``firmware``, its ``version``, and whether that can log them. Otherwise it has the current ``bitmask`` (None
+        if it is not known), and ``names`` and ``rates`` of the limits, Hz, that are too low.
     """
     parameters = telemetry.parameters
     firmware = telemetry.firmware
@@ -155,6 +165,7 @@ def _dataflash_advice(telemetry: Telemetry) -> Fact:
             can_log=can_log,
             is_fast=is_fast,
         )
+    # Each kind of storage has a limit of its own, which counts only if the autopilot logs to it.
     backends = int(parameters.get("LOG_BACKEND_TYPE", ALL_LOG_BACKENDS))
     low_limits = {}
     for name, backend in LOG_RATE_LIMITS.items():

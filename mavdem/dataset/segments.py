@@ -60,9 +60,15 @@ Segments = Sequence[Segment]
 
 @cached_per_vehicle()
 def recorded_spans(signals: Signals) -> Segments:
-    """Returns one span per boot, from its first to its last message.
+    """Returns from when to when something was recorded in each boot.
 
     Texts do not count: a log may begin with older ones.
+
+    Args:
+        signals: signals of the vehicle, with its messages.
+
+    Returns:
+        One segment per boot, from the first to the last finite stamp of its messages, s since boot.
     """
     times = []
     boots = []
@@ -105,10 +111,15 @@ def settled_segments(signals: Signals) -> Segments:
 
 
 def longest_recorded_segment(signals: Signals) -> Segment | None:
-    """Returns the longest segment with attitude and model inputs without gaps, at any rate, in flight or not.
+    """Returns the longest segment that has both attitude and model inputs without gaps.
+
+    It is the best that a log has where no segment is good enough to learn from: rate and phase of flight do not count.
+
+    Args:
+        signals: signals of the vehicle, for one axis.
 
     Returns:
-        None where there is none.
+        The segment; None where the two were never recorded together.
     """
     segments = []
     for boot in _boots_with_both_streams(signals):
@@ -172,7 +183,13 @@ def _sampled_segments(
 
 
 def _has_samples_of_both(attitude: Attitude, inputs: MotorOutputs, segment: Segment) -> bool:
-    """Returns whether both streams have two samples in a segment, which a rate takes, and a time in common."""
+    """Returns whether a segment has enough of both streams to be sampled: two samples each, and a time in common.
+
+    Args:
+        attitude: the attitude.
+        inputs: the model inputs.
+        segment: span of one boot.
+    """
     attitude_time = attitude.time[in_segments(attitude, segment)]
     input_time = inputs.time[in_segments(inputs, segment)]
     if len(attitude_time) < 2 or len(input_time) < 2:

@@ -137,11 +137,16 @@ class VehicleSignals:
     @property
     @cached_per_vehicle()
     def voltage(self) -> TimeSeries | None:
-        """Voltage of the first battery, V; None where it was not measured."""
+        """Voltage of the first battery, V; None where it was not measured.
+
+        Impossible values are left out, and those that are far from the median of their neighbours. A log in which few
+        values remain has no battery at its sensor.
+        """
         columns = self.telemetry.messages.get("SYS_STATUS")
         if columns is None:
             return None
         millivolts = float_column(columns, "voltage_battery")
+        # MAVLink sends the largest number for a voltage that is not known.
         volts = np.where(millivolts == UINT16_UNKNOWN, np.nan, millivolts) / 1000
         lowest, highest = POSSIBLE_VOLTAGE
         is_possible = (volts >= lowest) & (volts <= highest)
@@ -177,7 +182,11 @@ class VehicleSignals:
     @property
     @cached_per_vehicle()
     def _heartbeat_flags(self) -> TimeSeries | None:
-        """Whether the vehicle is armed and whether its mode lands it (N, 2), 0 or 1; without stray heartbeats."""
+        """Whether the vehicle is armed, and whether its flight mode lands it (N, 2), 0 or 1; None without heartbeats.
+
+        Both are bits of HEARTBEAT messages. A median over a few messages removes single wrong ones, such as those of
+        damaged messages.
+        """
         columns = self.heartbeats
         if columns is None:
             return None
@@ -193,7 +202,10 @@ class VehicleSignals:
     @property
     @cached_per_vehicle()
     def heartbeats(self) -> Columns | None:
-        """HEARTBEAT of the vehicle itself, sorted by time; without those that name another type or autopilot."""
+        """Columns of the vehicle's own HEARTBEAT messages, sorted by boot and time; None if there are none.
+
+        Those that name another type of vehicle or autopilot are of other components, or damaged, and are left out.
+        """
         telemetry = self.telemetry
         columns = telemetry.messages.get("HEARTBEAT")
         if columns is None or not len(columns["time"]):
@@ -249,7 +261,11 @@ class VehicleSignals:
     @property
     @cached_per_vehicle()
     def position(self) -> TimeSeries | None:
-        """Position (N, 3), m north, east and down of the estimator's origin, or of the first position fix."""
+        """Position (N, 3), m north, east and down of the estimator's origin, or of the first position fix.
+
+        It is that of LOCAL_POSITION_NED or, without it, latitude and longitude of GLOBAL_POSITION_INT on a plane that
+        touches the earth at the first fix. None where neither was recorded.
+        """
         columns = self.telemetry.messages.get("LOCAL_POSITION_NED", {})
         if "x" in columns:
             is_valid = columns["valid"].astype(bool) if "valid" in columns else None
@@ -261,6 +277,7 @@ class VehicleSignals:
         if not is_fix.any():
             return None
         radians = np.radians(degrees)
+        # The first fix is the first true flag.
         origin = radians[np.argmax(is_fix)]
         # Wrapping keeps the distance small across the date line too.
         angles = wrapped_angle(radians - origin)
@@ -289,7 +306,10 @@ class VehicleSignals:
     @property
     @cached_per_vehicle()
     def autopilot_wind(self) -> TimeSeries | None:
-        """The autopilot's own estimate of the wind: velocity of the air (N, 2), m/s to the north and to the east."""
+        """The autopilot's own estimate of the wind: velocity of the air (N, 2), m/s to the north and to the east.
+
+        It comes from WIND_COV (PX4) or WIND (ArduPilot). None where it was not recorded, or is always 0.
+        """
         messages = self.telemetry.messages
         if "WIND_COV" in messages:
             columns = messages["WIND_COV"]
@@ -310,7 +330,10 @@ class VehicleSignals:
     @property
     @cached_per_vehicle()
     def collective(self) -> TimeSeries | None:
-        """Mean output of all motors, 0 to 1, or the controller's demand for thrust where motors were not recorded."""
+        """Collective: mean output of all motors as a fraction of their range, 0 to 1.
+
+        Where motors were not recorded it is the controller's demand for thrust; None where neither was.
+        """
         if self.motors is not None:
             return self.motors.collective
         thrust = control_target(self.telemetry, THRUST_COLUMN)
@@ -353,7 +376,11 @@ class Signals(VehicleSignals):
 
     @cached_property
     def model_inputs(self) -> MotorOutputs | None:
-        """The inputs of the model: the motors, or the demand where that was chosen or only it comes fast enough."""
+        """The inputs of the model: the motor outputs, or the controller's demand for the axis.
+
+        Motors are preferred, because they include what the mixer and its limits do. The demand is taken where the
+        caller chose it, motors were not recorded, or only the demand comes at ``MIN_STREAM_RATE``. None without inputs.
+        """
         if self.inputs == "demand":
             return self.demand
         if self.inputs == "motors" or self.demand is None:
@@ -379,7 +406,10 @@ class Signals(VehicleSignals):
 
     @cached_property
     def angle_setpoint(self) -> TimeSeries | None:
-        """Setpoint of the Euler angle, rad, from ATTITUDE_TARGET or, of ArduPilot, from NAV_CONTROLLER_OUTPUT."""
+        """Setpoint of the Euler angle of the axis, rad; None where it was not recorded.
+
+        It comes from ATTITUDE_TARGET or, of ArduPilot, from NAV_CONTROLLER_OUTPUT, which has roll and pitch in degrees.
+        """
         for setpoint in self.setpoints:
             if setpoint.unit == "rad":
                 return setpoint.signal
@@ -394,7 +424,11 @@ class Signals(VehicleSignals):
 
     @cached_property
     def injected_signals(self) -> tuple[InjectedSignal, ...]:
-        """Signals that system identification, or PX4's autotune, added to the commands of the axis."""
+        """Test signals that system identification, or PX4's autotune, added to the commands of the axis.
+
+        The column ``axis`` of the message SIDD says in which axis and at which point of the controller a signal was
+        added. Each point with a signal that is not 0 throughout has an entry: rad or rad/s, or the unit of the demand.
+        """
         columns = self.telemetry.messages.get("SIDD")
         if columns is None:
             return ()
@@ -411,9 +445,10 @@ class Signals(VehicleSignals):
 
     @cached_property
     def rate_and_setpoint(self) -> tuple[TimeSeries, TimeSeries] | None:
-        """Body rate and its setpoint, rad/s, from where they come fastest; None where no setpoint was recorded.
+        """Body rate and its setpoint, rad/s, from the faster of two sources; None where no setpoint was recorded.
 
-        Both are in PID_TUNING. Else the rate is that of the attitude, and the setpoint that of ATTITUDE_TARGET.
+        One source is PID_TUNING, which has both at the same stamps. The other is the attitude for the rate, and
+        ATTITUDE_TARGET for the setpoint, each with stamps of its own. The one with more samples of the rate is taken.
         """
         attitude = self.attitude
         tuning = tuning_rates(self.telemetry, self.axis, attitude)

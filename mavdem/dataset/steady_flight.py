@@ -107,9 +107,17 @@ def attitude_tracking(signals: Signals, boot: int) -> AttitudeTracking | None:
 
 @cached_per_vehicle()
 def steady_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns the intervals of settled flight of a boot in which its motors may be compared.
+    """Returns when the motors of a vehicle may be compared with each other: in settled flight that is steady too.
 
-    Without a recorded attitude all settled flight counts as steady.
+    In a manoeuvre motors differ on purpose. Steady flight follows its attitude setpoint and keeps its heading. Without
+    a recorded attitude all settled flight counts as steady.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+
+    Returns:
+        Intervals, s since boot.
     """
     tracking = attitude_tracking(signals, boot)
     settled = settled_intervals(signals, boot)

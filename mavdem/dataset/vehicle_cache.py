@@ -41,11 +41,16 @@ def cached_per_vehicle(*attributes: str) -> Callable[[CachedFunction], CachedFun
     """
 
     def decorator(function: Any) -> Any:
-        """Returns the function with a look-up in the cache before each call."""
+        """Returns the function with a look-up in the cache of the signals, its first argument, before each call."""
 
         @wraps(function)
         def cached(signals: HasCache, *arguments: Hashable, **keywords: Hashable) -> Any:
-            """Returns the cached result, or computes and caches it."""
+            """Returns the cached result, or computes and caches it.
+
+            The key has the function, the vehicle's telemetry, those attributes of the signals that the result depends
+            on, and the arguments. Results are frozen, since all callers share them. A refusal (``NotLearnable``) is
+            cached like a result, and raised at each call.
+            """
             key = (
                 function.__module__,
                 function.__qualname__,

@@ -380,9 +380,8 @@ class Comparison:
             - ``relative``, ``worst``: median and largest error ratio.
             - ``seconds``: median processor time of the training, s.
             - ``horizons``: for each horizon, the last that of the whole test part: its ``steps``; the median error
-            ratio
-              ``relative``; ``inside``, the mean share of samples in the 90 % band or None; and ``reference``, the first
-              method compared with this one (:class:`mavdem.evaluate.Paired`).
+              ratio ``relative``; ``inside``, the mean share of samples in the 90 % band or None; and ``reference``, the
+              first method compared with this one (:class:`mavdem.evaluate.Paired`).
         """
         return self._summaries[flight, question]
 

@@ -159,7 +159,12 @@ def _analysis_without_model(
 ) -> LogAnalysis:
     """Returns what a log shows of a vehicle without a model, and why it allows no full one.
 
-    The figures of the vehicle, which are the same for all axes, are taken from the analysis of an ``other_axis``.
+    Args:
+        log: the log.
+        signals: signals of the vehicle, for one axis.
+        learnability: whether a full model of the axis can be learned.
+        other_axis: analysis of another axis of the same vehicle. The figures of the vehicle itself, which are the same
+            for all axes, are taken from it, which saves their computation; None for the first axis.
     """
     if other_axis is not None:
         condition = other_axis.condition
@@ -270,8 +275,14 @@ def _with_other_axes(
 def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
     """Returns the alarms on motors that a live session would have raised, boot by boot.
 
-    A live session knows the end of the climb-out half a second late, and a landing when it has happened, so that its
-    times differ by as much. There are none if the motors were recorded at less than 6 Hz.
+    The samples of settled flight run one by one through the detector that live sessions use. A live session knows the
+    end of the climb-out half a second late, and a landing when it has happened, so that its times differ by as much.
+
+    Args:
+        signals: signals of the vehicle.
+
+    Returns:
+        The alarms; none if the motors were not recorded, or at less than 6 Hz.
     """
     motors = signals.motors
     if motors is None:
@@ -350,7 +361,14 @@ def _train_and_test(
 
 @contextmanager
 def _learning_step(progress: ShowStep) -> Iterator[None]:
-    """Shows that a model is learned, and raises ``NotLearnable`` if that fails."""
+    """Context in which a model is learned: shows the step to the user, and turns a failure into a refusal.
+
+    Args:
+        progress: shows the name of a step while it runs.
+
+    Raises:
+        NotLearnable: learning raised a ``ValueError``, whose reason becomes that of the refusal.
+    """
     try:
         with progress("Learning", measured=False):
             yield
@@ -361,8 +379,12 @@ def _learning_step(progress: ShowStep) -> Iterator[None]:
 def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
     """Returns why a model of the slow motion is not worth having; None if it is.
 
-    It must beat each baseline in the held-out windows by ``MAX_SLOW_ERROR_RATIO``, and beyond chance by a paired test
-    of the errors.
+    From slow streams a model can be learned, but may be no better than a trivial forecast. So its error on held-out
+    windows must be at most ``MAX_SLOW_ERROR_RATIO`` of that of each baseline (constant mean, last sample held), and a
+    paired test of the windows must find that this is no chance.
+
+    Args:
+        held_out: forecasts of windows that the model was not trained on, with those of the baselines.
     """
     for baseline in BASELINES:
         ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
@@ -382,9 +404,16 @@ def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
 
 
 def flights_from(segments: Flights, start: float) -> Flights:
-    """Returns the flights of the longest segment's boot from ``start`` s after their first sample on.
+    """Returns the flights that remain if training begins some time after the start, as the option ``--start`` asks.
 
-    Other boots have clocks that cannot be compared. Raises ``TooFewSamples`` if too little remains to learn from.
+    Only the boot of the longest segment counts: other boots have clocks that cannot be compared.
+
+    Args:
+        segments: flights of all boots.
+        start: time after the first sample of that boot's flights, s.
+
+    Raises:
+        TooFewSamples: no flight has enough samples left to learn from.
     """
     flights = flights_of_longest_boot(segments)
     start_time = flights[0].time[0] + start

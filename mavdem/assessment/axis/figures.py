@@ -92,10 +92,10 @@ class LogAnalysis:
 
     @property
     def figures_by_axis(self) -> Mapping[str, AxisFigures]:
-        """Physical parameters of each axis for which they were estimated.
+        """Physical parameters by axis, for the axes of which they were estimated.
 
-        That is roll, pitch and yaw if all axes were analysed, otherwise the axis of the model, and none without a
-        model.
+        These are roll, pitch and yaw if all axes were analysed, and otherwise only the axis of the model. The mapping
+        is empty without a model.
         """
         if self.axes or self.learned is None:
             return self.axes
@@ -121,9 +121,9 @@ class LogAnalysis:
     def findings(self) -> Findings:
         """What makes the flight doubtful, and what the model is good for.
 
-        Whether the recorded rates are those of the angle counts only for a full model.
+        Among the doubts is whether the recorded rates are those of the angle, which only fast streams show.
         """
-        # Rates that were recorded slowly do not show whether they are those of the angle.
+        # Only a full model is of fast streams.
         consistency = None
         if self.model == "full":
             consistency = self.learnability.figures.consistency

@@ -134,10 +134,17 @@ def with_own_torque_marked(learned: Learned, is_own: bool) -> Learned:
 def resolved_wind_torque(
     wind_torque: WindTorque | None, physical: Physical | None
 ) -> WindTorque | None:
-    """Returns the wind torque if it can be shown as that of the wind; otherwise None.
+    """Returns the estimated wind torque only if it may be shown as that of the wind.
 
-    It must be resolved from the noise and not be the vehicle's own, and the control effectiveness must be identifiable:
-    the wind torque is what remains of the total torque without that of the motors.
+    The wind torque is what remains of the total torque without that of the motors. So the effectiveness of the motors
+    must be identifiable, and the remainder larger than its errors.
+
+    Args:
+        wind_torque: the estimate; None if there is none.
+        physical: physical parameters of the axis; None if they were not estimated.
+
+    Returns:
+        The wind torque; None if one of these conditions fails.
     """
     if wind_torque is None or wind_torque.reason is not None:
         return None
@@ -147,10 +154,14 @@ def resolved_wind_torque(
 
 
 def _overridden(finding: Finding, override: Fact) -> Finding:
-    """Returns a finding on a doubtful flight: it is not GOOD any more, and has the ``override`` as reason.
+    """Lowers the grade of a finding because the flight itself is doubtful.
 
-    One that was not GOOD keeps its grade and reason. In an oscillation its figures mean nothing, and only the override
-    is left.
+    A GOOD finding becomes LIMITED. Another one keeps its grade and its reason, because it is not the flight that
+    lowered it. In an oscillation the figures of a finding mean nothing, so its reason is replaced.
+
+    Args:
+        finding: what the model is good for, by its figures alone.
+        override: what makes the flight doubtful.
     """
     was_good = finding.grade is Grade.GOOD
     oscillates = override.code is Override.OSCILLATION
@@ -163,10 +174,14 @@ def _overridden(finding: Finding, override: Fact) -> Finding:
 
 
 def _purpose_findings(learned: Learned, held_out: HeldOut | None) -> list[Finding]:
-    """Returns the findings on all purposes of a model.
+    """Judges what a model is good for: a finding, with a grade and a reason, for each purpose.
 
-    Without physical parameters the three purposes that need them are not identifiable, for one reason. Prediction is
-    judged only with held-out windows.
+    Purposes are control effectiveness, damping and time constant, wind torque, prediction, and residuals. Without
+    physical parameters the first three are not identifiable, for one reason.
+
+    Args:
+        learned: the model.
+        held_out: forecasts of windows that it was not trained on; without them, prediction is not judged.
     """
     physical = learned.physical
     findings = []
@@ -212,9 +227,14 @@ def _first_reason(reason: Fact | None) -> Fact:
 
 
 def _effectiveness_finding(physical: Physical) -> Finding:
-    """Returns the finding on the control effectiveness, by the mean over the motors.
+    """Judges how well the control effectiveness is known, by its mean over the motors.
 
-    Its reason is the width of the 90 % interval, over the estimate, or why the effectiveness is not reported.
+    Args:
+        physical: physical parameters of the axis.
+
+    Returns:
+        The finding. Its grade follows from the half width of the 90 % interval, relative to the mean, and from the
+        status. Its reason has that width (``share``) or, where the effectiveness is doubted, why.
     """
     mean, half_width = physical.mean_effect()
     relative_half_width = half_width / mean
@@ -328,9 +348,16 @@ def _prediction_finding(held_out: HeldOut) -> Finding:
 
 
 def _residual_finding(learned: Learned) -> Finding:
-    """Returns the finding on the residuals of the one-step prediction.
+    """Judges a model by the residuals of its one-step predictions.
 
-    It is GOOD if they are white and uncorrelated with the command, or nearly so; otherwise the model misses dynamics.
+    A model that has all dynamics leaves residuals that are white and not correlated with the command (L. Ljung, System
+    Identification, 2nd ed., sec. 16.6). If they fail the tests, the grade is LIMITED, and otherwise GOOD.
+
+    Args:
+        learned: the model.
+
+    Returns:
+        The finding, with the largest correlations and the bounds that they were compared with.
     """
     tested = residuals(learned)
     autocorrelation, cross_correlation = tested.largest
@@ -346,10 +373,14 @@ def _residual_finding(learned: Learned) -> Finding:
 
 
 def model_warnings(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]:
-    """Yields what must be known before the model is used; nothing for most models.
+    """Yields warnings that must be known before the model is used; nothing for most models.
 
-    That are parts of the cross-validation that failed, a band that holds too few samples, errors far above the expected
-    ones, and an unstable model.
+    They are: parts of the cross-validation that failed, a 90 % band that holds too few samples, errors far above those
+    that the model expects, and a model that is unstable.
+
+    Args:
+        learned: the model.
+        held_out: forecasts of windows that it was not trained on; None without them.
     """
     limits = PREDICTION_LIMITS
     if held_out is not None:

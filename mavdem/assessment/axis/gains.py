@@ -101,9 +101,15 @@ def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetPar
 
 
 def _rows_of_changes(flight: Flight, history: Sequence[GainSet], autotune: Intervals) -> list[int]:
-    """Returns the rows of a flight from which on its gains are others, or AutoTune begins or ended.
+    """Returns where a flight must be cut so that the gains are constant in each part.
 
-    The first row, 0, and the number of samples are among them, so that each pair of neighbours is one part.
+    Args:
+        flight: samples of one boot.
+        history: gains with the times, s since boot, from which on they were valid.
+        autotune: start and end of the times in which AutoTune changed gains, s since boot.
+
+    Returns:
+        Ascending rows. The first is 0 and the last the number of samples, so that each pair of neighbours is one part.
     """
     boot = boot_number(flight)
     change_times = [gain_set.time for gain_set in history if gain_set.boot == boot]
@@ -126,9 +132,14 @@ def _with_gains(flight: Flight, gains: GainValues) -> Flight:
 
 
 def gain_history(signals: Signals) -> list[GainSet]:
-    """Returns the gains of the axis of ``signals`` from before the log, and after each change in it, in time order.
+    """Returns how the controller's gains of one axis changed in a log.
 
-    The gains from before the log are the first values that the log has.
+    Args:
+        signals: signals of the vehicle, for the axis.
+
+    Returns:
+        Sets of gains in the order of the log, each with the boot and time from which on it was valid. The first is from
+        before the log (boot −1): each gain's first value in it. Every change of a value adds a set.
     """
     telemetry = signals.telemetry
     columns = telemetry.messages.get("PARAM_VALUE")
@@ -143,6 +154,7 @@ def gain_history(signals: Signals) -> list[GainSet]:
     ):
         if _is_gain_of_axis(name, signals.axis) and isfinite(value):
             changes.append((boot, time, name, value))
+    # Backwards, so that the first value of each gain is the one that stays.
     current = {}
     for _, _, name, value in reversed(changes):
         current[name] = value
@@ -155,10 +167,14 @@ def gain_history(signals: Signals) -> list[GainSet]:
 
 
 def _is_gain_of_axis(name: str, axis: str) -> bool:
-    """Returns whether a parameter belongs to the control of an axis.
+    """Returns whether a parameter is a gain, or another setting, of the control of an axis.
 
-    Parameters without the name of an axis belong to all. Those that the autopilot sets itself, such as a learned hover
-    thrust, are no gains that somebody changed.
+    Parameters without the name of an axis belong to all axes. Those that the autopilot sets itself, such as a learned
+    hover thrust, do not count: nobody changed them.
+
+    Args:
+        name: name of the parameter.
+        axis: "roll", "pitch" or "yaw".
     """
     names_of_other_axes = [
         part for other, parts in AXIS_NAMES.items() if other != axis for part in parts

@@ -81,9 +81,18 @@ def loop_of_axis(
 
 
 def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physical:
-    """Returns the plant identified in its loop; if that fails, the one by inputs and outputs alone.
+    """Identifies the plant of an axis, with the known controller if possible.
 
-    The latter may be ``fitted`` already. Raises ``NotLearnable`` if it is not identifiable either.
+    Identification in the closed loop uses the logged controller and setpoints. Where these are not known, the gray-box
+    fit by inputs and outputs alone has to do, with the reason of the refusal in it.
+
+    Args:
+        signals: signals of the vehicle, for the axis.
+        flights: flights to identify the plant from.
+        fitted: result of the gray-box fit, if that was made already.
+
+    Raises:
+        NotLearnable: the plant is not identifiable in either way.
     """
     try:
         return identify_plant_in_loop(signals, flights)
@@ -96,9 +105,14 @@ def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physi
 
 
 def loop_or_refusal(figures: AxisFigures, record: Record | None) -> Loop | Fact:
-    """Returns the control loops with the physical parameters among the ``figures``, or why they are not known.
+    """Returns the control loops of an axis by its physical parameters, or why they are not known.
 
-    ``record`` is the training data of the parameters.
+    Args:
+        figures: figures of the axis, with its physical parameters or the reason why there are none.
+        record: training data of these parameters; None if there are none.
+
+    Returns:
+        The loops of rate and attitude; or the fact that says why they are not known.
     """
     if figures.physical is None or record is None:
         assert figures.reason is not None

@@ -121,10 +121,14 @@ def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact 
 
 
 def _loop_fact(loop: Loop) -> Fact:
-    """Returns the margins of an identified loop.
+    """Judges the stability margins of an identified loop, as a fact.
 
-    They are good if they are the usual ones, and the least ones with ``CONFIDENCE_LEVEL``. They are bad if they are
-    less than the least ones with that confidence.
+    They are compared with the usual margins and with the least ones to fly with. The confidence is the share of the
+    posterior samples of the plant whose margins meet the least ones. The level is good if the estimate is as usual and
+    the confidence at least ``CONFIDENCE_LEVEL``, bad if the confidence is at most 1 minus that, and else to be watched.
+
+    Args:
+        loop: the identified loop.
     """
     rating = margin_rating(loop)
     confidence = loop.share_meeting(LEAST_MARGINS)
@@ -145,10 +149,18 @@ def _loop_fact(loop: Loop) -> Fact:
 
 
 def _injected_fact(axis: str, loop: OpenLoop) -> Fact:
-    """Returns the margins of a rate loop that was measured by an injected signal, without a model of the vehicle.
+    """Judges the stability margins of a rate loop that was measured by an injected signal, without a model.
 
-    They are good if they are the usual ones, and bad if they are less than the least ones. Each ratio is that of a
-    margin to the one to have. The gain margin is None if the phase never crosses −180°.
+    Each margin is compared by its ratio to the one to have. All of the usual ones make the level good; one that is less
+    than the least to fly with makes it bad.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+        loop: the measured response of the open loop.
+
+    Returns:
+        A fact with the crossover ``frequency``, Hz, phase and gain margin, and the peak of the sensitivity ``ms``. The
+        gain margin is None if the phase never crosses −180°.
     """
     level = Level.GOOD
     if min(margin_ratios(LEAST_MARGINS, loop).values()) < 1:
@@ -189,8 +201,14 @@ def resonance_fact(resonance: Resonance) -> Fact:
 def _figures_fact(code: MarginsLight, level: Level | None, resonance: Resonance) -> Fact:
     """Returns a fact with the figures of a resonance.
 
-    They are the peak as ``ratio``, its ``frequency`` in Hz, the ``coherence`` there, and as ``rate`` the highest
-    frequency that was measured, Hz.
+    Args:
+        code: what the fact says.
+        level: its level; None for that of the code.
+        resonance: peak of a measured response or spectrum.
+
+    Returns:
+        A fact with the height of the peak as ``ratio``, its ``frequency`` in Hz, the ``coherence`` there, and as
+        ``rate`` the highest frequency that was measured, Hz.
     """
     return Fact(
         code,

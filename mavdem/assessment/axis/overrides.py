@@ -55,9 +55,14 @@ def overrides_of(
 
 
 def _oscillation_override(oscillation: Oscillation) -> Fact:
-    """Returns the override of a limit cycle.
+    """Returns the override of a limit cycle: in such a flight, the figures of any model mean nothing.
 
-    It has the duration in s, the share of the time with a motor at a limit, and whether the amplitude grew.
+    Args:
+        oscillation: the limit cycle.
+
+    Returns:
+        A fact with its duration in s, whether the amplitude grew, the share of the time with a motor at a limit, and
+        the figures of the oscillation itself.
     """
     return Fact(
         Override.OSCILLATION,

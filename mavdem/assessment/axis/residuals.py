@@ -103,9 +103,16 @@ def lagged_correlation(first: Array, second: Array, lags: int) -> Array:
 
 
 def input_directions(learned: Learned) -> Array:
-    """Returns (r,) how each of r inputs turns the vehicle, relative to the others.
+    """Returns how each input of a model turns the vehicle, relative to the others.
 
-    They are those of the mixer if it is known, and otherwise the estimated effects.
+    The inputs weighted by it give one command, with which the residuals are correlated. The weights are those of the
+    mixer if it is known, otherwise the estimated effects, and all 1 if these are 0.
+
+    Args:
+        learned: the model, with r inputs.
+
+    Returns:
+        Relative effects (r,), with sign.
     """
     record = learned.record
     if record.effect_directions is not None:

@@ -94,9 +94,16 @@ def _tracking(signals: Signals, segments: Segments) -> Fact:
 
 
 def _rate_error(signals: Signals, segments: Segments) -> float | None:
-    """Returns the RMS difference of the body rate and its setpoint, rad/s; None if that was not recorded.
+    """Returns how far the body rate is from its setpoint, as a root mean square.
 
     No delay is removed: a rate follows its setpoint within a few samples.
+
+    Args:
+        signals: signals of the vehicle, for one axis.
+        segments: the time that counts.
+
+    Returns:
+        RMS difference, rad/s; None if rate or setpoint was not recorded in these segments.
     """
     setpoints = [setpoint.signal for setpoint in signals.setpoints if setpoint.unit == "rad/s"]
     if signals.attitude is None or not setpoints:

@@ -118,6 +118,13 @@ def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
 
     Reasons are that the vehicle must not fly as it is or, if it may, that its motors are bad; and an oscillation, which
     asks for lower gains.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        judgement: its lights, among them that of the motors.
+
+    Returns:
+        The reasons as facts; empty if gains may be raised.
     """
     doubts = evidence.reasons_not_to_fly
     motors = judgement.lights[Light.MOTORS]
@@ -136,10 +143,20 @@ def _measured_loops(assessment: Assessment) -> dict[str, Fact]:
 def _doubts_on_loop(
     assessment: Assessment, loop: Loop, axis: str, margins: str, vehicle_doubts: Facts
 ) -> Facts:
-    """Returns why the gains of a loop may not be raised.
+    """Returns why the gains of one axis may not be raised, by the doubts on the vehicle and on this loop.
 
-    Beside the doubts on the vehicle these are an injected signal, which is no response of the controller, and an
-    overshoot, which a loop with enough margin does not have.
+    Two things make the identified loop doubtful: an injected signal in the flight, since what it moved is no response
+    of the controller; and an overshoot in flight where the identified margins are large enough to have none.
+
+    Args:
+        assessment: the assessment of the vehicle.
+        loop: the identified loop of the axis.
+        axis: "roll", "pitch" or "yaw".
+        margins: name of the margins to reach, a key of ``MARGIN_TARGETS``.
+        vehicle_doubts: why no gains of any axis may be raised.
+
+    Returns:
+        The reasons as facts; empty if gains may be raised.
     """
     doubts = vehicle_doubts
     measured_loops = _measured_loops(assessment)

@@ -139,9 +139,14 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
-    """Returns (N, 5) the ratios of the ``INNOVATIONS``, 0 where there is none, and whether GPS jumped, 0 or 1.
+    """Returns how far the estimator's measurements are from its predictions, relative to what it accepts.
 
-    Returns None if no message has them, or if they are all 0: then the filter does not run.
+    Args:
+        telemetry: messages of the vehicle.
+
+    Returns:
+        Samples (N, 5): the ratios of the ``INNOVATIONS``, 0 where one is not known, and whether the GPS position
+        jumped, 0 or 1. None if no message has them, or if they are all 0: then the filter does not run.
     """
     for message, fields in INNOVATION_FIELDS.items():
         columns = telemetry.messages.get(message, {})
@@ -159,9 +164,13 @@ def _innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
 
 
 def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
-    """Yields a fact for each flight whose GPS fixes had too few satellites or too much dilution (HDOP) in the median.
+    """Yields a fact for each flight whose GPS fixes were poor: too few satellites, or too much dilution (HDOP).
 
-    GPS_RAW_INT has the dilution as ``eph``, in hundredths. Samples without a fix in three dimensions do not count.
+    Medians over the flight count, so that a short loss is not reported here. GPS_RAW_INT has the dilution as ``eph``,
+    in hundredths. Samples without a fix in three dimensions are left out.
+
+    Args:
+        evidence: what the log shows of the vehicle.
     """
     telemetry = evidence.signals.telemetry
     fixes = recorded_series(telemetry, "GPS_RAW_INT", "fix_type", "satellites_visible", "eph")
@@ -179,10 +188,16 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
-    """Yields that the magnetic field in the first flight differs in strength from that on the ground before it.
+    """Yields a fact if the motors disturb the compass: the magnetic field differs in strength in flight and before it.
 
-    Motors and their currents disturb a compass that is mounted too near to them. Medians of both times are compared, if
-    the field was measured on the ground at all.
+    Currents of the motors make a field of their own, which a compass mounted too near to them feels. The median
+    strength in the first flight is compared with that on the ground before it, if there are enough samples of that.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Yields:
+        At most one fact, with the relative ``change`` of the strength.
     """
     for message in ("SCALED_IMU", "RAW_IMU"):
         field = recorded_series(evidence.signals.telemetry, message, "xmag", "ymag", "zmag")

@@ -84,9 +84,13 @@ def simulation_fact(signals: Signals) -> Fact | None:
 
 
 def _names_simulator(telemetry: Telemetry) -> bool:
-    """Returns whether parameters or the name of the board are those of a simulator.
+    """Returns whether a log names a simulator as its source, so that its figures are of no real vehicle.
 
-    ArduPilot's simulator has parameters SIM_…, PX4's has its own airframes, and sensors on a bus for simulation.
+    ArduPilot's simulator has parameters SIM_… and "SITL" in the name of its board. PX4's has airframes of its own, and
+    sensors on a bus for simulation; the type of the bus is in the lowest bits of a sensor's id.
+
+    Args:
+        telemetry: parameters and hardware of the vehicle.
     """
     parameters = telemetry.parameters
     has_simulator_parameters = any(name.startswith("SIM_") for name in parameters)
@@ -101,10 +105,16 @@ def _names_simulator(telemetry: Telemetry) -> bool:
 
 
 def _is_without_sensor_noise(signals: Signals) -> bool:
-    """Returns whether the roll rate before arming has less noise than any real gyroscope.
+    """Returns whether the roll rate before arming has less noise than any real gyroscope: a sign of a simulation.
 
-    The noise is the median change over ``RATE_CHANGE_SECONDS`` while the vehicle stands on the ground. Changes of zero
-    do not count.
+    Before arming the vehicle stands still, so changes of the rate are noise. Their median over ``RATE_CHANGE_SECONDS``
+    is compared with ``MAX_SIMULATED_RATE_CHANGE``.
+
+    Args:
+        signals: signals of the vehicle.
+
+    Returns:
+        False too if there are too few samples before arming to tell.
     """
     if not signals.tilts:
         return False

@@ -43,10 +43,14 @@ def margins_light(evidence: Evidence) -> Fact:
 
 
 def _unknown(evidence: Evidence) -> Fact:
-    """Returns that the margins are not known, and why.
+    """Returns the fact that the stability margins are not known, with the reason.
 
-    Its figure ``rate`` is the highest frequency, Hz, up to which the response of an axis was measured and showed no
-    resonance; None if none was measured.
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Returns:
+        A fact whose reason is why the first axis has no identified loop. Its figure ``rate`` is what is known all the
+        same: the highest frequency, Hz, up to which a measured response showed no resonance; None if none was measured.
     """
     refusals = [axis.loop for axis in evidence.margins if isinstance(axis.loop, Fact)]
     because = refusals[0] if refusals else evidence.learnability.reason
@@ -62,9 +66,14 @@ def _unknown(evidence: Evidence) -> Fact:
 
 
 def _arguments(evidence: Evidence) -> list[str]:
-    """Returns the arguments with which a mavdem command reads the same vehicle.
+    """Returns the arguments with which another mavdem command, which a fact advises, reads the same vehicle.
 
-    They are the log, the vehicle if the log has several, and files whose parameters were added.
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Returns:
+        Name of the log, ``--vehicle`` if the log has several, and ``--params`` for each file whose parameters were
+        added.
     """
     telemetry = evidence.signals.telemetry
     arguments = [evidence.log.source]

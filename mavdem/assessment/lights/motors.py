@@ -79,6 +79,7 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
         if fact is not None and fact.subject in names
     ]
     # The "rise" of a loss of thrust is by how much the command of the motor rose to make up for it.
+    # The figure "rise" is by how much the motor's command rose to make up for its loss.
     facts.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_duration(fact)))
     return facts
 

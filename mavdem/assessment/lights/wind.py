@@ -50,9 +50,16 @@ def wind_light(evidence: Evidence) -> Fact:
 
 
 def _lean_share(condition: Condition, telemetry: Telemetry) -> float:
-    """Returns the mean lean of the vehicle as a share of the largest one that its parameters allow.
+    """Returns how much of its largest lean the vehicle needs to hold against the wind.
 
-    The lean is the length of the vector of mean roll and pitch. The share is 0 if lean or limit is not known.
+    The lean is the length of the vector of mean roll and pitch in settled flight, rad.
+
+    Args:
+        condition: condition of the vehicle, with its mean lean.
+        telemetry: parameters of the autopilot, of which one limits the lean.
+
+    Returns:
+        Mean lean over the limit; 0 if lean or limit is not known.
     """
     mean_lean = hypot(*(lean.mean for lean in condition.lean.values()))
     for name, degrees_per_unit in LEAN_LIMIT_PARAMETERS.items():
