@@ -1,4 +1,4 @@
-"""Advice: gains of one axis with which wind moves the vehicle least, among those that keep stated stability margins.
+"""Tuning advice: PID gains of one axis with which wind moves the vehicle least, among those with given margins.
 
 P, I and D of the rate controller and the gain of the attitude controller are each free, within a bounded step. The
 margins hold in draws of the plant's posterior with more and less control effectiveness than in the flight, as by a
@@ -102,7 +102,7 @@ NOISE_WINDOW = 256
 
 
 class Gain(NamedTuple):
-    """A gain of the autopilot, in its unit."""
+    """A gain of the autopilot before and after the advice, in its unit."""
 
     now: float
     """The value in the log."""
@@ -437,8 +437,12 @@ class _GyroNoise(NamedTuple):
 def _gyro_noise(loop: Loop) -> _GyroNoise:
     """Returns the noise of the gyro in the flight of a ``loop``, by Welch's method.
 
-    It counts from ``MIN_NOISE_CROSSOVER_RATIO`` times the crossover on. Where the log does not reach an octave beyond
-    that, white noise of density 1 is assumed, up to the highest frequency of the loop: it is good for ratios.
+    Below about the crossover the rate is motion of the vehicle. So noise counts from ``MIN_NOISE_CROSSOVER_RATIO``
+    times the crossover on. Where the log does not reach an octave beyond that, white noise of density 1 is assumed, up
+    to the highest frequency of the loop: with it, the noise of two controllers can still be compared.
+
+    Args:
+        loop: with the logged gains, and the record of the flight.
     """
     # It takes half a second to import.
     from scipy.signal import welch

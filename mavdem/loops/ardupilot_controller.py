@@ -228,8 +228,12 @@ def _gyro_notches(parameters: Parameters, prefix: str) -> Iterator[Notch]:
 def _pid_notches(parameters: Parameters, name: str) -> Iterator[Notch]:
     """Yields the notches that ``AC_PID`` applies to its target or its error (``AP_NotchFilter_params``).
 
-    The parameter of this ``name``, such as ``ATC_RAT_RLL_NEF``, has the number n of the filter whose own parameters
-    begin with ``FILTn_``; 0 is none.
+    An axis names its filter by a number n; the filter's own parameters begin with ``FILTn_``. A filter that ArduPilot
+    would not switch on, without depth or with a quality of ``MIN_PID_NOTCH_QUALITY`` or less, has no notches.
+
+    Args:
+        parameters: of the log, by name.
+        name: of the parameter with the number, such as ``ATC_RAT_RLL_NEF``; 0 is none.
     """
     number = int(parameters.get(name, 0.0))
     prefix = f"FILT{number}_"

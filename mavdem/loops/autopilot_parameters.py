@@ -35,7 +35,14 @@ class Notch(NamedTuple):
 
 
 def required_parameters(parameters: Parameters, *names: str) -> list[float]:
-    """Returns the values of the parameters of these ``names``, in their order.
+    """Returns the values of parameters without which a controller cannot be known.
+
+    Args:
+        parameters: of the autopilot, by name.
+        names: of those that are needed.
+
+    Returns:
+        Values in the order of ``names``, in the autopilot's units.
 
     Raises:
         NotLearnable: some are missing; the error lists them.

@@ -147,7 +147,10 @@ class Loop(Margins):
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the flight's response is the predicted one; None where too little of it was measured."""
+        """Whether the flight's response is the predicted one.
+
+        None where it is not known: without setpoints in the log, or where they explain too little of the rate.
+        """
         if self.measured is None:
             return None
         reason = self.measured.reason
@@ -261,6 +264,10 @@ def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
     """Returns (N,) each margin of a ``loop`` in relation to the ``target``, by name of the figure.
 
     A ratio of 1 or more has the margin. A large Ms is bad, so its ratio is upside down.
+
+    Args:
+        target: the margins to have.
+        loop: of N plants.
     """
     return {
         "phase_margin": loop.figures["phase_margin"] / target.phase_margin,
@@ -274,6 +281,10 @@ def parameters_changed_in_flight(record: Record, controller: Controller) -> Para
 
     A loop by the last values would not be the one that flew. Parameters that belong to other axes do not matter to it,
     those of all axes, such as the gyro's filters, do.
+
+    Args:
+        record: of the flight, with the earlier value of each parameter that changed.
+        controller: of the axis.
     """
     # "ATC_RAT_RLL_P" without its P: how all parameters of the axis's rate controller begin.
     rate_prefix = controller.parameter_names["p"][:-1]

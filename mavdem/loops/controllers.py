@@ -141,7 +141,12 @@ class Controller(ImmutableResult):
     """(4,) weights of the motors in the torque about the axis, of any scale, as ArduPilot's mixer needs them."""
 
     def __post_init__(self) -> None:
-        """Raises ``NotLearnable`` if a field is outside ``POSSIBLE_RANGES``, or a filter's cut-off is nearly 0."""
+        """Checks that all fields are possible: parameters of a log may be corrupt.
+
+        Raises:
+            NotLearnable: a field is outside ``POSSIBLE_RANGES``, or the cut-off of a filter is between 0, which
+                switches it off, and ``MIN_CUTOFF``.
+        """
         super().__post_init__()
         for field, (minimum, maximum) in POSSIBLE_RANGES.items():
             value = getattr(self, field)

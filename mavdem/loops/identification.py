@@ -1,8 +1,8 @@
-"""Identification of the plant of one axis in its closed loop, from messages at their own time stamps.
+"""Closed-loop identification of the plant of one axis: control effectiveness, damping, motor lag and delay.
 
-The model is that of ``plant.closed_loop``, with the controller that the autopilot's parameters describe. This file
-makes its data of a log, refuses logs that cannot support it, and turns the result into physical parameters with honest
-covariances.
+Messages are used at their own time stamps. The model is that of ``plant.closed_loop``, with the controller that the
+autopilot's parameters describe. This file makes its data of a log, refuses logs that cannot support it, and turns the
+result into physical parameters with honest covariances.
 """
 
 from collections.abc import Iterator, Sequence
@@ -259,9 +259,13 @@ def _messages_of_boot(stream: Attitude | TimeSeries, values: Array, boot: int) -
 
 
 def _window_starts(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator[float]:
-    """Yields where windows of ``SPECTRUM_SECONDS`` begin in ``flights``, s, half over each other.
+    """Yields where windows of ``SPECTRUM_SECONDS`` begin, s, half over each other, in which all messages come.
 
-    All ``streams`` come in them without a gap of ``MAX_MESSAGE_GAP``.
+    A spectrum of a window with a gap would be that of the interpolation across it.
+
+    Args:
+        flights: of one boot.
+        streams: messages of all quantities. Each must come in a window without a gap of ``MAX_MESSAGE_GAP``.
     """
     first_common = max(stream.time[0] for stream in streams)
     last_common = min(stream.time[-1] for stream in streams)

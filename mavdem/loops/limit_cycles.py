@@ -69,7 +69,7 @@ STARTING_DURATION = 1.9
 
 
 class Oscillation(NamedTuple):
-    """A limit cycle."""
+    """A limit cycle: an oscillation of roll or pitch that the vehicle's own controller keeps up."""
 
     axis: str
     """"roll" or "pitch": the one that turns faster."""
@@ -88,7 +88,11 @@ class Oscillation(NamedTuple):
 
     @property
     def figures(self) -> JsonValues:
-        """The figures of a fact about it: axis, frequency and rate, rad/s, and the same of all axes that oscillate."""
+        """The figures of a fact about it, by the names that sentences use.
+
+        "subject" is the axis, "frequency" in Hz, "turn_rate" the body rate in rad/s; "axes" has axis, frequency and
+        rate of all axes that oscillate.
+        """
         axes = [
             (cycle.axis, cycle.frequency, radians(cycle.rate)) for cycle in (self, *self.other_axes)
         ]

@@ -90,6 +90,9 @@ def _mixer(parameters: Parameters) -> dict[str, Numbers]:
     ``ControlAllocationPseudoInverse::updateControlAllocationMatrixScale``: the columns of roll and pitch both by the
     larger of their norms per pair of motors, that of yaw by its largest element.
 
+    Args:
+        parameters: of the log, by name, with the positions of the motors.
+
     Raises:
         NotLearnable: a parameter is missing, or it is no quadrotor with upright motors of one size that controls roll
             and pitch.
@@ -117,9 +120,19 @@ def _mixer(parameters: Parameters) -> dict[str, Numbers]:
 
 
 def _motor_effects(parameters: Parameters) -> Array:
-    """Returns (4, 4) the effect of each motor's thrust (columns) on roll, pitch, yaw torque and thrust (rows).
+    """Returns the effect of each motor's thrust on the vehicle, by the positions in PX4's parameters.
 
-    ``CA_ROTORn_PX`` and ``PY`` are forward and right of the centre of mass, ``KM`` is the yaw moment per thrust.
+    ``CA_ROTORn_PX`` and ``PY`` are forward and right of the centre of mass, ``KM`` is the yaw moment per thrust. Thrust
+    on the right rolls to the left, thrust in front lifts the nose.
+
+    Args:
+        parameters: of the log, by name.
+
+    Returns:
+        (4, 4) motors in columns; roll, pitch and yaw torque and thrust in rows.
+
+    Raises:
+        NotLearnable: a parameter is missing.
     """
     rotors = [f"CA_ROTOR{number}_" for number in range(MOTOR_COUNT)]
     forward = required_parameters(parameters, *(f"{rotor}PX" for rotor in rotors))
@@ -129,7 +142,11 @@ def _motor_effects(parameters: Parameters) -> Array:
 
 
 def _has_equal_upright_motors(parameters: Parameters) -> bool:
-    """Returns whether the airframe is a quadrotor whose motors point upwards and have one thrust coefficient."""
+    """Returns whether the airframe is a quadrotor whose motors point upwards and have one thrust coefficient.
+
+    Only then does the matrix of ``_motor_effects`` hold. ``CA_ROTORn_AX`` and ``AY`` tilt a motor's axis, ``CT`` is its
+    thrust coefficient, and ``CA_AIRFRAME`` 0 is a multirotor.
+    """
     rotors = [f"CA_ROTOR{number}_" for number in range(MOTOR_COUNT)]
     is_tilted = any(
         parameters.get(f"{rotor}AX", 0.0) or parameters.get(f"{rotor}AY", 0.0) for rotor in rotors

@@ -49,7 +49,7 @@ BACKGROUND_RATIO = 1.5
 
 @dataclass(frozen=True)
 class Resonance:
-    """A peak of the rate of one axis."""
+    """A resonance of one axis: a peak of the body rate's response to its setpoint, or of its spectrum."""
 
     axis: str
     """"roll", "pitch" or "yaw"."""

@@ -37,7 +37,7 @@ SPECTRUM_WINDOW_SECONDS = 20.0
 
 
 class ReplaySegment(NamedTuple):
-    """The part of one axis's record that the twin flies."""
+    """Setpoints and motion of one axis in the part of a recorded flight that the simulated twin flies again."""
 
     outputs: Array
     """(T, 2) recorded angle, rad, and rate, rad/s; (T, 1) the rate alone, of yaw."""

@@ -1,4 +1,5 @@
-"""Balance of the motors in a steady flight: the torque commands in roll, pitch and yaw, and how they follow the lean.
+"""Balance of the motors in steady flight: torque commands in roll, pitch and yaw over the thrust, and their change by
+lean.
 
 Wind that a vehicle leans against asks for a steady torque too: by the flapping of its rotors, by drag above or below
 its centre of mass, or by a load beside it. docs/motors.md says how the balance is judged.
@@ -171,6 +172,12 @@ def balance_figures(
 
 def _block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
     """Averages a run over blocks of equal length, ``BLOCK_SECONDS`` or a little more.
+
+    The torque commands of a block are divided by its thrust, so that neither climb nor battery changes the balance.
+
+    Args:
+        run: Steady flight.
+        signatures: Mixer of the vehicle.
 
     Returns:
         For each block (5,): the mean commands in roll, pitch and yaw, relative to the mean command of all motors, and

@@ -30,7 +30,7 @@ CAUSES_WITHOUT_MOTOR = 3
 
 @dataclass(frozen=True, eq=False)
 class CauseEvidence:
-    """Logarithms of the Bayes factors of all causes of a change against "nothing changed".
+    """Logarithms of the Bayes factors of all causes of a change of the motors' balance against "nothing changed".
 
     There are h hypotheses of a motor, w windows since the change, s sizes and k motors.
     """

@@ -27,6 +27,9 @@ They are: nothing changed; a motor or propeller is weak; roll and pitch, yaw alo
 CHANGED_AXES = {"load": (1, 1, 0), "yaw": (0, 0, 1), "other": (1, 1, 1)}
 """Which of roll, pitch and yaw (1 or 0) change, by the group of hypotheses that are no motor's."""
 
+ROLL, YAW = 0, 2
+"""Columns of these axes in a balance, which has roll, pitch and yaw."""
+
 PERSISTENCE = 0.5
 """Probability that what holds in one flight holds in the next: much is noticed and repaired on the ground. A choice."""
 
@@ -102,7 +105,7 @@ class ChangeHypotheses:
         signatures: MotorSignatures,
         prior_probabilities: Mapping[str, float] = PRIOR_PROBABILITIES,
     ) -> None:
-        """Makes the hypotheses of a vehicle.
+        """Makes the hypotheses of a vehicle: a table with one row for each size of each cause.
 
         Args:
             signatures: Mixer of the vehicle.
@@ -160,20 +163,11 @@ class ChangeHypotheses:
         is_fault = np.outer(own_rise_ratio, RISES) >= FAULT_RISE
         fault_probabilities = np.where(is_fault, by_motor_and_rise, 0.0).sum(axis=1)
 
-        # Mean and quantiles of the rise, given that the motor is the weak one.
-        normalisation = np.maximum(motor_probabilities, SMALLEST_POSITIVE)
-        cumulative = np.cumsum(by_motor_and_rise, axis=1) / normalisation[:, None]
-        mean = by_motor_and_rise @ RISES / normalisation
-        quantiles = []
-        for level in INTERVAL_QUANTILES:
-            # The first rise at which the cumulative probability reaches the level.
-            row = (cumulative < level).sum(axis=1).clip(max=len(RISES) - 1)
-            quantiles.append(RISES[row])
         return ChangeProbabilities(
             groups=group_probabilities,
             motors=motor_probabilities,
             faults=fault_probabilities,
-            rises=np.array([mean, *quantiles]) * own_rise_ratio,
+            rises=_mean_and_interval_of_rises(by_motor_and_rise) * own_rise_ratio,
             posterior=posterior,
         )
 
@@ -198,7 +192,7 @@ class ChangeHypotheses:
         motor_rows = self.groups["motor"]
         spread = self.spread.copy()
         # A load that shifted changes yaw too where the vehicle leans, since wind pulls beside the load.
-        spread[load_rows, 2] = spread[load_rows, 0] * deviation.lean
+        spread[load_rows, YAW] = spread[load_rows, ROLL] * deviation.lean
         scale = np.hypot(deviation.scale, spread)
         standard_scores = (deviation.change - self.change) / scale
         # SciPy's distributions take half a second to import.
@@ -232,6 +226,28 @@ class ChangeHypotheses:
             explained = self.explain(deviation._replace(change=change))
             probabilities.append(1 - explained.healthy)
         return float(np.mean(probabilities))
+
+
+def _mean_and_interval_of_rises(by_motor_and_rise: Array) -> Array:
+    """Returns mean and 90 % interval of each motor's rise, given that this motor is the weak one.
+
+    Args:
+        by_motor_and_rise: (k, r) posterior probability of each motor and each of ``RISES``.
+
+    Returns:
+        (3, k) mean, 5 % and 95 % quantile of each motor.
+    """
+    motor_probabilities = by_motor_and_rise.sum(axis=1)
+    # Conditional probabilities; a motor without any probability is not divided by 0.
+    normalisation = np.maximum(motor_probabilities, SMALLEST_POSITIVE)
+    cumulative = np.cumsum(by_motor_and_rise, axis=1) / normalisation[:, None]
+    mean = by_motor_and_rise @ RISES / normalisation
+    quantiles = []
+    for level in INTERVAL_QUANTILES:
+        # The first rise at which the cumulative probability reaches the level.
+        row = (cumulative < level).sum(axis=1).clip(max=len(RISES) - 1)
+        quantiles.append(RISES[row])
+    return np.array([mean, *quantiles])
 
 
 @dataclass(frozen=True, eq=False)

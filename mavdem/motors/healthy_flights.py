@@ -48,7 +48,11 @@ class HealthFigures:
 
     @property
     def missing(self) -> Fact | None:
-        """What the flight lacks for a judgement of its motors (``HealthUnknown``); None if it lacks nothing."""
+        """What the flight lacks for a judgement of its motors (``HealthUnknown``); None if it lacks nothing.
+
+        A judgement needs the balance, a geometry by which each motor can be told from others, and the lean in flight,
+        since wind changes the balance too.
+        """
         if self.signatures is None or self.balance is None:
             return Fact(HealthUnknown.BALANCE_UNKNOWN)
         if not self.signatures.is_motor_identifiable:
@@ -85,7 +89,7 @@ class HealthFigures:
     def effort(self) -> float | None:
         """Collective times voltage, V: the command at a battery of 1 V.
 
-        It grows with the payload, but not as the battery sags.
+        It grows with the payload, but not as the battery sags. None where command or voltage is not known.
         """
         if self.collective and self.voltage:
             return self.collective * self.voltage

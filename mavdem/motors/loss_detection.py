@@ -126,7 +126,7 @@ class _RiseEstimate(NamedTuple):
 
 
 class MotorLossDetector:
-    """The sequential test of one vehicle's motors, over the settled flights of one boot.
+    """Sequential test, block by block in flight, of whether the balance of one vehicle's motors changed in one boot.
 
     Attributes:
         alarms: Changes that were detected so far.

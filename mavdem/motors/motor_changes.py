@@ -80,7 +80,10 @@ class MotorAlarm(NamedTuple):
 
     @property
     def fact(self) -> Fact:
-        """What changed, and since when; its level is bad where a motor lost thrust."""
+        """The fact that says what changed, and since when; its level is bad where a motor lost thrust.
+
+        It is one of three: the steady torque changed, a motor lost thrust, or a motor recovered.
+        """
         if self.motor is None:
             code = InFlight.STEADY_TORQUE_CHANGED
         elif self.is_weak:

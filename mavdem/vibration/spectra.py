@@ -186,8 +186,12 @@ class _Samples(NamedTuple):
 def _recorded_samples(signals: Signals) -> Iterator[_Samples]:
     """Yields all samples of sensors, body rates and demand that were recorded; of one name there may be several.
 
-    Body rates are those behind the gyro's filters. They come with their setpoints, in messages of the rate controllers,
-    or with the attitude; they count where all three axes have the same number of samples.
+    The same quantity may come in several messages at different rates, of which the fastest is chosen later. Body rates
+    are those behind the gyro's filters. They come with their setpoints, in messages of the rate controllers, or with
+    the attitude; they count where all three axes have the same number of samples.
+
+    Args:
+        signals: of the vehicle.
     """
     for name, message, fields in SENSOR_MESSAGES:
         series = recorded_series(signals.telemetry, message, *fields)

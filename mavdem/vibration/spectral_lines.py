@@ -73,7 +73,7 @@ class LineKind(StrEnum):
 
 
 class SpectralLine(NamedTuple):
-    """A line of a spectrum."""
+    """A line of a spectrum, a narrow peak over what is around it, with what makes it."""
 
     kind: LineKind
     """What makes it."""
@@ -97,7 +97,14 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
     """Returns the lines of a ``spectrum``, the strongest first; harmonics of motors with their fundamental.
 
     Peaks are looked for in mean spectra that are aligned by each of ``SEARCH_EXPONENTS``, so that a line that moves
-    with the throttle is not smeared in one of them. Each peak is then tracked by its own exponent.
+    with the throttle is not smeared in one of them. Each peak is then tracked by its own exponent. A weak line without
+    a name, beside a much stronger one, is what alignment by a wrong exponent makes of that one: it is left out.
+
+    Args:
+        spectrum: of one sensor, in W windows.
+
+    Returns:
+        At most ``MAX_LINES`` lines.
     """
     # It takes half a second to import.
     from scipy.signal import find_peaks
@@ -208,7 +215,7 @@ def _log_spectra(spectrum: Spectrum) -> _LogSpectra:
 
 
 class _Track(NamedTuple):
-    """How a line moves through the windows."""
+    """How a spectral line moves with the drive (motor speed or throttle) through W windows of a flight."""
 
     exponent: float
     """γ, along which the windows are highest in the mean."""
