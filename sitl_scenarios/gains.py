@@ -1,4 +1,4 @@
-"""Gains of the simulation's own controller, written as control parameters of ArduPilot or PX4.
+"""Gains of the simulated flight controller, written as rate and attitude parameters of ArduPilot or PX4.
 
 The simulated autopilot reports these parameters, and a scenario may replace any of them. Their meaning is that of
 ``mavdem.loops.controllers``.
@@ -23,19 +23,29 @@ PX4_MOMENT_RATIO = 0.05
 
 
 def control_parameters(scenario: Scenario) -> dict[str, float]:
-    """Returns the parameters of rate and attitude control that the scenario's autopilot flies, by name.
+    """Returns the parameters of rate and attitude control that the scenario's autopilot reports and flies.
 
-    They are those that give the gains of the simulation's own controller, and in their place whatever the scenario's
-    ``vehicle.parameters`` sets.
+    The gains of the simulation's own controller are converted into the autopilot's parameters, so that a log of the
+    flight shows parameters that belong to the motion. Whatever the scenario's ``vehicle.parameters`` sets replaces
+    them.
+
+    Args:
+        scenario: Its vehicle, sensors and autopilot decide the gains.
+
+    Returns:
+        Values by the autopilot's name of the parameter, each in the autopilot's own unit; the loop rate in Hz is one
+        of them.
     """
     autopilot = scenario.stream.autopilot
+    # A new controller has tuned itself for the vehicle: it is made only for its gains.
     gains = FlightController(scenario).gains
     if autopilot == "px4":
         parameters = _px4_parameters(scenario.vehicle, gains)
     else:
         parameters = _ardupilot_parameters(scenario.vehicle, gains)
     replaced = scenario.vehicle.parameters
-    # Before ArduCopter 3.4 gains had other names, without ATC_: no log has both.
+    # Before ArduCopter 3.4 gains had other names, such as RATE_RLL_P, without ATC_. No log has both, so a scenario
+    # with the old names must not report the new ones as well.
     if "RATE_RLL_P" in replaced:
         parameters = {
             name: value for name, value in parameters.items() if not name.startswith("ATC_")
@@ -64,16 +74,20 @@ class HoverThrust(NamedTuple):
 
 
 def _hover_thrust(vehicle: VehicleSpec, range_start: float) -> HoverThrust:
-    """Returns the thrust curve of a vehicle whose mixer puts out thrusts from 0 to 1.
+    """Returns a vehicle's thrust curve, and how far a motor's command moves for a small change of thrust in hover.
 
-    The thrust at a fraction s of the motors' range is (1 − f) s + f s²; its slope is 1 − f + 2 f s.
+    The simulation's mixer puts out commands, while the autopilots' mixers put out thrusts and convert them into
+    commands by the inverse thrust curve. The slope of that curve in hover converts gains of the one into gains of the
+    other. The normalised thrust at a fraction s of the motors' range is (1 − f) s + f s², f being the expo; its slope
+    is 1 − f + 2 f s.
 
     Args:
-        vehicle: Vehicle of a scenario.
-        range_start: Normalised command at which the motors' range begins; it ends at 1.
+        vehicle: Vehicle of a scenario. Without a ``quadratic_thrust`` of its own the curve is linear, f = 0.
+        range_start: Normalised command, 0 to 1, at which the motors' range begins; it ends at 1.
     """
     expo = vehicle.quadratic_thrust or 0.0
     body = airframe(vehicle)
+    # Fraction s of the motors' range at which the four rotors carry the weight.
     command = body.command_for(body.hover_speed) / body.full_command
     range_fraction = (command - range_start) / (1.0 - range_start)
     thrust_slope = 1.0 - expo + 2 * expo * range_fraction
@@ -81,25 +95,32 @@ def _hover_thrust(vehicle: VehicleSpec, range_start: float) -> HoverThrust:
 
 
 def _px4_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[str, float]:
-    """Returns PX4's parameters of rate and attitude control, and the geometry of its rotors.
+    """Returns PX4's parameters of rate and attitude control, and those of the geometry of its rotors.
 
-    PX4's rate controllers put out normalised torques. A torque of 1 adds a column of the mixer to the motors: a column
-    of the effectiveness matrix's pseudo-inverse, normalised as in ControlAllocationPseudoInverse.cpp: roll and pitch
-    both by the larger of their norms, yaw by its largest element.
+    The gains must be scaled, because the two mixers take different inputs. A demand of 1 to the simulation's mixer adds
+    1 to a motor's normalised *command*. PX4's rate controllers put out normalised torques: a torque of 1 adds a column
+    of PX4's mixer to the motors' normalised *thrusts*. That column is one of the effectiveness matrix's pseudo-inverse,
+    normalised as in PX4's ControlAllocationPseudoInverse.cpp: roll and pitch by a common scale
+    (``_tilt_mixer_factors``), yaw by its largest element, which makes its factor 1.
 
     Args:
         vehicle: Vehicle of a scenario.
-        gains: Gains of roll, pitch and yaw by demands to the simulation's own mixer.
+        gains: Gains of roll, pitch and yaw, by demands to the simulation's own mixer.
+
+    Returns:
+        Values by name, in PX4's units: gains per rad/s and the like, cut-offs in Hz, positions in m.
     """
     frame = rotor_frame(vehicle.layout, airframe(vehicle).arm)
+    # PX4's motor range begins at a command of 0.
     expo, command_per_thrust = _hover_thrust(vehicle, 0.0)
+    # All axes have the same filter of the derivative; a cut-off of 0 switches a filter off.
     lag = gains[0].derivative_lag
     parameters = {
         "THR_MDL_FAC": expo,
         "IMU_GYRO_CUTOFF": 0.0,
         "IMU_DGYRO_CUTOFF": reciprocal_frequency(lag),
     }
-    # Demand to the simulation's own mixer that has the effect of a normalised torque of 1.
+    # Demand to the simulation's own mixer that has the effect of a normalised torque of 1 about each axis.
     demands_per_torque = [
         command_per_thrust * factor for factor in _tilt_mixer_factors(frame.right, frame.forward)
     ]
@@ -130,33 +151,49 @@ def _px4_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[st
 def _tilt_mixer_factors(right: Vector4, forward: Vector4) -> list[float]:
     """Returns the largest element of PX4's normalised mixer columns of roll and of pitch.
 
-    The column of an axis is its lever arms over their squared norm. PX4 scales both axes alike, so that the larger
-    column has a norm of √(n/2), n being the number of motors that it moves.
+    The element says how much normalised thrust a torque of 1 adds to the motor that it moves most. The pseudo-inverse
+    gives an axis with the lever arms l the column l/|l|². PX4's ControlAllocationPseudoInverse.cpp then divides the
+    columns of roll and pitch by one scale, the larger of |column| √(2/n), with n motors that the column moves.
 
     Args:
-        right: Positions of the rotors to the right, m: the lever arms of roll.
-        forward: Positions of the rotors forward, m: the lever arms of pitch.
+        right: Positions of the four rotors to the right, m: the lever arms of roll, but for their sign.
+        forward: Positions of the four rotors forward, m: the lever arms of pitch.
+
+    Returns:
+        Two factors, of roll and of pitch, normalised thrust per normalised torque.
     """
     lever_arms = (right, forward)
     norms = [sqrt(fsum(arm * arm for arm in arms)) for arms in lever_arms]
     scales = []
     for arms, norm in zip(lever_arms, norms, strict=True):
         moved_motors = len([arm for arm in arms if arm != 0])
+        # The column l/|l|² has the norm 1/|l|.
         scales.append(sqrt(2 / moved_motors) / norm)
     scale = max(scales)
+    # The positions are symmetric, so that the largest element is also the largest in size.
     return [max(arms) / norm**2 / scale for arms, norm in zip(lever_arms, norms, strict=True)]
 
 
 def _ardupilot_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[str, float]:
-    """Returns ArduPilot's parameters of rate and attitude control.
+    """Returns ArduPilot's parameters of rate and attitude control, and those of its motors' range and thrust curve.
 
-    ArduPilot's rate controllers put out fractions of the motors' range, of which its mixer gives a half to each motor.
-    Its derivative is of the error, while that of the simulation's controller is of the measured rate. The filter of
-    the target makes up for it: (1 + LEAD τs)/(1 + τs) behind 1/(1 + LEAD τs) leaves 1/(1 + τs) of the setpoint.
+    Two differences between the controllers must be made up for:
+
+    - Scale. A demand of 1 to the simulation's mixer adds 1 to a motor's normalised command. An output of 1 of
+      ArduPilot's rate controller adds 1/2 to a motor's normalised thrust. So P, I and D are doubled, and divided by the
+      change of command per thrust in hover.
+    - Derivative. ArduPilot differentiates the error, the simulation's controller only the measured rate. With a
+      derivative filter of time constant T, proportional and derivative action together are (1 + LEAD T s)/(1 + T s).
+      ArduPilot's acts on the setpoint too, and would amplify its steps. A target filter 1/(1 + LEAD T s) before it
+      leaves 1/(1 + T s) of the setpoint.
 
     Args:
         vehicle: Vehicle of a scenario.
-        gains: Gains of roll, pitch and yaw by demands to the simulation's own mixer.
+        gains: Gains of roll, pitch and yaw, by demands to the simulation's own mixer.
+
+    Returns:
+        Values by name, in ArduPilot's units: gains per rad/s and the like, cut-offs (FLTT, FLTE, FLTD) in Hz, 0 for a
+        filter that is switched off.
     """
     expo, command_per_thrust = _hover_thrust(vehicle, IDLE_COMMAND)
     parameters = {
@@ -167,6 +204,7 @@ def _ardupilot_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> d
     }
     for name, axis_gains in zip(("RLL", "PIT", "YAW"), gains, strict=True):
         cutoff = reciprocal_frequency(axis_gains.derivative_lag)
+        # The factor of 2 is that of ArduPilot's mixer, which gives half of an output to each motor.
         parameters |= {
             f"ATC_RAT_{name}_P": 2 * axis_gains.p / command_per_thrust,
             f"ATC_RAT_{name}_I": 2 * axis_gains.i / command_per_thrust,

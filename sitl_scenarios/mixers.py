@@ -1,4 +1,4 @@
-"""Mixers of ArduPilot and PX4: thrusts of the motors for a controller's demands, and what gives way at their limits.
+"""Mixers of ArduPilot and PX4: motor thrusts for demands of roll, pitch, yaw and thrust, and their order at saturation.
 
 Neither mixer climbs in order to turn. Thrusts (4,) are fractions of a motor's largest: 0 at the start of its range, 1
 at the end. ``columns`` (3, 4) are what demands of roll, pitch and yaw add to the four thrusts.
@@ -18,50 +18,66 @@ YAW_MARGIN = 0.15
 MAX_CENTRED_THRUST = 0.5
 """Collective thrust above which ArduPilot's mixer counts the room for yaw as at half thrust."""
 
+MIN_DENOMINATOR = 1e-9
+"""Smallest divisor of the collective thrust: with no thrust and no demand at all, it would be zero."""
+
 
 def ardupilot_thrusts(columns: Array, demands: Vector4) -> Array:
-    """Mixes demands like ArduPilot's ``AP_MotorsMatrix::output_armed_stabilizing``.
+    """Distributes demands over four motors like ArduPilot's ``AP_MotorsMatrix::output_armed_stabilizing``.
 
-    Where the motors' range is too small, yaw gives way first, down to ``YAW_HEADROOM``. Then roll, pitch and yaw are
-    scaled down alike, until the motor with the lowest thrust stands still at the collective thrust.
+    The thrust of a motor is the collective thrust plus what roll, pitch and yaw add to it, and must stay from 0 to 1.
+    Where that is too little room, ArduPilot gives up, in this order:
+
+    1. yaw, down to ``YAW_HEADROOM``, because the heading matters least;
+    2. roll, pitch and yaw alike, by one factor, until the motor with the lowest thrust just stands still at the
+       demanded collective thrust, and the motors fit into a range of 1;
+    3. collective thrust, where the motor with the highest thrust would exceed 1.
 
     Args:
-        columns: Effect of roll, pitch and yaw on the motors, (3, 4).
-        demands: Roll, pitch, yaw and collective thrust.
+        columns: What a demand of 1 adds to the thrust of each motor, rows roll, pitch and yaw; (3, 4). No element of
+            yaw is zero.
+        demands: Roll, pitch and yaw, −1 to 1, and collective thrust, 0 to 1.
 
     Returns:
         Thrust of each motor, (4,), 0 to 1.
     """
     roll, pitch, yaw, thrust = demands
+    yaw_column = columns[2]
     tilt_thrusts = (roll, pitch) @ columns[:2]
+
+    # Each motor has room for yaw up to 1 or down to 0, by the direction in which yaw moves it. The motor with the least
+    # room limits yaw.
     centred_thrust = min(MAX_CENTRED_THRUST, thrust)
     room_upwards = 1 - centred_thrust - tilt_thrusts
     room_downwards = centred_thrust + tilt_thrusts
-    rooms = np.where(yaw * columns[2] > 0, room_upwards, room_downwards)
-    yaw_room = (rooms / abs(columns[2])).min()
+    rooms = np.where(yaw * yaw_column > 0, room_upwards, room_downwards)
+    yaw_room = (rooms / abs(yaw_column)).min()
     max_yaw = max(yaw_room, YAW_HEADROOM)
     limited_yaw = min(max(yaw, -max_yaw), max_yaw)
-    differential = tilt_thrusts + limited_yaw * columns[2]
-    lowest = -differential.min()
-    range_scale = 1 / max(np.ptp(differential), 1.0)
-    # The denominator is never zero.
-    zero_scale = thrust / max(lowest, thrust, 1e-9)
-    scale = min(range_scale, zero_scale)
+
+    # One factor for all motors: their spread fits into 1, and none falls below 0 at the demanded thrust.
+    differential = tilt_thrusts + limited_yaw * yaw_column
+    depth = -differential.min()
+    spread_scale = 1 / max(np.ptp(differential), 1.0)
+    depth_scale = thrust / max(depth, thrust, MIN_DENOMINATOR)
+    scale = min(spread_scale, depth_scale)
     differential *= scale
+
     max_collective = 1 - differential.max()
-    collective = min(max(thrust, lowest * scale), max_collective)
+    collective = min(max(thrust, depth * scale), max_collective)
     return collective + differential
 
 
 def px4_thrusts(columns: Array, demands: Vector4) -> Array:
-    """Mixes demands like PX4's ``ControlAllocationSequentialDesaturation`` with MC_AIRMODE 0.
+    """Distributes demands over four motors like PX4's ``ControlAllocationSequentialDesaturation`` with MC_AIRMODE 0.
 
-    Where the motors' range is too small, the collective thrust is lowered first, then roll, pitch and yaw are reduced
-    in this order.
+    The thrust of a motor is the collective thrust plus what roll, pitch and yaw add to it, and must stay from 0 to 1.
+    PX4 brings the motors back into their range step by step, each time along one direction: first the collective
+    thrust is lowered, then roll, pitch and yaw are reduced. With MC_AIRMODE 0 the collective thrust is never raised.
 
     Args:
-        columns: Effect of roll, pitch and yaw on the motors, (3, 4).
-        demands: Roll, pitch, yaw and collective thrust.
+        columns: What a demand of 1 adds to the thrust of each motor, rows roll, pitch and yaw; (3, 4).
+        demands: Roll, pitch and yaw, −1 to 1, and collective thrust, 0 to 1.
 
     Returns:
         Thrust of each motor, (4,), 0 to 1.
@@ -71,6 +87,8 @@ def px4_thrusts(columns: Array, demands: Vector4) -> Array:
     thrusts = _lowered(thrust + (roll, pitch) @ columns[:2])
     thrusts = _desaturated(thrusts, roll_column)
     thrusts = _desaturated(thrusts, pitch_column)
+    # Yaw is added last, so that it never takes anything from roll and pitch. It may exceed the range by a margin, for
+    # which the collective thrust is then lowered.
     thrusts = _desaturated(thrusts + yaw * yaw_column, yaw_column, 1 + YAW_MARGIN)
     return _lowered(thrusts).clip(0.0, 1.0)
 
@@ -83,25 +101,30 @@ def _lowered(thrusts: Array) -> Array:
 def _desaturated(
     thrusts: Array, column: Array | float, highest: float = 1.0, only_positive: bool = False
 ) -> Array:
-    """Moves thrusts along a column of the mixer to leave their limits, like PX4's ``desaturateActuators``.
+    """Moves motor thrusts along one column of the mixer back into their range, like PX4's ``desaturateActuators``.
 
-    It takes the step that resolves the largest violations on both sides, and then half of what is left.
+    Adding a multiple of a column changes one demand only, say roll, and leaves the others. Each motor outside the range
+    needs a certain multiple; the largest positive and the largest negative one are added up. Where that step pushes
+    other motors out of the range, a second one, of half the multiple then needed, balances both sides.
 
     Args:
         thrusts: Thrust of each motor, (4,).
-        column: Direction, (4,), or the same for all motors.
+        column: Change of the four thrusts per unit of the demand, (4,), or one number that holds for all motors.
         highest: Upper limit of the thrusts; the lower one is 0.
-        only_positive: Whether only steps in the direction of ``column`` are taken, and none against it.
+        only_positive: Whether only positive multiples of ``column`` may be added.
+
+    Returns:
+        Thrusts, (4,), which may still violate a limit where no multiple of the column can resolve it.
     """
     # Most thrusts are within the limits. The check uses floats: NumPy's calls on arrays of four take ten times as long.
     if all(0.0 <= thrust <= highest for thrust in thrusts.tolist()):
         return thrusts
     for step_fraction in (1.0, 0.5):
-        excess = thrusts.clip(0.0, highest) - thrusts
-        # Gain of the column that each motor needs; a motor that the column does not move needs none.
-        needed = excess / np.where(column, column, np.inf)
-        gain = needed.min(initial=0.0) + needed.max(initial=0.0)
-        if only_positive and gain < 0:
+        correction = thrusts.clip(0.0, highest) - thrusts
+        # A motor that the column does not move is given an infinite divisor: it asks for no multiple.
+        needed_multiples = correction / np.where(column, column, np.inf)
+        multiple = needed_multiples.min(initial=0.0) + needed_multiples.max(initial=0.0)
+        if only_positive and multiple < 0:
             break
-        thrusts = thrusts + step_fraction * gain * column
+        thrusts = thrusts + step_fraction * multiple * column
     return thrusts

@@ -98,10 +98,11 @@ class Simulation:
         )
 
     def set_armed(self, armed: bool, force: bool = False) -> bool:
-        """Arms or disarms the vehicle by command; from then on the autopilot does not arm itself.
+        """Arms or disarms the vehicle by a ground station's command; from then on the autopilot does not arm itself.
 
-        Arming begins a flight of the scenario's duration, even after another one. Arming in the air is refused, and so
-        is disarming there, unless it is forced, which makes the vehicle fall.
+        Arming begins a flight of the scenario's duration, even after another one, and the scenario's remaining flights
+        are dropped. Arming in the air is refused, and so is disarming there, unless it is forced, which makes the
+        vehicle fall.
 
         Args:
             armed: Whether the vehicle shall be armed.
@@ -122,10 +123,13 @@ class Simulation:
         return True
 
     def advance(self, cycles: int) -> Motion:
-        """Simulates some cycles, fewer at the end of the last flight; call it only while not ``finished``.
+        """Simulates some cycles of the autopilot; call it only while not ``finished``.
+
+        Args:
+            cycles: Number of cycles; fewer are simulated where the last flight ends before.
 
         Returns:
-            One row for each cycle.
+            One row for each simulated cycle.
 
         Raises:
             ValueError: The vehicle tumbles.
@@ -135,7 +139,9 @@ class Simulation:
             if self.finished:
                 break
             rows.append(self._fly_cycle())
-        return Motion(**{name: np.array([row[name] for row in rows]) for name in rows[0]})
+        # The rows become columns: one array for each field of the motion.
+        columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        return Motion(**columns)
 
     def _begin_flight(self, arming_cycle: int) -> None:
         """Begins another flight, which is armed in the cycle of this number."""
@@ -144,32 +150,90 @@ class Simulation:
         self._controller.reset()
 
     def _update_arming(self) -> None:
-        """Begins the next flight, arms and disarms when the current cycle is due."""
+        """Plays the autopilot's clockwork at the beginning of a cycle: next flight, arming, disarming.
+
+        ``flight_cycle`` counts cycles from the arming of the current flight: it is negative while the vehicle waits to
+        be armed, 0 when it is armed, ``_flight_cycles`` at the planned disarming, and ``_end_cycles`` at the end.
+        """
         flight_cycle = self._current_cycle - self._arming_cycle
         if self._remaining_flights and not self.armed and flight_cycle >= self._end_cycles:
             self._remaining_flights -= 1
+            # The vehicle waits on the ground as long as after boot before it is armed again.
             self._begin_flight(self._current_cycle + self._boot_cycles)
             flight_cycle = -self._boot_cycles
+        # Once a ground station has commanded arming, the autopilot leaves it to the ground station.
         if not self.armed and not self._is_commanded and flight_cycle == 0:
             self.armed = True
+        # A vehicle that is late in touching down, such as one in a strong wind, stays armed until it does.
         if self.armed and flight_cycle >= self._flight_cycles and self._on_ground:
             self.armed = False
 
     def _fly_cycle(self) -> Row:
-        """Simulates one cycle; returns the quantities at its beginning, by the names of ``Motion``'s fields."""
-        while self._coming_damage and self._current_cycle >= self._coming_damage[0][0]:
-            _, condition = self._coming_damage.popleft()
-            self._body.apply_damage(condition)
+        """Simulates one cycle of the autopilot: sense, control, record, and move the vehicle to the next cycle.
+
+        Returns:
+            The quantities at the cycle's beginning, with the motor outputs that are set for it, by the names and in the
+            units of ``Motion``'s fields.
+
+        Raises:
+            ValueError: The vehicle tumbles.
+        """
+        self._apply_due_damage()
         self._update_arming()
         state = self._state
         flight_cycle = self._current_cycle - self._arming_cycle
+        # The weather begins at boot, that is ``_boot_cycles`` before arming.
         air = self._weather.air_at(flight_cycle + self._boot_cycles, state.position)
-        # Every flight begins with a full battery.
-        flown_fraction = min(max(flight_cycle / self._flight_cycles, 0.0), 1.0)
-        battery = 1.0 - self.scenario.vehicle.battery_sag * flown_fraction
+        battery = self._battery_fraction(flight_cycle)
+
+        # The autopilot sees the state through its sensors: the rates behind the gyro's filters, all with noise and
+        # delay.
         estimate = self._estimator.estimate(state._replace(rates=self._gyro.filtered_rates))
         reference = self._plan.reference_at(flight_cycle * self.cycle)
         control = self._control_output(estimate, reference)
+        row = self._row(air, battery, estimate, reference, control)
+
+        self._move(control.outputs, battery, air, reference)
+        self._current_cycle += 1
+        return row
+
+    def _apply_due_damage(self) -> None:
+        """Puts the vehicle in each condition whose damage begins in the current cycle or before."""
+        while self._coming_damage:
+            first_cycle, condition = self._coming_damage[0]
+            if self._current_cycle < first_cycle:
+                break
+            self._coming_damage.popleft()
+            self._body.apply_damage(condition)
+
+    def _battery_fraction(self, flight_cycle: int) -> float:
+        """Returns the remaining fraction of a full battery's voltage, ``flight_cycle`` cycles after arming.
+
+        It falls evenly from arming to the planned disarming, by the scenario's ``battery_sag``. Every flight begins
+        with a full battery.
+        """
+        flown_fraction = min(max(flight_cycle / self._flight_cycles, 0.0), 1.0)
+        return 1.0 - self.scenario.vehicle.battery_sag * flown_fraction
+
+    def _row(
+        self,
+        air: AirState,
+        battery: float,
+        estimate: State,
+        reference: Reference,
+        control: ControlOutput,
+    ) -> Row:
+        """Returns the quantities of the current cycle by the names of ``Motion``'s fields, before the vehicle moves on.
+
+        Args:
+            air: The air at the vehicle.
+            battery: Remaining fraction of the voltage of a full battery.
+            estimate: State as the autopilot estimates it.
+            reference: Setpoints of the flight plan.
+            control: Outputs and setpoints of the autopilot.
+        """
+        state = self._state
+        # On the ground, its reaction holds the vehicle: no disturbance is recorded.
         accelerations = NO_ACCELERATION
         if not self._on_ground:
             accelerations = self._body.dynamics(
@@ -178,7 +242,7 @@ class Simulation:
         sticks: Vector3 = NO_ROTATION
         if reference.by_stick and self.armed:
             sticks = reference.attitude_demand
-        row = {
+        return {
             "time": self._current_cycle * self.cycle,
             "position": state.position,
             "velocity": state.velocity,
@@ -202,36 +266,53 @@ class Simulation:
             "armed": self.armed,
             "landed_state": np.uint8(self._landed_state(reference)),
         }
-        self._move(control.outputs, battery, air, reference)
-        self._current_cycle += 1
-        return row
 
     def _landed_state(self, reference: Reference) -> int:
-        """Returns the MAV_LANDED_STATE: that of the plan, but on the ground unless the vehicle is about to take off."""
+        """Returns the MAV_LANDED_STATE that is reported: 1 on the ground, 2 in the air, 3 taking off, 4 landing.
+
+        It is the flight plan's, except that a vehicle that stands on the ground reports so, whatever the plan: it may
+        have touched down early, or may not be armed. Only one that is armed and about to climb reports its take-off.
+        """
         is_taking_off = self.armed and reference.landed_state == TAKING_OFF
         if self._on_ground and not is_taking_off:
             return ON_GROUND
         return reference.landed_state
 
     def _control_output(self, estimate: State, reference: Reference) -> ControlOutput:
-        """Returns the autopilot's output in this cycle: stopped motors, idling motors, or the controller's output."""
+        """Returns the autopilot's output in this cycle.
+
+        The motors are stopped while the vehicle is disarmed, and idle while it is armed on the ground, before take-off
+        and after landing. Otherwise the flight controller runs.
+
+        Args:
+            estimate: State as the autopilot estimates it.
+            reference: Setpoints of the flight plan.
+        """
         if not self.armed:
-            stopped = DISARMED_PULSE[self.scenario.stream.autopilot]
-            return ControlOutput((stopped,) * 4, (0.0,) * 4)
+            stopped_pulse = DISARMED_PULSE[self.scenario.stream.autopilot]
+            return ControlOutput((stopped_pulse,) * 4, (0.0,) * 4)
         if reference.landed_state == ON_GROUND or self._has_landed:
-            idle = pulse_width(IDLE_COMMAND)
-            return ControlOutput((idle,) * 4, (*NO_ROTATION, IDLE_COMMAND))
-        return self._controller.control(estimate, reference, not self._on_ground)
+            idle_pulse = pulse_width(IDLE_COMMAND)
+            # No demands of roll, pitch and yaw; the thrust is idle.
+            return ControlOutput((idle_pulse,) * 4, (*NO_ROTATION, IDLE_COMMAND))
+        return self._controller.control(estimate, reference, is_flying=not self._on_ground)
 
     def _move(self, outputs: Vector4, battery: float, air: AirState, reference: Reference) -> None:
-        """Moves the vehicle through one cycle, off the ground and onto it.
+        """Moves the vehicle by one cycle of the autopilot: on the ground, in the air, or from the air onto the ground.
+
+        On the ground only the rotors turn. In the air the physics take several steps, during which the motor outputs
+        and the air are constant.
 
         Args:
             outputs: PWM pulse of each motor, µs.
             battery: Remaining fraction of the voltage of a full battery.
             air: The air during the cycle.
-            reference: Setpoints of the flight plan.
+            reference: Setpoints of the flight plan, which tell a landing from a bounce.
+
+        Raises:
+            ValueError: The vehicle tumbles.
         """
+        # A disarmed motor is off, whatever its pulse.
         settled_speeds: Vector4 = STOPPED_ROTORS
         if self.armed:
             settled_speeds = self._body.settled_speeds(outputs, battery)
@@ -246,22 +327,35 @@ class Simulation:
                 f"the vehicle is out of control {self._current_cycle * self.cycle:.1f} s after boot, "
                 f"turning at more than {MAX_BODY_RATE:g} rad/s: it needs less wind, or smaller moments"
             )
+        self._state = state
         _, _, down = state.position
         _, _, sink_speed = state.velocity
         if down >= 0.0 and sink_speed > 0.0:
-            state = _at_rest_on_ground(state)
-            self._on_ground = True
-            self._has_landed = reference.landed_state == LANDING or not self.armed
-            self._controller.reset()
-            self._gyro = gyro_for(self._controller)
-        self._state = state
+            self._touch_down(reference)
+
+    def _touch_down(self, reference: Reference) -> None:
+        """Puts the vehicle at rest on the ground.
+
+        The flight is over if the plan is landing or the motors are off. Otherwise the vehicle has only been pushed
+        down, and takes off again. Integrators and gyro filters begin anew, as at rest.
+        """
+        self._state = _at_rest_on_ground(self._state)
+        self._on_ground = True
+        self._has_landed = reference.landed_state == LANDING or not self.armed
+        self._controller.reset()
+        self._gyro = gyro_for(self._controller)
 
     def _spin_on_ground(self, settled_speeds: Vector4) -> None:
-        """Turns the rotors for one cycle on the ground; the vehicle lifts off when their thrust exceeds its weight."""
+        """Turns the rotors for one cycle on the ground; the vehicle lifts off when their thrust exceeds its weight.
+
+        Args:
+            settled_speeds: Speeds that the rotors tend to with their lag, rad/s.
+        """
         rotors = self._state.rotors
         for _ in range(self._steps):
             rotors = self._body.lagged_speeds(rotors, settled_speeds).full_step
         self._state = self._state._replace(rotors=rotors)
+        # Damaged propellers give a fraction of their thrust.
         thrust_fractions = self._body.condition.thrust
         lift = fsum(
             fraction * self._airframe.thrust_at(speed)
@@ -271,8 +365,9 @@ class Simulation:
 
 
 def _at_rest_on_ground(state: State) -> State:
-    """Returns the state of a vehicle that touched down: at rest where it is, level, with the same heading."""
+    """Returns the state of a vehicle that touched down: level and at rest, with its heading and rotor speeds."""
     north, east, _ = state.position
+    # A quaternion without its x and y is a rotation about the vertical: it keeps the heading of a nearly level vehicle.
     w, _, _, z = state.attitude
     length = sqrt(w * w + z * z) or 1.0
     heading_only = (w / length, 0.0, 0.0, z / length)

@@ -1,4 +1,4 @@
-"""Vehicles: rigid bodies and rotors of quadrotors, published ones or a scenario's own.
+"""Vehicles: mass, inertia, thrust curve and drag of simulated quadrotors, published ones or a scenario's own.
 
 Figures and sources of the published vehicles are in ``airframes.toml``.
 """
@@ -70,51 +70,71 @@ class Airframe:
     """Damping of the three body rates besides that by inflow, 1/s."""
 
     def rotor_speed(self, command: float) -> float:
-        """Returns the speed that a rotor settles at, rad/s, at a ``command`` from 0 to the full one."""
+        """Returns the speed that a rotor settles at when its motor's command is held.
+
+        Without a thrust curve the speed is a straight line in the command. With one, the command gives a thrust,
+        T = T_full ((1 − f) s + f s²) at the fraction s of the motors' range, and the speed is that which has this
+        thrust. Below the range the rotor stands still.
+
+        Args:
+            command: Motor command in the vehicle's own unit, 0 to ``full_command``.
+
+        Returns:
+            Rotor speed, rad/s.
+        """
         slope, offset = self.speed_line
         if self.thrust_expo is None:
             return slope * command + offset
+        f = self.thrust_expo
         range_start, range_end = self.spin_range
-        range_fraction = max(command / self.full_command - range_start, 0.0) / (
-            range_end - range_start
-        )
-        return self.speed_for(
-            self._full_thrust
-            * (
-                (1 - self.thrust_expo) * range_fraction
-                + self.thrust_expo * range_fraction * range_fraction
-            )
-        )
+        above_start = max(command / self.full_command - range_start, 0.0)
+        s = above_start / (range_end - range_start)
+        thrust = self._full_thrust * ((1 - f) * s + f * s * s)
+        return self.speed_for(thrust)
 
     def command_for(self, speed: float) -> float:
-        """Returns the command at which a rotor settles at a ``speed``, rad/s: the inverse of ``rotor_speed``."""
+        """Returns the command at which a rotor settles at a speed: the inverse of ``rotor_speed``.
+
+        Args:
+            speed: Rotor speed, rad/s.
+
+        Returns:
+            Motor command in the vehicle's own unit, 0 to ``full_command`` within the rotor's reach.
+        """
         slope, offset = self.speed_line
         if self.thrust_expo is None:
             return (speed - offset) / slope
         f = self.thrust_expo
         range_start, range_end = self.spin_range
         thrust_fraction = self.thrust_at(speed) / self._full_thrust
-        # The positive root s of f s² + (1 − f) s = thrust, in the form that also holds for f = 0.
+        # The positive root s of f s² + (1 − f) s = T/T_full, in the form that also holds for f = 0.
         root = sqrt((1 - f) ** 2 + 4 * f * thrust_fraction)
         range_fraction = 2 * thrust_fraction / (1 - f + root)
         return self.full_command * (range_start + (range_end - range_start) * range_fraction)
 
     def speed_slope(self, command: float) -> float:
-        """Returns the slope of ``rotor_speed`` at a ``command``, rad/s per unit of command.
+        """Returns the derivative of a rotor's settled speed by its command, which controllers are tuned with.
 
-        With a thrust curve, it is the slope of thrust by command over the slope of thrust by speed.
+        Without a thrust curve it is the slope of ``speed_line``. With one it is, by the chain rule, dT/dc over dT/dω:
+        the thrust is T = T_full ((1 − f) s + f s²) at the fraction s of the motors' range, and a ω² + b ω at a speed ω.
+
+        Args:
+            command: Motor command c in the vehicle's own unit, within the motors' range.
+
+        Returns:
+            Slope, rad/s per unit of command.
         """
+        slope, _ = self.speed_line
         if self.thrust_expo is None:
-            return self.speed_line[0]
+            return slope
+        f = self.thrust_expo
         range_start, range_end = self.spin_range
         command_range = self.full_command * (range_end - range_start)
-        range_fraction = (command - self.full_command * range_start) / command_range
-        curve_slope = 1 - self.thrust_expo + 2 * self.thrust_expo * range_fraction
+        s = (command - self.full_command * range_start) / command_range
+        curve_slope = 1 - f + 2 * f * s
         thrust_per_command = curve_slope * self._full_thrust / command_range
-        thrust_per_speed = (
-            2 * self.thrust_coefficients[0] * self.rotor_speed(command)
-            + self.thrust_coefficients[1]
-        )
+        a, b = self.thrust_coefficients
+        thrust_per_speed = 2 * a * self.rotor_speed(command) + b
         return thrust_per_command / thrust_per_speed
 
     @property
@@ -148,7 +168,13 @@ AIRFRAMES = TypeAdapter(dict[str, Airframe]).validate_python(
 
 
 def airframe(vehicle: VehicleSpec) -> Airframe:
-    """Returns the airframe of a scenario's vehicle: the published or its own one, with the changes that it asks for."""
+    """Returns the airframe of a scenario's vehicle: a published one or its own, with the scenario's changes.
+
+    Args:
+        vehicle: Vehicle of a scenario. Its ``body``, when there is one, replaces the published airframe of its
+            ``model``. Rotor lags that it leaves out are those of the airframe; its thrust curve is always the
+            scenario's, and its moments of inertia are multiplied by ``inertia_scale``.
+    """
     base = AIRFRAMES[vehicle.model]
     if vehicle.body is not None:
         base = _own_airframe(vehicle.body, vehicle.quadratic_thrust)
@@ -169,17 +195,21 @@ def airframe(vehicle: VehicleSpec) -> Airframe:
 def _own_airframe(body: BodySpec, quadratic_thrust: float | None) -> Airframe:
     """Returns an airframe by the figures of a scenario's own body, such as one that was learned from a log.
 
-    The rotors' full thrust follows from the command in hover, where the four rotors carry the weight. A body of one's
-    own has no drag, no inflow and no rotor lag unless the scenario gives them.
+    A log tells at which command the vehicle hovers, but no rotor speeds. So the full thrust of a rotor is its share of
+    the weight over the fraction that the thrust curve gives in hover, (1 − f) s + f s². The rotor speed is an
+    arbitrary scale, ``UNKNOWN_ROTOR_SPEED`` at full command, and thrust and torque are made quadratic in it. Such a
+    body has no drag, no inflow and no rotor lag unless the scenario gives them.
 
     Args:
-        body: Mass, inertia, arm, hover command, torque, motors' range and damping.
-        quadratic_thrust: Quadratic fraction of the thrust curve; None: the thrust is quadratic alone.
+        body: Mass (kg), inertia (kg m²), arm (m), hover command and motors' range (fractions of the full command),
+            torque by thrust (m) and damping (1/s).
+        quadratic_thrust: Quadratic fraction f of the thrust curve; None: the thrust is purely quadratic, f = 1.
     """
     f = 1.0 if quadratic_thrust is None else quadratic_thrust
     range_start, range_end = body.spin
-    range_fraction = (body.hover - range_start) / (range_end - range_start)
-    thrust_fraction = (1 - f) * range_fraction + f * range_fraction * range_fraction
+    # The fraction s of the motors' range in hover.
+    s = (body.hover - range_start) / (range_end - range_start)
+    thrust_fraction = (1 - f) * s + f * s * s
     full_thrust = body.mass * GRAVITY / 4 / thrust_fraction
     return Airframe(
         mass=body.mass,

@@ -1,4 +1,4 @@
-"""Transmitter: the MAVLink frames that an autopilot sends during a flight, and their way over a lossy link."""
+"""Transmitter: MAVLink frames of a simulated autopilot, sent at scheduled rates and passed over a lossy link."""
 
 from __future__ import annotations
 
@@ -63,9 +63,16 @@ class Schedule:
             self.set(name, interval, first)
 
     def set(self, name: str, interval: float, start: float) -> None:
-        """Sends a message every ``interval`` s from ``start``, s, on; never, when the interval is infinite."""
+        """Sets the interval of a message from some time on, as the command SET_MESSAGE_INTERVAL does.
+
+        Args:
+            name: Name of the message.
+            interval: Seconds from one message to the next, rounded as in ``__init__``; infinite: it is not sent.
+            start: Time of the first message, s.
+        """
         if np.isfinite(interval / self._step):
-            # The loop sends each message at most once in a cycle.
+            # The autopilot counts whole steps; the tolerance keeps rounding from losing one. The loop sends each
+            # message at most once in a cycle.
             whole_steps = int(interval / self._step + 1e-6) * self._step
             interval = max(whole_steps, self._cycle)
         self._streams[name] = (start, interval)
@@ -78,6 +85,9 @@ class Schedule:
     def due(self, name: str, times: Array) -> Rows:
         """Returns in which of the next cycles a message is sent, and counts it as sent.
 
+        By the time t, floor((t − first) / interval) + 1 messages are due. A cycle sends one if this number has risen
+        since the cycle before. So the result does not depend on how the cycles are cut into calls.
+
         Args:
             name: Name of the message.
             times: Time of each cycle, s, ascending from call to call; (N,).
@@ -88,6 +98,7 @@ class Schedule:
         first, interval = self._streams[name]
         if not np.isfinite(interval):
             return np.empty(0, dtype=np.intp)
+        # A message whose time rounding has put just after a cycle belongs to this cycle.
         periods = np.floor((times + EARLY_SECONDS - first) / interval)
         due_counts = np.maximum(periods + 1, 0)
         newly_due = np.diff(due_counts, prepend=self._sent_counts[name])
@@ -125,17 +136,27 @@ class Transmitter:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        """Begins at boot; raises ValueError if the scenario has rates of a message that is not sent."""
+        """Boots the autopilot.
+
+        Args:
+            scenario: Its autopilot, message rates, MAVLink system id and faults of the autopilot.
+
+        Raises:
+            ValueError: The scenario has a rate of a message that the autopilot does not send.
+        """
         self.autopilot = AUTOPILOTS[scenario.stream.autopilot]
         self.system = scenario.stream.system
         self._rates = self.autopilot.rates(scenario.stream.rate, scenario.stream.rates)
         if scenario.stream.only_when_asked:
+            # All others wait for a request.
             unrequested = {"HEARTBEAT", *scenario.stream.rates}
             self._rates = {
                 name: rate if name in unrequested else 0.0 for name, rate in self._rates.items()
             }
         self._scenario = scenario
+        # Messages that are sent once, with the next block.
         self._replies: list[OutgoingMessage] = []
+        # Faults that are still to come, in order of time. Their times count from the first arming.
         self._events = sorted(self._fault_events(), key=itemgetter(0))
         self._arming_time = np.inf
         self._boot(0.0, FIRST_MESSAGE_SECONDS)
@@ -143,25 +164,30 @@ class Transmitter:
     def send(self, motion: Motion) -> list[TimedFrame]:
         """Sends the messages of the next block of a flight.
 
+        Faults such as a reboot change clock and schedule in the middle of a block. So the block is cut at each fault:
+        the rows before it are sent, then the fault happens, and sending goes on.
+
         Args:
-            motion: Rows of the block, one at least.
+            motion: Rows of the block, one for each cycle of the autopilot, one at least.
 
         Returns:
-            Frames with the times of the motion at which they are sent.
+            Frames in order of time, with the times of the motion, s, at which they are sent.
         """
-        armed = motion.time[motion.armed]
-        if len(armed):
-            self._arming_time = min(self._arming_time, float(armed[0]))
+        armed_times = motion.time[motion.armed]
+        if len(armed_times):
+            self._arming_time = min(self._arming_time, float(armed_times[0]))
         frames: list[TimedFrame] = []
         next_row = 0
         while self._events:
-            after_arming, event = self._events[0]
-            row = int(np.searchsorted(motion.time, self._arming_time + after_arming))
-            if row == len(motion):
+            after_arming, happen = self._events[0]
+            # Before arming the time is infinite, and no row reaches it.
+            event_row = int(np.searchsorted(motion.time, self._arming_time + after_arming))
+            if event_row == len(motion):
+                # This fault, and all after it, come in a later block.
                 break
-            frames += self._block_frames(motion[next_row:row])
-            event(float(motion.time[row]))
-            next_row = row
+            frames += self._block_frames(motion[next_row:event_row])
+            happen(float(motion.time[event_row]))
+            next_row = event_row
             del self._events[0]
         return frames + self._block_frames(motion[next_row:])
 
@@ -170,7 +196,11 @@ class Transmitter:
         self._replies.append(OutgoingMessage(0, name, payload(name, **values).tobytes()))
 
     def send_parameters(self, name: str = "") -> None:
-        """Sends all parameters, or the one of this name, with the next block, as PARAM_VALUE messages."""
+        """Sends parameters with the next block, one PARAM_VALUE message for each.
+
+        Args:
+            name: Name of one parameter; empty for all. No message is sent for a name that the autopilot does not have.
+        """
         for index, parameter in enumerate(self.parameters):
             if name not in ("", parameter.name):
                 continue
@@ -184,12 +214,15 @@ class Transmitter:
             )
 
     def _fault_events(self) -> Iterator[tuple[float, Callable[[float], None]]]:
-        """Yields the scenario's faults of the autopilot: seconds after arming, and the method to call then.
+        """Yields the faults that a scenario lets happen to its autopilot during the flight.
 
-        The method is given the time of the motion, s.
+        Yields:
+            Seconds after the first arming, and a function that makes the fault happen. The function is called with the
+            time of the motion, s.
         """
         faults = self._scenario.faults
         if faults.mavproxy_rate:
+            # A second ground station, MAVProxy, keeps asking for its own rate of all streams.
             end = total_seconds(self._scenario)
             for time in np.arange(0.0, end, MAVPROXY_SECONDS).tolist():
                 yield time, self._set_all_streams
@@ -199,7 +232,11 @@ class Transmitter:
             yield faults.clock_jump, self._jump_clock
 
     def _set_all_streams(self, _: float) -> None:
-        """Sets all groups of messages to MAVProxy's rate, like REQUEST_DATA_STREAM; other messages stay as they are."""
+        """Sets all groups of messages to MAVProxy's rate, as its requests by REQUEST_DATA_STREAM do.
+
+        Messages that belong to no group keep their rates. A message whose interval hardly changes goes on undisturbed,
+        rather than beginning anew.
+        """
         interval = 1 / self._scenario.faults.mavproxy_rate
         for group in self.autopilot.groups.values():
             for name in group:
@@ -212,7 +249,10 @@ class Transmitter:
         self._boot_time -= self._scenario.faults.clock_jump_seconds
 
     def _boot(self, boot: float, first: float) -> None:
-        """Boots the autopilot: clock, sequence numbers, parameters and rates begin anew.
+        """Boots the autopilot, at the beginning or again in flight: clock, sequence numbers and rates begin anew.
+
+        With the first block after boot it reports its frame, and unless messages are sent only on request its
+        parameters too.
 
         Args:
             boot: Time of the motion at which the boot clock is zero, s.
@@ -236,7 +276,18 @@ class Transmitter:
         return Schedule(self._rates, start, self._scenario.cycle, self.autopilot)
 
     def _block_frames(self, motion: Motion) -> list[TimedFrame]:
-        """Returns the frames that are sent during some rows without an event, in order of time."""
+        """Returns the frames that are sent during some rows of the flight in which no fault happens.
+
+        Replies that wait go out in the first row, before the scheduled messages of that row. Each frame gets the next
+        sequence number, by which a receiver finds lost frames.
+
+        Args:
+            motion: Rows of the flight; there may be none.
+
+        Returns:
+            Frames in order of time, with the times of the motion at which they are sent, s.
+        """
+        # While the autopilot boots, it sends nothing.
         first_row = int(np.searchsorted(motion.time, self._first_time))
         motion = motion[first_row:]
         if not len(motion):
@@ -247,12 +298,14 @@ class Transmitter:
             self._is_first_block = False
         self.clock = float(clock[-1])
         messages = [*self._replies, *self._scheduled_messages(motion, clock)]
+        # The sort is stable: within a row, messages keep the order of replies and streams.
         messages.sort(key=attrgetter("row"))
         self._replies = []
         sender = FrameSender(self.system, AUTOPILOT_COMPONENT)
         frames = []
         for row, name, content in messages:
             frame = encode_frame(content, definitions_by_name()[name], sender, self._sequence)
+            # The sequence number is one byte.
             self._sequence = (self._sequence + 1) % 256
             frames.append((float(motion.time[row]), frame))
         return frames
@@ -267,8 +320,8 @@ class Transmitter:
         for name in self._rates:
             rows = self.schedule.due(name, clock)
             if len(rows):
-                boot = np.round(clock[rows] * 1e6).astype(np.int64)
-                payloads = message_payloads(name, motion[rows], boot, self.autopilot)
+                boot_microseconds = np.round(clock[rows] * 1e6).astype(np.int64)
+                payloads = message_payloads(name, motion[rows], boot_microseconds, self.autopilot)
                 for row, content in zip(rows.tolist(), payloads, strict=True):
                     yield OutgoingMessage(row, name, content.tobytes())
 
@@ -294,22 +347,31 @@ class LossyLink:
         self._held: TimedFrame | None = None
 
     def pass_on(self, sent: list[TimedFrame]) -> Iterator[TimedFrame]:
-        """Yields the frames that arrive, with their times of arrival, s of the flight.
+        """Passes frames over the link: some are lost, all are late, and some are overtaken by the next one.
 
-        A frame that is to be overtaken is held until the next one arrives.
+        Each frame gets three uniform random numbers, whether they are used or not, so that one fault does not change
+        the random numbers of another. A frame that is to be overtaken is held until the next one arrives; then the two
+        swap their times of arrival.
+
+        Args:
+            sent: Frames with the times at which they are sent, s of the flight, ascending.
+
+        Yields:
+            The frames that arrive, with their times of arrival, s of the flight, ascending.
         """
         faults = self._faults
-        chances = self._random.random((len(sent), 3)).tolist()
-        for (time, frame), (lost, late, overtaken) in zip(sent, chances, strict=True):
-            if lost < faults.loss or self.is_lost(time):
+        uniform_numbers = self._random.random((len(sent), 3)).tolist()
+        for (time, frame), (loss, jitter, order) in zip(sent, uniform_numbers, strict=True):
+            if loss < faults.loss or self.is_lost(time):
                 continue
-            self._latest = max(time + faults.delay + faults.jitter * late, self._latest)
+            # A link keeps its order: a frame cannot arrive before the one that was sent before it.
+            self._latest = max(time + faults.delay + faults.jitter * jitter, self._latest)
             if self._held is not None:
-                earlier, held = self._held
+                held_arrival, held_frame = self._held
                 self._held = None
-                yield earlier, frame
-                yield self._latest, held
-            elif overtaken < faults.reordered:
+                yield held_arrival, frame
+                yield self._latest, held_frame
+            elif order < faults.reordered:
                 self._held = self._latest, frame
             else:
                 yield self._latest, frame
@@ -335,7 +397,14 @@ DAY = 86_400_000_000
 
 
 def recorded(scenario: Scenario, motion: Motion) -> FrameStream:
-    """Returns the frames of a flight that arrive, stamped with their times of arrival, as a ground station has them.
+    """Returns the MAVLink stream that a ground station records of a simulated flight.
+
+    The autopilot's frames are passed over the scenario's link. Those that arrive are stamped with their times of
+    arrival in µs since 1970, as in a telemetry log. The flights of different seeds begin on different days.
+
+    Args:
+        scenario: What was flown: its autopilot, message rates, faults and seed.
+        motion: The flight, one row for each cycle of the autopilot.
 
     Raises:
         ValueError: The scenario has rates of a message that is not sent.
@@ -348,7 +417,9 @@ def recorded(scenario: Scenario, motion: Motion) -> FrameStream:
     received += link.held_frames()
     data = np.frombuffer(b"".join(frame for _, frame in received), dtype=np.uint8)
     sizes = np.array([len(frame) for _, frame in received], np.int64)
-    frames = frames_at(data, np.cumsum(sizes) - sizes)
+    frame_starts = np.cumsum(sizes) - sizes
+    frames = frames_at(data, frame_starts)
+    # The remainder keeps the dates within three years.
     boot = FIRST_BOOT + scenario.seed % 1000 * DAY
     stamps = boot + np.round([1e6 * time for time, _ in received])
     return FrameStream("simulation", "simulation", data, frames, stamps.astype(np.uint64), 0, ())
