@@ -106,7 +106,7 @@ def diff_command(
 
 
 def _read_state(name: str, source: str, vehicle: str | None) -> VehicleState:
-    """Reads the flights of a vehicle from a log or a fleet, and shows that on standard error.
+    """Reads one of the two states that are compared: the flights of a vehicle in a log or a fleet.
 
     Args:
         name: Name of the state in messages, "A" or "B".

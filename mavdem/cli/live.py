@@ -310,6 +310,9 @@ def _run_and_show_status(
 ) -> None:
     """Runs a session until its end, and shows its status on standard error.
 
+    On a terminal the status is updated in place, every ``STATUS_PERIOD``. Elsewhere, as in a file, each status takes
+    further lines, so that it comes less often.
+
     Args:
         session: The session.
         is_end_requested: Returns whether the user has requested the end.
@@ -328,6 +331,8 @@ def _run_and_show_status(
 
 def _final_model(session: LiveSession, session_end: ExitStack) -> Learned | None:
     """Learns the model of the whole session while the vehicle's message rates are restored.
+
+    Both take seconds. The rates are restored over the link in this thread, so that learning is given to another one.
 
     Args:
         session: The session, whose flight is over.

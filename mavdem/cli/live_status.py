@@ -31,7 +31,11 @@ class StatusLines:
         self._watch_facts: NamedFacts = {}
 
     def show(self, session: LiveSession) -> None:
-        """Shows the present status of a session."""
+        """Shows the present status of a session.
+
+        On a terminal that is one line on the learning, and one on everything else, which is cut at the width of the
+        terminal and red while an alarm lasts. Elsewhere only the sentences that are new are printed.
+        """
         status = session.status
         self._report_watch_changes(status.watch_facts)
         sentences = [

@@ -118,6 +118,8 @@ def _application_id(arguments: list[str]) -> str | None:
 def _write_log(recording: Target, name: str, log: Log | Unreadable) -> None:
     """Learns a model of roll and writes its dashboard or, where that is impossible, the reason in words.
 
+    The viewer shows only what the recording contains, so that every outcome must be written to it.
+
     Args:
         recording: Recording that is streamed to the viewer.
         name: Name of the log's file.

@@ -178,7 +178,11 @@ class Server:
     def _answer_to_refusal(self, request: HttpRequest, fact: Fact) -> Response:
         """Returns the answer with the reason of a refusal: JSON for programs, a page for browsers.
 
-        The page for a missing right asks for the token.
+        The path of the URL decides which of the two it is. The page for a missing right asks for the token.
+
+        Args:
+            request: the request that was refused.
+            fact: the reason, whose code gives the HTTP status.
         """
         # All codes but those of requests come from reading a file that is no log (415: unsupported media type).
         default_status = 400 if isinstance(fact.code, Request) else 415

@@ -124,7 +124,11 @@ INDEXES_SQL = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 
 
 def create_or_update_table(db: sqlite3.Connection) -> None:
-    """Creates the table ``entries`` with its indexes, or adds the columns that an earlier version did not have."""
+    """Creates the table ``entries`` with its indexes, or adds the columns that an earlier version did not have.
+
+    Columns have no types and the default '': SQLite keeps values as they are, and :func:`entry_from_row` turns empty
+    ones into the defaults of the fields.
+    """
     missing_columns = {name: f"{name} default ''" for name in COLUMNS}
     db.execute(f"create table if not exists entries ({', '.join(missing_columns.values())})")
     for row in db.execute("pragma table_info(entries)"):

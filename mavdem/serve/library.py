@@ -139,9 +139,10 @@ class Library:
         return self.folder / RESULTS / entry.digest
 
     def progress_columns(self, entry: Entry) -> JsonValues:
-        """Returns the columns that the reading process has written into the progress file of a log so far.
+        """Returns the columns of the index that the reading process has written into a log's progress file so far.
 
-        The file is in the final folder of results or, while the log is read, in a hidden folder beside it.
+        The file is in the final folder of results or, while the log is read, in a hidden folder beside it. It may be
+        missing or half written at any moment; then there are no columns.
         """
         for folder_name in (entry.digest, f".{entry.digest}"):
             with suppress(OSError, ValueError):
@@ -164,6 +165,7 @@ class Library:
         """
         # Somebody may have removed the folders while the server runs.
         self._create_folders()
+        # Uploads that are being received count too.
         used = self.used_bytes
         for path in (self.folder / INCOMING).iterdir():
             with suppress(FileNotFoundError):
@@ -206,10 +208,11 @@ class Library:
             incoming: path of the file, in the folder for incoming files.
             digest: SHA-256 of its content.
             name: name of the log that users see.
-            **columns: further columns of its entry.
+            **columns: further columns of its entry, such as ``note`` and ``sharing``.
 
         Returns:
-            The new entry, or that of the log with the same content.
+            The new entry, or that of the log with the same content. A log that is read again keeps its id, and so its
+            link.
 
         Raises:
             Refusal: the disk is full.
@@ -246,7 +249,8 @@ class Library:
     def add_fleet_logs(self) -> None:
         """Adds entries of logs that ``mavdem track`` has read, if the SQLite file changed since the last call.
 
-        A log is left out that the index has by its path, or by another path of the same content.
+        A log is left out that the index has by its path, or by another path of the same content. SQLite's data version
+        changes with every commit of another connection; comparing it is cheap enough to be done every second.
         """
         (version,) = self._db.execute("pragma data_version").fetchone()
         if version == self._thread_state.fleet_version:
@@ -312,6 +316,11 @@ class Library:
     def change(self, id: str, **columns: Any) -> Entry:
         """Sets columns of an entry, and returns the changed entry.
 
+        Args:
+            id: id of the entry.
+            **columns: new values by the name of the column. Names become part of the SQL, so that they must come from
+                this program and not from a request.
+
         Raises:
             Refusal: there is no entry with this id.
         """
@@ -360,6 +369,8 @@ class Library:
     def claim(self) -> Entry | None:
         """Marks the log that has waited longest as being read by this server.
 
+        Finding and marking it are one SQL statement, so that no two threads or servers get the same log.
+
         Returns:
             Its entry; None if no log waits.
         """
@@ -383,6 +394,7 @@ class Library:
             outcome: what came of reading it.
             limits: the limits within which it was read.
         """
+        # The index, the rows and the log on the disk change together, or not at all.
         columns = self._columns_of_outcome(entry, outcome)
         removes_log = columns["stage"] == Stage.FAILED and not entry.keep
         if removes_log:
@@ -406,7 +418,15 @@ class Library:
         self.table_is_outdated.set()
 
     def _columns_of_outcome(self, entry: Entry, outcome: JobOutcome) -> JsonValues:
-        """Returns the columns of the index that reading a log has changed, and removes its progress file."""
+        """Returns the columns of the index that reading a log has changed, and removes its progress file.
+
+        The log was read with success if its folder of results has a page. Otherwise the status of its first row says
+        why not.
+
+        Args:
+            entry: the log, as it was claimed.
+            outcome: what came of reading it.
+        """
         results = self.results_folder(entry)
         columns = self.progress_columns(entry) | {"claimed": ""}
         if columns.get("date"):

@@ -74,7 +74,11 @@ def openapi() -> JsonValues:
 
 
 def _operation_object(operation: Operation) -> JsonValues:
-    """Returns the OpenAPI description of one operation (an Operation Object)."""
+    """Returns the OpenAPI description of one operation (an Operation Object of OpenAPI 3.1, section 4.8.10).
+
+    It has the parameters, the body of the request, the answer of a success, and for all other statuses the document
+    ``Error``.
+    """
     # The progress is the only operation that answers with a stream of events.
     media_type = "text/event-stream" if operation.name == "progress" else "application/json"
     content = {media_type: _reference(operation.answer)} if operation.answer else {}

@@ -121,7 +121,7 @@ class Pages:
         return HTMLResponse(with_bar(html, files=files, can_open=can_open, **values))
 
     def _page_path(self, entry: Entry, vehicle: str) -> Path:
-        """Returns the path of a flight's page.
+        """Returns the path of a flight's page: in its folder of results, or among the pages of ``mavdem track``.
 
         Args:
             entry: the flight.
@@ -136,7 +136,11 @@ class Pages:
         return self._library.results_folder(entry) / page_name
 
     def file(self, request: HttpRequest) -> Response:
-        """Answers with a result file of a flight by its name, or with its log, by the name ``log``."""
+        """Answers with a result file of a flight by its name, or with its log, by the name ``log``.
+
+        Only files that the index lists are given out, whatever the URL says. The log needs the right to read all
+        flights, unless its owner shares it with those who may see the flight.
+        """
         entry = self._visible.entry(request, request.path_params["id"])
         name = request.path_params["name"]
         if name == "log":
@@ -167,7 +171,10 @@ class Pages:
         return HTMLResponse(self._monitor.page, headers={"Refresh": f"{PAGE_SECONDS:g}"})
 
     def vehicle(self, request: HttpRequest) -> Response:
-        """Answers with the page of a vehicle: its flights over time, and how the latest differs from the baseline."""
+        """Answers with the page of a vehicle: its flights over time, and how the latest differs from the baseline.
+
+        The query ``name`` is the vehicle's name. Logs may have several vehicles, so that rows are filtered by it again.
+        """
         self._rights.require(request, Use.READ)
         name = request.query_params.get("name", "")
         entries, _ = self._library.find("vehicle = ?", [name], MAX_FILES)

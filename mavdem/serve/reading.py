@@ -77,8 +77,9 @@ class ProgressFile:
 def read_for_library(path: Path, key: str, page: object) -> LogRows:
     """Reads a log of the library and writes its folder of results; a ``ReadLog`` function for worker processes.
 
-    If the log has several vehicles, the main page and the document are those of the worst that flew, and each other
-    vehicle has a page ``vehicle_SYSTEM_COMPONENT.html``.
+    Its work has stages that are reported to the progress file: reading, judging, learning, drawing. If the log has
+    several vehicles, the main page and the document are those of the worst that flew, and each other vehicle has a page
+    ``vehicle_SYSTEM_COMPONENT.html``.
 
     Args:
         path: path of the log, ``FOLDER/logs/DIGEST/NAME``.
@@ -92,6 +93,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
         Unreadable: the log cannot be read, or has no vehicle.
     """
     os.setpriority(os.PRIO_PROCESS, 0, LOWER_PRIORITY)
+    # FOLDER is two levels above the folder of the log.
     results = path.parents[2] / RESULTS
     digest = path.parent.name
     unfinished_folder = results / f".{digest}"

@@ -145,7 +145,11 @@ class Connection(H11Protocol):
         self.loop.call_later(MAX_REQUEST_DELAY, self._close_if_idle_since, None)
 
     def on_response_complete(self) -> None:
-        """Begins the time in which the next request must come; called by uvicorn after each answer."""
+        """Begins the time in which the next request must come; called by uvicorn after each answer.
+
+        ``cycle`` is uvicorn's object of the latest request. If it is still the same when the time is over, no further
+        request has come.
+        """
         answered_request = self.cycle
         super().on_response_complete()
         # A client that still sends the body of a refused request gets longer: it reads the reason only afterwards.

@@ -59,7 +59,10 @@ def search_condition(text: str) -> SqlCondition:
 
 
 def _comparison(name: str, operator: str, value: str) -> SqlCondition | None:
-    """Translates the comparison of one property to SQL.
+    """Translates the comparison of one property to SQL, in the order: list, number, parameter, text.
+
+    Names of columns come from the tables of this module, and operators from the pattern of terms. Only values come from
+    the user, and these are passed beside the SQL.
 
     Args:
         name: the property: a column's name in a search, or an autopilot's parameter in capitals.

@@ -125,6 +125,8 @@ async def receive_form(request: HttpRequest, library: Library) -> UploadForm:
 async def body_chunks(request: HttpRequest) -> AsyncGenerator[bytes]:
     """Yields the body of a request chunk by chunk while it is received.
 
+    The limit of time is for each chunk: a slow network may take long for a large log, but a silent client is dropped.
+
     Raises:
         Refusal: no chunk has come for ``MAX_CHUNK_DELAY``, or the connection broke off.
     """

@@ -61,6 +61,11 @@ class RecordingViewer:
 def _start_viewer(recording: Path) -> WebServer:
     """Starts a viewer and waits until it accepts connections.
 
+    The browser is sent to the viewer's address at once, where it would find nothing while the viewer is starting.
+
+    Args:
+        recording: path of the recording that it shows.
+
     Raises:
         Refusal: it ended, or did not answer within ``MAX_START_SECONDS``.
     """

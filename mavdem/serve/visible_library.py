@@ -75,7 +75,10 @@ class VisibleLibrary:
         return SearchResult(entries, total, query, offset)
 
     def rows_with_trouble(self, entries: Sequence[Entry]) -> dict[str, FlightRow]:
-        """Finds the flights whose motors differ from those of the other flights of their vehicle.
+        """Finds the flights whose motors differ from those of the other flights of their vehicle: a fault or a drift.
+
+        Args:
+            entries: the flights to look at.
 
         Returns:
             The row of the worst axis of each such flight, by the flight's id.
@@ -102,7 +105,11 @@ class VisibleLibrary:
             return dict(json.loads(path.read_bytes()))
 
     def visitor_values(self, request: HttpRequest) -> JsonValues:
-        """Returns the values that the templates of all pages need: what the visitor may do, and the server's URL."""
+        """Returns the values that the templates of all pages need: what the visitor may do, and the server's URL.
+
+        A visitor who may read all flights also gets two keys: one by which the page's own script changes flights, and
+        one in the address to which a ground station uploads logs.
+        """
         may_read = self.rights.allows(request, Use.READ)
         address = str(request.base_url).rstrip("/")
         upload_address = ""
