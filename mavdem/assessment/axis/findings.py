@@ -104,10 +104,13 @@ def findings_of(
     consistency: float | None = None,
     trim: Fact | None = None,
 ) -> Findings:
-    """Returns the findings on a flight, of which each part may be missing.
+    """Returns the findings on a flight: what makes it doubtful, the grades of its model, and warnings on the model.
+
+    A doubtful flight makes its model doubtful too, so that no purpose is graded GOOD if there is an override. Every
+    argument may be missing, and then is not judged.
 
     Args:
-        learned: the model.
+        learned: the model; without it there are only overrides.
         held_out: forecasts of windows that no model was trained on.
         condition: of the vehicle.
         alarms: lasting changes of the motors' balance.
@@ -115,6 +118,7 @@ def findings_of(
         trim: how even the motors work.
     """
     if learned is None:
+        # Whether rates and angles agree matters to a model only.
         return Findings(overrides_of(condition, alarms, None, trim), (), ())
     overrides = overrides_of(condition, alarms, consistency, trim)
     purposes = _purpose_findings(learned, held_out)
@@ -206,6 +210,10 @@ def _purpose_findings(learned: Learned, held_out: HeldOut | None) -> list[Findin
 def _grade(name: str, relative_half_width: float, status: Status = Status.REPORTED) -> Grade:
     """Returns the grade of an estimate.
 
+    It is GOOD if it is reported without bias and its interval is narrow, LIMITED if it is biased or uncertain, and
+    NOT IDENTIFIABLE if the flight does not show it. A relative half width that is NaN, of an estimate of 0, counts as
+    narrow.
+
     Args:
         name: key of ``MAX_RELATIVE_HALF_WIDTHS``.
         relative_half_width: half width of its 90 % interval over the estimate.
@@ -218,7 +226,11 @@ def _grade(name: str, relative_half_width: float, status: Status = Status.REPORT
 
 
 def _first_reason(reason: Fact | None) -> Fact:
-    """Returns the reason why an estimate is not reported, the first of several; there always is one."""
+    """Returns the reason why an estimate is not reported; of several reasons the first.
+
+    Args:
+        reason: of an estimate that is not reported, which always has one: a doubt, or a list of several.
+    """
     assert reason is not None
     if reason.code is ParameterDoubt.SEVERAL_DOUBTS:
         first: Fact = reason.figures["because"][0]
@@ -249,10 +261,12 @@ def _effectiveness_finding(physical: Physical) -> Finding:
 def _damping_finding(physical: Physical) -> Finding:
     """Returns the finding on rate damping and motor time constant together.
 
-    It is GOOD if both are, and NOT IDENTIFIABLE if neither is identifiable. The reason has the relative half widths of
-    the 90 % intervals that are known, and the doubts on each.
+    Both describe how the rate follows a change of the command, and are identified together. The finding is GOOD if both
+    are, NOT IDENTIFIABLE if neither is identifiable, and LIMITED otherwise. Its reason has the half widths of the 90 %
+    intervals over the estimates, as far as they are known, and the doubts on each.
     """
     half_widths = physical.interval()
+    # A parameter that was estimated as 0 has no relative half width.
     relative_half_widths = {"damping": nan, "lag": nan}
     if physical.damping:
         relative_half_widths["damping"] = half_widths.damping / physical.damping
@@ -264,6 +278,7 @@ def _damping_finding(physical: Physical) -> Finding:
     }
     if grades == {Grade.NOT_IDENTIFIABLE}:
         reason = _first_reason(physical.reasons["damping"] or physical.reasons["lag"])
+        # The finding on the effectiveness is shown above this one: the same reason is not repeated.
         effect_reason = physical.reasons["effect"]
         if effect_reason is not None and reason == _first_reason(effect_reason):
             reason = Fact(Because.SAME_AS_EFFECT)
@@ -290,8 +305,13 @@ def _damping_finding(physical: Physical) -> Finding:
 def _wind_finding(wind_torque: WindTorque | None, physical: Physical) -> Finding:
     """Returns the finding on the wind torque, which is what remains of the total torque without that of the motors.
 
-    So it is not identifiable without the control effectiveness, and limited if any physical parameter is doubted.
-    Otherwise the 90 % interval of its standard deviation decides.
+    So it is NOT IDENTIFIABLE without the control effectiveness, and LIMITED if any physical parameter is doubted.
+    Otherwise the 90 % interval of its standard deviation decides, relative to that standard deviation.
+
+    Args:
+        wind_torque: the estimate, with its own ``reason`` if it is not resolved from the noise; None if the estimation
+            failed.
+        physical: the parameters with which the torque of the motors was computed.
     """
     grade = Grade.NOT_IDENTIFIABLE
     doubted = [name for name, status in physical.status.items() if status != Status.REPORTED]
@@ -312,13 +332,15 @@ def _wind_finding(wind_torque: WindTorque | None, physical: Physical) -> Finding
 
 
 def _prediction_finding(held_out: HeldOut) -> Finding:
-    """Returns the finding on prediction, by the forecasts of held-out windows.
+    """Returns the finding on prediction, by the forecasts of windows that no model was trained on.
 
-    It is GOOD within all of the ``PREDICTION_LIMITS``, and NOT IDENTIFIABLE if the forecasts are no better than the
-    better baseline: the constant mean, or the last sample held.
+    They are compared with two baselines, which forecast the constant mean, or the last sample held. The finding is GOOD
+    within all of the ``PREDICTION_LIMITS``, and NOT IDENTIFIABLE if the squared error is no less than that of the
+    better baseline. Otherwise it is LIMITED.
     """
     limits = PREDICTION_LIMITS
     baseline = held_out.best_baseline
+    # Each error ratio is over the error of the constant mean, which cancels.
     ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
     worse_than_mean, worse_than_last = (
         float((held_out.error_ratios(name) > 1).mean()) for name in BASELINES
@@ -409,6 +431,7 @@ def next_step_for_model(purposes: Sequence[Finding]) -> Fact:
         To fly movements that excite the axis, to fly longer, or to keep the physical parameters or the whole model.
     """
     grades = {finding.purpose: finding.grade for finding in purposes}
+    # Parameters that the flight did not excite come first, then intervals that more data narrow, then the forecasts.
     effectiveness, damping, prediction = (
         grades.get(purpose, Grade.GOOD) for purpose in DECIDING_PURPOSES
     )

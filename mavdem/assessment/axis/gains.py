@@ -61,8 +61,17 @@ class OneGainSetParts(NamedTuple):
 def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetParts:
     """Returns the parts of ``flights`` with the set of gains of the axis that was flown longest.
 
-    Parts in ArduPilot's AutoTune are left out: no parameter has their gains. The caution has the durations of the other
-    sets, the longest first, and which gains differ in each.
+    A control loop can be identified only while its gains do not change. So each flight is cut where the gains of the
+    axis change; the parts are sorted by their gains; and the set with the most samples is kept. Parts in ArduPilot's
+    AutoTune are left out: it flies gains that no parameter has. So are parts too short to learn from.
+
+    Args:
+        signals: of the vehicle and axis, with the parameters of the log.
+        flights: settled flight of the axis.
+
+    Returns:
+        The parts, and a caution if other gains were flown. That has their durations, the longest first, and which gains
+        differ in each.
 
     Raises:
         NotLearnable: no part is left.
@@ -82,6 +91,7 @@ def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetPar
     sample_counts = {gains: sum(map(len, flown)) for gains, flown in parts.items()}
     gains = max(sample_counts, key=lambda gains: sample_counts[gains])
     kept = tuple(_with_gains(part, gains) for part in parts[gains])
+    # No caution is needed if nothing was left out.
     if sample_counts[gains] == sum(map(len, flights)):
         return OneGainSetParts(kept, None)
     del parts[gains]
@@ -119,7 +129,10 @@ def _rows_of_changes(flight: Flight, history: Sequence[GainSet], autotune: Inter
 
 
 def _gains_at(history: Sequence[GainSet], boot: int, time: float) -> GainValues:
-    """Returns the gains at a time of a boot, s: those of the last change before."""
+    """Returns the gains at a time of a boot, s: those of the last change before.
+
+    The first entry of a history is from before the log, so that there always is one.
+    """
     earlier = [gain_set for gain_set in history if (gain_set.boot, gain_set.time) <= (boot, time)]
     return earlier[-1].values
 
@@ -145,7 +158,7 @@ def gain_history(signals: Signals) -> list[GainSet]:
     columns = telemetry.messages.get("PARAM_VALUE")
     if columns is None:
         return [GainSet(-1, -inf, ())]
-    changes = []
+    reports = []
     for boot, time, (name, value) in zip(
         columns["boot"].tolist(),
         columns["time"].tolist(),
@@ -153,13 +166,14 @@ def gain_history(signals: Signals) -> list[GainSet]:
         strict=True,
     ):
         if _is_gain_of_axis(name, signals.axis) and isfinite(value):
-            changes.append((boot, time, name, value))
+            reports.append((boot, time, name, value))
     # Backwards, so that the first value of each gain is the one that stays.
     current = {}
-    for _, _, name, value in reversed(changes):
+    for _, _, name, value in reversed(reports):
         current[name] = value
     history = [GainSet(-1, -inf, tuple(current.items()))]
-    for boot, time, name, value in changes:
+    for boot, time, name, value in reports:
+        # Most reports repeat a value.
         if current[name] != value:
             current[name] = value
             history.append(GainSet(boot, time, tuple(current.items())))
@@ -189,8 +203,9 @@ def _is_gain_of_axis(name: str, axis: str) -> bool:
 def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     """Returns that AutoTune tuned the axis of ``signals``, with the gains before and after; None if it did not.
 
-    The gains after it are the parameters of the log's end. While these are not set, they are those that AutoTune
-    reported in its texts.
+    AutoTune is recognised by its texts (ArduPilot), or by the signal that it injects (PX4). The gains before it are the
+    parameters when it began. The gains after it are the parameters at the log's end, where they differ; otherwise those
+    that AutoTune reported in its texts.
 
     Args:
         signals: of the vehicle and axis.
@@ -207,6 +222,7 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     history = gain_history(signals)
     before = dict(_gains_at(history, boot, start))
     after = before | _reported_gains(texts, signals.axis)
+    # Parameters that were set outrank the texts.
     for name, value in history[-1].values:
         if before[name] != value:
             after[name] = value
@@ -247,7 +263,10 @@ def _autotune_texts(signals: Signals) -> list[StatusText]:
 
 
 def _excitation_moments(signals: Signals) -> list[tuple[int, float]]:
-    """Returns boot and time, s, of all samples in which the autopilot injected a signal into the axis."""
+    """Returns boot and time, s, of all samples in which the autopilot injected a signal into the axis.
+
+    PX4's AutoTune excites the axis by such a signal to identify it. The recorded signal is 0 at all other times.
+    """
     moments = list[tuple[int, float]]()
     for _, series in signals.injected_signals:
         rows = np.flatnonzero(series.values)
@@ -258,6 +277,9 @@ def _excitation_moments(signals: Signals) -> list[tuple[int, float]]:
 def _reported_gains(texts: Sequence[StatusText], axis: str) -> dict[str, float]:
     """Returns the gains that AutoTune reported in its texts, by the names of ArduPilot's parameters.
 
+    The name of a parameter consists of the loop, the axis and the letter of the gain, such as ATC_RAT_RLL_P. A later
+    text replaces an earlier one.
+
     Args:
         texts: of AutoTune, on one axis, such as "AutoTune: Roll Rate: P:0.116, I:0.116, D:0.0006". One with the word
             "Angle" has a gain of the attitude loop, the others those of the rate loop.
@@ -265,6 +287,7 @@ def _reported_gains(texts: Sequence[StatusText], axis: str) -> dict[str, float]:
     """
     gains = {}
     for text in texts:
+        # The infix of attitude gains ("angle") and rate gains in names of parameters.
         loop = "ANG" if "Angle" in text.text else "RAT"
         for letter, value in AUTOTUNE_RESULT.findall(text.text):
             gains[f"ATC_{loop}_{AXIS_NAMES[axis][0]}_{letter}"] = float(value)
@@ -272,7 +295,9 @@ def _reported_gains(texts: Sequence[StatusText], axis: str) -> dict[str, float]:
 
 
 def margin_ratings(loop: Loop, gain_sets: Iterable[Parameters]) -> Facts:
-    """Returns how the margins of a loop rate with each of several sets of gains.
+    """Returns how the stability margins of a loop rate with each of several sets of gains.
+
+    The plant stays as it was identified; only the controller is built anew with each set.
 
     Args:
         loop: the identified plant with its controller.

@@ -80,6 +80,9 @@ def margins_of(
 ) -> tuple[AxisMargins, ...]:
     """Returns what is known of the stability margins of roll, pitch and yaw.
 
+    There are four sources for each axis: the identified loop, the response of the rate to its setpoint, a peak in the
+    spectrum of the rate, and the loop as measured by an injected signal.
+
     Args:
         signals: of the vehicle.
         segments: of settled flight in which responses are measured.
@@ -103,15 +106,24 @@ def margins_of(
 def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact | None:
     """Returns the identified loop of an axis, or why it does not count.
 
-    A loop does not count if its predicted response differs from the measured one. Where that of any axis differs by
-    far, no loop counts that its own response does not confirm: the gains or the mixer are not those of the parameters,
-    and so on all axes.
+    Each loop predicts the response of the rate to its setpoint, which the flight shows too. A loop counts if the two
+    agree, and does not if they differ. If too little was measured to tell, the other axes decide: where the response of
+    one of them has less than half of the fit that it should have, the gains or the mixer are not those of the
+    parameters, and so on all axes.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+        loops: the identified loop of each axis, or why it is not known.
+
+    Returns:
+        The loop; or the fact why it is not known or does not count; None if nothing is known of the axis.
     """
     loop = loops.get(axis)
     if not isinstance(loop, Loop) or loop.agrees:
         return loop
     if loop.disagreement:
         return loop.disagreement
+    # Too little of the response was measured.
     for other in identified_loops(loops).values():
         if other.disagreement is None or other.measured is None:
             continue
@@ -131,6 +143,7 @@ def _loop_fact(loop: Loop) -> Fact:
         loop: the identified loop.
     """
     rating = margin_rating(loop)
+    # The share of plants, drawn from the estimate and its errors, that have at least these margins.
     confidence = loop.share_meeting(LEAST_MARGINS)
     level = Level.WATCH
     if confidence >= CONFIDENCE_LEVEL and not rating.is_bad:
@@ -162,6 +175,7 @@ def _injected_fact(axis: str, loop: OpenLoop) -> Fact:
         A fact with the crossover ``frequency``, Hz, phase and gain margin, and the peak of the sensitivity ``ms``. The
         gain margin is None if the phase never crosses −180°.
     """
+    # A ratio below 1 is that of a margin that is smaller than the one to have.
     level = Level.GOOD
     if min(margin_ratios(LEAST_MARGINS, loop).values()) < 1:
         level = Level.BAD
@@ -179,11 +193,15 @@ def _injected_fact(axis: str, loop: OpenLoop) -> Fact:
 
 
 def resonance_fact(resonance: Resonance) -> Fact:
-    """Returns whether the response of a rate to its setpoint resonates.
+    """Judges whether the response of a rate to its setpoint resonates, by the interval of its peak.
 
-    It resonates if its peak surely exceeds the Ms of the usual margins, and is bad if it surely exceeds that of the
-    least. It is good if the peak is surely below; unless it was measured to a frequency that is too low: a response
-    that falls may rise again where the rate loop crosses over.
+    A loop with small margins amplifies some frequencies. Ms is the peak of its sensitivity |1/(1 + L)|, and follows
+    from the peak of the response with an interval. The loop resonates if all of the interval is above the Ms of the
+    usual margins, and is bad if it is above that of the least ones. It is good if all of it is below the usual Ms. An
+    interval that holds the limit decides nothing, and the level is "unknown".
+
+    Args:
+        resonance: the peak of the measured response, which must have an interval.
     """
     assert resonance.ms_interval is not None
     lowest_ms, highest_ms = resonance.ms_interval
@@ -193,6 +211,7 @@ def resonance_fact(resonance: Resonance) -> Fact:
         level = Level.BAD if lowest_ms > LEAST_MARGINS.ms else Level.WATCH
     elif highest_ms < USUAL_MARGINS.ms:
         code = MarginsLight.NO_RESONANCE
+        # A response that was measured only up to a low frequency may rise again where the rate loop crosses over.
         if resonance.rolls_off and resonance.max_frequency >= MAX_LOOP_FREQUENCY / 2:
             level = Level.GOOD
     return _figures_fact(code, level, resonance)

@@ -28,8 +28,9 @@ def overrides_of(
 ) -> Facts:
     """Returns what makes a flight doubtful, the worst first.
 
-    Only the cause is returned of what explains something else: an oscillation or a weak motor drives motors to their
-    limits, and these make the trim uneven.
+    There are five kinds. Of the first four only the worst is returned, since each explains those after it: a limit
+    cycle; motors that lost thrust; a motor at its upper limit in the hover; and an uneven trim. The fifth, recorded
+    rates that do not match the angles, is a fault of the data and independent of the others.
 
     Args:
         condition: of the vehicle; None if it is not known.
@@ -74,10 +75,10 @@ def _oscillation_override(oscillation: Oscillation) -> Fact:
 
 
 def _loss_override(loss: Fact) -> Fact:
-    """Returns the override of a motor that lost thrust in flight.
+    """Returns the override of a motor that lost thrust in flight; the ``loss`` is the share of its thrust.
 
     Args:
-        loss: the fact of the motor, from :func:`mavdem.motors.motor_changes.thrust_losses`.
+        loss: the fact of the motor, from :func:`mavdem.motors.motor_changes.thrust_losses`. It stays as the cause.
     """
     return Fact(
         Override.MOTORS,

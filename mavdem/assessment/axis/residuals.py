@@ -37,14 +37,21 @@ class Residuals(NamedTuple):
 
     @property
     def largest(self) -> Interval:
-        """Largest absolute value of each correlation; the autocorrelation at lag 0, which is always 1, is left out."""
-        return float(abs(self.autocorrelation[1:]).max()), float(
-            abs(self.command_correlation).max()
-        )
+        """Largest absolute value of the autocorrelation, and of the correlation with the command.
+
+        The autocorrelation at lag 0 is left out: it is always 1.
+        """
+        largest_autocorrelation = float(abs(self.autocorrelation[1:]).max())
+        largest_command_correlation = float(abs(self.command_correlation).max())
+        return largest_autocorrelation, largest_command_correlation
 
     @property
     def outcome(self) -> BoundTest:
-        """Outcome of the test, by the correlation that is larger in relation to its bound."""
+        """Outcome of the test that the residuals are white and independent of past commands.
+
+        Each correlation is divided by its bound, and the larger ratio decides: up to 1 the test is passed, up to
+        ``FAILED_BOUND_RATIO`` nearly.
+        """
         ratio = max(np.divide(self.largest, self.bounds))
         if ratio <= 1:
             return BoundTest.PASSED
@@ -54,16 +61,21 @@ class Residuals(NamedTuple):
 def residuals(learned: Learned, output: int = -1) -> Residuals:
     """Returns the residuals of an output of the training data, with their correlations.
 
+    Residuals of a model without faults are white: they do not correlate with each other, nor with past commands. The
+    test of both is that of L. Ljung, System Identification, 2nd ed., sec. 16.6.
+
     Args:
         learned: the model.
         output: index of the output; the last one, the rate, unless given.
     """
     record = learned.record
+    # The inputs of all motors, combined to one command of the axis.
     command = record.inputs @ command_weights(input_directions(learned))
     errors = record.outputs[:, output] - learned.one_step()[:, output]
     # The first sample of a segment is not predicted.
     errors[record.segment_starts] = np.nan
     is_predicted = ~np.isnan(errors)
+    # Unpredicted samples are set to the mean, so that they add nothing to the correlations.
     centred_errors = np.where(is_predicted, errors - errors[is_predicted].mean(), 0.0)
     centred_command = command - command.mean()
     lags = round(MAX_LAG / learned.dt)
@@ -125,12 +137,16 @@ def input_directions(learned: Learned) -> Array:
 
 
 def command_weights(directions: Array) -> Array:
-    """Returns (r,) the weights of the inputs in the command of an axis.
+    """Returns the weights with which the inputs sum to the command of an axis.
 
-    Those of inputs that turn the vehicle in the positive direction sum to 1, those of the others to -1.
+    The command is the weighted mean of the inputs that turn the vehicle in the positive direction, less that of the
+    inputs that turn it in the negative one. So its unit is that of the inputs, however many there are.
 
     Args:
-        directions: (r,) how each input turns the vehicle.
+        directions: (r,) how each of r inputs turns the vehicle, positive or negative, in any unit.
+
+    Returns:
+        (r,) weights; the positive ones sum to 1, and the negative ones to -1, where there are such inputs.
     """
     weights = np.zeros(len(directions))
     for sign in (1, -1):

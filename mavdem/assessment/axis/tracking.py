@@ -43,10 +43,20 @@ def tracking_of_axes(signals: Signals, segments: Segments) -> NamedFacts:
 
 
 def _tracking(signals: Signals, segments: Segments) -> Fact:
-    """Returns how the axis of ``signals`` follows its setpoint.
+    """Judges how the axis of ``signals`` follows the setpoint of its angle.
 
-    The error is the smallest RMS difference between the angle and the setpoint of some ``DELAYS`` before. Without a
-    setpoint of the angle only the error of the rate is known.
+    A vehicle that follows well still follows late. So the angle is compared with the setpoint of each of the ``DELAYS``
+    before, and the delay with the least RMS difference is that of the vehicle; the difference is its error. The limits
+    of the error grow with the movement of the setpoint (``ANGLE_ERROR_LIMITS``). A small error is watched all the same
+    if a step would overshoot by more than ``MAX_OVERSHOOT``.
+
+    Args:
+        signals: of the vehicle and axis.
+        segments: parts of the flight to judge.
+
+    Returns:
+        A fact with ``angle_error``, the mean error ``offset_angle`` (both rad), ``delay`` (s), the ``overshoot`` of a
+        step as a share of it, and ``rate_error`` (rad/s). Without a setpoint of the angle only the latter is known.
     """
     setpoint = signals.angle_setpoint
     rate_error = _rate_error(signals, segments)
@@ -60,6 +70,7 @@ def _tracking(signals: Signals, segments: Segments) -> Fact:
     if signals.attitude is None or setpoint is None:
         return unknown
     angle = signals.attitude.angle_series
+    # The errors are (D, N): for each of D delays at N samples of the setpoint.
     setpoints, errors = _errors(setpoint, angle, segments, DELAYS)
     if len(setpoints) < MIN_SAMPLES_FOR_STATISTICS:
         return unknown
@@ -67,6 +78,7 @@ def _tracking(signals: Signals, segments: Segments) -> Fact:
     best = np.argmin(rms_errors)
     angle_error = rms_errors[best]
     setpoint_deviation = setpoints.std()
+    # A setpoint that hardly moves shows no overshoot.
     overshoot = None
     if setpoint_deviation > MIN_SETPOINT_DEVIATION:
         overshoot = _overshoot(setpoint, angle, segments)
@@ -131,11 +143,13 @@ def _errors(
     errors = [np.zeros((len(delays), 0))]
     for segment in segments:
         setpoint_rows = in_segments(setpoint, segment, slack=0)
+        # Stamps are rounded, so that samples at the ends of a segment may lie just outside it.
         response_rows = in_segments(response, segment)
         # One sample cannot be interpolated.
         if np.count_nonzero(response_rows) <= 1:
             continue
         setpoints_here = setpoint.values[setpoint_rows]
+        # (D, N): for each delay the times at which the response to each setpoint is due.
         delayed_times = setpoint.time[setpoint_rows] + delays[:, None]
         delayed_response = np.interp(
             delayed_times, response.time[response_rows], response.values[response_rows]
