@@ -62,7 +62,7 @@ def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetPar
     """Returns the parts of ``flights`` with the set of gains of the axis that was flown longest.
 
     A control loop can be identified only while its gains do not change. So each flight is cut where the gains of the
-    axis change; the parts are sorted by their gains; and the set with the most samples is kept. Parts in ArduPilot's
+    axis change, the parts are grouped by their gains, and the set with the most samples is kept. Parts in ArduPilot's
     AutoTune are left out: it flies gains that no parameter has. So are parts too short to learn from.
 
     Args:
