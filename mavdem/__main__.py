@@ -35,7 +35,7 @@ def load() -> int:
 
 
 def _configure_process() -> None:
-    """Sets environment variables that libraries read when they are imported, and the pace of garbage collection."""
+    """Sets environment variables that libraries read when they are imported, and makes garbage collection rare."""
     # The matrices are so small that more threads of OpenBLAS only wait for each other: on two busy cores they doubled
     # the time that `mavdem learn` takes.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

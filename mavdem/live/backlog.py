@@ -1,4 +1,4 @@
-"""What was received and waits for its analysis, and what a computer that is too slow puts off meanwhile."""
+"""The queue of received frames that wait for analysis in a live session, and the tasks that a slow computer puts off."""
 
 from collections import deque
 
@@ -31,7 +31,7 @@ BEHIND_DELAY = POSTPONING_DELAYS[Task.REFITS]
 
 
 class Backlog:
-    """Frames in the order of their arrival, and the tasks that are put off while they wait for long.
+    """The queue of received frames in the order of arrival, and the tasks that are put off while they wait for long.
 
     Attributes:
         postponed: the tasks that are put off now.

@@ -51,7 +51,9 @@ class BootClock:
         self.now = nan
         self.boot = 0
         self._report = report
+        # Time of the latest message of any name, s; messages without a stamp get it.
         self._latest_time = nan
+        # How often the stamp of attitude has wrapped to zero in this boot.
         self._wraps = 0
         # Successive attitude stamps that continue each other, but not the clock, s.
         self._stamps_of_new_clock: list[float] = []

@@ -1,4 +1,4 @@
-"""What a live display is given: each sample of the flight, with all that is known of it."""
+"""The interface of displays of a live flight: what they are given, sample by sample and event by event."""
 
 from typing import NamedTuple, Protocol
 

@@ -129,15 +129,19 @@ class LiveHistory:
     """
 
     def __init__(self) -> None:
+        """Begins without a row, on a timeline without a time."""
         self.now = nan
         self.timeline_offset = 0.0
         self.motor_names: Names = ()
         self.events: list[Event] = []
         self.learned_intervals: list[Interval] = []
+        # Number of the boot whose clock the timeline follows now.
         self._boot = 0
+        # Columns as ``table`` lists them. Of all rows that were added, every ``_stride``-th one is kept.
         self._rows: list[array[float]] = []
         self._stride = 1
         self._row_count = 0
+        # Number of the segment of the latest row.
         self._segment = 0
         # Both by horizon, s: predictions whose time has not come, and the errors of those whose time has.
         self._predictions: dict[float, deque[_Prediction]] = {}

@@ -97,7 +97,11 @@ class LinkIntake:
         return batches
 
     def _reopen(self, timeout: float) -> bool:
-        """Opens the lost link where that is due, else waits at most ``timeout`` s; returns whether it is open."""
+        """Opens the lost link where that is due; returns whether it is open.
+
+        Where it stays lost, it waits, so that the session's loop does not spin: at most ``timeout`` s, and at most
+        ``LOST_LINK_SLEEP_SECONDS``.
+        """
         if not self._link.reopen():
             clock.sleep(min(timeout, LOST_LINK_SLEEP_SECONDS))
             return False

@@ -101,7 +101,13 @@ class LinkLost(Exception):
     """The TCP connection or the serial port is lost; ``fact`` says why."""
 
     def __init__(self, name: str, cause: LinkError, error: OSError | None = None) -> None:
-        """Takes the link's name, why it is lost, and the system's error where there is one."""
+        """Makes the fact that tells the user which link is lost and why.
+
+        Args:
+            name: connection string of the link.
+            cause: why it is lost.
+            error: the system's error, where there is one.
+        """
         self.fact = Fact(
             LinkFact.CONNECTION_LOST,
             Level.WATCH,
@@ -328,7 +334,17 @@ class Link:
         opened.setblocking(False)
 
     def _open_datagrams(self, opened: socket.socket, address: Any) -> None:
-        """Prepares a UDP socket, and binds or connects it to ``address``."""
+        """Prepares a new UDP socket: its buffer, the kernel's stamps, and its address.
+
+        A large buffer holds what comes while this computer is busy.
+
+        Args:
+            opened: the socket.
+            address: where ``udpin`` listens, or ``udpout`` sends to, as the socket module gives it.
+
+        Raises:
+            OSError: the address is in use, or does not belong to this machine.
+        """
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
         if SO_TIMESTAMPNS:
             for option in (SO_TIMESTAMPNS, SO_RXQ_OVFL):
@@ -461,7 +477,11 @@ class Link:
         self._reopen_time = time.monotonic() + RETRY_SECONDS
 
     def _raise_unreadable(self, error: OSError) -> NoReturn:
-        """Raises ``Unreadable`` with the reason for which the link cannot be opened."""
+        """Raises ``Unreadable`` with the reason for which the link cannot be opened, by the system's ``error``.
+
+        A name that cannot be resolved and a connection that times out have error classes of their own; all else is told
+        by the error number.
+        """
         host, port = self._address
         if isinstance(error, socket.gaierror):
             cause = LinkError.NO_HOST

@@ -181,7 +181,10 @@ def attitude_sample(message: Message) -> AttitudeSample | None:
 
 
 def tilt_setpoint(message: Message) -> tuple[float, float]:
-    """Returns the roll and pitch, rad, that an ATTITUDE_TARGET sets; NaN where its mask leaves the attitude out."""
+    """Returns the roll and pitch, rad, that an ATTITUDE_TARGET sets; NaN where it sets no attitude.
+
+    In its type mask a set bit says that the attitude is to be ignored, as where only body rates are commanded.
+    """
     mask, quaternion = message.values
     if mask & IGNORED_SETPOINT_BITS["attitude"]:
         return nan, nan

@@ -27,13 +27,16 @@ class MotorAlarms:
     """
 
     def __init__(self) -> None:
+        """Begins without a sample."""
         self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
         self.active: Facts = ()
         self.has_landed = False
         self.change_time = nan
+        # The sequential test of the present motors; None before any sample of settled flight.
         self._watch: MotorLossDetector | None = None
         # Boot, mixer geometry and range of the outputs that the present watch is for.
         self._watched_motors: object = None
+        # Why the test cannot find anything, as of the latest sample.
         self._obstacle: Fact | None = None
 
     def restart(self) -> None:
@@ -43,6 +46,9 @@ class MotorAlarms:
 
     def obstacle(self, now: float, is_flying: bool) -> Fact | None:
         """Returns why a motor that weakens would not be found now; None where it would.
+
+        The test needs settled flight without a long gap, motor outputs that are fast enough, and a reference of
+        ``REFERENCE_SECONDS`` to compare with.
 
         Args:
             now: s of the boot clock.

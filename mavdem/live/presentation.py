@@ -1,4 +1,4 @@
-"""Presentation of a live session: its display, its history, and the facts that are reported to the user."""
+"""What the user of a live session is shown: rows and events on a display, their history, and facts in sentences."""
 
 from collections.abc import Callable
 from math import nan

@@ -81,7 +81,12 @@ class RateNegotiation:
 
     @staticmethod
     def _request_to(vehicle: Component, rate: float) -> RateRequest:
-        """The request to a vehicle for messages at a ``rate``, Hz, and for the parameters of motors and gains."""
+        """Makes the request to a vehicle for messages, and for the parameters that show its motors and gains.
+
+        Args:
+            vehicle: the followed vehicle. Its autopilot decides the names of the parameters.
+            rate: requested rate of attitude and motor outputs, Hz.
+        """
         parameters = (
             *motor_parameters(vehicle.autopilot),
             *control_parameters(vehicle.autopilot),

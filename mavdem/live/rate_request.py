@@ -207,6 +207,7 @@ class RateRequest:
         self.unconfirmed: deque[_MessageInterval] = deque()
         self._vehicle = vehicle
         self._pending_parameters = deque(MAX_TRIES * [name.encode() for name in parameters])
+        # When the next parameter may be requested, s.
         self._parameter_time = -np.inf
         # A confirmation does not name the message, so that only one setting at a time may await one, s.
         self._next_setting_time = -np.inf
@@ -214,7 +215,10 @@ class RateRequest:
         self._intervals: list[_MessageInterval] = []
         for message_id in messages:
             name = definitions_by_id()[message_id].name
-            self._intervals.append(_MessageInterval(message_id, name, rate, rate, True))
+            self._intervals.append(
+                _MessageInterval(message_id, name, rate, needed_rate=rate, is_reported=True)
+            )
+        # What comes nearly as fast already stays as it is: these messages are useful at any rate.
         for message_id in secondary_messages:
             name = definitions_by_id()[message_id].name
             requested_rate = FLIGHT_STATE_RATE
@@ -222,7 +226,7 @@ class RateRequest:
                 requested_rate = min(rate, max(MIN_SETPOINT_RATE, rate / 2))
             needed_rate = MIN_RATE_RATIO * requested_rate
             self._intervals.append(
-                _MessageInterval(message_id, name, requested_rate, needed_rate, False)
+                _MessageInterval(message_id, name, requested_rate, needed_rate, is_reported=False)
             )
 
     def drain_events(self) -> list[Fact]:

@@ -74,18 +74,23 @@ class RowGrid:
     """
 
     def __init__(self) -> None:
+        """Begins without a segment."""
         self.segment = -1
         self.is_running = False
         self.start_time = 0.0
         self.dt: float | None = None
         self.rates: Numbers = ()
+        # The streams of the present segment, and how each of them is sampled.
         self._streams: tuple[SampleStream, ...] = ()
         self._samplings: tuple[StreamSampling, ...] = ()
+        # Number of the next point, counted from the beginning of the grid.
         self._next_index = 0
+        # Time of the latest completed point, and until when no new beginning is tried, s of the boot clock.
         self._latest_time = -inf
         self._retry_time = -inf
         # Rates have changed before this time, s.
         self._steady_time = -inf
+        # All steps that segments have had, s.
         self._former_steps: list[float] = []
 
     def end(self, forget_step: bool = False) -> None:

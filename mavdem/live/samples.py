@@ -36,12 +36,14 @@ class SampleStream:
     """
 
     def __init__(self) -> None:
+        """Begins without a sample."""
         self.time: list[float] = []
         self.values: list[Numbers] = []
         self.gap = 0.0
         self.added_count = 0
         self.late_count = 0
         self.completed_time = -inf
+        # First time after the latest gap, s; earlier samples count no more.
         self._gap_end = -inf
 
     @property

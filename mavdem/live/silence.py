@@ -1,4 +1,4 @@
-"""How long nothing has come over a link, or no motion of the vehicle."""
+"""Silences of a live link: how long no message has come, or no attitude and motor outputs of the vehicle."""
 
 from math import inf
 

@@ -17,7 +17,7 @@ from mavdem.live.watchdog import not_watched
 
 @dataclass(frozen=True)
 class StatusReport:
-    """Reads the parts of a session."""
+    """Reads the parts of a live session, and puts their states together into one status."""
 
     stream: LiveStream
     """Rows and alarms of the vehicle."""
@@ -82,7 +82,10 @@ class StatusReport:
         return self.silence.silence(self.backlog.now)
 
     def _learning_obstacle(self, is_flying: bool) -> Fact | None:
-        """Why there is no new model of a vehicle whose rows come; None while all is well."""
+        """Why there is no new model of a vehicle whose rows come; None while all is well.
+
+        Only free flight is learned from. In free flight the learner itself may lack something, such as motion.
+        """
         if not is_flying:
             return Fact(Session.NOT_FLYING)
         if not self.learning.is_free:

@@ -67,7 +67,13 @@ class VehicleReview:
         self.restart(0)
 
     def restart(self, boot: int) -> None:
-        """Forgets messages, phase and alarms, at a reboot, after which the clock begins anew."""
+        """Forgets messages, phase and alarms, at a reboot, after which the clock begins anew.
+
+        What is left of the present review is dropped, too: it would judge the former boot by the new one's times.
+
+        Args:
+            boot: number of the new boot.
+        """
         self.recent_messages = RecentMessages(boot)
         self.phase = FlightPhase(self.recent_messages)
         self.watchdog = Watchdog(self.recent_messages)
@@ -139,7 +145,7 @@ class VehicleReview:
         return self._vehicles.followed
 
     def _vehicle_telemetry(self) -> Telemetry:
-        """Identity and parameters of the vehicle, without messages."""
+        """Identity and parameters of the vehicle, without messages, in the form in which a log has them."""
         vehicle = self._followed
         return Telemetry(
             vehicle.system,

@@ -66,6 +66,7 @@ class Component:
     """
 
     def __init__(self, system: int, component: int) -> None:
+        """Begins without a frame, for the component with these ids."""
         self.system = system
         self.component = component
         self.name = f"{system}:{component}"
@@ -79,8 +80,10 @@ class Component:
         self._heartbeat_count = 0
         # By sequence number: the latest frame with it, and the number of frames then.
         self._latest_frames: dict[int, tuple[Frame, int]] = {}
+        # Messages missing by the sequence numbers; too small for a moment where one overtakes another.
         self._missing_count = 0
         self._last_sequence = 0
+        # When the last frame was received, and the mean interval between frames so far, s.
         self._last_frame_time = -inf
         self._mean_interval = 1.0
 
@@ -178,7 +181,13 @@ class Component:
         self._mean_interval += change / INTERVAL_MEMORY_FRAMES
 
     def take_message(self, message: Message) -> None:
-        """Keeps a PARAM_VALUE, and takes type and autopilot from a HEARTBEAT; other messages change nothing."""
+        """Takes what a message tells about its component: a parameter, or from a HEARTBEAT its type and autopilot.
+
+        Other messages change nothing. The number of parameters is bounded, against hostile input.
+
+        Args:
+            message: any message of this component.
+        """
         if message.name == "PARAM_VALUE":
             parameter = message.values[0]
             if parameter in self.parameters or len(self.parameters) < MAX_ROWS:

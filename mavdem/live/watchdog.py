@@ -83,7 +83,7 @@ class _Review:
 
 
 class Watchdog:
-    """Watches one boot of one vehicle.
+    """Watches one boot of one vehicle for oscillation, motors at their limits, vibration, low battery and warnings.
 
     A review has up to three parts, so that no message waits for all of it: ``begin_review``, in flight
     ``review_lights``, and ``finish_review``.
@@ -102,9 +102,12 @@ class Watchdog:
         self._recent = recent
         # Time, s, and MAV_LANDED_STATE at the beginning and the end of each phase.
         self._states: list[tuple[float, int]] = []
+        # Reports of the autopilot that the last review found, by ``_identity``.
         self._reported = set[tuple[object, ...]]()
+        # When the reason of each alarm was seen last, and the time of the last review, s of the boot clock.
         self._last_seen: dict[Watched, float] = {}
         self._review_time = -inf
+        # The review that has begun; None between reviews.
         self._review: _Review | None = None
 
     @property
@@ -148,7 +151,11 @@ class Watchdog:
         return self._new_reports(recent_signals)
 
     def review_lights(self) -> None:
-        """Judges battery and, in settled flight, vibration, by the functions that judge a log."""
+        """Judges battery and, in settled flight, vibration, by the functions that judge a log.
+
+        The battery is judged by all messages of the boot, vibration by those of the last minute. The review must have
+        begun; what is found is added to its facts.
+        """
         review = self._review
         assert review is not None
         all_signals = self._signals(review.vehicle, review.now, -inf)

@@ -1,4 +1,4 @@
-"""The wind in metres a second over a link, from attitude and velocity over ground.
+"""The wind velocity of a live flight, m/s, estimated step by step from attitude and velocity over ground.
 
 It is the extended Kalman filter of logs (``mavdem.wind_velocity.airflow_filter``) without its smoother, on a
 grid of the same step, 0.5 s. An estimate is of the middle of two steps, 0.5 s before the velocity that completes it.
@@ -387,7 +387,10 @@ class LiveWind:
 
     @staticmethod
     def _require_measured(motion: _Motion) -> None:
-        """Raises ``NotLearnable`` where yaw or a horizontal velocity never changes: then nothing measures it."""
+        """Raises ``NotLearnable`` where yaw or a horizontal velocity never changes: then nothing measures it.
+
+        Measured values always have some noise; a constant, mostly 0, takes the place of what an autopilot lacks.
+        """
         yaw_is_constant = np.ptp(motion.attitude[:, 2]) == 0
         velocity_is_constant = (np.ptp(motion.velocity[:, :2], axis=0) == 0).any()
         if yaw_is_constant:
