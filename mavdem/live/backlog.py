@@ -1,4 +1,4 @@
-"""The queue of received frames that wait for analysis in a live session, and the tasks that a slow computer puts off."""
+"""The queue of received frames that wait for analysis in a live session, and the tasks that are put off meanwhile."""
 
 from collections import deque
 

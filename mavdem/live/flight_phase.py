@@ -41,7 +41,7 @@ AVERAGING_DELAY = AVERAGING_SECONDS / 2
 
 
 class FlightPhase:
-    """The phase of one boot as of the latest review.
+    """The phase of flight of a live vehicle, on the clock of one boot, as of the latest of its periodic reviews.
 
     Attributes:
         is_flying: whether the vehicle is airborne and, where that is reported, armed.

@@ -47,7 +47,7 @@ class Frame(NamedTuple):
 
 
 class FrameReader:
-    """Finds the frames of one byte stream.
+    """Finds the MAVLink frames of one byte stream, whose bytes come piece by piece.
 
     Attributes:
         undecoded_frames: number of frames so far that are damaged or of another dialect.

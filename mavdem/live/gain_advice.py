@@ -25,7 +25,7 @@ MAX_WAIT_SECONDS = 30.0
 
 
 class GainAdviser:
-    """Has gains advised on the growing recording of a session.
+    """Has controller gains computed in another process, from the growing recording of a session.
 
     Attributes:
         facts: the latest advice: which gains, what to expect of them, and their files; or why there are none.

@@ -16,7 +16,7 @@ SEARCH_PERIOD = 1.0
 
 
 class GustDetector:
-    """Finds gusts in the wind torque of the last minute."""
+    """Finds gusts in the wind torque of the last minute, rad/s², as estimates of it come."""
 
     def __init__(self, dt: float) -> None:
         """Begins without a sample; ``dt`` is the step between samples, s."""

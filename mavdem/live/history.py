@@ -115,7 +115,7 @@ class _ErrorSums:
 
 
 class LiveHistory:
-    """Collects what happens in a live flight, in bounded memory.
+    """The events and signals of a live flight on one timeline, and the errors of its predictions, in bounded memory.
 
     Its timeline is the boot clock of the vehicle's first boot, in seconds. Where the vehicle reboots and its
     clock begins anew, the timeline goes on: it is ``timeline_offset`` seconds ahead of the present boot's clock.

@@ -29,7 +29,7 @@ class FrameBatch(NamedTuple):
 
 
 class LinkIntake:
-    """Receives from a link, records what comes, and sends.
+    """Receives bytes from a link, records the frames in them, and sends frames; it opens a lost link again.
 
     Attributes:
         recording: of the raw stream; None for none, and after it has failed.

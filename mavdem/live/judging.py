@@ -24,7 +24,7 @@ OWN_TORQUE_OVERRIDES = (Override.OSCILLATION, Override.MOTORS)
 
 
 class ModelJudging:
-    """Judges the latest model in the executor that learns, so that no row waits.
+    """Judges the latest model of a live session: in flight in another process, so that no row waits, and at the end.
 
     Attributes:
         findings: what the model is good for; None before it is judged.

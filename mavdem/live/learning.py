@@ -39,7 +39,7 @@ class _KeptModel(NamedTuple):
 
 
 class FlightLearning:
-    """Learns from rows of free flight, and keeps the models, so that those of a landing can be withdrawn.
+    """Learns a model from rows of free flight, and keeps the latest models, so that those of a landing are withdrawn.
 
     Attributes:
         learner: of the latest rows; None before any.

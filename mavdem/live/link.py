@@ -138,7 +138,7 @@ class _LinkAddress(NamedTuple):
 
 
 class Link:
-    """An open link.
+    """A link to a MAVLink vehicle or router: one socket or serial port, which receives and sends bytes.
 
     Attributes:
         name: its connection string.

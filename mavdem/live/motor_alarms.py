@@ -17,7 +17,7 @@ from mavdem.plant.online_wind_torque import WeakenedMotors
 
 
 class MotorAlarms:
-    """Lasting changes of the motors' balance, found sample by sample in settled flight.
+    """Lasting changes of the motors' balance: the test that finds them sample by sample, and the alarms on weak motors.
 
     Attributes:
         latest: the latest changes, also those that are no alarms.

@@ -63,7 +63,7 @@ class MotorInputs:
 
 
 class InputSelector:
-    """Selects the inputs by the outputs of the last seconds, and by the extremes of each channel in this boot.
+    """Selects the motors among the output channels, by the last seconds and by each channel's extremes in this boot.
 
     The extremes show which channels move, and on which scale, also while they do not change.
     """

@@ -29,7 +29,7 @@ class LatestPose(NamedTuple):
 
 
 class PoseTracker:
-    """Follows the attitude and its setpoint.
+    """Joins each attitude with the latest setpoint, and decides whether the vehicle follows it.
 
     Attributes:
         pose: the latest; None before any.

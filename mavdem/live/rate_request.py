@@ -132,7 +132,7 @@ class ArrivalRates:
 
 @dataclass
 class _MessageInterval:
-    """What becomes of the interval of one message."""
+    """The interval between two messages of one kind: what is requested, and what has become of the request."""
 
     message_id: int
     name: str

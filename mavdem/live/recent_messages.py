@@ -20,7 +20,7 @@ MAX_EVENTS = 256
 
 
 class RecentMessages:
-    """Slow messages of one boot, by name.
+    """The slow messages of one boot by name, with their times, in bounded memory.
 
     Attributes:
         boot: number of the boot.

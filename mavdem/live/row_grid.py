@@ -63,7 +63,7 @@ class GridPoint(NamedTuple):
 
 
 class RowGrid:
-    """The grid of one vehicle, segment by segment.
+    """The uniform time grid of one vehicle's rows; a gap or another rate ends a segment, and a new grid begins.
 
     Attributes:
         segment: number of the latest segment, from 0 on; −1 before the first.

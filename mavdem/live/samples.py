@@ -24,7 +24,7 @@ SAMPLES_PER_CLEANING = 64
 
 
 class SampleStream:
-    """Time stamps and values of the last ``MEMORY_SECONDS`` of one stream.
+    """Time stamps and values of one stream of samples, attitude or one port of motor outputs, in the last 4.5 s.
 
     Attributes:
         time: stamps, s of the boot clock, ascending.

@@ -30,7 +30,7 @@ from mavdem.live.time_account import TimeAccount
 
 
 class LiveSession:
-    """A link and all that is done with what it receives: the parts of a session, and the order of their work.
+    """A live session: a link, the parts that record, learn, judge and show what it receives, and their order.
 
     Attributes:
         link: the link.

@@ -9,7 +9,7 @@ from mavdem.live.link import SILENCE_SECONDS
 
 
 class SilenceMonitor:
-    """Notes when messages, and samples of attitude or motors, came last, and reports when they come again.
+    """Notes when messages, and samples of attitude or motors, came last, and how long they had not come before.
 
     Attributes:
         message_time: when a message came last, s of the monotonic clock.

@@ -12,7 +12,7 @@ ENTRY_SECONDS = 1.0
 
 @dataclass(frozen=True)
 class AccountedState:
-    """What a session does at the time of an entry."""
+    """What a live session does at the moment when its time is counted."""
 
     link_is_lost: bool
     message_time: float
@@ -56,7 +56,7 @@ class AccountedState:
 
 
 class TimeAccount:
-    """Counts the seconds of a session, by what they were spent on. Their sum is the age of the session.
+    """Counts the seconds of a live session by what they were spent on, in entries; their sum is the session's age.
 
     Attributes:
         entry_time: until when time is counted, s of the monotonic clock.

@@ -30,7 +30,7 @@ PART_PERIOD = REVIEW_PERIOD / 10
 
 
 class VehicleReview:
-    """Reviews a vehicle twice a second, in parts, so that no row waits for all of a review.
+    """Reviews a live vehicle twice a second: inputs, phase of flight and faults; in parts, so that no row waits long.
 
     Attributes:
         recent_messages: the slow messages of this boot, which the review reads.

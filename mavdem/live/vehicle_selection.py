@@ -50,7 +50,7 @@ INTERVAL_MEMORY_FRAMES = 64
 
 
 class Component:
-    """One MAVLink component on the link.
+    """One MAVLink component on the link, such as an autopilot: what it is, and how many of its messages came.
 
     Attributes:
         system: its system id.

@@ -60,7 +60,7 @@ LATE_REPORT_SECONDS = 1.0
 
 @dataclass
 class _Review:
-    """A review that has begun, whose parts are done one after the other."""
+    """The state of a review of the vehicle that has begun, and whose parts are done one after the other."""
 
     now: float
     """Time of the review, s of the boot clock."""

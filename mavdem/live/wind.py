@@ -93,7 +93,7 @@ Two or three values of a parameter span what its prior makes likely.
 
 
 class CompassWind(NamedTuple):
-    """Wind as pilots name it."""
+    """Speed of the wind and the direction that it comes from, with 90 % intervals."""
 
     speed: float
     """Speed, m/s."""
@@ -112,7 +112,7 @@ class CompassWind(NamedTuple):
 
 
 class WindEstimate(NamedTuple):
-    """The wind at one time."""
+    """The velocity of the wind at one time, north and east, with its 90 % interval."""
 
     time: float
     """Time, s of the boot clock."""
@@ -200,7 +200,7 @@ class WindEstimate(NamedTuple):
 
 
 class _Motion(NamedTuple):
-    """Attitude and velocity at T equal times."""
+    """Attitude and velocity over ground at the same T times."""
 
     time: Array
     """(T,) s of the boot clock."""
@@ -213,7 +213,7 @@ class _Motion(NamedTuple):
 
 
 class LiveWind:
-    """Estimates the wind of a flight step by step.
+    """Estimates the wind of a live flight step by step, by Kalman filters of the airflow that run side by side.
 
     Attributes:
         earlier_drag: drag of the vehicle from an earlier flight; None where there is none.
