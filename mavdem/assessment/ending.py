@@ -25,6 +25,10 @@ def ending_of(
 ) -> Fact | None:
     """Returns how the last of the lost flights was lost, with what failed first; None if no flight was lost.
 
+    Only bad events count. The last one of those that may lose a vehicle is the loss; the autopilot's own reports of a
+    loss count only where the motion shows none. What failed first comes from the commands of the motors
+    (:func:`mavdem.assessment.first_failure.first_failure`); a report of the autopilot on one motor is added to it.
+
     Args:
         signals: of the vehicle.
         events: those of ``motion_events`` and ``reported_events``.
@@ -48,6 +52,7 @@ def ending_of(
         # The ground tipped the vehicle over.
         cause = None
     motor_report = _motor_report(signals, bad_events, loss.figures["boot"])
+    # A motor is named only if cause and report do not name two different ones.
     subjects = {fact.subject for fact in (cause, motor_report) if fact and fact.subject}
     concerns_one_motor = len(subjects) == 1 and (
         cause is None or cause.code not in CAUSES_OF_ALL_MOTORS

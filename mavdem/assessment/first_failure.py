@@ -63,9 +63,11 @@ MIN_FROZEN_SAMPLES = 3
 def first_failure(
     signals: Signals, events: Sequence[Fact], loss: Fact, collective: float | None
 ) -> Fact | None:
-    """Returns what failed first; None if nothing shows it.
+    """Returns what failed first, before a vehicle was lost; None if nothing shows it.
 
-    That is a motor that was off, or what the commands show while the attitude left its setpoint or the vehicle fell.
+    A motor that was off as the loss began is the cause. Otherwise the commands of the motors are examined over a short
+    interval: after a loss of attitude, from its onset until the error exceeded ``LOST_ANGLE``; after an impact, from
+    the first sign of trouble before it, a motor at its limit or a fall, until the impact.
 
     Args:
         signals: of the vehicle.
@@ -100,11 +102,13 @@ def first_failure(
         first_event = [*motors_at_limit, *falls, loss][0]
         interval = (first_event.time or onset, onset)
     else:
+        # The side to which the vehicle fell is the direction of the error when it became large.
         lost_row = np.argmax((error.time >= onset) & (error.magnitude > LOST_ANGLE))
         interval = (onset, error.time[lost_row])
         fall_direction = complex(error.lean[lost_row])
     names_at_limit = [event.subject for event in motors_at_limit]
     cause = _failure_by_commands(signals, boot, interval, names_at_limit, fall_direction)
+    # An autopilot that takes the vehicle for landed switches all motors off in the air.
     if cause is None or fall_direction is None or cause.code is not FailedFirst.ALL_OFF_FIRST:
         return cause
     if _assumed_landing(signals, boot, onset):
@@ -133,7 +137,14 @@ def _events_at(events: Sequence[Fact], code: Code, boot: int, time: float) -> li
 
 
 def _changed_functions(signals: Signals, names: Sequence[str]) -> list[str]:
-    """Returns the parameters SERVOn_FUNCTION of these motors' outputs that were changed in the log."""
+    """Returns the names of the parameters SERVOn_FUNCTION that were changed in the log, of the outputs of some motors.
+
+    An output with another function drives its motor no longer, so that the change itself may be the failure.
+
+    Args:
+        signals: of the vehicle, whose ``initial_parameters`` are those that were changed.
+        names: of the motors.
+    """
     assert signals.motors is not None
     layout = signals.motors.geometry
     channels = dict(zip(layout.names, layout.channels, strict=True))
@@ -180,7 +191,11 @@ def _failure_by_commands(
     names_at_limit: Sequence[str],
     fall_direction: complex | None,
 ) -> Fact | None:
-    """Returns what failed first by the commands of the motors: all of them, or one; None if they show nothing.
+    """Returns what failed first by the commands of the motors; None if they show nothing.
+
+    The commands in an interval of trouble are compared with the usual ones of the ``RECOVERY_SECONDS`` before. They
+    show, in this order: that all motors were switched off, that all thrust was in use, that one motor is too weak
+    (:func:`_weak_motor`), or that the output of one is frozen.
 
     Args:
         signals: of the vehicle.
@@ -200,6 +215,7 @@ def _failure_by_commands(
     rows = in_intervals(commands.time, [interval])
     if not len(usual_commands) or not len(commands_before) or not rows.any():
         return None
+    # All arrays have a column for each motor: (N,) times, (N, k) commands, (k,) usual commands and changes.
     time = commands.time[rows]
     commands_now = commands.values[rows]
     usual = usual_commands.mean(axis=0)
@@ -208,6 +224,7 @@ def _failure_by_commands(
         return Fact(FailedFirst.ALL_OFF_FIRST, time=time[0])
 
     # All thrust in use. While the attitude is lost the controller uses all of it, so the thrust before that counts.
+    # As the attitude is lost, the mixer drives motors to their limits; only the commands before that show the thrust.
     thrust_commands = commands_now if fall_direction is None else commands_before
     thrust_share = thrust_commands.mean() / motors.scale.stop
     if thrust_share > SPENT_THRUST_SHARE:
@@ -224,6 +241,7 @@ def _failure_by_commands(
     # A vehicle that swings was commanded the other way shortly before.
     opposite_at_limit, _ = samples_at_limits(commands_before[:, weak.opposite], motors.scale)
     has_swung = (opposite_at_limit | (commands_before[:, weak.motor] < idle)).any()
+    # Without a side to which the vehicle fell, an earlier limit of this motor alone must confirm it.
     is_only_one = fall_direction is not None or names_at_limit == [name]
     if has_swung or not len(failed_rows) or not is_only_one:
         return None
@@ -239,7 +257,9 @@ def _commands_between(commands: TimeSeries, start: float, end: float) -> Array:
 def _frozen_output(
     signals: Signals, motors: MotorOutputs, commands: Array, idle: float
 ) -> Fact | None:
-    """Returns that the output of one motor was constant while the others worked to save the vehicle.
+    """Returns that the output of one motor was constant while the others worked to save the vehicle; None otherwise.
+
+    Exactly one motor must be constant, over several samples, while the commands of all motors vary much in the mean.
 
     Args:
         signals: of the vehicle.

@@ -74,7 +74,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     ]
     if bad:
         of_same_code = [fact for fact in bad if fact.code is bad[0].code]
-        # Of several losses of thrust the largest is named, not the earliest.
+        # Of several losses of thrust the one with the largest rise of the motor's command is named, not the earliest.
         return max(of_same_code, key=lambda fact: fact.figures.get("rise", 0.0))
     if not evidence.learnability.figures.airborne:
         return evidence.learnability.reason
@@ -137,8 +137,13 @@ def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) ->
 def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
     """Returns the next step against what the ``headline`` says is wrong, with the advice of other bad lights.
 
-    After a loss that is the advice of every bad light of the vehicle, and a bad motor is its suspect. Otherwise it is
-    that on bad power, which no other light explains.
+    One next step is shown, so that advice is added only where the headline does not explain it. Bad power always has
+    causes of its own. After a loss every bad light of the vehicle may be the reason for it, and a bad motor is named as
+    the suspect.
+
+    Args:
+        headline: of the judgement, which is not that nothing is wrong.
+        lights: the facts of all lights, by name.
     """
     related_lights = [Light.POWER]
     if headline.code in Ending:

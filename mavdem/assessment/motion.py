@@ -101,6 +101,7 @@ def _events_of_boot(signals: Signals, boot: int) -> Iterator[Fact]:
     for flight in flights:
         attitude_events = _attitude_events(signals, boot, error, flight)
         yield from attitude_events
+        # Only the last loss of attitude of a flight can be bad.
         loss = None
         if attitude_events and attitude_events[-1].is_bad:
             loss = attitude_events[-1]
@@ -194,6 +195,7 @@ def _loss_intervals(
         sink_rate = max_sink_rate(climb_rate, start, start + RECOVERY_SECONDS) or 0.0
         if end >= flight[1] and sink_rate > FALL_SPEED:
             fallen.append((start, end))
+    # The setpoint is tolerated for ``MAX_SETPOINT_DELAY``, so that a loss shows up to that long after the landing.
     latest_start = flight[1] + MAX_SETPOINT_DELAY
     return [
         (start, end)
@@ -221,6 +223,7 @@ class _AttitudeLoss(NamedTuple):
         obstacle, or was lost in the air. It begins with the onset, or with an impact before it.
         """
         rows = in_intervals(self.error.time, [(self.start, self.end)])
+        # The largest error in rad, and whether it was measured against a setpoint throughout.
         angle = self.error.magnitude[rows].max()
         has_setpoint = bool(self.error.has_setpoint[rows].all())
         # The flight is followed back from the loss to the onset, where the vehicle began to leave its setpoint.
@@ -230,6 +233,7 @@ class _AttitudeLoss(NamedTuple):
         code = self._code(onset, height, impact)
         level = None
         if self._is_harmless(angle, has_setpoint, onset) or self._is_recovered():
+            # Without a setpoint the lean may have been intended, so that the level is not known.
             code = MotionEvent.ATTITUDE_CAUGHT
             level = None if has_setpoint else Level.UNKNOWN
         return Fact(
@@ -244,7 +248,11 @@ class _AttitudeLoss(NamedTuple):
         )
 
     def _onset(self) -> float:
-        """Returns when the attitude began to leave its setpoint, s: up to ``RECOVERY_SECONDS`` before the loss."""
+        """Returns when the attitude began to leave its setpoint, s.
+
+        That is the last sample before the loss with an error below ``ONSET_ANGLE``, but at most ``RECOVERY_SECONDS``
+        before it; the loss itself if there is no such sample.
+        """
         time = self.error.time
         is_in_order = (time < self.start) & (self.error.magnitude < ONSET_ANGLE)
         times_in_order = time[is_in_order]
@@ -276,6 +284,9 @@ class _AttitudeLoss(NamedTuple):
     def _is_harmless(self, angle: float, has_setpoint: bool, onset: float) -> bool:
         """Returns whether angle, speed of the fall, and duration all stay below those of a serious loss.
 
+        Serious are twice ``LOST_ANGLE`` (or ``FAR_ANGLE`` for an error that is only estimated), ``FALL_SPEED``, and
+        ``RECOVERY_SECONDS``. Each figure is divided by its limit, and the largest ratio decides.
+
         Args:
             angle: largest error of the attitude, rad.
             has_setpoint: whether the setpoint was known, so that the error is not only estimated by half of the lean.
@@ -291,8 +302,9 @@ class _AttitudeLoss(NamedTuple):
     def _is_recovered(self) -> bool:
         """Returns whether the vehicle flew on for ``RECOVERY_SECONDS`` afterwards.
 
-        Its motors must have worked with more than half of their usual mean, and it must have been off the ground, as
-        far as its height is known.
+        The record must go on for so long within the flight. The motors must have worked with more than half of their
+        median output of the flight: a vehicle on the ground does not need that. And the vehicle must be off the ground
+        at the end of that time, as far as its height is known.
         """
         # Mean command of all motors; a vehicle that lies on the ground has it at idle.
         collective = series_of_boot(self.signals.collective, self.boot)
@@ -353,8 +365,15 @@ def _fall_events(
 ) -> Iterator[Fact]:
     """Yields the fall of a flight and the impact at its end, if there were any.
 
-    A fall follows a ``loss`` of attitude, or ends the flight. If the loss is an impact already, the fall was before it.
-    Otherwise the impact is that of the accelerometers after the loss; without a loss, that of the vertical speed.
+    Where to look depends on the loss of attitude. Without one, a fall can only be seen around the end of the flight,
+    and the impact by the vertical speed that is lost in it. With one, the fall follows it, and the impact is felt by
+    the accelerometers. If the loss itself is an impact, the fall was before it, and there is no second impact.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        flight: start and end of the flight, s.
+        loss: the loss of attitude with which the flight ended; None if there was none.
     """
     climb_rate = series_of_boot(signals.climb_rate, boot)
     if climb_rate is None:
@@ -381,6 +400,9 @@ def _fall_events(
 def _falls(signals: Signals, boot: int, flight: Interval, interval: Interval) -> Iterator[Fact]:
     """Yields that the vehicle fell faster than ``FALL_SPEED``, if its height confirms that.
 
+    An estimate of the vertical speed that diverges looks like a fall. So the height, where it was recorded, must
+    decrease by at least the share ``SINK_AGREEMENT`` of the mean speed times the duration of the fall.
+
     Args:
         signals: of the vehicle.
         boot: number of the boot, whose vertical speed was recorded.
@@ -395,7 +417,7 @@ def _falls(signals: Signals, boot: int, flight: Interval, interval: Interval) ->
     start, end = climb_rate.time[is_falling][[0, -1]].tolist()
     height = series_of_boot(signals.height, boot)
     expected_change = SINK_AGREEMENT * climb_rate.values[is_falling].mean() * (end - start)
-    # An estimate of the speed that diverged does not show in the height.
+    # Both changes are negative: the vehicle must have sunk by at least the expected change.
     is_confirmed = True
     if height is not None:
         height_change = np.diff(np.interp([start, end], height.time, height.values))
@@ -407,6 +429,9 @@ def _falls(signals: Signals, boot: int, flight: Interval, interval: Interval) ->
 
 def _impacts_of_fall(climb_rate: TimeSeries, boot: int, interval: Interval) -> Iterator[Fact]:
     """Yields the impact with which a fall ended, by the vertical speed that the vehicle lost, if there was one.
+
+    A candidate is a sample from which on the speed downward decreases by more than ``IMPACT_SPEED_CHANGE`` within
+    ``IMPACT_SECONDS``. The impact is at the largest decrease in one step after the first candidate.
 
     Args:
         climb_rate: vertical speed, m/s up.
