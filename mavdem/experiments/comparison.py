@@ -237,12 +237,16 @@ def question_horizons(question: Question, test: Flight) -> tuple[int, ...]:
 def evaluate_model(
     method: Method, window: Window, model: Forecaster
 ) -> tuple[dict[Question, Scores], dict[Question, Array]]:
-    """Forecasts the test part of a window at all horizons.
+    """Forecasts the test part of a window (H samples, m outputs) at several horizons, and scores the forecasts.
+
+    A model is asked up to three questions: forecasts with known inputs, with known inputs from state 0, and, if it can,
+    without the inputs. For each horizon of h steps the test part is forecast in pieces of h samples, each from the
+    filtered state at its start; the last horizon is the test part as one piece.
 
     Args:
-        method: says which questions the model is asked.
+        method: says whether the model can forecast without the inputs.
         window: the model was trained on its first part.
-        model: the model.
+        model: the model. If it estimates its own errors, the share of samples in its 90 % band is scored as well.
 
     Returns:
         Scores, and forecasts (H, m) of the whole test part, by question.

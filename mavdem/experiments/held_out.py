@@ -166,6 +166,7 @@ def held_out_windows(
             model = learn_forecasts(training, settings)
         except ValueError as error:
             failures = (fact_from_error(error),)
+        # A fold may be a part of several flights.
         for flight_index, first, stop in fold:
             flight = flights[flight_index]
             first = max(first, lead)
@@ -246,13 +247,19 @@ def forecast_part(
     part: HeldOutPart,
     failures: Facts = (),
 ) -> HeldOut:
-    """Forecasts the windows of a part, each from the state that the filter has at its start.
+    """Forecasts W windows of H samples that a model was not trained on, each from the filtered state at its start.
+
+    The forecast knows the recorded motors, the prediction does not. Two trivial forecasts are made for comparison: the
+    mean of the training data, and the last outputs before each window.
 
     Args:
-        model: trained without the part; without a model there are the baselines only.
-        training: what the model was trained on, for the constant mean and the unit of errors.
-        part: the windows.
+        model: trained without the part. Without a model only the trivial forecasts are there, the others are NaN.
+        training: what the model was trained on, for its mean and its variance, the unit of errors.
+        part: the windows, with the samples before them that the filter needs.
         failures: why there is no model.
+
+    Returns:
+        Measured outputs, forecasts, expected squared errors and 90 % bands, all (W, H, m).
     """
     inputs = part.samples.inputs
     outputs = part.samples.outputs
@@ -260,6 +267,7 @@ def forecast_part(
     unknown = np.full_like(measured, np.nan)
     forecast, prediction, expected, band = unknown, unknown, unknown, unknown
     if model is not None:
+        # The forecast of an unstable model may overflow, which is a result.
         with np.errstate(over="ignore", invalid="ignore"):
             rolling = model.rolling_forecast_known_inputs(part.steps, inputs, outputs)
             half_widths = model.half_widths(rolling.variance, CONFIDENCE_LEVEL, part.steps)

@@ -123,7 +123,9 @@ def windows(
     test: int | None = None,
     hop: int | None = None,
 ) -> tuple[Window, ...]:
-    """Returns all windows that fit into a flight; none if it is too short.
+    """Cuts a flight into overlapping windows, each a training part followed by a test part.
+
+    Windows begin every ``hop`` samples as long as they fit into the flight; none does if it is too short.
 
     Args:
         name: of the flight.

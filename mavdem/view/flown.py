@@ -145,11 +145,21 @@ def write_pose(path: PathName, name: str, pose: Pose) -> None:
 
 
 def motion_charts(pose: Pose) -> list[Chart]:
-    """Returns charts of angles, rates, motor outputs, wind and disturbance while the vehicle is airborne."""
+    """Returns charts of a simulated flight while the vehicle is airborne, for the plots beside its 3D view.
+
+    Args:
+        pose: N samples of the simulation: attitude quaternions, rates (rad/s), motor outputs (µs), wind (m/s) and
+            disturbance moment (N m).
+
+    Returns:
+        Charts of angles (°), rates (°/s), motor outputs as deviations from the mean of all motors (µs), wind (m/s) and
+        disturbance moment (mN m).
+    """
     rows = np.flatnonzero(pose.airborne_samples())
     time = pose.time[rows]
     roll, pitch, yaw = euler_angles(pose.attitude[rows])
     outputs = pose.outputs[rows]
+    # The common part of the motors only carries the vehicle. What turns it is the difference between them.
     output_deviations = outputs - outputs.mean(axis=1, keepdims=True)
     angles = np.degrees([roll, pitch, np.unwrap(yaw)])
     return [
@@ -250,7 +260,15 @@ def log_vehicle(recording: rr.RecordingStream, pose: Pose) -> None:
 
 
 def log_wind_and_path(recording: rr.RecordingStream, pose: Pose) -> None:
-    """Draws an arrow of the wind that blows at the vehicle, with the wind's speed, and the path of the vehicle."""
+    """Draws the path of the vehicle, and an arrow of the wind that ends before it, labelled with the speed.
+
+    The arrow moves with the vehicle but does not turn with it. It points where the air moves to, is
+    ``WIND_ARROW_SCALE`` arms long for each m/s, and its head stays ``WIND_ARROW_DISTANCE`` arms upwind of the vehicle.
+
+    Args:
+        recording: the recording.
+        pose: positions (m) and wind (m/s), north, east and down, by sample.
+    """
     arm = pose.arm
     rows = pose.drawn_samples()
     wind = pose.wind[rows]

@@ -90,6 +90,7 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
         rrb.TextDocumentView(origin=f"figures/{number}", name=f"Figure {number}", titlebar=False)
         for number in range(CARD_COUNT + 1)
     ]
+    # The last text, what is watched, is longer than the others and stands beside the plots.
     cards = documents[:CARD_COUNT]
     watched = documents[CARD_COUNT]
     side = rrb.Vertical(watched, events_view(), row_shares=[20, 80])
@@ -147,7 +148,13 @@ def _missing_model_reason(status: SessionStatus, trained_until: float | None) ->
 def status_document(
     status: SessionStatus, row: DisplayRow, channels: Channels, trained_until: float | None
 ) -> str:
-    """Returns the status of the session and the latest row as Markdown; arguments are those of :func:`figures`."""
+    """Returns the text of the tab "Status": the session, the judgement of the flight so far, and a legend.
+
+    The arguments are those of :func:`figures`.
+
+    Returns:
+        Markdown, whose words come from the templates of live sessions.
+    """
     title, *details = render_section(
         "live_details",
         status=status,

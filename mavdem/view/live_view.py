@@ -197,7 +197,13 @@ class SinkThread(threading.Thread):
     def _send_status(
         self, recording: rr.RecordingStream, row: DisplayRow, channels: Channels
     ) -> None:
-        """Writes the texts beside the plots, and how many rows this view has dropped since the last time."""
+        """Writes the texts beside the plots, and an event if this view has dropped rows since the last time.
+
+        Args:
+            recording: the recording of the sink.
+            row: the latest row that was drawn, whose time the texts get.
+            channels: names and units of the row.
+        """
         new_drops = self.dropped - self._reported_drops
         if new_drops:
             sentence = f"{new_drops} rows are not shown here: this view is too slow"

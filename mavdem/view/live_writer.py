@@ -182,6 +182,7 @@ class LiveWriter:
         seconds = horizon_seconds[horizon]
         scale = display_unit(self.channels.output_units[0]).scale
         plot = f"axes/{self.channels.output_names[0]}"
+        # The numbers in the paths put the band below the lines.
         measured = Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2)
         self._draw(
             measured,
@@ -280,7 +281,14 @@ class LiveWriter:
         self._draw(speed, samples)
 
     def _draw_wind_torque(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
-        """Draws the wind torque with its band, at the times that it acted at."""
+        """Draws the estimated wind torque with its 90 % band, at the time that it acted.
+
+        The torque is estimated with a delay, so that its time is earlier than that of the row. The samples are kept: if
+        a motor fails, the torque of the last seconds turns out to be the motor's; see :meth:`mark_motor_torque`.
+
+        Args:
+            estimates: rows with their estimates, torques in rad/s².
+        """
         torques = []
         for row, estimate in estimates:
             if np.isfinite(estimate.wind_time):

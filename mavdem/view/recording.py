@@ -119,7 +119,10 @@ class RecordingTabs:
         ]
 
     def flight(self) -> rrb.Container:
-        """Draws headline and next step above the charts of the flight, with lights and events beside these."""
+        """Draws the first tab: headline and next step above the charts of the flight, lights and events beside them.
+
+        A light is the judgement of one part of the vehicle, such as its motors: good, watch, bad or unknown.
+        """
         judgement = self._assessment.judgement
         conclusion = (
             f"**{headline(judgement.headline)}**\n\n**Next:** {judgement.next_step.advised}"
@@ -168,7 +171,14 @@ class RecordingTabs:
         return [rrb.Vertical(*views, name="Wind")]
 
     def loops(self) -> list[rrb.Container]:
-        """Draws measured step responses by axis, and loops with their margins; nothing where none is known."""
+        """Draws the tab of the control loops: measured step responses, and sensitivities with stability margins.
+
+        The sensitivity |S| = 1 / |1 + L|, with the response L of the open rate loop, says by how much the loop
+        amplifies disturbances of a frequency: its peak is small where the margins are large.
+
+        Returns:
+            The layout of the tab; empty where neither a step response nor a loop is known.
+        """
         step_views = []
         for axis, responses in self._assessment.responses.items():
             for name, response in responses.items():
@@ -210,8 +220,8 @@ class RecordingTabs:
 
         Args:
             learned: the model.
-            held_out: the forecasts.
-            series: of the flight and the model, by name.
+            held_out: the forecasts, by windows that the model was not trained on.
+            series: times (T,) and values (T, k) by name: outputs, process noise of the states, and free energy.
         """
         charts = []
         for output, unit in enumerate(Labels.of(learned).output_units):
@@ -228,8 +238,12 @@ class RecordingTabs:
         return rrb.Vertical(*self._draw_charts("forecast", charts), name="Forecast")
 
     def learning(self, learned: Learned) -> rrb.Container:
-        """Draws F̄ by iteration as bars, and what was learned as text."""
+        """Draws how the model was learned: how far F̄ is below its maximum at each iteration, and a text.
+
+        F̄ is the free energy action that learning maximises, in nats.
+        """
         energy = learned.free_energy.total
+        # A fit of one or two iterations still shows its last one.
         first = min(FIRST_ITERATION, len(energy) - 1)
         title = f"F̄ below its maximum of {energy.max():,.0f} nats, by iteration"
         iterations = np.arange(first, len(energy), dtype=np.float64)

@@ -203,6 +203,7 @@ class RecordingFile(Sink):
         with self.path.open("rb") as file:
             message_start = STREAM_HEADER_BYTES
             while message_start <= size:
+                # All messages before this position are complete.
                 self.complete_bytes = message_start
                 file.seek(message_start)
                 header = file.read(MESSAGE_HEADER.size)
@@ -321,7 +322,11 @@ def sinks_for(
 
 
 def open_window() -> Viewer:
-    """Opens a window of the viewer, which stays open after the process ends."""
+    """Starts the Rerun viewer in a window of its own, and returns the sink that sends to it.
+
+    The viewer takes a free port, so that several can run. It stays open after this process ends. Both its server and
+    the window itself drop the oldest data beyond their limits of memory.
+    """
     port = free_port()
     start_rerun(
         "--server-memory-limit",

@@ -59,7 +59,18 @@ AUTHORS_MSPE_KEYS = {
 
 
 def run(runner: Runner) -> ExperimentResult:
-    """Trains our DEM, from several priors, and EM on the authors' data, and compares the errors with theirs."""
+    """Checks that our DEM and EM have the same forecast errors as the authors' MATLAB code on the same data.
+
+    The authors' code draws its prior at random. Ours is fitted from several priors, so that a check can ask whether
+    their error lies within the range of ours.
+
+    Args:
+        runner: says whether recorded data are to be used, and runs the fits.
+
+    Returns:
+        A check for each method and start of the forecasts, and the MSPE of both codes as ``numbers``. Without the
+        authors' files only a remark.
+    """
     if not runner.uses_recorded or not RESULTS_FOLDER.is_dir():
         missing = f"The authors’ results are not in {RESULTS_FOLDER}, so there is nothing to compare with."
         return ExperimentResult(remarks=(missing,))

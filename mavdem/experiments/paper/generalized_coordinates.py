@@ -47,7 +47,18 @@ class ErrorsByOrder(NamedTuple):
 
 
 def run(runner: Runner) -> ExperimentResult:
-    """Compares DEM with p = 2 and p = 1 on the experiments, from many random priors, and on the recorded AR.Drone."""
+    """Compares DEM with generalized coordinates (p = 2) and without (p = 1).
+
+    p is the embedding order: the number of derivatives of the outputs that DEM uses, and with them the smoothness of
+    the noise. On the simulated experiments both are fitted from many random priors, because the result of one fit
+    depends on its prior; on the recorded AR.Drone they are compared window by window.
+
+    Args:
+        runner: holds the windows of training and test data, and runs the fits, whose results it keeps.
+
+    Returns:
+        Checks, a table and a figure; ``numbers`` has the MSPE with and without generalized coordinates by data.
+    """
     errors = {}
     for start in QUESTION_BY_START:
         errors[f"paper’s settings, from {start}"] = ErrorsByOrder(
@@ -157,7 +168,11 @@ def _error_table(runner: Runner, errors: Mapping[str, ErrorsByOrder]) -> tuple[B
 
 
 def _forecast_picture(runner: Runner) -> Picture:
-    """Returns the figure of the forecasts with both orders, a column for each start of the forecasts."""
+    """Returns the figure of the forecasts with p = 2 and p = 1, beside the measured test data.
+
+    It has a column for each start of the forecasts: from the filtered state and from state 0. Of the many random
+    priors each order shows the one whose error, from the filtered state, is the median.
+    """
     outcomes = {}
     for label, method in (("p = 2", DEM_P2), ("p = 1", DEM_P1)):
         prior_outcomes = runner.random_prior_outcomes[method, runner.figure_experiment]

@@ -73,7 +73,17 @@ class FittedFreeEnergy(NamedTuple):
 
 
 def run(runner: Runner) -> ExperimentResult:
-    """Fits models of each order to each system and finds the order at which F̄ saturates."""
+    """Checks that the free energy F̄ stops rising at the true order of a system.
+
+    Models of all ``ORDERS`` are fitted to each of four systems, on every simulated hover, with known and with unknown
+    inputs. F̄ is averaged over the flights; it saturates at the order beyond which a higher one gains next to nothing.
+
+    Args:
+        runner: runs the fits in several processes.
+
+    Returns:
+        Checks and a figure; ``numbers`` has F̄ in nats and the order of saturation, by inputs and system.
+    """
     flights = runner.map_jobs(lateral_flight, runner.experiment_numbers)
     fits = []
     for inputs in SETTINGS_BY_INPUTS:
@@ -81,6 +91,7 @@ def run(runner: Runner) -> ExperimentResult:
             for flight in flights:
                 for order in ORDERS:
                     fits.append(OrderFit(system, inputs, order, flight))
+    # The results come in the order of the fits, so that they can be put into an array of the four loops' axes.
     results = runner.map_jobs(fit_order, fits)
     shape = (len(SETTINGS_BY_INPUTS), len(SYSTEMS), len(flights), len(ORDERS))
     all_free_energies = np.reshape([result.free_energy for result in results], shape)
@@ -152,7 +163,9 @@ def saturation_order(free_energy: Array) -> int:
 
 
 def order_checks(saturation_orders: Mapping[str, list[int]]) -> tuple[Check, ...]:
-    """Checks, for each system, that F̄ saturates at its own order.
+    """Checks, for each system, that F̄ saturates at its own order, both with known and with unknown inputs.
+
+    The number of a system is its order.
 
     Args:
         saturation_orders: by whether the inputs are known, the order at which F̄ saturates, for each of ``SYSTEMS``.

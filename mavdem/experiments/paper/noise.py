@@ -21,7 +21,17 @@ LAGS_SHOWN = 60
 
 
 def run(runner: Runner) -> ExperimentResult:
-    """Tests the process noise of models learned from the simulated flights and from the recorded AR.Drone."""
+    """Tests whether the process noise of DEM's models is Gaussian and coloured, as the paper claims.
+
+    The noise w^φ̇ is what a model leaves of the derivative of its state roll rate. It is analysed for the model of each
+    simulated experiment, and of independent windows of the recorded AR.Drone, if that data is on this machine.
+
+    Args:
+        runner: holds the windows, and learns the models in several processes.
+
+    Returns:
+        Checks, figures, and the results of the tests as ``numbers``.
+    """
     names = [f"experiment {number}" for number in runner.experiment_windows]
     # Successive windows overlap by half, so every other one is independent.
     windows = [*runner.experiment_windows.values(), *runner.ardrone_windows[::2]]
@@ -35,6 +45,7 @@ def run(runner: Runner) -> ExperimentResult:
         checks += noise_checks(ardrone_noises, "w^φ̇ of the real AR.Drone", "windows")
     noises_shown = dict(simulated_noises)
     if ardrone_noises:
+        # One window stands for all in the figures: that with the median p-value of the normality test.
         by_p_value = sorted(ardrone_noises, key=lambda noise: noise.normality.p_value)
         noises_shown["real AR.Drone"] = by_p_value[len(by_p_value) // 2]
     return ExperimentResult(

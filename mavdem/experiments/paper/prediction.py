@@ -38,7 +38,18 @@ MAX_PRIOR_RATIO = 2.0
 
 
 def run(runner: Runner) -> ExperimentResult:
-    """Learns a model of one experiment, with the paper's settings, and forecasts its test data."""
+    """Checks the paper's claims on DEM's predictions, on the experiment of its figures.
+
+    A model is learned with the paper's settings from the training part of the experiment. It predicts that part one
+    step ahead, and the test part as a whole, from the filtered state and from state 0. How much the forecast depends on
+    the prior is shown by fits from many random priors.
+
+    Args:
+        runner: holds the experiment and the fits from random priors.
+
+    Returns:
+        Checks and a figure; ``numbers`` has F̄ (nats) and the parameters by iteration.
+    """
     window = runner.figure_window
     learned = learn(window.train, PAPER_SETTINGS)
     outcomes = runner.random_prior_outcomes[DEM_P2, runner.figure_experiment]
@@ -81,8 +92,18 @@ def prediction_checks(
 
 
 def _one_step_checks(window: Window, learned: Learned) -> tuple[Check, Check]:
-    """Checks that one-step predictions explain the training outputs and are better than holding the last sample."""
+    """Checks that one-step predictions explain the training outputs and are better than holding the last sample.
+
+    Args:
+        window: T training samples of m outputs.
+        learned: the model of the training part.
+
+    Returns:
+        Two checks. In the first, the share of each output's variance that is explained must be above
+        ``MIN_EXPLAINED_VARIANCE``; in the second, the ratio of squared errors (MSPE) must be below 1 for each output.
+    """
     train = window.train
+    # The first sample has no sample before it, by which it could be predicted.
     one_step_errors = mspe(train.outputs[1:], learned.one_step()[1:]).per_output
     hold_errors = mspe(train.outputs[1:], train.outputs[:-1]).per_output
     explained = 1 - one_step_errors / train.outputs.var(axis=0)
@@ -114,7 +135,11 @@ def _forecast_check(window: Window, learned: Learned) -> Check:
 
 
 def _convergence_checks(learned: Learned) -> tuple[Check, Check]:
-    """Checks that the parameters converge soon and that no iteration lowers the free energy."""
+    """Checks that DEM converges within few iterations, and that no iteration lowers the free energy F̄.
+
+    Args:
+        learned: the model, with the parameters (iterations, parameters) and F̄ in nats of every iteration.
+    """
     iteration = first_converged_iteration(learned.learning.theta)
     free_energy_steps = np.diff(learned.free_energy.total)
     never_decreases = bool((free_energy_steps >= 0).all())

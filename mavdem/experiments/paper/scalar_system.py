@@ -182,7 +182,12 @@ class ScalarSettings:
         return SufficientStatistics.from_segments(np.hstack([outputs[::stride], used_inputs]))
 
     def model(self) -> GenerativeModel:
-        """Returns the generative model of one state, one input and one output whose F̄ is maximised."""
+        """Returns the generative model whose free energy F̄ is maximised: one state, one input and one output.
+
+        p, d and q are the embedding orders of output, input and state: how many derivatives DEM uses of each. The
+        noises of output and state are smooth, with one precision each to be learned: hyperparameters 0 and 1. The prior
+        is Gaussian, on the parameters θ and on the logarithms λ of these precisions.
+        """
         return GenerativeModel(
             n=1,
             r=1,
