@@ -217,9 +217,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _exit_code(args: list[str], as_json: bool) -> int:
     """Runs one command, reports its error if there is one, and returns the exit code.
 
+    No error reaches the user as a traceback: each becomes a fact with a sentence and a remedy. An error of mavdem
+    itself is reported as a defect; with the environment variable ``TRACEBACK_VARIABLE`` its traceback is printed too.
+
     Args:
         args: Arguments after ``mavdem``.
         as_json: Whether an error is also printed as a JSON document.
+
+    Returns:
+        ``EXIT_DONE``; the code that the command chose itself; ``EXIT_UNSUPPORTED`` for a log that is sound but shows
+        too little; ``EXIT_INTERRUPTED`` after Ctrl-C; otherwise ``EXIT_ERROR``.
 
     Raises:
         OSError: Standard output cannot be written to.

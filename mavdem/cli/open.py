@@ -49,6 +49,7 @@ def open_command(
     or given to `rerun`, opens in the same way.
     """
     require_extra("view", "`mavdem open`")
+    # The command is `mavdem learn` with the same options, after which the dashboard that it has written is shown.
     args = []
     for option, value in {"--axis": axis, "--vehicle": vehicle, "--inputs": inputs}.items():
         if value is not None:
@@ -116,7 +117,10 @@ def _application_id(arguments: list[str]) -> str | None:
 
 
 def _write_log(recording: Target, name: str, log: Log | Unreadable) -> None:
-    """Learns a model of roll and writes its dashboard or, where that is impossible, the reason in words.
+    """Learns a model of roll and writes its dashboard into a recording.
+
+    Where no model can be learned, the recording has words instead: the error of an unreadable log, or what can be said
+    of the flight without a model. The viewer shows nothing else to the user, so an error must not only be printed.
 
     The viewer shows only what the recording contains, so that every outcome must be written to it.
 

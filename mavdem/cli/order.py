@@ -100,6 +100,7 @@ def _same_input_count() -> Callable[[str, Flight], Flight]:
     required_count: int | None = None
 
     def checked_flight(name: str, flight: Flight) -> Flight:
+        """Returns the flight if it has as many inputs as the first one that this function was given."""
         nonlocal required_count
         count = flight.inputs.shape[1]
         if required_count is None:

@@ -45,7 +45,8 @@ def wind_command(
     assert wind is not None
     signals = evidence.signals
     if prior is not None:
-        # A hover in one place does not show the drag that relates tilt to wind speed; an earlier flight may.
+        # The estimate is made anew with the earlier drag as its prior. A hover in one place does not show the drag that
+        # relates tilt to wind speed; an earlier flight may.
         wind = wind_of_signals(signals, earlier_drag(prior, wind.speed))
     parameters_to_set = drag_settings(wind.drag, signals.telemetry)
     if as_json:
@@ -54,6 +55,7 @@ def wind_command(
         )
         print_json(document)
         return
+    # The shown wind is the estimate, perhaps with the earlier drag, beside that of the autopilot.
     parts = report_parts(conclusion(assessment.judgement))
     shown_wind = WindEvidence(
         estimate=wind, autopilot_estimate=signals.autopilot_wind, obstacle=None

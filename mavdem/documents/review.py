@@ -208,7 +208,14 @@ class Review(Document):
 
 
 def review_document(assessment: Assessment) -> JsonValues:
-    """Returns the values of the model ``Review`` for an assessment, as long as no files are written."""
+    """Returns the values of the document ``Review``: all that ``mavdem review`` found in a log.
+
+    Args:
+        assessment: of one vehicle: judgement, control loops, wind, vibration spectra, and a model if one was learned.
+
+    Returns:
+        Values by key. ``files`` is empty: the caller enters the files that it has written.
+    """
     analysis = assessment.analysis
     spectrum_documents = {}
     for name, spectrum in assessment.spectra.items():
@@ -229,9 +236,14 @@ def review_document(assessment: Assessment) -> JsonValues:
 
 
 def _axis_values(assessment: Assessment) -> JsonValues:
-    """Returns the values of the model ``Axis`` by the name of the axis.
+    """Returns the values of the document ``Axis`` for roll, pitch and yaw: what was found on their control loops.
 
-    The measured response of the rate stands both in ``rate`` and in ``step_response``.
+    The loop is known from a model, with its stability margins, or there is a refusal with the reason. Responses are
+    measured directly from setpoints and motion, and need no model; where an axis has none, the headline of the flight
+    says why. The measured response of the rate stands both in ``rate`` and in ``step_response``.
+
+    Returns:
+        Values by the name of the axis and by key.
     """
     resonances = {}
     for margins in assessment.margins:
@@ -267,14 +279,14 @@ def _response_values(response: LoopResponse) -> JsonValues:
 
 
 def _spectrum_document(spectrum: spectra.Spectrum, lines: tuple[SpectralLine, ...]) -> Spectrum:
-    """Makes the record of a spectrum and its spectrograms, with fewer frequencies and times than were measured.
+    """Makes the record of a spectrum and its two spectrograms, over time and over throttle, small enough for a page.
 
-    Of neighbouring frequencies the largest density is kept, so that lines stay visible. Of the times every k-th is
-    kept.
+    Of neighbouring frequencies only the largest density is kept, since a mean would hide narrow lines, such as those
+    of the motors. Of the times every k-th is kept.
 
     Args:
-        spectrum: spectrum of a gyro, an accelerometer or a demand.
-        lines: its lines, the strongest first.
+        spectrum: spectrum of a gyro, an accelerometer or a demand, with frequencies in Hz.
+        lines: its spectral lines, the strongest first.
     """
     axes = ACCELERATION_AXES if spectrum.unit == "m/s²" else AXES
     frequency, mean_density = max_decimated(

@@ -165,7 +165,10 @@ SECONDS_DECIMALS = 3
 def live_document(
     session: LiveSession, status: SessionStatus, account: Mapping[Spent, float], files: JsonValues
 ) -> Live:
-    """Makes the document of a live session.
+    """Makes the JSON document of a live session, after it has ended.
+
+    The keys come from four sources: the judgement of the flight, its findings, the last status, and the figures below,
+    which take precedence; see :meth:`Document.from_results`. All durations are in seconds.
 
     Args:
         session: a session that has ended.

@@ -409,7 +409,7 @@ def row_schema() -> Any:
 
 
 def columns_of_report(report: Mapping[str, Any]) -> JsonValues:
-    """Returns the columns that a document of ``report.json`` has a value for.
+    """Returns the columns of a row that follow from the report of an analysis, the content of ``report.json``.
 
     Most columns are values of the document at the path in their metadata. A few follow from several values. Of a log
     with a model the inputs and the cautions are those of the model; otherwise those of the motors' trim and of the

@@ -85,9 +85,10 @@ def rows_of_log(path: Path, key: str = "", make_page: MakePage | None = None) ->
 
 
 def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
-    """Returns a row for each axis that the assessment of a vehicle has an analysis of.
+    """Returns the rows of a fleet's table for one vehicle of a log: one for each axis that was analysed.
 
-    Without settled flight there is one row, of no axis, whose status says why.
+    Most columns are the same in all of them: balance of the motors, wind, places of the motors. Model and stability
+    margins belong to the axis. Without settled flight there is one row, of no axis, whose status says why.
 
     Args:
         assessment: of a vehicle.
@@ -118,7 +119,13 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
 def _row_without_flight(
     assessment: Assessment, judgement: JsonValues, columns: JsonValues
 ) -> FlightRow:
-    """Returns the row of a vehicle that did not fly long enough for figures, or whose log lacks messages."""
+    """Returns the row of a vehicle that did not fly long enough for figures, or whose log lacks messages.
+
+    Args:
+        assessment: of the vehicle. The reason for the missing figures becomes the status of the row.
+        judgement: headline and lights, by name.
+        columns: values of columns that do not depend on a flight, such as the file.
+    """
     assert assessment.analysis is not None
     reason = assessment.analysis.reason or assessment.headline
     return FlightRow.of(
@@ -169,6 +176,7 @@ def wind_columns(wind: WindVelocity) -> JsonValues:
         columns["wind_direction_interval"] = np.radians(wind.direction_interval)
     drag = wind.drag
     columns["drag"] = (*drag.linear, *drag.quadratic)
+    # An interval is given by its two ends, whose difference is twice the half width.
     linear_half_widths = np.ptp(drag.interval("linear"), axis=0) / 2
     quadratic_half_widths = np.ptp(drag.interval("quadratic"), axis=0) / 2
     columns["drag_interval"] = np.ravel([linear_half_widths, quadratic_half_widths])

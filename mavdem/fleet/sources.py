@@ -74,6 +74,7 @@ def find_logs(
     problems = []
     excluded_path = os.path.realpath(excluded_folder) if excluded_folder else ""
     for name in names:
+        # A file URL is a path of this machine.
         if name.lower().startswith("file://"):
             name = unquote(urlsplit(name).path)
         try:

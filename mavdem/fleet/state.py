@@ -51,7 +51,7 @@ class VehicleState(NamedTuple):
 
 
 def state_of(name: str, path: Path, vehicle: str | None = None) -> VehicleState:
-    """Returns the flights of a vehicle in a log or a fleet.
+    """Returns the flights of a vehicle in a log or a fleet: one of the two states that ``mavdem diff`` compares.
 
     Args:
         name: what the log or the fleet is called in messages.

@@ -218,6 +218,7 @@ class Store:
         # Without a key the content was not reached; then the path stands for it.
         content = outcome.key or f"path:{path}"
         with self.transaction():
+            # Whether the log is among those of the fleet's table stays as it was.
             query = "select max(tracked) from logs where path = ?"
             (tracked,) = self.db.execute(query, [path]).fetchone()
             if outcome.ended == "known":
@@ -358,7 +359,9 @@ class Store:
     def _judge_vehicle(
         self, vehicle: str, assess: AssessRows, healthy_rows: FlightRows, baseline: str
     ) -> None:
-        """Judges all rows of one vehicle that are in the table, and stores them.
+        """Judges the health of one vehicle anew from all its flights in the table, and stores the result in its rows.
+
+        All flights are judged together: a motor is compared with itself in the flights before.
 
         Args:
             vehicle: its name.
@@ -381,7 +384,11 @@ class Store:
             )
 
     def _write_table(self) -> None:
-        """Writes the table from the rows as they are now, unless it is up to date."""
+        """Writes the table file from the rows as they are now, unless it is up to date.
+
+        The table ``unpublished`` has a number for each change since the file was written. Those up to the last number
+        that is read together with the rows are deleted afterwards; later ones stay for the next run.
+        """
         with self.db:
             self.db.execute("begin")
             (last_change,) = self.db.execute("select max(change) from unpublished").fetchone()

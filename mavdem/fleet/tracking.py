@@ -145,6 +145,7 @@ def health_figures(row: FlightRow) -> HealthFigures:
         geometry = MotorGeometry(channels, channels, row.positions or (), spins=row.spins or ())
         signatures = motor_signatures(geometry)
     name = f"{row.file} {row.system} {row.component}"
+    # Of the motors' shares of time at a limit the largest counts.
     saturated_share = max(row.saturated or (0.0,))
     is_sound = row.oscillation is None and saturated_share < MAX_SATURATED_SHARE
     return HealthFigures(
@@ -265,7 +266,16 @@ def _read_new_logs(
     page: MakePage | None,
     progress: Progress,
 ) -> tuple[int, list[Fact]]:
-    """Reads the logs that the store does not know as they are now, and adds them to it.
+    """Reads new and changed logs in several processes, and adds each to the store as soon as it is read.
+
+    A log that cannot be read now, for example because its server does not answer, keeps the rows of its last reading.
+
+    Args:
+        store: the fleet's store.
+        logs: the logs, read or not.
+        reader: the processes that read logs, with their limits.
+        page: makes the page of a flight; None for no pages.
+        progress: called with the number of logs that are done and the number of all to be read.
 
     Returns:
         The number of logs that were read, and a fact for each known log that cannot be read now.

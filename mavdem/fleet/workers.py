@@ -363,7 +363,15 @@ def _set_soft_limit(resource_number: int, soft_limit: int) -> None:
 
 
 def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
-    """Reads one log in this process, without limits.
+    """Reads one log in this process, without limits, and turns every error but one into an outcome.
+
+    A log that cannot be read must not end the run over thousands of others. How it ended decides whether it is read
+    again: "read", its content is known, even if it is no log; "known", it is a copy of a log that was read; "source",
+    it could not be reached; "error", mavdem itself failed.
+
+    Args:
+        job: path or URL of the log, and the keys of logs of the same size that were read already.
+        read: reads a file, given its path, key and the maker of its page.
 
     Returns:
         The outcome, also of a log that cannot be reached or read.
@@ -375,6 +383,7 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
     try:
         with _local_file(job.path) as path:
             with path.open("rb") as file:
+                # The key of a content is the beginning of its SHA-256 and its size.
                 digest = hashlib.file_digest(file, "sha256").hexdigest()
                 key = f"{digest[:KEY_HASH_DIGITS]}-{file.tell()}"
             if key in job.known:

@@ -89,7 +89,12 @@ class Server:
 
     @cached_property
     def app(self) -> Starlette:
-        """The application with all its routes (ASGI)."""
+        """The ASGI application: the addresses of the server, and what answers each of them.
+
+        The pages are for browsers, below ``/``; the JSON interface is below ``/api``. Logs are
+        uploaded as to PX4's Flight Review, to ``/upload``, or ``/{key}/upload`` where a token is needed. Every endpoint
+        is guarded: refusals become answers, and all answers get security headers.
+        """
         pages = self._pages
         api = self._api
         endpoints: dict[str, Callable[[HttpRequest], Any]] = {
@@ -128,7 +133,10 @@ class Server:
 
     @asynccontextmanager
     async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
-        """Starts the background work when the server starts, and ends it with the server; called by Starlette."""
+        """Starts the background work when the server starts, and ends it with the server; called by Starlette.
+
+        The live session is ended before the reading of logs, since its recording is added to the library at its end.
+        """
         # This also compiles the templates of the pages, for which the first visitor should not have to wait.
         _response_headers()
         self._reading.start()
@@ -148,7 +156,9 @@ class Server:
         """
 
         async def answer(request: HttpRequest) -> Response:
+            """Answers one request by the endpoint, or with the reason why it is refused."""
             try:
+                # A page of another server must not act with the rights of this server's visitors.
                 self._rights.check_origin(request)
                 if inspect.iscoroutinefunction(endpoint):
                     response = await endpoint(request)
@@ -159,7 +169,7 @@ class Server:
             except ClientDisconnect:
                 response = Response(status_code=400)
             except asyncio.CancelledError:
-                # The server is ending.
+                # The server is ending. The client is told when to ask again.
                 response = Response(status_code=503, headers=RETRY_HEADERS)
             response.headers.update(_response_headers())
             return response

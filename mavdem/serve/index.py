@@ -170,7 +170,9 @@ def new_id() -> str:
 
 
 def entry_of_fleet_log(file: str, rows: FlightRows) -> Entry:
-    """Makes the entry of a log that ``mavdem track`` has read.
+    """Makes the index entry of a log that ``mavdem track`` has read, so that the server lists it with its own logs.
+
+    The log stays where it is and has no digest here: the server has neither a copy nor results of its own.
 
     Args:
         file: path of the log, as the fleet's rows have it.

@@ -500,7 +500,15 @@ class Library:
                     shutil.rmtree(path, ignore_errors=True)
 
     def _add_unindexed_logs(self, db: sqlite3.Connection, indexed_digests: set[str]) -> None:
-        """Adds entries of logs that are in the folder and not in the index."""
+        """Adds entries for logs that lie in the library's folder but are missing in the index.
+
+        A log lies at ``logs/DIGEST/NAME``, so that its entry can be made again from the path. It is then waiting to be
+        read. In place of the time of its upload, which is lost, the file's time of change is taken.
+
+        Args:
+            db: the connection, within a transaction.
+            indexed_digests: digests of the logs that the index has.
+        """
         for path in (self.folder / LOGS).glob(f"{DIGEST_GLOB}/*"):
             digest = path.parent.name
             if digest in indexed_digests:
@@ -540,7 +548,11 @@ class Library:
                 shutil.rmtree(self.folder / LOGS / entry.digest)
 
     def _import_former_index(self) -> None:
-        """Copies the entries of an earlier version's index into this one, and removes its file."""
+        """Copies the entries of an earlier version's index, a file of its own, into this one, and removes that file.
+
+        Entries with an id that this index has already were copied before, by an import that was interrupted. The
+        columns of the earlier version are a part of those of today; the others get their defaults.
+        """
         former_index = self.folder / FORMER_INDEX
         if not former_index.is_file():
             return

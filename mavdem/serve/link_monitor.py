@@ -102,7 +102,10 @@ class LinkMonitor:
             self._warn(self.problem)
 
     def _run_one_session(self, executor: LearningProcess) -> None:
-        """Runs one session, and adds its recording to the library unless nothing was received.
+        """Runs one live session on the link, and adds its recording to the library unless nothing was received.
+
+        A session ends when the server ends, or after some time without anything received: the vehicle has landed and
+        was switched off. However it ends, by an error too, what was recorded is kept.
 
         Args:
             executor: the process in which models are learned.

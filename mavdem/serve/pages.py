@@ -77,7 +77,11 @@ class Pages:
         self._monitor = monitor
 
     def list_flights(self, request: HttpRequest) -> Response:
-        """Answers with the list of flights, or with those that a search finds."""
+        """Answers with the list of flights, newest first, or with those that a search finds.
+
+        What the request asks for is checked by the visible library: a visitor without the right to read sees only
+        public flights, and neither names of vehicles nor troubles with motors.
+        """
         result = self._visible.search(request, FLIGHTS_PER_PAGE)
         visitor = self._visible.visitor_values(request)
         may_read = visitor["may_read"]
@@ -198,7 +202,14 @@ class Pages:
         )
 
     def compare(self, request: HttpRequest) -> Response:
-        """Answers with the comparison of two flights, whose ids are ``a`` and ``b`` in the query."""
+        """Answers with the comparison of two flights, whose ids are ``a`` and ``b`` in the query.
+
+        It has what changed of the vehicle, by the fleet's rows of both flights, and which parameters were set anew, by
+        the gains in the index.
+
+        Raises:
+            Refusal: the visitor may not read, or there is no such flight.
+        """
         self._rights.require(request, Use.READ)
         before = self._library.entry(request.query_params.get("a", ""))
         after = self._library.entry(request.query_params.get("b", ""))
@@ -226,7 +237,11 @@ class Pages:
         raise Refusal(Request.NO_RIGHT, name=Use.READ)
 
     async def sign_in(self, request: HttpRequest) -> Response:
-        """Checks the token of a form, and gives the browser the cookie for reading."""
+        """Checks the token of a form, and gives the browser the cookie for reading.
+
+        The cookie holds a key that is derived from the token, not the token itself, and JavaScript cannot read it. A
+        wrong token is answered after a delay, which slows guessing down.
+        """
         fields = parse_qs((await read_body(request)).decode(errors="replace"))
         token = fields.get("token", [""])[0].strip()
         if not self._rights.is_token(token):

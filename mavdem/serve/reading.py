@@ -150,7 +150,7 @@ def _assessed_vehicles(log: Log, progress: ProgressFile) -> list[AssessedVehicle
 
 
 def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> None:
-    """Writes the result files of a log into a folder.
+    """Writes the result files of a log into a folder: all files of the vehicle that flew worst, a page of each other.
 
     Args:
         vehicles: the vehicles of the log. The files are those of the first one, with a page for each other.

@@ -93,7 +93,13 @@ class _AppendedFile:
 
 
 async def receive_form(request: HttpRequest, library: Library) -> UploadForm:
-    """Receives the form of an upload, with at least one file that is not empty.
+    """Receives the form of an upload (multipart/form-data), with at least one file that is not empty.
+
+    The files are written to the disk as they arrive. Nothing of an upload that is refused or breaks off stays there.
+
+    Args:
+        request: the request. Its announced length is checked against the free space before anything is received.
+        library: gives the files their places.
 
     Returns:
         The complete form, whose files are on the disk.

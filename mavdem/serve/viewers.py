@@ -59,7 +59,9 @@ class RecordingViewer:
 
 
 def _start_viewer(recording: Path) -> WebServer:
-    """Starts a viewer and waits until it accepts connections.
+    """Starts a Rerun viewer that shows a recording in browsers, and waits until it accepts connections.
+
+    It is a process with two ports that are free: one for recordings, one for the page in the browser.
 
     The browser is sent to the viewer's address at once, where it would find nothing while the viewer is starting.
 
