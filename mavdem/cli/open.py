@@ -120,7 +120,7 @@ def _write_log(recording: Target, name: str, log: Log | Unreadable) -> None:
     """Learns a model of roll and writes its dashboard into a recording.
 
     Where no model can be learned, the recording has words instead: the error of an unreadable log, or what can be said
-    of the flight without a model. The viewer shows nothing else to the user, so an error must not only be printed.
+    of the flight without a model.
 
     The viewer shows only what the recording contains, so that every outcome must be written to it.
 

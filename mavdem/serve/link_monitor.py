@@ -104,8 +104,8 @@ class LinkMonitor:
     def _run_one_session(self, executor: LearningProcess) -> None:
         """Runs one live session on the link, and adds its recording to the library unless nothing was received.
 
-        A session ends when the server ends, or after some time without anything received: the vehicle has landed and
-        was switched off. However it ends, by an error too, what was recorded is kept.
+        A session ends when the server ends, or after some time without anything received, for example when the
+        vehicle was switched off. However it ends, by an error too, what was recorded is kept.
 
         Args:
             executor: the process in which models are learned.
