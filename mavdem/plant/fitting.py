@@ -172,11 +172,15 @@ def fit_gray_box(
 ) -> GrayBoxFit:
     """Fits the gray-box model to windows of a flight by damped Fisher scoring.
 
+    The result is the maximum of the posterior, and its curvature there. The level of each window, by how much its
+    errors are larger or smaller than the model's, is found last.
+
     Args:
         model: the model.
-        windows: the data.
-        start: parameters (k,) to begin with.
-        min_gain: gain of the log posterior, in nats, that must be predicted at the start; else the fit stays there.
+        windows: W windows of a flight.
+        start: parameters θ (k,) to begin with.
+        min_gain: gain of the log posterior, in nats, that must be predicted at the start; else the fit takes no step,
+            which saves the time for a model that would hardly be better.
 
     Raises:
         numpy.linalg.LinAlgError: the log posterior is not finite at the start.

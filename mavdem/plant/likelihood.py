@@ -123,6 +123,8 @@ class GrayBoxModel(NamedTuple):
         All entries are independent. Each component of the wind torque has a log size and a log time; the slow component
         comes first.
         """
+        # The order must be that of the indices below: effect, deviations, damping, lag, delay, wind, noise,
+        # refinements.
         priors = [LOG_EFFECT_PRIOR]
         priors += [Prior(0.0, self.deviation_sd)] * self.motors
         priors += [LOG_DAMPING_PRIOR, LOG_LAG_PRIOR, DELAY_PRIOR]

@@ -141,6 +141,9 @@ class WindTorqueSmoother(NamedTuple):
 def fit_wind_torque_smoother(record: Record, prior: Physical | None = None) -> WindTorqueSmoother:
     """Fits the physical parameters to a record, and returns the smoother of the wind torque with them.
 
+    All that stays the same until the next fit is computed here once: the discretised plant, its Kalman filter, the mean
+    inputs and the steady torque. This is the slow part, which runs beside the stream.
+
     Args:
         record: the latest samples.
         prior: physical parameters by an earlier flight, as :func:`physical` takes them.
@@ -162,6 +165,7 @@ def fit_wind_torque_smoother(record: Record, prior: Physical | None = None) -> W
         torque_balanced_by_trim(unit_effect, trim, record.effect_directions)
         for unit_effect in np.eye(len(trim))
     ]
+    # The steady torque is that of the last segment, in which the stream goes on.
     inputs, outputs = record.segments[-1]
     commanded = (inputs - trim) @ fitted.effect
     return WindTorqueSmoother(
@@ -244,7 +248,10 @@ class OnlineWindTorque:
         self._inputs.clear()
 
     def add(self, block: MemoryBlock, fits: bool = True) -> None:
-        """Takes a complete block of samples, adopts a fit that has ended meanwhile, and starts another when it is due.
+        """Takes a complete block of samples, and brings the estimates up to date.
+
+        A fit that has ended meanwhile is adopted, another is started when it is due, and the wind torque of the latest
+        samples is smoothed with the newest fit.
 
         Args:
             block: the block that the memory has just closed.
@@ -252,7 +259,8 @@ class OnlineWindTorque:
         """
         follows_gap = False
         if self._blocks:
-            # Blocks may have been dropped in between.
+            # Blocks may have been dropped in between. Then more time has passed than this block lasts, with one step of
+            # tolerance for rounded stamps.
             elapsed = block.end_time - self._blocks[-1].end_time
             follows_gap = elapsed > (len(block.outputs) + 1) * self._dt
         starts_segment = block.starts_segment or bool(follows_gap)
@@ -319,6 +327,8 @@ class OnlineWindTorque:
         if min(len(self._inputs), len(outputs)) < self._smoothed_samples:
             return
         torques = smoother.torques(np.array(self._inputs), outputs)
+        # Estimates of the samples that are ``delay`` old now, and of the later ones, which will be when they are
+        # needed.
         torques = torques[-self._delay_samples :][: self._memory.block_size]
         # How weak a motor is, is uncertain too: the uncertainty of its command adds to the band, in squares.
         if self._weakened is not None:

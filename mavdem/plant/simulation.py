@@ -57,9 +57,11 @@ def simulate_response(physical: Physical, record: Record, inputs: ArrayLike) -> 
         inputs=commanded,
     )
     mean = mean_at(theta)
+    # To first order, parameters with covariance P cause the variance g P gᵀ, with the gradient g of each sample.
     gradient = parameter_gradient(mean_at, theta, mean)
     variance = np.einsum("iht,ij,jht->ht", gradient, physical.covariance[:-1, :-1], gradient)
     variance += _wind_variance(physical, record.dt, len(commanded))
+    # The simulation has the angle first; the record may have the rate first.
     output_order = np.argsort(angle_and_rate)
     return Forecast(mean[:, output_order], variance[:, output_order])
 

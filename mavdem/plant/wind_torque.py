@@ -155,6 +155,7 @@ def estimate_wind_torque(
         torque, smoother_variance = _smoothed_torque(theta, physical, record, column)
         gradient = parameter_gradient(torque_at, theta, torque)
 
+    # The strength of the wind is that about the mean of each part between changes of the vehicle.
     cuts = record.sample_indices(changes)
     step = _step(_without_part_means(torque, cuts), record.dt)
     if step is not None:
@@ -181,6 +182,7 @@ def estimate_wind_torque(
             torque_error=np.sqrt(errors.unscaled_variance),
             torque_sd=np.sqrt(power),
         )
+    # Errors of the parameters are the same at all samples, so they do not average out in the mean.
     mean_gradient = gradient.mean(axis=1)
     mean_variance = (
         mean_gradient @ physical.covariance @ mean_gradient + OmissionErrors.wind_sd**2 * power
@@ -309,7 +311,9 @@ def _smoothed_torque(
     record: Record,
     column: int,
 ) -> _SmoothedTorque:
-    """Smooths the wind torque in all segments.
+    """Smooths the wind torque in all segments, for given physical parameters.
+
+    The derivatives by the parameters are computed by calling this with changed ones.
 
     Args:
         theta: effects, damping, lag and delay (r + 3,), in the place of those of ``physical``.

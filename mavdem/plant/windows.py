@@ -81,7 +81,7 @@ class FlightWindows(NamedTuple):
     def from_samples(
         cls, inputs: Array, rate: Array, responses: Array, dt: float, unit: float = 1.0
     ) -> FlightWindows:
-        """Transforms windows of samples.
+        """Transforms windows of samples to frequencies, and computes the channels of the inputs.
 
         Args:
             inputs: deviations of the inputs from their trim (W, N, r), in ``unit``.
@@ -100,6 +100,7 @@ class FlightWindows(NamedTuple):
             channels.append(refined[name])
         input_transforms = rfft(np.moveaxis(np.array(channels), 3, 1))
         rate_transforms = rfft(rate)
+        # The mean of each window is its trim, which the model does not explain.
         input_transforms[..., 0] = 0.0
         rate_transforms[..., 0] = 0.0
         return cls(rate_transforms, input_transforms, rate.shape[1], dt, unit)
@@ -140,6 +141,7 @@ def cut_windows(record: Record) -> FlightWindows:
     unit = np.sqrt(np.mean(inputs**2))
     if not unit:
         raise NotLearnable(NoPhysical.MOTORS_STILL)
+    # Thinned samples have a longer time step than the record.
     dt = (samples[0, 1] - samples[0, 0]) * record.dt
     inputs = inputs / unit
     rate = record.outputs[samples, column]
@@ -148,17 +150,23 @@ def cut_windows(record: Record) -> FlightWindows:
 
 
 def responses_to_innovations(inputs: Array, rate: Array) -> Array:
-    """Returns the part of the inputs (W, N, r) that responds to the innovation of the rate at the same sample.
+    """Separates the part of the inputs that is the controller's immediate response to the rate at the same sample.
 
-    The innovations of rate and inputs are the residuals of a linear regression on the samples before. Their regression
-    on each other gives the immediate response of the controller.
+    A controller may answer to a gyro sample before the motors' outputs of that sample are logged. That part of the
+    inputs must not be used to predict the sample. It is found in two regressions: that of rate and inputs on the
+    samples before leaves their innovations, and that of the inputs' innovations on the rate's gives the gain of the
+    response.
 
     Args:
-        inputs: (W, N, r) in W windows of N samples.
-        rate: (W, N).
+        inputs: inputs (W, N, r) in W windows of N samples.
+        rate: body rate (W, N), rad/s.
+
+    Returns:
+        The responses (W, N, r), in the unit of the inputs; 0 in the first ``REGRESSION_LAGS`` samples of each window.
     """
     signals = np.concatenate([rate[:, :, None], inputs], axis=2)
     count = rate.shape[1]
+    # Columns of a regression: the signals of each of the samples before, side by side, of all windows below each other.
     lagged = [signals[:, lag : count - REGRESSION_LAGS + lag] for lag in range(REGRESSION_LAGS)]
     past = np.concatenate(lagged, axis=2)
     past = past.reshape(-1, past.shape[2])
@@ -221,6 +229,7 @@ def _window_samples(record: Record) -> Indices:
     starts = []
     for segment_start, segment_length in zip(record.segment_starts, record.lengths, strict=True):
         starts.append(segment_start + length * np.arange(segment_length // length))
+    # As many whole strides as fit into a window.
     offsets = np.arange(0, length - stride + 1, stride)
     return np.asarray(np.concatenate(starts)[:, None] + offsets, int)
 

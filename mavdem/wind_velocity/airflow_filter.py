@@ -67,8 +67,7 @@ class AirflowFilter:
     def __init__(self, parameters: Array, start: MotionGrid) -> None:
         """Begins before the first step.
 
-        The mean wind begins at that which the median force of the motion stands for, about which the drag is linearised
-        first.
+        Gusts begin at 0, and the mean wind at that which explains the median force of the motion.
 
         Args:
             parameters: (G, 10) the six entries of ``Drag.mean``; then logarithms of the gusts' standard deviation (m/s)
@@ -78,6 +77,7 @@ class AirflowFilter:
         self._linear, self._quadratic = axis_drag(parameters)
         self._lean = parameters[:, LEAN]
         gust_sd, gust_time, mean_wind_change, noise_sd = np.exp(parameters[:, LEAN.stop :]).T
+        # In one step gusts decay by exp(−Δt/T), and noise restores their variance. The mean wind is a random walk.
         gust_decay = np.exp(-start.step / gust_time)
         ones = np.ones(len(parameters))
         self.decay = np.repeat(np.stack([gust_decay, ones], axis=1), 2, axis=1)
@@ -230,11 +230,16 @@ class FilteredMotion(NamedTuple):
 
 
 def filter_motion(parameters: Array, motion: MotionGrid) -> FilteredMotion:
-    """Runs the filter over a motion.
+    """Runs the filter over a motion, and keeps what the smoother and the likelihood need of each step.
+
+    Steps without force or velocity are predicted only; their innovations are NaN.
 
     Args:
         parameters: G sets of parameters (G, 10), as for :class:`AirflowFilter`.
         motion: motion of T steps.
+
+    Returns:
+        States, covariances and innovations of all steps, for all sets side by side.
     """
     airflow = AirflowFilter(parameters, motion)
     steps = len(motion.force)

@@ -359,7 +359,8 @@ def estimate_drag(
     """Estimates the vehicle's drag and lean in a known wind.
 
     The measured specific force is fitted by nonlinear least squares with the population's prior. The errors are
-    autocorrelated, so each counts for less than one.
+    autocorrelated, so each counts for less than one. How much less depends on the errors, and these on the fit, so both
+    are repeated in turn.
 
     Args:
         time: stamps (T,), s, as :func:`mavdem.estimate_wind` takes them.
@@ -380,6 +381,7 @@ def estimate_drag(
     velocities = as_real_array(wind, "wind")
     if velocities.shape not in ((2,), (len(time), 2)):
         raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {velocities.shape}")
+    # Samples without a known wind are left out, like those without a velocity.
     air = np.broadcast_to(velocities, (len(time), 2))
     speeds = as_real_array(velocity, "velocity")
     speeds = np.where(np.isfinite(air).all(axis=1, keepdims=True), speeds, np.nan)
@@ -394,6 +396,7 @@ def estimate_drag(
     prior_whitening = np.linalg.inv(np.linalg.cholesky(prior.covariance))
 
     def force_errors(logarithms: Array) -> Array:
+        # The error of f = b − (c + q |u|) u.
         drag = axis_drag(logarithms)
         coefficient = drag.linear + drag.quadratic * speed
         return moved.force + coefficient * air_velocity - logarithms[LEAN]
@@ -408,6 +411,7 @@ def estimate_drag(
         weight = independent_share(errors) / max(errors.var(), MIN_VARIANCE)
         solution = least_squares(residuals, mean, args=(weight,))
         mean = solution.x
+    # The residuals are whitened, so the inverse of JᵀJ is the posterior covariance.
     jacobian = np.asarray(solution.jac)
     covariance = np.linalg.inv(jacobian.T @ jacobian)
     return Drag(mean, covariance, DragSource.CALIBRATION).for_next_flight()

@@ -267,13 +267,19 @@ def estimate_wind(
 
 
 def _minutes(winds: Array, variances: Array, time: Array, step: float) -> list[dict[str, float]]:
-    """Returns the mean wind of each minute, as ``WindVelocity.minutes`` holds it.
+    """Returns the mean wind of each minute of a flight.
+
+    The flight is cut into equal parts of about a minute.
 
     Args:
         winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
         variances: variance of each about the truth, by noise (T, N, 2), (m/s)².
         time: middle of each step (T,), s.
         step: time step, s.
+
+    Returns:
+        A dictionary for each part: mean ``speed`` with the ends ``low`` and ``high`` of its interval, m/s; the
+        ``direction`` that the wind comes from; and ``start`` and ``end``, the times of its first and last step, s.
     """
     count = max(round(len(winds) * step / 60), 1)
     minutes = []
@@ -293,12 +299,18 @@ def _minutes(winds: Array, variances: Array, time: Array, step: float) -> list[d
 
 
 def _profile(air: Array, heights: Array, step: float) -> list[dict[str, float]]:
-    """Returns the mean wind by height, as ``WindVelocity.profile`` holds it; empty for a flight within one layer.
+    """Returns the mean wind by height, in layers of ``LAYER_HEIGHT``.
+
+    Layers in which the vehicle was for less than ``INDEPENDENT_SECONDS`` are left out: one gust would decide them.
 
     Args:
         air: wind velocity, north and east (T, 2), m/s.
         heights: heights of the vehicle (T,), m.
         step: time step, s.
+
+    Returns:
+        A dictionary for each layer from below: ``height`` of its middle, m, mean ``speed``, m/s, and the ``direction``
+        that the wind comes from. Empty for a flight within one layer.
     """
     layer_of_step = np.floor(heights / LAYER_HEIGHT)
     layers = []

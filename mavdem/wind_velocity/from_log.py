@@ -153,7 +153,7 @@ def wind_evidence(signals: Signals) -> WindEvidence:
 
 
 def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
-    """Estimates the wind of the boot of a vehicle with the longest free flight.
+    """Estimates the wind from the messages of a vehicle, in the boot that has the longest free flight.
 
     Args:
         signals: signals of the vehicle.
@@ -221,6 +221,11 @@ def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:
 def _ground_motion(telemetry: Telemetry) -> TimeSeries | None:
     """Returns the velocity over ground and the height, from the preferred message that was recorded.
 
+    The position, where the message has it, shows resets of the estimator, and a vehicle that is stuck.
+
+    Args:
+        telemetry: messages of the vehicle.
+
     Returns:
         Samples (N, 4) of the velocity north, east and down, m/s, and height, m, 0 where it is not known; or (N, 6) with
         the position north and east, m, where the message has it. ``None`` without such a message.
@@ -275,6 +280,7 @@ def _free_flight(
         attitude.append(np.interp(time, angle.time[angle_rows], angle.angle[angle_rows]))
     yaw = attitude[2]
 
+    # Times in free flight, between two velocities that are not too far apart.
     flights = _flights(signals, boot, velocity_time, values[:, 3])
     usable = intervals.in_intervals(time, flights)
     usable &= (time >= velocity_time[0]) & (time <= velocity_time[-1])
@@ -356,12 +362,18 @@ def horizontal_velocity_valid(flags: Any) -> Any:
 
 
 def _longest_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion) -> float:
-    """Returns the longest time, s, for which the vehicle leaned by ``STUCK_LEAN`` or more and did not move.
+    """Returns the longest time for which the vehicle leaned far and did not move all the same.
+
+    A free vehicle that leans accelerates. One that does not is held by something, so its lean says nothing of the wind.
 
     Args:
         position: position of the vehicle (N, k), m; without it, the vehicle is never stuck.
         boot: number of the boot.
         motion: motion in the flight of that boot.
+
+    Returns:
+        Longest time, s, in which the lean was at least ``STUCK_LEAN``, and the position moved by less than
+        ``STUCK_DISTANCE`` in each second.
     """
     if position is None:
         return 0.0

@@ -22,8 +22,10 @@ MEANS_PER_FOLD_BLOCK = 5
 def torque_share_of_wind(wind: WindVelocity, time: Array, torque: Array) -> Fact:
     """Estimates the share of a wind torque's variance that the mean wind explains.
 
-    The torque is averaged over 3 s, and regressed on the velocity relative to the mean wind along body x and y. The
-    share is found by two-fold cross-validation: every second quarter of a minute is predicted from the others.
+    Air that flows past a vehicle turns it, about in proportion to the velocity along its body. So the torque, averaged
+    over 3 s, is regressed on the velocity relative to the mean wind along body x and y. Any regression explains part of
+    the data that it was fitted to. So the share is found by two-fold cross-validation: every second quarter of a minute
+    is predicted from the others.
 
     Args:
         wind: wind of the flight.

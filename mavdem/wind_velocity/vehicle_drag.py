@@ -156,7 +156,10 @@ class Drag(ImmutableResult):
     def from_parameters(
         cls, autopilot: str = "", parameters: Mapping[str, float] = MappingProxyType({})
     ) -> Drag:
-        """Returns the population's drag, with coefficients that somebody set in the autopilot in the place of its own.
+        """Returns a first estimate of a vehicle's drag: that of typical multirotors, or what its autopilot is set to.
+
+        Coefficients that somebody set in the autopilot replace the typical ones. Factory values and values that switch
+        a part of the autopilot's model off say nothing of this vehicle, and do not count.
 
         Args:
             autopilot: "ARDUPILOTMEGA" or "PX4"; of others no parameters are known.
@@ -307,7 +310,10 @@ class Drag(ImmutableResult):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Drag:
-        """Returns the drag whose values :meth:`as_dict` returned.
+        """Makes a drag from plain values, as of a file; it reverses :meth:`as_dict`.
+
+        Args:
+            values: ``mean`` (6,), ``covariance`` (6, 6) and ``source``; others are not needed.
 
         Raises:
             KeyError: a value is missing.

@@ -304,6 +304,8 @@ class DensityModel:
             loop: its frequency responses, of which the motor lag is used.
             with_reference: whether the reference moves; without it, its density is 0.
         """
+        # A density that is proportional to the n-th power of a parameter has the logarithmic slope n. That of the
+        # asynchronous share 1 − p by the logarithm of the odds is −p.
         synchronous = _share_from_odds(parameters.synchronous_odds)
         asynchronous = (1 - synchronous) if with_reference else 0.0
         reference, noise_slope = denoised_density(

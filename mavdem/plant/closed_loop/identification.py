@@ -194,6 +194,10 @@ def _mixture_of_modes(
     Ends with different step times count as different modes. Each mode has a weight proportional to its evidence by
     Laplace's approximation. The covariance is that of a mixture: the mean within the modes, and that between them.
 
+    Args:
+        posterior: the log posterior.
+        ascents: the posterior to second order about the end of each ascent.
+
     Raises:
         numpy.linalg.LinAlgError: no ascent has a finite value.
     """
@@ -269,7 +273,7 @@ def _ascend(
     max_steps: int,
     known_modes: Sequence[QuadraticExpansion] = (),
 ) -> QuadraticExpansion:
-    """Maximises the posterior by damped Fisher scoring, and returns it about the last iterate.
+    """Maximises the posterior by damped Fisher scoring from one start, and returns it about the last iterate.
 
     Args:
         posterior: the log posterior.

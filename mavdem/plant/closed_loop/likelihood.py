@@ -84,11 +84,13 @@ class AxisPosterior:
         self.controller = controller
         self.densities = DensityModel(spectra, controller, rounding)
         self.saturated_share = min(saturated_share, MAX_SATURATED_SHARE)
+        # The logarithm of the gain lies between 0 and ln(1 − share): half of that is the middle, and the added width.
         half_log_loss = -np.log1p(-self.saturated_share) / 2
         is_controller = np.arange(len(PARAMETER_NAMES)) == CONTROLLER
         self.prior_mean = PRIOR_MEAN - half_log_loss * is_controller
         self.prior_sd = PRIOR_SD + half_log_loss * is_controller
         self._estimate = self.spectra.mean_density
+        # Values of all windows, of which only so many count as independent.
         windows = len(spectra.densities)
         self._counts = spectra.effective_samples * windows / VALUES_PER_INDEPENDENT_ONE
 

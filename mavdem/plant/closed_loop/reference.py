@@ -75,9 +75,12 @@ def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range:
         return size * (1 + (frequency / corner) ** 2) ** -exponent + white
 
     def negative_log_likelihood(logarithms: Array) -> float:
+        # Whittle: a periodogram value I of the density S has the negative log likelihood ln S + I / S.
         folded = np.where(in_range, power_law(logarithms), 0.0).sum(axis=1)
         return (np.log(folded) + density / folded).sum()
 
+    # The search begins with the level of the lowest bands as size, a corner at 1 Hz, and with the level of the highest
+    # bands, shared by all aliases, as white floor.
     low_frequency_size = np.log(density[:EDGE_BANDS].mean())
     white_floor = np.log(np.median(density[-EDGE_BANDS:]) / len(is_base))
     start = np.array([low_frequency_size, 0.0, INITIAL_LOG_EXPONENT, white_floor])

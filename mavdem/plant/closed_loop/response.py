@@ -130,6 +130,9 @@ def closed_loop_response(
         gyro_filter: F (J, F).
         angle_gain: K, 1/s.
         s: jω (J, F), rad/s.
+
+    Returns:
+        The responses, in the notation of the module's equations.
     """
     C_r = parameters.controller * controller.from_setpoint
     C_y = parameters.controller * controller.from_rate
@@ -137,10 +140,12 @@ def closed_loop_response(
     motor_lag = 1 / (parameters.lag * s + 1)
     rate_from_output = parameters.effect * motor_lag * np.exp(-s * parameters.delay) * plant
 
+    # With the loop opened at the motors: y = F p, r = −K p / s, u = C_r r − C_y y.
     setpoint_from_rate = -angle_gain / s
     output_from_rate = C_r * setpoint_from_rate - C_y * gyro_filter
     from_rate = np.array([gyro_filter, output_from_rate, setpoint_from_rate])
 
+    # The loop gain is L = −(rate per output) · (output per rate). Sources are in the order of ``Source``.
     sensitivity = 1 / (1 - rate_from_output * output_from_rate)
     rate_from_source = sensitivity * np.array(
         [rate_from_output * C_r, -rate_from_output * C_y, rate_from_output, plant]

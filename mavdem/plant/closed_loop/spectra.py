@@ -116,11 +116,13 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
     Returns:
         Densities of each window in bands, with the rate about half of which they fold.
     """
+    # All streams get the same number of messages, about evenly spaced.
     slowest = min((stream.time for stream in streams), key=len)
     stamps = _evenly_spaced_stamps(slowest)
     matched = [_matched_messages(stream, stamps) for stream in streams]
     rate = (len(stamps) - 1) / np.diff(stamps).clip(max=MAX_COUNTED_GAP).sum()
 
+    # Frequencies are multiples of 1 / SPECTRUM_SECONDS, without 0.
     count = int(min(MAX_RELATIVE_FREQUENCY * rate, HIGHEST_FREQUENCY) * SPECTRUM_SECONDS)
     frequency = np.arange(1, count + 1) / SPECTRUM_SECONDS
     transforms = np.array(
@@ -133,6 +135,7 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
     frequency = frequency[in_range]
     transforms = transforms[:, :, in_range]
 
+    # The cross-spectrum x yᴴ of each pair of quantities, averaged over the frequencies of each band.
     edges = _band_edges(frequency)
     counts = np.diff(edges)
     products = np.einsum("wcf,wdf->wfcd", transforms, transforms.conj())
@@ -198,15 +201,23 @@ def _matched_messages(stream: Messages, stamps: Array) -> Messages:
 
 
 def _windowed_transform(stream: Messages, start: float) -> ComplexArray:
-    """Returns the Fourier transform of one window of a stream, whose mean square is the two-sided density.
+    """Returns the Fourier transform of one window of a stream, at the stamps of its messages.
 
-    The window begins at ``start``, s. Its linear trend is removed, and a Hann taper is applied at the stamps of the
-    messages. Each sample is split between its two neighbours on a fine grid, whose fast Fourier transform is returned
-    (frequencies from 0 in steps of 1 / ``SPECTRUM_SECONDS``).
+    The linear trend is removed, and a Hann taper applied. A discrete Fourier transform at uneven stamps would be slow.
+    So each sample is split between the two nearest points of a fine even grid, which a fast transform then takes.
+
+    Args:
+        stream: the messages.
+        start: time at which the window begins, s.
+
+    Returns:
+        Transform at the frequencies from 0 in steps of 1 / ``SPECTRUM_SECONDS``, scaled so that the mean of its squared
+        magnitude is the two-sided density.
     """
     first, last = np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS])
     time = stream.time[first:last] - start
     values = stream.values[first:last]
+    # Each sample counts for the time that it stands for, as in an integral.
     steps = np.gradient(time)
     steps = steps.clip(max=MAX_SAMPLE_WEIGHT * np.median(steps))
     values = values - np.polyval(np.polyfit(time, values, 1), time)
