@@ -265,6 +265,7 @@ class FlightLearning:
         if row_format is None:
             return learned
         names = row_format.geometry.names
+        # The model is of other motors than the latest rows: their names would be wrong.
         if learned.record.inputs.shape[1] != len(names):
             return learned
         output_names, output_units = zip(*output_names_and_units(self._axis), strict=True)

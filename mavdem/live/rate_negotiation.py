@@ -68,6 +68,7 @@ class RateNegotiation:
             self._greeting_time = now
             self._intake.send([greeting()])
         vehicle = self._stream.followed_vehicle
+        # Requests into a silence would only use up their tries.
         if vehicle is None or now - message_time > SILENCE_SECONDS:
             return
         if self._request is None:

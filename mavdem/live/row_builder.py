@@ -214,6 +214,7 @@ class RowBuilder:
             self._grid.rates,
             self._grid.start_time,
         )
+        # The rates and the beginning of the grid differ in each segment; the user need not know.
         is_same = (
             former is not None
             and former.dt == dt
@@ -356,6 +357,7 @@ class RowBuilder:
             A format that is made for this row, and the row; None while there are rows, or where samples are missing.
         """
         motion = self.recent_motion()
+        # Without a rate, from two samples of each stream, the format would have no step.
         if motion is None or self._grid.is_running or not motion.rate:
             return None
         motors = motion.motors

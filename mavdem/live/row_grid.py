@@ -130,10 +130,12 @@ class RowGrid:
             self._latest_time + STAMP_ROUNDING,
             self._steady_time,
         )
+        # Until this time every stream has samples.
         end_time = min((stream.time[-1] if stream.time else -inf) for stream in streams)
         needed_seconds = DECISION_SECONDS if self.dt is None else RESUME_SECONDS
         if end_time < self._retry_time or end_time - start_time < needed_seconds:
             return False
+        # Stamps of each stream in these seconds, s; those at either end may be rounded.
         times = []
         for stream in streams:
             time = np.array(stream.time)
@@ -152,6 +154,7 @@ class RowGrid:
         self._samplings = tuple(_sampling(time, grid, self.dt) for time in times)
         self._streams = tuple(streams)
         self.start_time = float(grid[0])
+        # The points before the last ``RESUME_SECONDS`` are skipped.
         first_row_time = end_time - RESUME_SECONDS - STAMP_ROUNDING
         self._next_index = int(np.searchsorted(grid, first_row_time))
         self.segment += 1
@@ -216,10 +219,12 @@ class RowGrid:
             time = self.start_time + self.dt * self._next_index
             values = []
             for stream, sampling in zip(self._streams, self._samplings, strict=True):
+                # The samples at this point are gone: they were dropped, or lie before a gap.
                 if time < stream.start_time - resampling.STAMP_RESOLUTION:
                     self.end()
                     return points
                 value = value_at(stream, sampling, time, self.dt)
+                # This stream has not passed the point yet; the next call tries again.
                 if value is None:
                     return points
                 values.append(value)

@@ -65,6 +65,7 @@ class SampleStream:
             False for a sample that is dropped: its stamp is there already, it comes too late, or it is not finite.
         """
         stamps = self.time
+        # Nearly always the sample is the latest one. Else this is its place among the others.
         row = bisect_left(stamps, time)
         if not all(map(isfinite, values)):
             return False

@@ -77,6 +77,7 @@ class LiveSession:
         self.stream = stream
         self.gain_adviser = gain_adviser
         self._report_status = report_status
+        # The parts, in the order in which later ones need earlier ones.
         self._presentation = Presentation(open_display, report_fact, stream.motor_alarms)
         self.history = self._presentation.history
         log = self._presentation.log
@@ -99,6 +100,7 @@ class LiveSession:
             self.judging,
             TimeAccount(),
         )
+        # When the status was reported last, s of the monotonic clock, and the obstacle that was reported last.
         self._status_time = 0.0
         self._obstacle: Fact | None = None
 

@@ -146,6 +146,7 @@ class SessionStatus(ImmutableResult):
         if judgement is None:
             judgement = unjudged(weak_motors[0] if weak_motors else self._reason_without_model)
 
+        # What was found without a model, by light: by the watchdog, by the test of the motors, and the wind.
         found_lights = dict(self.worst_lights)
         if weak_motors:
             light = found_lights.get(Light.MOTORS, weak_motors[0])

@@ -315,6 +315,7 @@ class LiveStream:
             self._pose.take_setpoint(time, tilt_setpoint(message))
         elif name in MOTOR_MESSAGES and timed.has_own_stamp:
             port, outputs = port_and_outputs(message)
+            # Each port has a stream of its own, so that hostile numbers of ports would fill the memory.
             if port < MAX_PORTS:
                 yield from self._add_sample(name, port, time, outputs)
         elif name in ESTIMATOR_FLAG_MESSAGES:

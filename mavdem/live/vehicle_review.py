@@ -184,6 +184,7 @@ class VehicleReview:
         vehicle is on the ground. With a take-off the estimates of the wind begin anew.
         """
         now = self._review_time
+        # For how long reviews have followed each other without a pause.
         connected_seconds = now - self._connection_start
         if connected_seconds >= DECISION_SECONDS:
             obstacle = self._rate_check.update(

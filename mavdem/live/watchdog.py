@@ -330,6 +330,7 @@ class Watchdog:
                 Watch.MESSAGE_MISSING, name=motion.motors.message, rate=motion.rate
             )
         received = set(self._recent.columns(STATUS_MESSAGES, now - MEMORY_SECONDS))
+        # One of these messages is enough; the first is named where all are missing.
         needed_messages = {
             Watched.VIBRATION: ("VIBRATION",),
             Watched.BATTERY: BATTERY_MESSAGES,

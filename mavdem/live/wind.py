@@ -294,6 +294,7 @@ class LiveWind:
         is_valid = horizontal_velocity_valid(self.estimator_flags)
         if not (is_possible and is_valid and self._attitudes):
             return None
+        # After a silence the filter begins again with the next check, once there are enough samples for it.
         if self._velocities and time - self._velocities[-1][0] > SILENCE_SECONDS:
             self._filter = None
             self.latest = None
@@ -302,6 +303,7 @@ class LiveWind:
         if time >= self._check_time:
             self._check_time = time + FIRST_FIT_SECONDS
             self._check_free_flight(time)
+        # A step is complete when velocity, and but for one sample attitude, have reached its end.
         while self._step_end <= min(time, self._attitudes[-1][0] + MIN_SAMPLE_STEP):
             self._estimate_step(self._step_end)
             self._step_end += self._step
