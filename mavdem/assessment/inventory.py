@@ -175,8 +175,13 @@ def _vehicle_values(vehicle: VehicleContents) -> JsonValues:
 def _message_rate(columns: Columns) -> float | None:
     """Returns the rate of a message, Hz; None if all of its stamps are equal.
 
-    It is the rate between gaps. For a message that comes in bursts it is the mean rate, gaps included. Where several
-    ports or groups send the message, it is the rate of the one that sends most.
+    It is the rate between gaps, since an outage of the link does not change how often a message is sent. But for a
+    message that comes in bursts, whose mean rate is below ``MIN_MEAN_RATE_SHARE`` of that, the mean rate tells more.
+    Where several instances send the message, each on its port or in its group, it is the rate of the one that sends
+    most.
+
+    Args:
+        columns: the message, with (N,) times in s, boots and other fields.
     """
     for field in columns.keys() & {"port", "group_mlx"}:
         instances, instance_of_row = np.unique(columns[field], return_inverse=True)
@@ -208,6 +213,7 @@ def _missing_share(telemetry: Telemetry) -> float | None:
         quarter = len(steps) // 4
         usual_step = np.sort(steps)[quarter : len(steps) - quarter].mean()
         if usual_step > 0:
+            # The jitter is subtracted, so that a step of 1.75 usual ones is rounded down to one.
             missing_by_step = np.rint(steps / usual_step - STEP_JITTER) - 1
             missing = np.maximum(missing_by_step, 0).sum()
             shares.append(missing / (missing + message_count))

@@ -21,6 +21,9 @@ LASTING_SECONDS = 0.3
 def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
     """Returns the intervals in which a condition holds, merged across gaps, if it lasts in them.
 
+    A run is a time in which the condition holds in every sample. Runs that are close are one interval. It counts only
+    if one of its runs lasts for ``LASTING_SECONDS``, so that an interval of many moments is left out.
+
     Args:
         time: (N,) s, ascending.
         is_true: (N,) whether the condition holds.
@@ -37,6 +40,7 @@ def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
         following = next_time[np.searchsorted(time, end, "right")]
         if end > start and following - start >= LASTING_SECONDS:
             lasting_starts.append(start)
+    # An interval has a lasting run if one starts in it: then more of them start before its end than before its start.
     intervals = []
     for start, end in merge_close(runs, gap):
         starts_before = np.searchsorted(lasting_starts, start)

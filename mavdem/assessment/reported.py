@@ -122,6 +122,7 @@ def reported_events(signals: Signals) -> Facts:
             *(fact for fact in problems if fact.figures["boot"] == boot),
         ]
         flights = flights_in_boot(signals, boot)
+        # Faults shortly before arming and after disarming belong to the flight too.
         around_armed = [
             (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
             for start, end in armed_intervals(signals, boot)
@@ -130,6 +131,7 @@ def reported_events(signals: Signals) -> Facts:
             time = fact.time or 0.0
             if fact.is_bad and not in_intervals(time, around_armed):
                 fact = fact.but(Level.WATCH)
+            # The height is above where the latest flight began. An event before all flights counts as such a beginning.
             begun_flights = [flight for flight in flights if flight[0] <= time]
             flight = max(begun_flights, default=(time, inf))
             events.append(fact.but(height=height_in_flight(signals, boot, flight, time)))
@@ -145,7 +147,7 @@ def _event(
     level: Level | None = None,
     **figures: Any,
 ) -> Fact:
-    """Returns one event.
+    """Returns one event, with its boot and the message that it rests on, named as in the source of the log.
 
     Args:
         signals: of the vehicle.

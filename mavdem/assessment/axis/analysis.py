@@ -178,6 +178,7 @@ def _analysis_without_model(
         alarms = motor_alarms(signals)
         trim = trim_of_signals(signals)
         motors_are_watched = _motors_are_watched(signals)
+    # Only tier "a" has the rates for a full model.
     tier = tier_of(learnability, condition)
     reason = None if tier.tier == "a" else tier.tier_reason
     quality = learnability.figures
@@ -196,7 +197,10 @@ def _analysis_without_model(
 
 
 def _motors_are_watched(signals: Signals) -> bool:
-    """Returns whether a motor that weakens in flight would have been detected: by positions and rate of the motors."""
+    """Returns whether a motor that weakens in flight would have been detected.
+
+    The detector of lost thrust needs the positions of the motors, and their outputs at ``MIN_SAMPLE_RATE`` or faster.
+    """
     motors = signals.motors
     if motors is None or not motors.geometry.positions:
         return False
@@ -204,7 +208,12 @@ def _motors_are_watched(signals: Signals) -> bool:
 
 
 def _with_slow_refusal(analysis: LogAnalysis, refusal: Fact) -> LogAnalysis:
-    """Returns the analysis with the reason why there is no model of the slow motion, after why there is no full one."""
+    """Returns the analysis with one more reason why it has no model.
+
+    Args:
+        analysis: with the reason why there is no full model.
+        refusal: why there is no model of the slow motion either; not repeated if it is the same reason.
+    """
     if analysis.reason is None or refusal == analysis.reason:
         return analysis
     reason = Fact(NoModel.SLOW_MODEL_REFUSED, because=analysis.reason, refusal=refusal)
@@ -212,7 +221,13 @@ def _with_slow_refusal(analysis: LogAnalysis, refusal: Fact) -> LogAnalysis:
 
 
 def _with_cautions(learned: Learned, flights: Flights, is_slow: bool) -> Learned:
-    """Returns the model with the cautions of its flights too, before anything else is fitted that it keeps."""
+    """Returns the model with all that must be known of its data, before its own cautions.
+
+    Args:
+        learned: the model.
+        flights: what it was trained on. The cautions of the first one count.
+        is_slow: whether it is a model of the slow motion only, which comes first.
+    """
     cautions = [*flights[0].cautions, *learned.cautions]
     if is_slow:
         cautions.insert(0, Fact(Caveat.SLOW_MOTION_ONLY))
@@ -238,12 +253,14 @@ def _with_physical_parameters(
         is_slow: whether the model is one of the slow motion.
     """
     if axis_figures is not None and axis_figures.physical:
+        # Flights with the same numbers of samples are the same flights: both are of this vehicle and axis.
         lengths = tuple(len(flight) for flight in axis_figures.flights)
         if lengths == learned.record.lengths:
             learned = learned.with_physical(axis_figures.physical)
             return learned.with_wind_torque(axis_figures.wind)
     if not is_slow:
         learned = learned.with_physical(physical_parameters(signals, flights))
+    # The model's own estimate of the wind torque takes the motors for unchanged.
     change_times = analysis.motor_change_times
     if change_times and learned.physical is not None and learned.wind_torque is not None:
         torque = estimate_wind_torque(learned.physical, learned.record, change_times)
@@ -318,7 +335,12 @@ class _TestedModel(NamedTuple):
 def _train_and_test(
     segments: Flights, options: Options, progress: ShowStep, is_slow: bool
 ) -> _TestedModel:
-    """Trains a model and tests it on held-out windows.
+    """Trains a model and tests it on windows that it was not trained on.
+
+    There are three ways. With a given length of the training data, the model is trained on so much of the longest
+    segment and tested once on what follows. Otherwise it is trained on all flights, and judged by cross-validation: by
+    models that are each trained without one part of the flights. For a model of the slow motion this comes first, and
+    the model is learned only if it is worth having.
 
     Args:
         segments: of settled flight.
@@ -438,9 +460,13 @@ def training_and_test(
         start: time from its first sample, s.
         train, test: lengths of the two; None for the default.
 
+    Returns:
+        Training data, and test data that begin where these end.
+
     Raises:
         TooFewSamples: the flight is too short.
     """
+    # A start beyond the end of the flight leaves no sample, which is an error below.
     first = round(min(start / flight.dt, len(flight)))
     training_samples, test_samples = part_samples(flight.dt, train, test)
     split = first + training_samples

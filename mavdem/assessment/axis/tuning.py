@@ -56,6 +56,10 @@ def tuned(
 ) -> Tuning:
     """Returns the gains to set for some axes of an assessed vehicle.
 
+    Gains are advised for every axis with an identified loop. They are not raised while anything about the vehicle or
+    the loop is doubtful. A notch filter is set only if nothing about the vehicle is, and together with gains that make
+    up for the phase that it costs.
+
     Args:
         assessment: of the vehicle.
         axes: "roll", "pitch" and "yaw".
@@ -84,6 +88,7 @@ def tuned(
         if isinstance(loop, Loop):
             loop_doubts = _doubts_on_loop(assessment, loop, axis, margins, doubts)
             advice = advise(loop, margins, loop_doubts, more=more)
+            # Without refusals the gains are advised anew, for the loop with the notch in it.
             if notch_parameters and not advice.refusals:
                 advice = advise(loop.with_parameters(notch_parameters), margins, more=more)
             by_axis[axis] = advice
@@ -102,6 +107,7 @@ def tuned(
         # A notch costs phase. Only for loops with new gains it is known that there is enough.
         if advice.gains:
             parameters |= {**advice.parameters, **notch_parameters}
+    # New gains are the next step if nothing is bad, or just the margins, which the gains mend.
     if parameters and (not headline.is_bad or headline == judgement.lights[Light.MARGINS]):
         next_step = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
         judgement = replace(judgement, next_step=next_step)
@@ -171,7 +177,14 @@ def _doubts_on_loop(
 
 
 def _grouped_refusals(refusals: dict[str, Fact]) -> list[Fact]:
-    """Returns the reasons why the loops of the axes are not known; with the axes, if the reasons differ."""
+    """Returns the reasons why the loops of several axes are not known, each reason once.
+
+    Args:
+        refusals: the reason of each axis.
+
+    Returns:
+        The one reason that all axes share; otherwise each reason, with the ``names`` of its axes.
+    """
     axes_by_refusal = group_by(refusals, refusals.__getitem__)
     if len(axes_by_refusal) == 1:
         return list(axes_by_refusal)

@@ -37,7 +37,10 @@ class AssessedTwin(NamedTuple):
 
 
 def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin:
-    """Builds the twin of a vehicle.
+    """Builds the twin of a vehicle: a simulation with its identified loops, hover thrust, drag and wind.
+
+    Roll and the hover are needed. Axes without an identified loop are reported as missing. The drag is the one that the
+    wind was estimated with, otherwise that of the autopilot's parameters.
 
     Args:
         evidence: of the vehicle.
@@ -69,21 +72,24 @@ def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin
 def predicted_errors(evidence: Evidence, gains: Parameters) -> Facts:
     """Predicts how well the vehicle would follow its setpoints with other gains, by flights of its twin.
 
-    The twin repeats the setpoints of the flight, with the present gains and with the others.
+    The twin repeats the setpoints of the flight twice, with the present gains and with the others, in the same wind and
+    noise. So the errors of both flights differ by the gains alone.
 
     Args:
         evidence: of the vehicle.
         gains: to set, by the autopilot's names.
 
     Returns:
-        For roll and pitch the standard deviation of the angle from its setpoint now and then, in degrees; why the twin
-        cannot fly, if it cannot; nothing if the log has no setpoints of roll.
+        For roll and pitch a fact with the standard deviation of the angle from its setpoint, degrees: ``present_error``
+        with the present gains and ``expected_error`` with the others. If the twin cannot fly, only the reason; nothing
+        if the log has no setpoints of roll.
     """
     loops = identified_loops(evidence.loops)
     segments = replay_segments(loops) if "roll" in loops else {}
     if not segments:
         return ()
     dt = loops["roll"].record.dt
+    # The beginning, in which the twin settles, is flown but left out of the errors.
     replayed_samples = slice(round(REPLAY_SECONDS / dt))
     settled_samples = slice(round(SETTLING_SECONDS / dt), None)
     segments = {
@@ -101,16 +107,13 @@ def predicted_errors(evidence: Evidence, gains: Parameters) -> Facts:
     for axis in TILT_AXES:
         if axis not in segments:
             continue
+        # Column 0 of setpoints and motions is the angle, column 1 the rate.
         setpoints = segments[axis].setpoints[settled_samples, 0]
-        present_error, expected_error = np.degrees(
-            np.std(
-                [
-                    motion[settled_samples, AXES.index(axis), 0] - setpoints
-                    for motion in (present_motion, changed_motion)
-                ],
-                axis=1,
-            )
-        ).tolist()
+        angle_errors = [
+            motion[settled_samples, AXES.index(axis), 0] - setpoints
+            for motion in (present_motion, changed_motion)
+        ]
+        present_error, expected_error = np.degrees(np.std(angle_errors, axis=1)).tolist()
         facts.append(
             Fact(
                 Gains.TWIN_FLIES,

@@ -75,7 +75,9 @@ ESTIMATOR_REPORTS = {
 
 
 def estimator_light(evidence: Evidence) -> Fact:
-    """Returns the worst of filter, GPS and compass in flight; unknown if the log has none of them.
+    """Returns the worst of what the log shows of the state estimator in flight; unknown if the log has nothing of it.
+
+    That are the innovations of its filter, poor GPS fixes, a disturbed compass, and what the autopilot reported.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -83,6 +85,7 @@ def estimator_light(evidence: Evidence) -> Fact:
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
+    # Of facts with one level the first is named: that of the flight with the longest doubts.
     filter_facts = sorted(
         _filter_facts(evidence), key=lambda fact: fact.figures["duration"], reverse=True
     )
@@ -99,10 +102,15 @@ def estimator_light(evidence: Evidence) -> Fact:
 
 
 def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
-    """Yields how large the innovations of each flight were, and jumps of the GPS position.
+    """Yields for each flight how large the innovations were, and whether the GPS position jumped.
 
-    The filter is bad where ArduCopter's failsafe would have acted: for ``FAILSAFE_SECONDS``, two of velocity, position
-    and compass exceed the limit. A velocity of twice the limit counts as two.
+    An innovation is the difference of a measurement and its prediction by the filter, here relative to what the filter
+    accepts. The filter is doubted if one innovation exceeds the autopilot's limit for ``FAILSAFE_SECONDS``. It is bad
+    where ArduCopter's failsafe would have acted too (``ekf_check.cpp``): for so long, two of velocity, position and
+    compass exceed the limit, where a velocity of twice the limit counts as two. The height does not count for that.
+
+    Each fact has the ``name`` of the worst innovation, its largest ``ratio`` to the limit, and for how long, s, it
+    exceeded the limit without a break.
     """
     telemetry = evidence.signals.telemetry
     if telemetry.autopilot == "PX4":
@@ -118,6 +126,7 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
         failsafe_duration = longest_true_duration(flight.time, doubts >= 2)
         durations = [longest_true_duration(flight.time, column) for column in exceeds.T]
         worst = np.argmax(durations)
+        # If none exceeded the limit, the largest is named.
         if max(durations) == 0:
             worst = ratios.max(axis=0).argmax()
         is_doubted = max(durations) >= FAILSAFE_SECONDS
@@ -215,6 +224,10 @@ def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _field_strengths(field: Array) -> Array:
-    """Returns the strengths of a magnetic field (N, 3), without samples in which it was not measured and is 0."""
+    """Returns the strengths of a magnetic field, in its unit, without samples in which it was not measured and is 0.
+
+    Args:
+        field: (N, 3) along the axes of the compass.
+    """
     strengths = np.linalg.norm(field, axis=1)
     return strengths[strengths > 0]

@@ -39,7 +39,10 @@ RATE_CHANGE_SECONDS = 0.02
 
 
 def log_light(evidence: Evidence) -> Fact:
-    """Judges the rates of attitude and motors, the longest gap in flight, and messages that the logger lost.
+    """Judges how well the log recorded the motion: rates of attitude and motors, gaps in flight, and lost messages.
+
+    The rates are those between outages, Hz, and must reach ``MIN_STREAM_RATE`` for a full model. Fast streams may still
+    have a gap longer than ``MAX_GAP`` in flight, or dropouts, in which the logger itself lost messages.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -49,6 +52,7 @@ def log_light(evidence: Evidence) -> Fact:
     """
     signals = evidence.signals
     attitude = signals.attitude
+    # The outputs of the motors, or what else is the input of the model.
     drive = signals.model_inputs
     if attitude is None or drive is None:
         return Fact(LogLight.MOTION_NOT_RECORDED, because=evidence.learnability.reason)
@@ -75,7 +79,11 @@ def log_light(evidence: Evidence) -> Fact:
 
 
 def simulation_fact(signals: Signals) -> Fact | None:
-    """Returns that the flight was simulated, and how; None if nothing in the log shows it."""
+    """Returns that the flight was simulated, and how; None if nothing in the log shows it.
+
+    In a simulation with the autopilot's own hardware, PX4 has the parameter SYS_HITL. One in software is recognised by
+    the names of a simulator, or by a gyroscope without noise.
+    """
     if signals.telemetry.parameters.get("SYS_HITL", 0) > 0:
         return Fact(LogLight.SIMULATED, kind=Simulator.HARDWARE)
     if _names_simulator(signals.telemetry) or _is_without_sensor_noise(signals):
@@ -125,6 +133,7 @@ def _is_without_sensor_noise(signals: Signals) -> bool:
     rows = np.flatnonzero((roll.boot == boot) & (roll.time < arming_time))
     if len(rows) < 2:
         return False
+    # Every n-th sample is taken, so that changes are over the same time at any rate.
     sample_step = np.median(np.diff(roll.time[rows]))
     stride = max(round(RATE_CHANGE_SECONDS / sample_step), 1)
     changes = abs(np.diff(roll.rate[rows][::stride]))

@@ -14,8 +14,9 @@ from mavdem.facts.sources import Repair
 def margins_light(evidence: Evidence) -> Fact:
     """Judges the stability margins of the control loops.
 
-    A limit cycle comes first. Then the worst of what is known of the axes, if it warns. The light is good if roll or
-    pitch is. Otherwise the margins are unknown.
+    A limit cycle shows that there is no margin, and comes before all else. Otherwise the worst fact on any axis counts
+    if it warns, with the arguments of the command that advises gains. The light is good if the margins of roll or pitch
+    are, since yaw alone says little. In all other cases the margins are unknown.
 
     Args:
         evidence: what the log shows of the vehicle.

@@ -10,8 +10,9 @@ from mavdem.facts.margins import TrackingLight
 def tracking_light(evidence: Evidence) -> Fact:
     """Returns the worse of roll and pitch; if both are unknown, what to log.
 
-    Of two with the same level the one with the larger error is worse. The light is never good if the vehicle
-    oscillates.
+    Of two with the same level the one with the larger error is worse. If an overshoot is the worst, all axes that
+    overshoot are named. A vehicle that oscillates may follow its setpoints well in the mean, but its light is to be
+    watched at least.
 
     Args:
         evidence: what the log shows of the vehicle.

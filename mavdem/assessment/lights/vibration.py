@@ -22,9 +22,11 @@ CLIP_LIMITS = Limits(0, 100)
 
 
 def vibration_light(evidence: Evidence) -> Fact:
-    """Judges the largest mean vibration and the largest number of clips of all IMUs; unknown if none was recorded.
+    """Judges the vibration that the autopilot itself measured; unknown if it was not recorded.
 
-    They are of settled flight or, without any, of all time in the air.
+    Two figures count, and the worse decides: the largest mean level of all IMUs and axes, m/s², by the limits of the
+    autopilot, since ArduPilot and PX4 measure levels in different ways; and the largest number of clips of an IMU,
+    which are samples outside its range. They are of settled flight or, without any, of all time in the air.
 
     Args:
         evidence: what the log shows of the vehicle.

@@ -19,7 +19,12 @@ MAX_LEAN_SHARE = 0.5
 def wind_light(evidence: Evidence) -> Fact:
     """Returns the mean wind with its interval; unknown if the flight does not identify its speed.
 
-    It is to be watched if it takes much of the vehicle's lean, or if the estimator, on which it rests, is bad.
+    The wind is estimated from how far the vehicle leans to hold against it. It is to be watched if it takes more than
+    ``MAX_LEAN_SHARE`` of the lean that the vehicle may use, or if the light on the estimator, on which the
+    estimated wind rests, is bad.
+
+    The fact has ``speed``, its interval ``low`` to ``high`` (m/s), ``direction``, None if that is not identified, and
+    the ``share`` of the lean.
 
     Args:
         evidence: what the log shows of the vehicle.
