@@ -87,6 +87,7 @@ def measured_rate_response(
         angle_setpoint = setpoints.get(f"{controller.axis} setpoint")
     if angle_setpoint is not None:
         signals += [angle_setpoint, record.outputs[:, 0]]
+    # The same pieces twice: with the rate setpoint as it was logged, and with the attitude controller's correction.
     as_logged = []
     with_correction = []
     for piece in _finite_pieces(np.array(signals), record):

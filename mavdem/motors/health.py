@@ -82,6 +82,7 @@ def assess_motor_health(
 
     for number in sorted(range(len(flights)), key=lambda number: flights[number].start_time):
         flight = flights[number]
+        # A healthy flight is not compared with itself, nor with a second record of itself.
         other_healthy_flights = [
             other for other in healthy if other is not flight and not other.overlaps(flight)
         ]
@@ -89,14 +90,7 @@ def assess_motor_health(
             other for other in other_healthy_flights if other.geometry_key == flight.geometry_key
         ]
         reference: JsonValues = {"flights": len(comparable_flights), "are_chosen": has_baseline}
-        unknown_reason = flight.missing
-        if unknown_reason is None and len(comparable_flights) < MIN_HEALTHY_FLIGHTS:
-            unknown_reason = Fact(
-                HealthUnknown.HEALTHY_FLIGHTS_FEW,
-                **reference,
-                total=len([other for other in candidate_flights if other is not flight]),
-                needed=MIN_HEALTHY_FLIGHTS,
-            )
+        unknown_reason = _unknown_reason(flight, comparable_flights, candidate_flights, reference)
         if unknown_reason is not None:
             assessments[number] = HealthAssessment(MotorHealth.UNKNOWN, unknown_reason)
             continue
@@ -124,6 +118,34 @@ def assess_motor_health(
     return tuple(
         assessments[number]._replace(is_healthy=flight in healthy)
         for number, flight in enumerate(flights)
+    )
+
+
+def _unknown_reason(
+    flight: HealthFigures,
+    comparable_flights: HealthFlights,
+    candidate_flights: HealthFlights,
+    reference: JsonValues,
+) -> Fact | None:
+    """Returns why the motors of a flight cannot be judged; None where they can.
+
+    Either the flight itself lacks something, or there are too few healthy flights to compare it with.
+
+    Args:
+        flight: The flight.
+        comparable_flights: Healthy flights with the same geometry of the motors, without that flight.
+        candidate_flights: All flights of which some might have been healthy ones.
+        reference: Figures of all facts on the flights of comparison.
+    """
+    if flight.missing is not None:
+        return flight.missing
+    if len(comparable_flights) >= MIN_HEALTHY_FLIGHTS:
+        return None
+    return Fact(
+        HealthUnknown.HEALTHY_FLIGHTS_FEW,
+        **reference,
+        total=len([other for other in candidate_flights if other is not flight]),
+        needed=MIN_HEALTHY_FLIGHTS,
     )
 
 
@@ -263,7 +285,7 @@ def _drift(
     """
     change = evidence.change
     effort = evidence.effort
-    balance_figures = {
+    balance_figures: JsonValues = {
         "shift": evidence.deviation.change,
         "usual": evidence.deviation.usual,
         **reference,
@@ -279,6 +301,23 @@ def _drift(
             effort=effort.relative_change,
             **reference,
         )
+    return _balance_change(flight, change, change_probability, balance_figures)
+
+
+def _balance_change(
+    flight: HealthFigures,
+    change: ChangeProbabilities,
+    change_probability: float,
+    figures: JsonValues,
+) -> Fact:
+    """Returns the fact on a changed balance, with its likeliest cause.
+
+    Args:
+        flight: The flight.
+        change: How probable each cause is.
+        change_probability: Probability that anything changed.
+        figures: Size of the change, what is usual, and the flights of comparison.
+    """
     # Of the motors, the likeliest alone competes with the other causes.
     motor = int(change.motors.argmax())
     cause_probabilities = {**change.groups, Explanation.MOTOR: float(change.motors[motor])}
@@ -291,5 +330,5 @@ def _drift(
         explanation=likeliest,
         explanation_probability=cause_probabilities[likeliest],
         rise=change.rises[:, motor],
-        **balance_figures,
+        **figures,
     )

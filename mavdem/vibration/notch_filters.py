@@ -80,19 +80,34 @@ def notch_advice(
     if share < MIN_NOISE_SHARE:
         return Fact(NotchAdvice.NOTCH_NOT_NEEDED, frequency=frequency, share=share)
     notch = _narrowest_notch(controller, line, spectrum, is_line)
-    phase_cost = None
-    if crossover is not None:
-        with_notch = gyro_filters(notch.controller, crossover).phase_lag
-        without_notch = gyro_filters(controller, crossover).phase_lag
-        phase_cost = with_notch - without_notch
     return Fact(
         NotchAdvice.SET_NOTCH,
         frequency=frequency,
         share=notch.removed_share,
-        phase_cost=phase_cost,
+        phase_cost=_phase_cost(controller, notch.controller, crossover),
         crossover=crossover,
         settings=tuple(notch.settings.items()),
     )
+
+
+def _phase_cost(
+    controller: Controller, with_notch: Controller, crossover: float | None
+) -> float | None:
+    """Returns the phase lag that a notch adds at the crossover of the rate loop: what it takes from the phase margin.
+
+    Args:
+        controller: with the filters of the gyro that are set.
+        with_notch: the same with the notch.
+        crossover: Hz; None where it is not known.
+
+    Returns:
+        Degrees; None where the crossover is not known.
+    """
+    if crossover is None:
+        return None
+    lag_with_notch = gyro_filters(with_notch, crossover).phase_lag
+    lag_without_notch = gyro_filters(controller, crossover).phase_lag
+    return lag_with_notch - lag_without_notch
 
 
 class _NotchSettings(NamedTuple):
