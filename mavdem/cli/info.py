@@ -73,7 +73,7 @@ def info_command(
 
 
 def _print_vehicles(document: JsonValues, assessments: Sequence[Assessment], verbose: bool) -> None:
-    """Prints a screen for each vehicle of a log.
+    """Prints a screen for each vehicle of a log: what was received, and whether a model can be learned.
 
     Args:
         document: Document of the command: the inventory of the log, with each vehicle's findings.

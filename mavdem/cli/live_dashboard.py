@@ -99,6 +99,8 @@ class Dashboard:
     def open(self, row_format: RowFormat) -> LiveView | None:
         """Prepares the view for rows of a new format, which it shows from now on.
 
+        The format is known only when messages have come in, and it may change during the flight.
+
         Args:
             row_format: Inputs, units and sampling step of the rows.
 

@@ -509,10 +509,16 @@ class LearnReport(Report):
 
 
 def report_document(assessment: Assessment) -> JsonValues:
-    """Returns the values of the model ``Report`` for the first analysed axis of an assessment.
+    """Returns the values of the document ``Report``: the model of the first analysed axis, and the flight's judgement.
 
-    The caller replaces two of them: ``seconds``, the time that the analysis took, is None, and ``files``, the names of
-    the written files, is empty.
+    If the wind in m/s is known as well, the values of the wind torque get the share of it that this wind explains.
+
+    Args:
+        assessment: of one vehicle, with an analysis.
+
+    Returns:
+        Values by key. The caller replaces two of them: ``seconds``, the time that the analysis took, is None, and
+        ``files``, the names of the written files, is empty.
     """
     assert assessment.analysis is not None
     report = assessment.analysis.as_dict()

@@ -142,7 +142,14 @@ class Inventory(Document):
 
 
 def vehicle_document(assessment: Assessment) -> JsonValues:
-    """Returns the values of the model ``Vehicle`` that an assessment has; the others come from its inventory."""
+    """Returns those values of the document ``Vehicle`` of ``mavdem info`` that come from an assessment.
+
+    They are the findings, the judgement with its lights, alarms of the motors, whether a model can be learned, and the
+    wind. The other values of the document, such as messages and rates, come from the inventory of the log.
+
+    Args:
+        assessment: of one vehicle, with an analysis.
+    """
     analysis = assessment.analysis
     assert analysis is not None
     return {

@@ -385,7 +385,11 @@ class Override(Document):
     @model_validator(mode="before")
     @classmethod
     def _values_of_fact(cls, override: Fact) -> JsonValues:
-        """Makes the record from the fact that the flight is doubtful, with its short sentence and its full one."""
+        """Makes the record from the fact that casts doubt on a flight.
+
+        Such a fact takes the place of the usual headline, so that the record has both a short sentence, for the
+        headline, and the full one with its remedy.
+        """
         return {
             "kind": override.code,
             "headline": Fact(InShort.OVERRIDDEN, because=override),

@@ -291,8 +291,9 @@ def compare(
 ) -> Comparison:
     """Runs all methods on all windows and compares the first method with each of the others.
 
-    It uses all cores of this process, in processes that import the running script: call it below ``if __name__ ==
-    "__main__":``.
+    Each pair of a method and a window is a trial of its own, which any process may do. The outcomes come in the order
+    of the trials, window by window, and are cut into one tuple for each window. It uses all cores of this process, in
+    processes that import the running script: call it below ``if __name__ == "__main__":``.
 
     Args:
         windows: of one flight or several, at least one.

@@ -201,6 +201,9 @@ def training_pieces(
 ) -> Iterator[Flight]:
     """Yields the pieces of flights outside a fold that are long enough to learn from.
 
+    Where a fold cuts a part out of a flight, a piece before it and one after it remain. They stay separate: a model
+    must not take the step between them for motion.
+
     Args:
         flights: segments of one vehicle.
         fold: the samples that are held out: index of the flight, first sample, and the sample after the last.
@@ -209,6 +212,7 @@ def training_pieces(
     min_samples = max(MIN_PIECE_SECONDS / flights[0].dt, 1)
     for flight_index, flight in enumerate(flights):
         end = len(flight)
+        # Without a part that is held out, the piece before it is the whole flight, and that after it is empty.
         first, stop = held_out.get(flight_index, (end, end))
         if first >= min_samples:
             yield flight[:first]

@@ -48,6 +48,9 @@ class TooFewSamples(NotLearnable):
 def too_short(flight: Flight, start: float, train: int, test: int, min_train: int) -> TooFewSamples:
     """Returns the error that a window does not fit into a flight, with the options for one that does.
 
+    The options are offered to the user as text to type. They shorten the test part to a share of what remains of the
+    flight, if need be, and give the rest to the training part.
+
     Args:
         flight: the flight.
         start: s after its beginning at which the training part was to begin.

@@ -212,7 +212,14 @@ class Api:
     # Progress
 
     async def progress(self, request: HttpRequest) -> Response:
-        """Answers with a stream of server-sent events about one flight, by its ``id``, or about all unfinished ones."""
+        """Answers with a stream of server-sent events on the progress of reading logs, for the progress bars of pages.
+
+        The query ``id`` chooses one flight, which whoever may see it may follow. Without it the stream is about all
+        unfinished flights, and needs the right to read.
+
+        Raises:
+            Refusal: the sender may not see this, there is no such flight, or too many streams are open.
+        """
         id = request.query_params.get("id")
         if id is None:
             self._rights.require(request, Use.READ)

@@ -31,7 +31,10 @@ def zero(train: TrainingData) -> Identified:
 def _model_without_inputs(
     method: str, record: Record, output_trim: Array, holds: bool = False
 ) -> Identified:
-    """Returns a model on which inputs have no effect, for r inputs and m outputs.
+    """Returns a trivial forecast as a state-space model, so that it can be scored like any other method.
+
+    Inputs have no effect on it: B = D = 0, for r inputs and m outputs. It forecasts a constant, or holds the last
+    measurement: with A = C = K = I the state becomes the last measured deviation from the trim, and stays.
 
     Args:
         method: its name.

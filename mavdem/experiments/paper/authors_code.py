@@ -100,7 +100,11 @@ def run(runner: Runner) -> ExperimentResult:
 
 
 def _our_errors(runner: Runner) -> dict[str, dict[str, Array]]:
-    """Trains our methods on the authors' data; returns MSPE (priors,) by start and method, for EM of one fit."""
+    """Trains our methods on the authors' data.
+
+    Returns:
+        MSPE by start of the forecasts and by method: (priors,) for DEM, from as many random priors, and (1,) for EM.
+    """
     window = read_authors_window()
     methods_by_name = {
         DEM_P2: random_prior_methods(PAPER_SETTINGS, runner.prior_count),
@@ -155,7 +159,10 @@ def _range_text(errors: Array) -> str:
 
 
 def read_authors_window() -> Window:
-    """Reads the authors' data of System 2 (their case c2): 700 training and 150 test samples."""
+    """Reads the authors' simulated data of System 2 (their case c2) as a window of 700 training and 150 test samples.
+
+    Their inputs, motor pulse widths, are stored as (r, T), their outputs as (T, m). The sampling step is in s.
+    """
     data = _load_arrays("case_c2_data_p2")
     dt = data["dt"].item()
     time = dt * np.arange(len(data["y_full"]))
@@ -169,7 +176,11 @@ def read_authors_window() -> Window:
 
 
 def read_authors_errors() -> dict[str, dict[str, Array]]:
-    """Reads the MSPE of the authors' code by start of the forecasts and method: one of DEM, five of EM."""
+    """Reads the forecast errors (MSPE) that the authors' code has on their data.
+
+    Returns:
+        By start of the forecasts and by method, arrays of errors: (1,) for DEM with one random prior, (5,) for EM.
+    """
     em_results = _load_arrays("case_c2_em")
     dem_p2_results = _load_arrays("case_c2_octave_p2")
     dem_p1_results = _load_arrays("case_c2_octave_p1")

@@ -131,6 +131,9 @@ def _ardrone_errors(runner: Runner) -> ErrorsByMethod:
 def lowest_error_check(errors: ErrorsByMethod, conditions: str) -> Check:
     """Checks that DEM has a lower error than each of the paper's other methods on every flight.
 
+    On each flight DEM is compared with the best of the others. The geometric mean of the ratios of the two errors goes
+    into the finding.
+
     Args:
         errors: MSPE of each method on the same flights.
         conditions: names the start of the forecasts, or the flight, in the sentences.

@@ -103,12 +103,12 @@ def _errors_over_priors(runner: Runner, method: str, start: str) -> Array:
 
 
 def lower_error_check(errors: ErrorsByOrder, data: str) -> Check:
-    """Checks that p = 2 has the lower error in total, and on most experiments.
+    """Checks that DEM with p = 2 has the lower error than with p = 1 in total, and on most experiments.
 
-    The error of an experiment is the median over random priors.
+    The error of an experiment is the median over random priors, since a single prior may be a bad one.
 
     Args:
-        errors: MSPE by order.
+        errors: MSPE (experiments, priors) by embedding order.
         data: names the settings and the start of the forecasts in the sentences.
     """
     medians_p2 = np.median(errors.p2, axis=1)
@@ -150,6 +150,7 @@ def _error_table(runner: Runner, errors: Mapping[str, ErrorsByOrder]) -> tuple[B
         errors: MSPE by order, by name of the settings and of the start.
     """
     numbers = list(runner.experiment_windows)
+    # The paper's experiments are numbered from 1.
     indices = [number - 1 for number in numbers]
     # The paper reports one error for each experiment, as of a single prior.
     paper_errors = ErrorsByOrder(

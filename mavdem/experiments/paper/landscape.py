@@ -223,11 +223,17 @@ def draw_manifolds(model: GenerativeModel, posteriors: list[Posterior]) -> Figur
 
 
 def draw_ascents(model: GenerativeModel, ascents: list[list[Posterior]]) -> Figure:
-    """Draws the paths of ascents over A and B, on the final manifold of the first of them."""
+    """Draws the paths of ascents over A and B, on F̄ᵒ as it is after the last iteration of the first of them.
+
+    Args:
+        model: the scalar system's model.
+        ascents: for each prior of the circle, the posterior after each iteration.
+    """
     with new_figure(2.8) as figure:
         axes = figure.subplots()
         _draw_manifold(axes, model, ascents[0][-1])
         for posteriors in ascents:
+            # The first two parameters are A and B.
             path = np.array([posterior.theta[:2] for posterior in posteriors])
             axes.plot(path[:, 0], path[:, 1], ".-", color="white", linewidth=0.5, markersize=2)
         axes.set_ylabel("B")

@@ -191,7 +191,9 @@ def order_checks(saturation_orders: Mapping[str, list[int]]) -> tuple[Check, ...
 
 
 def _free_energy_picture(free_energies: Mapping[str, Array]) -> Picture:
-    """Returns the figure of F̄ below its maximum by order, a panel for known and one for unknown inputs.
+    """Returns the figure of F̄ by model order, a panel for known and one for unknown inputs.
+
+    What is drawn is the distance below the maximum over all orders, the mean of the flights, on a logarithmic axis.
 
     Args:
         free_energies: F̄ (systems, flights, orders), nats, by whether the inputs are known.

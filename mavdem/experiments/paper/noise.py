@@ -111,7 +111,11 @@ def noise_checks(noises: Sequence[NoiseAnalysis], subject: str, pieces: str) -> 
 
 
 def _pictures(noises: Mapping[str, NoiseAnalysis]) -> tuple[Picture, ...]:
-    """Returns the figures of the histograms and of the autocorrelations of noise series, by name."""
+    """Returns two figures of the process noise: histograms and autocorrelations.
+
+    Args:
+        noises: analyses of the noise series, by the name in the legend.
+    """
     series = {name: noise.values for name, noise in noises.items()}
     autocorrelations = {name: noise.autocorrelation[:LAGS_SHOWN] for name, noise in noises.items()}
     # The series may differ in length; the bound of the shortest holds for all.

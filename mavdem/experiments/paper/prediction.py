@@ -163,7 +163,11 @@ def _convergence_checks(learned: Learned) -> tuple[Check, Check]:
 
 
 def _prior_check(prior_errors: Sequence[float] | Array) -> Check:
-    """Checks that the forecasts' errors (MSPE) hardly depend on the random prior from which a model was learned."""
+    """Checks that the forecasts' errors hardly depend on the random prior from which a model was learned.
+
+    Args:
+        prior_errors: MSPE of the forecast of the test part, one for each random prior.
+    """
     low, high = np.percentile(prior_errors, RANGE_PERCENTILES)
     return Check(
         f"over random priors, the 10 % and 90 % quantiles of the forecasts’ errors differ by less than a factor of "

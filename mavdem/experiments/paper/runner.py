@@ -175,6 +175,8 @@ class Runner:
     ) -> dict[Key, list[Outcome]]:
         """Trains methods on windows and evaluates their forecasts, all trials in one batch of jobs.
 
+        One batch keeps all workers busy to its end, which a batch for each key would not.
+
         Args:
             trials: by key, pairs of a method and a window.
 
@@ -184,6 +186,7 @@ class Runner:
         all_trials: list[tuple[Method, Window]] = []
         for trials_of_key in trials.values():
             all_trials += trials_of_key
+        # The outcomes come in the order of the trials, so that each key takes the next ones.
         outcomes = iter(self.map_jobs(run_trial, all_trials))
         outcomes_by_key = {}
         for key, trials_of_key in trials.items():
