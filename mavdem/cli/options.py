@@ -157,7 +157,11 @@ def source_options(
 
 
 def model_options(command: Command) -> Command:
-    """Adds --preset and --order to a command, which receives the ``Settings`` they select as ``settings``."""
+    """Adds --preset and --order to a command, which receives the ``Settings`` they select as ``settings``.
+
+    The preset decides which orders there are. Click therefore handles it first (``is_eager``), and the callback of
+    --order makes the settings of both.
+    """
     add_options = _combined(
         click.option(
             "--preset",

@@ -147,7 +147,17 @@ class Store:
     """
 
     def __init__(self, folder: Path) -> None:
-        """Opens or makes the store; where its columns are of another version, all logs are to be read again."""
+        """Opens or makes the store; where its columns are of another version, all logs are to be read again.
+
+        The write-ahead log lets others read while one writes. SQLite's ``user_version`` holds the version of the
+        columns.
+
+        Args:
+            folder: folder of the fleet, which exists.
+
+        Raises:
+            sqlite3.OperationalError: the file cannot be opened, or the disk does not support a write-ahead log.
+        """
         self.folder = folder
         self.db = sqlite3.connect(folder / STORE, timeout=BUSY_SECONDS, isolation_level=None)
         self.db.row_factory = sqlite3.Row

@@ -43,7 +43,10 @@ def read_parameters(path: PathName) -> Parameters:
 
 
 def _parameter_of_line(line: str) -> tuple[str, float]:
-    """Returns name and finite value of the parameter in a line; an empty name where there is none."""
+    """Returns name and finite value of the parameter in a line; an empty name where there is none.
+
+    Both formats are read by the same rule: words are separated by commas or spaces, and leading numbers are skipped.
+    """
     words = re.split(r"[,\s]+", line.strip())
     if words[0].isdigit():
         # QGroundControl's lines begin with the numbers of the vehicle and of the component; name and value follow.

@@ -313,7 +313,12 @@ def _topics(log: ULog) -> tuple[Topics, Facts]:
 
 
 def _file_repairs(log: ULog, outlier_count: int) -> Facts:
-    """Reports what is damaged or missing in a file, and how many messages with outlying stamps were left out."""
+    """Reports what is damaged or missing in a file.
+
+    Args:
+        log: The parsed file, with the interruptions of the logger, whose durations are in ms.
+        outlier_count: Number of messages that were left out because their stamps are far from all others.
+    """
     damage = repair_facts(Repair.ULOG_DAMAGED) if log.file_corruption else ()
     # How long the logger was interrupted, s; what it missed in that time is not known.
     durations = np.array([dropout.duration for dropout in log.dropouts]) / 1e3

@@ -26,7 +26,11 @@ STANDARD_ORDER = 3
 
 
 def comparison_report(comparison: Comparison) -> Iterator[Block]:
-    """Yields the report of a comparison: how the first method does, all errors, failures, and what the columns mean."""
+    """Yields the report of a comparison: how the first method does, all errors, failures, and what the columns mean.
+
+    Methods answer two questions: what happens with known inputs and, those that can, what comes next without them. Each
+    has a table of its own.
+    """
     questions = [KNOWN]
     if comparison.methods_of(UNKNOWN):
         questions.append(UNKNOWN)
@@ -131,7 +135,12 @@ def _common_horizons(comparison: Comparison) -> list[str]:
 
 
 def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
-    """Yields sentences on how much of a flight was compared, and on the methods that failed."""
+    """Yields sentences on how much of a flight was compared, and on the methods that failed.
+
+    Args:
+        comparison: errors of all methods.
+        flight: name of the flight.
+    """
     windows = [window for window in comparison.windows if window.flight == flight]
     summaries = comparison.summaries(flight)
     longest_horizon = summaries[0]["horizons"][-1]

@@ -169,7 +169,11 @@ def _motor_name(change: QuantityChange, difference: VehicleDifference) -> str:
 
 
 def _change_text(change: QuantityChange, difference: VehicleDifference) -> str:
-    """Returns a change as text, such as "motor 3's share −18 % ± 6 %" or "rate damping on roll 4 → 6 1/s (+2 ± 1)"."""
+    """Returns a change as text, such as "motor 3's share −18 % ± 6 %" or "rate damping on roll 4 → 6 1/s (+2 ± 1)".
+
+    Shares and effects are compared as ratios and have no value before and after; their change is in percent. For the
+    other quantities both values are shown, and then the change with the half width of its 90 % interval.
+    """
     quantity = change.quantity
     shown = SHOWN_QUANTITIES[quantity.kind]
     if quantity.motor:

@@ -68,7 +68,14 @@ class VehicleWords(NamedTuple):
 
 
 def fleet_blocks(rows: FlightRows) -> Blocks:
-    """Returns the summary of a fleet: a headline, what was flown, and a table of why logs were not used."""
+    """Returns the summary of a fleet: a headline, what was flown, and a table of why logs were not used.
+
+    Vehicles with a name of their own are counted as such. Flights under a shared or unknown name are counted apart,
+    because neither the number of their vehicles nor duplicates among them can be known.
+
+    Args:
+        rows: rows of all flights and axes, and of logs without a flight.
+    """
     vehicles = fleet_flights.vehicles_of(rows)
     shown_vehicles = {
         name: flights for name, flights in vehicles.items() if is_one_vehicle(name, flights)
@@ -237,7 +244,10 @@ def _health_summary(vehicles: Mapping[str, Flights]) -> dict[str, object]:
 
 
 def _flown_summary(flights: Flights) -> dict[str, object] | None:
-    """Returns the number of flights, settled hours, dates, and counts of tiers in words; None without a flight."""
+    """Returns the number of flights, settled hours, dates, and counts of tiers in words; None without a flight.
+
+    The rows of a flight may have different durations, since an axis may lack data; the longest counts.
+    """
     if not flights:
         return None
     seconds = sum(max(row.duration or 0.0 for row in flight) for flight in flights)

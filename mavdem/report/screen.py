@@ -207,7 +207,10 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
 
 
 def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
-    """Returns columns of a table of motors by header: trim, its deviation, headroom, and time at the limits."""
+    """Returns columns of a table of motors by header: trim, its deviation, headroom, and time at the limits.
+
+    The lower limit has a column only if a motor was there at all.
+    """
     trim_header = f"trim ({hover.unit})" if hover.unit else "trim"
     # Adding 0.0 turns a rounded -0.0 into 0.0, which has the sign of nothing.
     columns = {
@@ -242,7 +245,11 @@ def _motor_table(motors: Sequence[str], columns: Mapping[str, list[str]]) -> Tab
 
 
 def torque_blocks(learned: Learned) -> Blocks:
-    """Returns the wind torque of a model in a sentence: its level, share and gusts; nothing where not identifiable."""
+    """Returns the wind torque of a model in a sentence: its level, share and gusts; nothing where not identifiable.
+
+    The largest gust is named with the time at which it began. A wind torque whose scale has a wide interval, since it
+    is computed with the effect of the motors, is called uncertain.
+    """
     physical = learned.physical
     wind = resolved_wind_torque(learned.wind_torque, physical)
     if physical is None or wind is None:
@@ -340,7 +347,11 @@ def _axis_header(axes: Mapping[str, AxisFigures]) -> list[str]:
 
 
 def _axis_cells(figures: AxisFigures) -> list[str]:
-    """Returns mean effectiveness, damping, motor time constant and wind torque of an axis as cells of a table."""
+    """Returns mean effectiveness, damping, motor time constant and wind torque of an axis as cells of a table.
+
+    Estimates have the half widths of their 90 % intervals, and a remark where closed-loop control biases them. The wind
+    torque is its standard deviation. Units are those of :func:`_axis_header`.
+    """
     physical = figures.physical
     if physical is None:
         return [UNKNOWN_FIGURE] * 4

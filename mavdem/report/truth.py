@@ -21,7 +21,11 @@ MAX_SHOWN_ERROR = 10.0
 
 
 def truth_blocks(comparison: TruthComparison) -> Blocks:
-    """Returns how many intervals hold the truth, a table of all parameters, and how the wind torque compares."""
+    """Returns how many intervals hold the truth, a table of all parameters, and how the wind torque compares.
+
+    Args:
+        comparison: estimates of a simulated flight with their 90 % intervals, and the parameters of the simulation.
+    """
     wind = comparison.wind
     parameters = list(comparison.parameters)
     if wind is not None and wind.resolved:

@@ -213,7 +213,11 @@ class Server:
 
 @cache
 def _response_headers() -> dict[str, str]:
-    """Returns the headers of every answer: the policy, no guessing of content types, no copies in shared caches."""
+    """Returns the headers of every answer: the policy, no guessing of content types, no copies in shared caches.
+
+    They also keep the secret link of a flight from other sites, which would otherwise see it as the referrer, and keep
+    flights out of search engines.
+    """
     return {
         "content-security-policy": CONTENT_SECURITY_POLICY.format(
             scripts=" ".join(script_hashes())

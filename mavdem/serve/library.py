@@ -141,8 +141,8 @@ class Library:
     def progress_columns(self, entry: Entry) -> JsonValues:
         """Returns the columns of the index that the reading process has written into a log's progress file so far.
 
-        The file is in the final folder of results or, while the log is read, in a hidden folder beside it. It may be
-        missing or half written at any moment; then there are no columns.
+        The file is in the final folder of results or, while the log is read, in a hidden folder beside it. It is
+        missing before reading begins, and for a moment while the folder is renamed; then there are no columns.
         """
         for folder_name in (entry.digest, f".{entry.digest}"):
             with suppress(OSError, ValueError):

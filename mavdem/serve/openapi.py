@@ -48,7 +48,10 @@ STATUS_BY_REFUSAL: dict[str, int] = TABLE["status"]
 
 @cache
 def openapi() -> JsonValues:
-    """Returns the OpenAPI description as plain JSON values."""
+    """Returns the OpenAPI description as plain JSON values: the operations, the schemas of documents, and the token.
+
+    Schemas are made by pydantic from the models by which the documents are written, so that they cannot differ.
+    """
     _, schemas = models_json_schema(
         [(model, "serialization") for model in ANSWERS],
         ref_template="#/components/schemas/{model}",
@@ -102,7 +105,10 @@ def _operation_object(operation: Operation) -> JsonValues:
 
 
 def _parameter_objects(operation: Operation) -> list[JsonValues]:
-    """Returns the OpenAPI descriptions of an operation's parameters, first those in the path, then in the query."""
+    """Returns the OpenAPI descriptions of an operation's parameters, first those in the path, then in the query.
+
+    Parameters in the path are the names in braces, and are required; those in the query never are.
+    """
     locations = dict.fromkeys(re.findall(r"{(\w+)}", operation.path), "path")
     locations |= dict.fromkeys(operation.query, "query")
     return [

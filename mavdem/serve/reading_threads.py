@@ -70,7 +70,11 @@ class ReadingThreads:
             thread.join()
 
     def _run(self) -> None:
-        """Runs in each thread: reads waiting logs one after the other, and writes the fleet's table when none waits."""
+        """Runs in each thread: reads waiting logs one after the other, and writes the fleet's table when none waits.
+
+        Reading comes first, because somebody waits for it; the table is written once for all logs that were read since.
+        After an error that may pass, the thread waits and goes on.
+        """
         reader = self._cluster or LogReader(self._is_stopping.is_set)
         # A worker process imports its modules when it writes the table for the first time. That is done at once, so
         # that the first log need not wait for it.

@@ -265,7 +265,7 @@ class LiveWriter:
         self._draw(rates, samples)
 
     def _draw_wind(self, rows: list[DisplayRow]) -> None:
-        """Draws the wind speed with the ends of its interval, m/s."""
+        """Draws the wind speed with the ends of its 90 % interval, m/s, in the rows that have an estimate."""
         interval_colour = colour_on_dark(DISTURBANCE, WIND_INTERVAL_OPACITY)
         speed = Lines(
             "air/speed",

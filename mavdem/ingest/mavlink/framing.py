@@ -256,7 +256,11 @@ class _FrameBlock:
         return self._matching_frames(selection & ~self._is_linked)
 
     def _matching_frames(self, selection: Flags) -> Frames:
-        """Returns those candidates of a selection (N,) that lie in the stream and whose checksum matches."""
+        """Returns those candidates of a selection (N,) that lie in the stream and whose checksum matches.
+
+        The checksum of each is computed over header and payload, and then over CRC_EXTRA, and compared with the two
+        bytes after the payload, the lower one first.
+        """
         # Candidates of unknown messages are dropped first: without CRC_EXTRA their checksum cannot be computed.
         rows = np.flatnonzero(selection & (self.end <= self._size))
         frames = _frames_of_headers(self.start[rows], self._headers[rows])
@@ -310,7 +314,15 @@ def frames_at(data: Bytes, start: Offsets) -> Frames:
 
 
 def _frames_of_headers(start: Offsets, headers: Bytes) -> Frames:
-    """Returns the frames that begin at ``start`` (N,) with these headers (N, ``HEADER_BYTES_V2``)."""
+    """Reads the fields of headers, in the layout of the version that the marker of each says.
+
+    Args:
+        start: Offset (N,) of each frame's marker.
+        headers: First bytes (N, ``HEADER_BYTES_V2``) of each frame; those of MAVLink 1 are followed by payload.
+
+    Returns:
+        The frames, all with the checksum ``CHECKSUM_MATCHES``, which is not computed.
+    """
     is_version_2 = headers[:, 0] == MARKER_V2
     low, middle, high = (
         headers[:, MESSAGE_ID_BYTE_V2 + byte].astype(np.int64) for byte in range(3)

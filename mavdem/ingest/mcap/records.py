@@ -122,7 +122,11 @@ class McapRecording:
         )
 
     def _record_locations(self) -> Iterator[RecordLocation]:
-        """Yields the records with one of ``READ_OPCODES``, and counts the bytes of damage between records."""
+        """Yields the records with one of ``READ_OPCODES``, and counts the bytes of damage between records.
+
+        Records are followed from one to the next by their lengths. Where no record can be, the next place where one
+        probably begins is searched. A file that does not end with a footer was cut.
+        """
         file_end = len(self.content)
         offset = 0
         last_opcode = 0
@@ -380,7 +384,10 @@ def _json_value(value: Any) -> Any:
 
 
 def _message_schema(message: Any) -> JsonValues:
-    """Returns the JSON schema of one of pymavlink's classes of messages, in BlueOS's layout."""
+    """Returns the JSON schema of one of pymavlink's classes of messages, in BlueOS's layout.
+
+    An array length of 0 stands for a field that is no array; texts are arrays of the type ``char``.
+    """
     header = _object_schema({name: {"type": "integer"} for name in HEADER_FIELDS})
     fields: JsonValues = {"type": {"type": "string"}}
     for name, length in zip(message.ordered_fieldnames, message.array_lengths, strict=True):

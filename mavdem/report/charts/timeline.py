@@ -262,7 +262,14 @@ def _lines(
     names: Sequence[str],
     colours: Sequence[str] = DISTINCT,
 ) -> Iterator[Line]:
-    """Yields a line for each column of a signal within a segment; nothing without at least two samples."""
+    """Yields a line for each column of a signal within a segment; nothing without at least two samples.
+
+    Args:
+        signal: samples (N,) or (N, k); None where it was not logged.
+        segment: part of the log to show.
+        names: names of the k lines.
+        colours: colours that the lines get in turn.
+    """
     part = None if signal is None else _within(signal, segment)
     if part is None:
         return

@@ -97,7 +97,11 @@ def _lines(estimates: Estimates) -> Iterator[Line]:
 
 
 def _quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
-    """Yields the title of each chart, with the unit, and the estimates that it shows by the name of their line."""
+    """Yields the title of each chart, with the unit, and the estimates that it shows by the name of their line.
+
+    First come the motors' shares of the mean output and the vibration, then ``AXIS_QUANTITIES`` with a line for each
+    axis.
+    """
     motors = _motor_names(flights)
     shares = _estimates(flights, "trim_share", len(motors))
     yield "Motor shares (mean 1)", dict(zip(motors, shares, strict=True))

@@ -151,7 +151,10 @@ def draw_charts(charts: Sequence[Chart]) -> BareFigure:
 
 
 def _draw_chart(axes: Axes, chart: Chart) -> None:
-    """Draws lines, spans, levels, axes and title of a chart; with several named lines, a legend too."""
+    """Draws lines, spans, levels, axes and title of a chart; with several named lines, a legend too.
+
+    Marks, spectrograms and right axes are only drawn by pages: the charts of a learned model have none.
+    """
     for line in chart.lines:
         _draw_line(axes, line)
     for span in chart.spans:

@@ -190,7 +190,10 @@ def _suspect_motors(flight: AxisRows) -> str:
 
 
 def _notes(flight: AxisRows) -> str:
-    """Returns what is reported about a flight, one sentence a line, the most important first, each once."""
+    """Returns what is reported about a flight, one sentence a line, the most important first, each once.
+
+    The headline of the log comes first, then the reason for the health of the motors, then warnings.
+    """
     # A log without a flight has one note: why it was not used.
     first_row = flight[0]
     if not first_row.has_flight:

@@ -184,7 +184,13 @@ def _with_saturations_counted(events: Facts) -> Iterator[Fact]:
 def _flight_chapters(
     assessment: Assessment, timeline: Timeline | None, is_full: bool
 ) -> Iterator[Chapter]:
-    """Yields the chapters of what a flight shows without a model; none if the log holds no flight."""
+    """Yields the chapters of what a flight shows without a model; none if the log holds no flight.
+
+    Args:
+        assessment: assessment of the log.
+        timeline: charts over time; None where the attitude has too few samples.
+        is_full: whether the page is that of one log, with spectrograms and advice on gains, or a small one of a fleet.
+    """
     evidence = assessment.evidence
     analysis = assessment.analysis
     if evidence is None or analysis is None:
@@ -211,7 +217,12 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
 
 
 def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
-    """Yields the sentence of the tracking light, and a table of the tracking errors of all axes that have one."""
+    """Yields the sentence of the tracking light, and a table of the tracking errors of all axes that have one.
+
+    Args:
+        light: the fact of the light "tracking".
+        axes: by axis, a fact whose figures are the errors and the delay, each with its unit.
+    """
     yield Sentence(str(light), "Tracking:")
     rows = []
     for axis, fact in axes.items():
@@ -226,7 +237,12 @@ def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
 
 
 def responses_chapter(responses: Responses) -> Chapter:
-    """Returns the chapter of step responses: their figures, doubts about them, and charts of measured and predicted."""
+    """Returns the chapter of step responses: their figures, doubts about them, and charts of measured and predicted.
+
+    Args:
+        responses: by axis and loop, the measured response or the fact why there is none, and the prediction. Loops
+            without a response for the same reason share one sentence; a prediction that does not agree gives a caution.
+    """
     rows = []
     doubts = Blocks()
     names_by_refusal = dict[Fact, list[str]]()
@@ -406,7 +422,10 @@ def _motors_chapter(analysis: LogAnalysis, evidence: Evidence) -> Chapter:
 def _wind_chapter(
     assessment: Assessment, analysis: LogAnalysis, timeline: Timeline | None
 ) -> Chapter:
-    """Returns the chapter of the wind: in m/s and as a torque, with the wind rose and the flown path."""
+    """Returns the chapter of the wind: in m/s and as a torque, with the wind rose and the flown path.
+
+    The rose needs both speed and direction. Of a simulated flight the estimates are compared with its truth here.
+    """
     blocks = air_blocks(assessment)
     if analysis.learned is not None:
         blocks += torque_blocks(analysis.learned)
@@ -422,7 +441,10 @@ def _wind_chapter(
 
 
 def _parameters_chapter(telemetry: Telemetry) -> Chapter:
-    """Returns the chapter of parameters: those that changed in the flight, and those of rate and attitude control."""
+    """Returns the chapter of parameters: those that changed in the flight, and those of rate and attitude control.
+
+    Changes that the autopilot makes by itself, such as counters and learned offsets, are left out.
+    """
     blocks: Blocks = []
     changes = [
         [name, f"{before:.4g}", f"{telemetry.parameters[name]:.4g}"]
@@ -469,7 +491,10 @@ def _model_chapters(assessment: Assessment) -> Iterator[Chapter]:
 
 
 def _model_chapter(axis: str, analysis: LogAnalysis) -> Chapter:
-    """Returns the chapter of the model of an axis, or why there is none: grades, parameters, forecasts and response."""
+    """Returns the chapter of the model of an axis, or why there is none: grades, parameters, forecasts and response.
+
+    The frequency response is left out where the effect of the motors is not identifiable, on which it rests.
+    """
     learned = analysis.learned
     findings = analysis.findings
     blocks = Blocks()
