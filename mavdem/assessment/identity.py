@@ -85,10 +85,10 @@ class _NameWithBasis(NamedTuple):
 
 
 def identity_of(signals: Signals, receive_time: float = float("nan")) -> Identity:
-    """Returns the identity of a vehicle.
+    """Returns which vehicle a log is of: its name, type, autopilot, firmware and board, and when and where it flew.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         receive_time: when the first message of the log was received, UNIX time in s; NaN if it is not known.
     """
     telemetry = signals.telemetry

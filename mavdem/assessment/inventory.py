@@ -173,7 +173,7 @@ def _vehicle_values(vehicle: VehicleContents) -> JsonValues:
 
 
 def _message_rate(columns: Columns) -> float | None:
-    """Returns the rate of a message, Hz; None if all of its stamps are equal.
+    """Returns the rate at which a message was recorded.
 
     It is the rate between gaps, since an outage of the link does not change how often a message is sent. But for a
     message that comes in bursts, whose mean rate is below ``MIN_MEAN_RATE_SHARE`` of that, the mean rate tells more.

@@ -341,10 +341,19 @@ class _AttitudeLoss(NamedTuple):
 
 
 def impact_time(signals: Signals, boot: int, start: float, end: float) -> float | None:
-    """Returns when the accelerometers felt an impact between ``start`` and ``end``, s; None if they felt none.
+    """Returns when the accelerometers felt an impact.
 
-    An impact is a specific force above ``IMPACT_FORCE`` and above all of the ``RECOVERY_SECONDS`` before ``start``: the
-    accelerometers of some vehicles feel as much throughout, from vibration.
+    An impact is a specific force above ``IMPACT_FORCE``, and above all of the ``RECOVERY_SECONDS`` before the search:
+    the accelerometers of some vehicles feel as much throughout, from vibration.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        start: beginning of the time to search, s since boot.
+        end: its end, s since boot.
+
+    Returns:
+        Time of the first impact, s since boot; None if none was felt, or the accelerometers were not recorded.
     """
     message = next((name for name in FORCE_MESSAGES if name in signals.telemetry.messages), "")
     acceleration = series_of_boot(

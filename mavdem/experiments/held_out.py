@@ -272,6 +272,7 @@ def forecast_part(
     forecast, prediction, expected, band = unknown, unknown, unknown, unknown
     if model is not None:
         # The forecast of an unstable model may overflow, which is a result.
+        # An unstable model may overflow.
         with np.errstate(over="ignore", invalid="ignore"):
             rolling = model.rolling_forecast_known_inputs(part.steps, inputs, outputs)
             half_widths = model.half_widths(rolling.variance, CONFIDENCE_LEVEL, part.steps)

@@ -50,7 +50,7 @@ class Paired(NamedTuple):
 
 
 def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None = None) -> Paired:
-    """Compares the errors of two methods on the same windows.
+    """Compares the errors of two methods on the same windows, by the median ratio and Wilcoxon's signed-rank test.
 
     Args:
         ours: (W,) errors of one method, at least 0, and infinite where it has no forecast.

@@ -46,17 +46,23 @@ class TooFewSamples(NotLearnable):
 
 
 def too_short(flight: Flight, start: float, train: int, test: int, min_train: int) -> TooFewSamples:
-    """Returns the error that a window does not fit into a flight, with the options for one that does.
+    """Returns the error that a window does not fit into a flight, with command-line options for one that does.
+
+    The offered window has a shorter test part, in proportion to what remains of the flight, and the longest training
+    part that then fits.
 
     The options are offered to the user as text to type. They shorten the test part to a share of what remains of the
     flight, if need be, and give the rest to the training part.
 
     Args:
         flight: the flight.
-        start: s after its beginning at which the training part was to begin.
-        train: samples of the training part.
-        test: samples of the test part.
-        min_train: samples that a training part needs; with fewer no options are offered.
+        start: time after the beginning of the flight at which the training part was to begin, s.
+        train: number of samples of the training part.
+        test: number of samples of the test part.
+        min_train: number of samples that a training part needs; with fewer no options are offered.
+
+    Returns:
+        The error, to be raised. Its fact has the lengths, and the ``options``, empty if no window is long enough.
     """
     remaining = len(flight) - round(min(start / flight.dt, len(flight)))
     shorter_test = min(test, max(remaining // SHORT_TEST_FRACTION, 1))
@@ -77,13 +83,16 @@ def too_short(flight: Flight, start: float, train: int, test: int, min_train: in
 
 
 def no_test_window(samples: int, dt: float, test: int, folds: int) -> TooFewSamples:
-    """Returns the error that no test window fits into a fold of a flight, with the option for one that does.
+    """Returns the error that no test window fits into a fold of a flight, with an option for one that does.
 
     Args:
-        samples: length of the flight.
+        samples: length of the flight, in samples.
         dt: sampling step, s.
-        test: samples of a test window.
-        folds: number of parts that the flight is cut into.
+        test: number of samples of a test window.
+        folds: number of parts that the flight is cut into for cross-validation.
+
+    Returns:
+        The error, to be raised. Its fact has the lengths, and the ``options``, empty for a flight that is too short.
     """
     # The first window of a flight is kept for the filter to find its state.
     shorter_test = max(1, samples // (folds + 1))
