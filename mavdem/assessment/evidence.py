@@ -95,6 +95,8 @@ class Evidence:
     def in_flight(self, series: TimeSeries | None) -> Iterator[TimeSeries]:
         """Yields the part of a series in each flight, for flights with at least one sample.
 
+        A flight here ends when the vehicle was lost: sensors that hit the ground say nothing about the vehicle.
+
         Args:
             series: (N,) or (N, k) samples of one or several boots; None, for a message that was not recorded, yields
                 nothing.

@@ -302,9 +302,12 @@ def _weak_motor(
     Returns:
         The motor and its opposite one, whose command decreased; None if the commands show no such pair.
     """
+    # Forward is the real part, right the imaginary part, as in the fall's direction.
     positions = np.array([complex(*position) for position in motors.geometry.positions])
     if not len(positions) or not positions.all():
+        # The positions are not known, or a motor at the centre has no direction.
         return None
+    # Half the angle between neighbouring motors is π over their number.
     max_angle = ALIGNMENT_SHARE * pi / len(positions)
     lift_direction = change @ positions
     if fall_direction is None:

@@ -28,7 +28,10 @@ class Judgement(ImmutableResult):
 
 
 def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: Fact) -> Judgement:
-    """Judges a vehicle.
+    """Judges a vehicle: the lights first, then the headline by them and the events, then the next step for the
+    headline.
+
+    If the vehicle must not fly as it is, the lights lose their advice to fly (``Fact.grounded``).
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -117,7 +120,7 @@ def _nothing_wrong(lights: NamedFacts) -> Fact:
 
 
 def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) -> Fact:
-    """Returns what to do next.
+    """Returns what to do next: repair what is wrong; else log what is missing; else improve the model.
 
     Args:
         headline: of the judgement. If something is wrong, the next step is what it advises.

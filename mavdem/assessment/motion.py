@@ -129,6 +129,9 @@ def _end_in_air(
 ) -> Iterator[Fact]:
     """Yields that the log ended in the air, if it did.
 
+    The recorder may have failed, or the vehicle may have crashed unseen. There is no such event if a landing or another
+    event explains the end of the log, or if the height does not show that the vehicle was in the air.
+
     Args:
         signals: of the vehicle.
         boot: number of the boot.
@@ -154,8 +157,8 @@ def _attitude_events(
 ) -> list[Fact]:
     """Returns the losses of attitude in one flight, in time order.
 
-    Those that were recovered come first. The last one may be bad: after it the vehicle is lost, and nothing else
-    counts.
+    A flight may have several that were recovered. One that was not is the last of the list: after it the vehicle is
+    lost, and what its attitude does then is left out.
 
     Args:
         signals: of the vehicle.

@@ -48,10 +48,11 @@ class MeasuredNoise(NamedTuple):
 
     @property
     def facts(self) -> Facts:
-        """What is reported of the gyro.
+        """What is reported of the gyro, or that there is no spectrum of it.
 
-        That are the spectrum and its lines, which share of motor lines the filters remove, if the gyro was logged
-        before and after them, and the notch filter to set.
+        The spectrum before the filters is preferred, since it shows all lines. The facts are this spectrum, its lines,
+        the share of each motor line that the filters remove (known if the gyro was logged before and after them), and
+        the notch filter to set.
         """
         filtered = self.spectra.get(GYRO)
         spectrum = self.spectra.get(UNFILTERED_GYRO, filtered)

@@ -53,13 +53,18 @@ class Tier(NamedTuple):
 
 
 def tier_of(learnability: Learnability, condition: Condition) -> Tier:
-    """Returns the tier of a log by its rates.
+    """Returns the tier of a log: "a" for a full model, "b" for one of the slow motion, "c" for the condition only.
 
-    In tier "b" a model of the slow motion may still be refused (:func:`mavdem.assessment.axis.analyse`).
+    A log in which a full model can be learned has tier "a". Otherwise the slower of the rates of attitude and model
+    inputs decides (``MIN_SLOW_MOTION_RATE``, ``MIN_CONDITION_RATE``). In tier "b" a model may still be refused
+    (:func:`mavdem.assessment.axis.analyse`).
 
     Args:
-        learnability: whether a full model can be learned, and the rates.
+        learnability: whether a full model can be learned, and the rates, Hz.
         condition: of the vehicle. Without settled flight or attitude there is no tier.
+
+    Returns:
+        The tier and the one above it, with the reason why the log does not have that.
     """
     reason = learnability.reason
     if learnability.learnable:

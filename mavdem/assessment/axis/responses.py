@@ -51,6 +51,12 @@ def responses_of(evidence: Evidence) -> Responses:
 
     They are of settled flight, without the modes that excite the vehicle themselves: there the setpoint is not what
     moves it. Responses of axes without an identified loop have no prediction.
+
+    Args:
+        evidence: what the log shows of the vehicle, with the identified loop of each axis.
+
+    Returns:
+        The responses by axis, and then by "rate" and "attitude".
     """
     segments = evidence.settled_segments(EXCITATION_MODES)
     responses = {}
@@ -94,7 +100,9 @@ def predicted_attitude_response(loop: Loop, has_feedforward: bool) -> Complex:
 def _compared_response(
     measured: StepResponse | Fact, open_loop: OpenLoop, closed_loop: Complex
 ) -> LoopResponse:
-    """Returns a measured response with the predicted one.
+    """Returns a measured response together with the predicted one, at the times and frequencies of the measured one.
+
+    The step response is predicted from the frequency response of the closed loop by a Fourier transform.
 
     Args:
         measured: the response, or why it is not known.

@@ -78,7 +78,6 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
         for fact in (evidence.ending, *evidence.warnings_in_flight(codes))
         if fact is not None and fact.subject in names
     ]
-    # The "rise" of a loss of thrust is by how much the command of the motor rose to make up for it.
     # The figure "rise" is by how much the motor's command rose to make up for its loss.
     facts.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_duration(fact)))
     return facts
