@@ -28,10 +28,10 @@ class Judgement(ImmutableResult):
 
 
 def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: Fact) -> Judgement:
-    """Judges a vehicle: the lights first, then the headline by them and the events, then the next step for the
-    headline.
+    """Judges a vehicle by its lights and events.
 
-    If the vehicle must not fly as it is, the lights lose their advice to fly (``Fact.grounded``).
+    The lights come first. Together with the events they give the headline, and that the next step. If the vehicle must
+    not fly as it is, the lights lose their advice to fly (``Fact.grounded``).
 
     Args:
         evidence: what the log shows of the vehicle.
