@@ -33,7 +33,7 @@ def write_channels(
     - with ``wind``: ``wind/velocity``, the north and east velocity of the air, m/s, and ``wind/band``, half widths.
 
     Args:
-        path: of the file to write.
+        path: path of the file to write.
         flights: at least one.
         learned: the model of these ``flights``.
         held_out: forecasts of windows of these ``flights``.

@@ -126,7 +126,10 @@ def _packed_content(path: Path, size: int, limit: int | None) -> bytes:
 
 
 def _folder_fact(path: Path) -> Fact:
-    """Returns the fact that a folder was given where a log is needed, with the first log in it as an example."""
+    """Returns the fact that a folder was given where a log is needed.
+
+    It has the number of logs in the folder, by the endings of their names, and the first of them as an example.
+    """
     logs = []
     for file in path.iterdir():
         if file.name.lower().endswith(LOG_ENDINGS) and file.is_file():

@@ -335,7 +335,12 @@ def _file_repairs(log: ULog, outlier_count: int) -> Facts:
 
 
 def _firmware(information: Mapping[str, object]) -> str:
-    """Returns what the firmware is called, with its version and the beginning of its commit where these were logged."""
+    """Returns the name of the firmware, such as "PX4 v1.14.3 (1a2b3c4d)".
+
+    Args:
+        information: Values that the log has about the system: the version as a number of 32 bits, and the commit.
+            Either may be missing, or damaged, and is left out then.
+    """
     name = "PX4"
     version = information.get("ver_sw_release")
     if isinstance(version, int) and 0 <= version < 1 << 32:

@@ -105,7 +105,10 @@ def markdown(blocks: Iterable[Block]) -> str:
 
 
 def _block_as_markdown(block: Block) -> str:
-    """Returns a sentence with its lead in bold, or a table, as Markdown."""
+    """Returns a block as Markdown: a sentence with its lead in bold, or a table.
+
+    The rule below the header aligns columns: "---" on the left, "---:" on the right.
+    """
     if isinstance(block, Sentence):
         # A command has a code block of its own, because the Rerun Viewer does not break a path within a line.
         text = _COMMAND_SENTENCE.sub(r"\n\n```\n\1\n```\n\n", block.text)

@@ -162,7 +162,7 @@ def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool) 
 
     Args:
         choice: the chosen order, with the free energy of all orders.
-        names: of the flights, one for each row of ``choice.free_energy``.
+        names: names of the flights, one for each row of ``choice.free_energy``.
         known_inputs: whether inputs were known, as for ``free_energy_by_order``.
     """
     has_several_flights = len(names) > 1

@@ -81,7 +81,7 @@ def headline_blocks(headlines: Mapping[str, str | None]) -> Blocks:
     """Returns the headline of each side by itself.
 
     Args:
-        headlines: by side; None of a side without one.
+        headlines: headline of each side; None for a side without one.
     """
     return [
         Sentence(headline, f"{side.upper()} by itself:")

@@ -120,7 +120,14 @@ def _model_blocks(
     held_out: HeldOut | None = None,
     hover: HoverFigures | None = None,
 ) -> Blocks:
-    """Returns grades, motors, wind torque, errors of the prediction, and warnings of a model."""
+    """Returns the report of a model: grades, motors, wind torque, errors of the prediction, and warnings.
+
+    Args:
+        findings: grades of the model by purpose, and warnings.
+        learned: the model.
+        held_out: forecasts of windows that no model was trained on; None without.
+        hover: how hard each motor works in hover; None where that is not known.
+    """
     return [
         *purpose_tables(findings),
         *motor_blocks(learned, hover),
@@ -227,7 +234,11 @@ def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
 
 
 def _effectiveness_column(physical: Physical, labels: Labels) -> dict[str, list[str]]:
-    """Returns the column of a table of motors, by its header, with each motor's control effectiveness."""
+    """Returns the column of a table of motors, by its header, with each motor's control effectiveness.
+
+    It is the angular acceleration per unit of the motor's output, °/s² per unit, with the half width of its 90 %
+    interval.
+    """
     half_widths = physical.interval().effect
     cells = [
         plus_minus(effect, half_width)
@@ -331,7 +342,11 @@ def vehicle_blocks(axes: Mapping[str, AxisFigures], is_doubtful: bool) -> Blocks
 
 
 def _axis_header(axes: Mapping[str, AxisFigures]) -> list[str]:
-    """Returns the header of the table of axes; the unit of the inputs is that of the first axis with a flight."""
+    """Returns the header of the table of axes.
+
+    Control effectiveness is per unit of the inputs. All axes have the same inputs; their unit is that of the first axis
+    with a flight.
+    """
     input_unit = ""
     for figures in axes.values():
         if figures.flights:

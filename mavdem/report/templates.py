@@ -78,7 +78,7 @@ def render_section(name: str, record: object = None, /, **values: Any) -> list[S
     """Renders the paragraphs of a section of a report, in order, without those that come out empty.
 
     Args:
-        name: of the section: the file ``sections/NAME.toml``.
+        name: name of the section: the file ``sections/NAME.toml``.
         record: an object whose public attributes the templates use by name, if any.
         **values: further values that the templates use by name.
 

@@ -255,7 +255,11 @@ class _MessageScan:
     """
 
     def __init__(self, content: bytes) -> None:
-        """Learns the definitions; the messages are found by :meth:`run`."""
+        """Finds the definitions of messages in the log; the messages themselves are found by :meth:`run`.
+
+        Args:
+            content: The log.
+        """
         self.content = content
         self.starts = array("q")
         self.message_bytes = 0

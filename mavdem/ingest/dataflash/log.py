@@ -198,7 +198,10 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
 
 
 def _logged_messages(recording: DataflashRecording) -> dict[str, MessageTable]:
-    """Decodes the messages that are translated, by name, under the names that fields have today."""
+    """Decodes the messages that are translated, by name, under the names that fields have today.
+
+    Messages that the log does not have are there too, with empty tables.
+    """
     logged = {}
     for name in TRANSLATED_MESSAGES:
         logged[name] = with_new_names(name, usable_fields(recording.decode(name)))

@@ -425,7 +425,10 @@ class FrameStream:
     """What was odd or damaged, and what was done about it."""
 
     def stamped_frames(self) -> Iterator[tuple[int, bytes]]:
-        """Yields receive stamp, UNIX µs, and bytes of each frame; one without a stamp has that of the frame before."""
+        """Yields receive stamp, UNIX µs, and bytes of each frame, for writing the stream to a file.
+
+        A frame without a stamp gets that of the last frame before it that has one, or 0 if there is none.
+        """
         rows = np.arange(len(self.stamps))
         last_stamped_row = np.maximum.accumulate(np.where(self.stamps > 0, rows, 0))
         content = self.data.data

@@ -298,7 +298,11 @@ def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
 
 
 def _json_body(message: Any) -> JsonValues:
-    """Returns one of pymavlink's messages as a JSON object in BlueOS's layout: a header with ids, and the fields."""
+    """Returns one of pymavlink's messages as a JSON object in BlueOS's layout.
+
+    The part "header" has the ids of sender and message and the sequence number, the part "message" the name of the
+    message and its fields.
+    """
     header_values = (
         message.get_srcSystem(),
         message.get_srcComponent(),

@@ -208,7 +208,7 @@ def spectrum_chart(noise: MeasuredNoise, loop: Loop | None = None, name: str = G
     Args:
         noise: spectra and spectral lines of the sensors; there is at least one of this sensor.
         loop: a loop whose gyro filters are drawn as a gain in dB, and whose crossover is marked; None without.
-        name: of the sensor in ``noise``.
+        name: name of the sensor in ``noise``.
     """
     lines, unit = _spectrum_lines(noise, name)
     spectral_lines = noise.peaks.get(f"{name}_before", noise.peaks.get(name, ()))
@@ -247,7 +247,7 @@ def _spectrum_lines(noise: MeasuredNoise, name: str) -> _SpectrumLines:
 
     Args:
         noise: spectra of all sensors.
-        name: of the sensor.
+        name: name of the sensor.
     """
     lines = []
     unit = "1/Hz"

@@ -163,7 +163,7 @@ def flown_path(timeline: Timeline | None) -> Plan | None:
     Both directions have one scale, by which the larger extent of the path fills the drawing.
 
     Args:
-        timeline: of the flight, with its position; None without one.
+        timeline: timeline of the flight, with its position; None without one.
 
     Returns:
         The drawing; None where the position is not known.

@@ -145,7 +145,7 @@ def _shown_segment(signals: Signals, segments: Segments) -> Segment | None:
     """Returns the part of a log that a timeline shows: one boot, from shortly before arming to shortly after disarming.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         segments: settled segments; the boot is that of the first one or, without any, the one with the most samples.
 
     Returns:
@@ -171,7 +171,10 @@ def _shown_segment(signals: Signals, segments: Segments) -> Segment | None:
 
 
 def _mode_spans(signals: Signals, segment: Segment) -> tuple[Span, ...]:
-    """Returns the flight modes within a segment: each lasts until the next change, the last one to the end."""
+    """Returns the flight modes within a segment: each lasts until the next change, the last one to the end.
+
+    The mode in which the segment begins may have been set before it, so that spans are cut at the segment's ends.
+    """
     changes = signals.mode_changes(segment.boot)
     end_times = [time for time, _ in changes[1:]] + [segment.end]
     spans = []
@@ -235,7 +238,7 @@ def _lines_with_setpoint(
     """Returns the lines of a setpoint and of the measured signal that follows it, the setpoint first.
 
     Args:
-        name: of the signal's line.
+        name: name of the signal's line.
         scale: factor from the logged unit to the shown one.
         signal: what was measured.
         setpoint: what was commanded; None where it was not logged.
@@ -334,7 +337,10 @@ def _speed_line(name: str, time: Array, speed: Array, half_width: Array) -> Line
 
 
 def _wind_torque_chart(assessment: Assessment) -> Chart:
-    """Returns a chart of the wind torque over time, °/s², with a line for each axis on which it is identifiable."""
+    """Returns a chart of the wind torque over time, °/s², with a line for each axis on which it is identifiable.
+
+    It has no lines where no axis has such a model.
+    """
     lines = []
     for axis, analysis in assessment.analyses.items():
         if analysis.learned is None:
@@ -350,8 +356,8 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     """Returns the timeline of a live flight: what was measured, predicted and estimated while it flew.
 
     Args:
-        history: of the flight.
-        axis: that was learned.
+        history: history of the flight.
+        axis: axis that was learned.
 
     Returns:
         The timeline, with those charts that have a finite value; None with less than two measured samples.
@@ -385,7 +391,7 @@ def _live_charts(
 
     Args:
         motor_names: names of the motors.
-        axis: that was learned.
+        axis: axis that was learned.
         time: (N,) s of the timeline.
         columns: (k, N) the columns of ``LiveHistory.table``: segment, time, then measured and predicted angle, rad,
             wind torque, rad/s², and wind speed, m/s, the last three each followed by the half width of its band, then

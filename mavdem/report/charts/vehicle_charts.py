@@ -137,7 +137,7 @@ def _estimates_by_axis(
 
     Args:
         flights: the rows of each flight.
-        quantity: which quantity.
+        quantity: quantity to read from the rows.
         input_unit: ``per_input`` of the rows to use, for a quantity that depends on the input; empty for all.
 
     Returns:
@@ -159,7 +159,7 @@ def _estimates(
         flights: the rows of each flight.
         column: name of a field of ``FlightRow`` with a number or a list of numbers.
         count: numbers that a row must have to be used.
-        axis: of the rows to use; empty for any, then the first one with a value counts.
+        axis: axis of the rows to use; empty for any, then the first one with a value counts.
         input_unit: ``per_input`` of the rows to use; empty for any.
 
     Returns:

@@ -106,7 +106,7 @@ def svg_of(figure: Figure, name: str) -> Markup:
     """Returns a figure as an ``<svg>`` element; the same figure gives the same bytes.
 
     Args:
-        figure: to be drawn.
+        figure: figure to be drawn.
         name: unique on the page, so that the ids inside the element are.
     """
     file = StringIO()
@@ -129,8 +129,8 @@ def limit_to_values(axes: Axes, values: ArrayLike, margin: float = 0.6) -> None:
     A band may be much wider than its line, which would then look flat.
 
     Args:
-        axes: whose limits are set; they are only narrowed.
-        values: that must be visible; NaN is ignored.
+        axes: axes whose limits are set; they are only narrowed.
+        values: values that must be visible; NaN is ignored.
         margin: space above and below them, in spans of the values.
     """
     array = np.asarray(values, np.float64)
@@ -178,7 +178,11 @@ def _scale(axis: Axis) -> str:
 
 
 def _draw_line(axes: Axes, line: Line) -> None:
-    """Draws a line of a chart as stems, dots with whiskers, or a solid or dashed line with its band."""
+    """Draws a line of a chart as stems, dots with whiskers, or a solid or dashed line with its band.
+
+    Its kind says which. Whiskers and bands are drawn where the line has a lower and an upper edge; a band is a shaded
+    area.
+    """
     style: JsonValues = {"color": line.colour, "label": line.name}
     if line.kind is Kind.STEMS:
         axes.vlines(line.x, 0, line.y, linewidth=1.3, **style)

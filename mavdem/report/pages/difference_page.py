@@ -47,10 +47,10 @@ def comparison_page(
     """Renders the page that compares two flights.
 
     Args:
-        names: of the flights.
+        names: names of the flights, A and B.
         reviews: their documents.
         difference: what differs between the vehicles.
-        parameters: those of the autopilot that changed.
+        parameters: parameters of the autopilot that changed.
         lacking: the sides, "A" or "B", whose parameters are not known.
         back: the page that leads here, if any.
     """
@@ -180,7 +180,11 @@ def _cell(document: Review, key: str, scale: float = 1.0) -> str:
 
 
 def _step_charts(sides: Reviews, axis: str) -> Iterator[Chart]:
-    """Yields charts of the step responses of rate and angle of an axis, with the lines and bands of both sides."""
+    """Yields charts of the step responses of rate and angle of an axis, with the lines and bands of both sides.
+
+    The responses are those of the review documents: times, s, the response to a step of 1, and the half width of its
+    90 % band. A loop that neither side has measured has no chart.
+    """
     for loop in ("rate", "attitude"):
         lines = []
         for side, review in sides.items():
@@ -240,7 +244,10 @@ def _trim_chart(sides: Reviews) -> Chart:
 
 
 def _wind_rows(sides: Reviews) -> list[list[str]]:
-    """Returns rows of the wind's speed and direction, a cell for each side; a dash where not identifiable."""
+    """Returns two rows, wind speed and the direction that it comes from, with a cell for each side.
+
+    A cell has the estimate with its 90 % interval, or a dash where the flight does not determine it.
+    """
     speeds = ["wind (m/s)"]
     directions = ["from (°)"]
     for review in sides.values():

@@ -48,7 +48,7 @@ def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None =
     """Renders the index of a fleet; the same rows give the same bytes, in whatever order they come.
 
     Args:
-        rows: of all flights and axes.
+        rows: rows of all flights and axes.
         changes: what changed since a baseline, by vehicle; None without a baseline.
     """
     flights = flights_of(rows)
@@ -127,7 +127,7 @@ def fleet_remark(row: FlightRow) -> str:
     """Renders how a flight differs from others of its vehicle, for the top of its page; empty if it does not.
 
     Args:
-        row: of the flight's axis with the worst health.
+        row: row of the flight's axis with the worst health.
     """
     template = environment().get_template("beside.html")
     return render_page(template, trouble=row, healths=fleet_words.HEALTH_LEVELS)

@@ -126,7 +126,7 @@ def flight_page(file: str, assessment: Assessment) -> str:
 
     Args:
         file: name of the log.
-        assessment: of the log.
+        assessment: assessment of the log.
     """
     return log_page(file, assessment, back=PageLink("Fleet", "../index.html"))
 
@@ -141,7 +141,7 @@ def log_page(
 
     Args:
         name: title of the page.
-        assessment: of the log.
+        assessment: assessment of the log.
         contents: what the log contains, from ``mavdem.assessment.inventory``. Without it the page is small, for fleets
             of many flights: with fewer points, and without spectrograms and advice on gains.
         back: the page that leads here, if any.
@@ -388,7 +388,7 @@ def _spectrum_groups(
     Args:
         noise: spectra of all sensors.
         sensor: name of the sensor in ``noise``.
-        timeline: of the flight, whose events are marked in the spectrogram over time.
+        timeline: timeline of the flight, whose events are marked in the spectrogram over time.
         is_full: whether there are spectrograms, which take much of a page.
         loop: the loop whose filters are drawn, if any.
     """
@@ -541,9 +541,9 @@ def live_page(
 
     Args:
         link: address of the vehicle.
-        axis: that was learned.
+        axis: axis that was learned.
         history: what was collected in flight.
-        status: of the session at its end.
+        status: state of the session at its end.
         account: seconds of the flight by what they were used for.
         learned: the model at the end; None if there was none.
         back: the page that leads here, if any.

@@ -88,7 +88,7 @@ def render_server_page(name: str, /, **values: Any) -> str:
     """Renders a page of the server.
 
     Args:
-        name: of its template, without the ending, in ``mavdem/report/serve``.
+        name: name of its template, without the ending, in ``mavdem/report/serve``.
         **values: what the template uses, by name.
     """
     return render_page(_environment().get_template(f"serve/{name}.html"), **values)

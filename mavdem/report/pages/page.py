@@ -176,7 +176,7 @@ def tune_page(name: str, tuning: Tuning) -> str:
     """Renders the page of ``mavdem tune``: margins, advised gains, and charts of the loops of each axis.
 
     Args:
-        name: of the log, the title of the page.
+        name: name of the log, the title of the page.
         tuning: the advice for each axis.
     """
     chapters = [Chapter("Margins and gains", tune_blocks(tuning))]
@@ -202,7 +202,10 @@ def notebook_html(blocks: Sequence[Block]) -> str:
 
 
 def flight_html(flight: Flight) -> str:
-    """Renders a flight for a notebook: its title, and mean, deviation and range of each channel, in degrees."""
+    """Renders a flight for a notebook: its title, and a table of its inputs and outputs.
+
+    Each channel has a row with mean, standard deviation, minimum and maximum, angles in degrees.
+    """
     rows = [
         _channel_row(name, unit, values)
         for name, unit, values in zip(
