@@ -1,4 +1,4 @@
-"""Controller: position, velocity, attitude and rate control in cascade, as ArduPilot and PX4 have it.
+"""Flight controller of the simulator: position, velocity, attitude and rate loops in cascade, tuned to the vehicle.
 
 Each loop is a first-order lag of known bandwidth. The rate loop is as fast as rotors, delay and cycle allow, and every
 outer loop is slower than the one within it. So the gains follow from the vehicle's mass, inertia, rotors and sensors,
@@ -102,7 +102,11 @@ class FlightController:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        """Tunes all loops for the scenario's vehicle, sensors and cycle."""
+        """Tunes all loops for the scenario's vehicle, sensors and cycle.
+
+        The innermost loop, that of the body rates, is made as fast as its dead time allows; each outer loop is slower
+        than the one within it by a constant ratio.
+        """
         vehicle = scenario.vehicle
         self.cycle = scenario.cycle
         self._body = airframe(vehicle)
@@ -128,11 +132,21 @@ class FlightController:
         self.reset()
 
     def _inverse_effectiveness(self, body: Airframe) -> Vector3:
-        """Returns the demand per angular acceleration about each axis, 1 per rad/s², by the rotors' slopes in hover.
+        """Returns the demand to the mixer that gives each axis an angular acceleration of 1 rad/s² in hover.
 
-        That of yaw is divided by ``YAW_SLOWNESS``, which makes the bandwidth of its rate loop smaller.
+        A demand of 1 adds ±1 to the motors' normalised commands. In hover that changes rotor speed, thrust and torque
+        by their slopes; the sum of thrusts times lever arms, or of torques, over the moment of inertia is the angular
+        acceleration. The controller multiplies by the inverse, so that every vehicle has the same loops.
+
+        Args:
+            body: Airframe of the vehicle.
+
+        Returns:
+            Demand per angular acceleration of roll, pitch and yaw, 1 per rad/s². That of yaw is divided by
+            ``YAW_SLOWNESS``, which makes the bandwidth of its rate loop smaller.
         """
         hover_command = body.command_for(body.hover_speed)
+        # Slopes per normalised command: rad/s, N and N m.
         speed_per_command = body.speed_slope(hover_command) * body.full_command
         a, b = body.thrust_coefficients
         thrust_per_command = (2 * a * body.hover_speed + b) * speed_per_command
@@ -154,20 +168,30 @@ class FlightController:
         )
 
     def _set_attitude_gains(self, gains: Vector3) -> None:
-        """Sets the gains of the attitude loops, 1/s, and closes the loops of velocity and position about them."""
+        """Sets the gains of the attitude loops, and makes the velocity and position loops slower by constant ratios.
+
+        Args:
+            gains: Gains of roll, pitch and yaw, rad/s per rad; each is also the bandwidth of its loop, rad/s.
+        """
         self.attitude_gains = gains
-        slowest_tilt = min(gains[0], gains[1], self._attitude_bandwidth)
+        roll_gain, pitch_gain, _ = gains
+        # The vehicle accelerates by tilting: the slower of its two tilts limits the velocity loop.
+        slowest_tilt = min(roll_gain, pitch_gain, self._attitude_bandwidth)
         self._velocity_bandwidth = slowest_tilt / ATTITUDE_TO_VELOCITY
         self._position_bandwidth = self._velocity_bandwidth / VELOCITY_TO_POSITION
+        # Low-pass of the velocity loop's proportional part, LEAD times faster than the loop.
         self._velocity_smoothing = 1.0 - exp(-self.cycle * LEAD * self._velocity_bandwidth)
 
     @property
     def gains(self) -> tuple[LoopGains, ...]:
-        """Gains of the loops about roll, pitch and yaw, as a PID controller of the rate has them.
+        """Gains of the loops about roll, pitch and yaw, written as those of a PID controller of the rate.
 
-        The lead filter is proportional and derivative action: P (1 + (LEAD − 1) τs/(1 + τs)).
+        The autopilots' parameters are those of a PID controller, while this controller has a lead filter. The two are
+        the same: (1 + LEAD T s)/(1 + T s) = 1 + (LEAD − 1) T s/(1 + T s), a proportional part and a derivative with a
+        low-pass of time constant T.
         """
-        # The time constant whose factor dt / (dt + lag) is the smoothing factor exp(−dt/τ) of the controller.
+        # T in discrete time: the autopilots' filters have the factor dt / (dt + T) per cycle, which must be this
+        # controller's smoothing factor.
         lag = self.cycle * (1.0 - self._lead_smoothing) / self._lead_smoothing
         gains = []
         for per_acceleration, angle in zip(
@@ -196,19 +220,27 @@ class FlightController:
         self._heading = 0.0
 
     def control(self, estimate: State, reference: Reference, is_flying: bool) -> ControlOutput:
-        """Controls position and heading for one cycle.
+        """Runs all loops for one cycle, from the position down to the motors.
+
+        Position and velocity control set an acceleration. The vehicle must tilt until its thrust points along that
+        acceleration less gravity: this gives setpoints of roll, pitch and thrust, which attitude control follows.
 
         Args:
             estimate: State as the autopilot estimates it; its rotor speeds are not used.
             reference: Setpoints of the flight plan.
             is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
+
+        Returns:
+            PWM pulses of the motors, demands to the mixer, and the setpoints of attitude and rates.
         """
         north, east, down = self._acceleration_setpoint(estimate, reference, is_flying)
         roll, pitch, yaw = euler_angles(estimate.attitude)
+        # Acceleration along the heading and to its right.
         forward = north * cos(yaw) + east * sin(yaw)
         right = east * cos(yaw) - north * sin(yaw)
-        # Specific vertical thrust, m/s²: the vehicle tilts until the thrust points along the acceleration.
+        # Specific vertical thrust, m/s².
         lift = max(GRAVITY - down, MIN_LIFT * GRAVITY)
+        # The excitation is added to the angles that position control sets. A nose that is down accelerates forward.
         added_roll, added_pitch, yaw_rate = reference.attitude_demand
         pitch_for_forward = atan(-forward / lift)
         pitch_setpoint = _clamped(pitch_for_forward, MAX_TILT)
@@ -219,6 +251,7 @@ class FlightController:
         if is_flying:
             next_heading = self._heading + yaw_rate * self.cycle
             self._heading = remainder(next_heading, tau)
+        # A tilted thrust must be larger to lift as much.
         upright = max(cos(roll) * cos(pitch), MIN_UPRIGHT_COSINE)
         thrust = self._body.mass * lift / upright
 
@@ -230,14 +263,27 @@ class FlightController:
     def _acceleration_setpoint(
         self, estimate: State, reference: Reference, is_flying: bool
     ) -> Vector3:
-        """Runs the position and velocity loops for one cycle; returns the acceleration they set, NED, m/s²."""
+        """Runs the position and velocity loops for one cycle.
+
+        The position loop turns errors of the position into velocities, which are added to those of the flight plan. The
+        velocity loop, proportional and integral, turns errors of the velocity into accelerations. Its integral finds
+        the acceleration that holds the vehicle against the wind.
+
+        Args:
+            estimate: State as the autopilot estimates it.
+            reference: Setpoints of position and velocity.
+            is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
+
+        Returns:
+            Acceleration that the vehicle shall have, NED, m/s².
+        """
         north_speed, east_speed, down_speed = estimate.velocity
         north, east, down = estimate.position
         reference_north_speed, reference_east_speed = reference.velocity
         position_gain = self._position_bandwidth
         north_setpoint = position_gain * (reference.north - north) + reference_north_speed
         east_setpoint = position_gain * (reference.east - east) + reference_east_speed
-        # The horizontal speed is limited, in its direction.
+        # The horizontal speed is limited without a change of its direction.
         max_speed = MAX_SPEED + hypot(reference_north_speed, reference_east_speed)
         scale = max_speed / max(max_speed, hypot(north_setpoint, east_setpoint))
         sink_correction = _clamped(position_gain * (-reference.height - down), MAX_SPEED)
@@ -269,7 +315,10 @@ class FlightController:
         thrust: float,
         is_flying: bool,
     ) -> ControlOutput:
-        """Controls the attitude for one cycle.
+        """Runs the attitude and rate loops for one cycle, and mixes their demands for the motors.
+
+        Each attitude loop sets a body rate in proportion to the error of its angle. Angles are taken one by one, which
+        holds for moderate tilts. Each rate loop turns the error of its rate into a demand to the mixer.
 
         Args:
             estimate: State as the autopilot estimates it.
@@ -277,9 +326,13 @@ class FlightController:
             rate_feedforward: Body rates that are added to those of the attitude loops, rad/s.
             thrust: Thrust of all rotors, N.
             is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
+
+        Returns:
+            PWM pulses of the motors, µs, demands to the mixer, and the setpoints of attitude and rates.
         """
         roll, pitch, yaw = euler_angles(estimate.attitude)
         roll_setpoint, pitch_setpoint, yaw_setpoint = attitude_setpoint
+        # The shorter way round.
         yaw_error = remainder(yaw_setpoint - yaw, tau)
         errors = roll_setpoint - roll, pitch_setpoint - pitch, yaw_error
         rate_setpoints = tuple(
@@ -288,7 +341,8 @@ class FlightController:
                 self.attitude_gains, errors, rate_feedforward, strict=True
             )
         )
-        # The command is that of the inverse thrust curve, as in both autopilots.
+        # Each rotor carries a quarter of the thrust. Its command is that of the inverse thrust curve, as in both
+        # autopilots.
         speed = self._body.speed_for(thrust / 4)
         command = self._body.command_for(speed) / self._body.full_command
         demands = [
@@ -306,15 +360,21 @@ class FlightController:
         return mixed_commands(self._frame, demands)
 
     def rate_demand(self, axis: int, setpoint: float, rate: float, is_flying: bool) -> float:
-        """Runs the rate loop of one axis for one cycle; returns its demand to the mixer.
+        """Runs the rate loop of one axis for one cycle.
+
+        It is proportional and integral. The measured rate passes through a lead filter (1 + τs)/(1 + τs/LEAD), which
+        cancels most of the rotors' lag τ; the setpoint does not, so that its steps are not amplified.
 
         Args:
             axis: 0 roll, 1 pitch, 2 yaw.
             setpoint: Setpoint of the body rate, rad/s.
             rate: Body rate as the autopilot estimates it, rad/s.
             is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
+
+        Returns:
+            Demand to the mixer, not limited; ±1 is the motors' full range.
         """
-        # The lead (1 + τs)/(1 + τs/LEAD) is LEAD times the rate less (LEAD − 1) times its low-passed part.
+        # The lead filter is LEAD times the rate less (LEAD − 1) times the rate behind a low-pass 1/(1 + τs/LEAD).
         self._slow_rates[axis] += self._lead_smoothing * (rate - self._slow_rates[axis])
         slow_part = (LEAD - 1.0) * self._slow_rates[axis]
         lead_rate = LEAD * rate - slow_part
@@ -322,6 +382,8 @@ class FlightController:
             integral_bandwidth = self._rate_bandwidth / RATE_TO_INTEGRAL
             self._rate_integral[axis] += integral_bandwidth * self.cycle * (setpoint - rate)
         error = setpoint - lead_rate + self._rate_integral[axis]
+        # The loop's bandwidth times the error is the angular acceleration that the loop asks for, rad/s². A scenario
+        # may multiply it, to make the vehicle sluggish or oscillate.
         gain = self._rate_gain * self._rate_bandwidth
         return gain * error * self._demand_per_acceleration[axis]
 

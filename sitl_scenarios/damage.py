@@ -1,4 +1,4 @@
-"""Damage in flight: weak motors, chipped propellers and shifted loads, and from when on they act."""
+"""Damage in flight: weak motors, chipped propellers and shifted loads of a scenario, and when each begins."""
 
 from math import sqrt
 from typing import NamedTuple
@@ -31,6 +31,9 @@ UNDAMAGED = Damage()
 def damage_history(scenario: Scenario) -> list[tuple[float, Damage]]:
     """Lists when a scenario's vehicle gets damaged, and its condition from then on.
 
+    A motor that gets weak, a propeller that chips and a load that shifts may begin at different times; each time
+    is one entry, whose condition has all damage so far.
+
     Returns:
         Pairs in ascending order of time: seconds after the first arming, and all damage that acts from then on. The
         list of a sound vehicle is empty.
@@ -46,10 +49,19 @@ def damage_history(scenario: Scenario) -> list[tuple[float, Damage]]:
 
 
 def _condition(scenario: Scenario, time: float) -> Damage:
-    """Returns all damage that acts on a vehicle at a ``time``, s after the first arming."""
+    """Returns all damage that acts on a vehicle at a time.
+
+    A weak motor turns more slowly; a chipped propeller gives less thrust and torque at the same speed; a shifted load
+    moves the centre of mass.
+
+    Args:
+        scenario: Its vehicle, propeller and load say what gets damaged, and when.
+        time: Time after the first arming, s.
+    """
     vehicle = scenario.vehicle
     propeller = scenario.propeller
     load = scenario.load
+    # Motors are counted from 1; 0 means none.
     weak_motor = vehicle.weak_motor if time >= vehicle.weak_from else 0
     chipped_motor = propeller.motor if time >= propeller.start else 0
     centre_of_mass = (0.0, 0.0)
@@ -59,7 +71,7 @@ def _condition(scenario: Scenario, time: float) -> Damage:
             METRES_PER_MILLIMETRE * load.right,
         )
     return Damage(
-        # Thrust goes with the square of the speed.
+        # A scenario gives the remaining thrust of a weak motor. Thrust goes with the square of the speed.
         speed=_reduced(weak_motor, sqrt(vehicle.weak_thrust)),
         thrust=_reduced(chipped_motor, propeller.thrust),
         torque=_reduced(chipped_motor, propeller.torque),

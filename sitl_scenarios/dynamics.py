@@ -101,7 +101,13 @@ class RotorEffect(NamedTuple):
 
 
 def _rotor_effects(vehicle: VehicleSpec, condition: Damage) -> list[RotorEffect]:
-    """Returns the effect of each rotor on a vehicle in this ``condition``."""
+    """Returns position, thrust factor and torque factor of each rotor of a vehicle.
+
+    Args:
+        vehicle: Vehicle of a scenario.
+        condition: Its damage: fractions of thrust and torque, and where the centre of mass is, from which the positions
+            of the rotors count.
+    """
     positions = rotor_frame(vehicle.frame, airframe(vehicle).arm)
     centre_forward, centre_right = condition.centre_of_mass
     return [
@@ -282,7 +288,10 @@ class Body:
         self.dynamics = vehicle_dynamics(self._vehicle, condition)
 
     def settled_speeds(self, outputs: Vector4, battery: float) -> Vector4:
-        """Returns the speeds that the rotors settle at for constant motor outputs.
+        """Returns the speeds that the rotors settle at when the motor outputs are held.
+
+        With a thrust curve, the command gives a thrust and that a speed; otherwise the speed is a straight line in the
+        command. A weak battery slows all rotors down, and a damaged motor its own.
 
         Args:
             outputs: PWM pulse of each motor, µs.
@@ -311,20 +320,25 @@ class Body:
     def next_state(self, state: State, settled_speeds: Vector4, air: AirState) -> State:
         """Returns the state one step later, by the midpoint rule.
 
-        The accelerations are evaluated once, at the middle of the step, which is extrapolated with the accelerations
-        of the step before. The rotors' lag is integrated exactly.
+        The midpoint rule needs the state at the middle of the step. It is extrapolated with the accelerations of the
+        step before, so that the dynamics, which take most of the time, are evaluated once per step rather than twice.
+        The rotors' lag is integrated exactly.
 
         Args:
-            state: State at the beginning of the step.
+            state: State at the beginning of the step, with the accelerations of the step before.
             settled_speeds: Speeds that the rotors tend to, rad/s.
             air: The air during the step.
+
+        Returns:
+            State at the end of the step, with the accelerations at its middle.
         """
         step = self._step
         half = self._step / 2
         position, velocity, attitude, rates, rotors, previous = state
         middle_rotors, rotors = self.lagged_speeds(rotors, settled_speeds)
         p, q, r = rates
-        # The attitude turns with the rates at the beginning; their own change would be of higher order.
+        # State at the middle. The attitude turns with the rates at the beginning; their own change would be of higher
+        # order.
         half_angles_to_middle = p * half / 2, q * half / 2, r * half / 2
         middle_attitude = rotated(attitude, half_angles_to_middle)
         middle_velocity = advanced(velocity, previous.linear, half)
@@ -333,6 +347,7 @@ class Body:
             middle_attitude, middle_velocity, middle_rates, middle_rotors, air
         )
         mean_velocity = advanced(velocity, accelerations.linear, half)
+        # State at the end. Positions and angles change with the mean velocity and the mean rates of the step.
         position = advanced(position, mean_velocity, step)
         velocity = advanced(velocity, accelerations.linear, step)
         mean_p, mean_q, mean_r = advanced(rates, accelerations.angular, half)
@@ -344,6 +359,9 @@ class Body:
     def lagged_speeds(self, speeds: Vector4, settled_speeds: Vector4) -> LaggedSpeeds:
         """Returns the rotor speeds half a step and a step later, by the exact solution of their first-order lag.
 
+        The deviation from the settled speed decays as exp(−t/τ), with one time constant τ for rotors that speed up and
+        another for those that slow down: a motor drives the rotor harder than the air brakes it.
+
         Args:
             speeds: Rotor speeds at the beginning of the step, rad/s.
             settled_speeds: Speeds that the rotors tend to, rad/s.
@@ -352,6 +370,7 @@ class Body:
         full_step = []
         for speed, settled_speed in zip(speeds, settled_speeds, strict=True):
             deviation = speed - settled_speed
+            # A rotor below its settled speed speeds up.
             if deviation < 0.0:
                 half_step.append(settled_speed + deviation * self._half_step_rise)
                 full_step.append(settled_speed + deviation * self._step_rise)

@@ -1,4 +1,4 @@
-"""Scenario files: reads scenarios by name or from TOML files, checks, changes and writes them with comments."""
+"""Scenario files: reading scenarios from TOML by name or path, checking and changing them, and writing them as TOML."""
 
 import json
 import re
@@ -133,7 +133,16 @@ def scenario_of(table: dict[str, Any]) -> Scenario:
 
 
 def _error_sentence(detail: Any) -> str:
-    """Returns a sentence on one error of a scenario, from pydantic's details of it."""
+    """Returns a sentence on one error of a scenario, for its author, who knows keys and values but not pydantic.
+
+    Args:
+        detail: Pydantic's ``ErrorDetails``: type of the error, path of the key (``loc``), message, and wrong value
+            (``input``).
+
+    Returns:
+        Sentence such as "vehicle.body.mass must be greater than 0, not -1".
+    """
+    # An error that this package raised has its own sentence.
     if detail["type"] == "value_error":
         return str(detail["ctx"]["error"])
     key = ".".join(shortened(str(word)) for word in detail["loc"]) or "it"
@@ -187,6 +196,7 @@ def in_toml(scenario: Scenario) -> str:
 
     Read again, the file gives the same scenario.
     """
+    # TOML wants all plain values before the first section.
     sections = {
         key: value
         for key, value in scenario
@@ -210,7 +220,15 @@ def in_toml(scenario: Scenario) -> str:
 
 
 def _kind_lines(key: str) -> list[str]:
-    """Returns comment lines that list the kinds of a section, and the keys of each kind."""
+    """Returns comment lines that list the kinds of a section, and the keys of each kind.
+
+    Args:
+        key: Key of a section whose models differ by their ``kind``: wind or excitation.
+
+    Returns:
+        Lines such as "#   steady: speed, direction", after a headline.
+    """
+    # Winds are a list of tables, and the excitation is one table.
     header = "[[wind]]" if key == "wind" else f"[{key}]"
     lines = ["", f"# {header}: its kind is one of"]
     for model in SECTION_KINDS[key]:
@@ -222,7 +240,16 @@ def _kind_lines(key: str) -> list[str]:
 
 
 def _value_lines(section: BaseModel, excluded: Collection[str] = ()) -> list[str]:
-    """Returns a line of TOML for each key of a section but the excluded ones, with meaning and range as a comment."""
+    """Returns a line of TOML for each key of a section, with the key's meaning and range as a comment.
+
+    Args:
+        section: The whole scenario, or one of its sections.
+        excluded: Keys that get no line.
+
+    Returns:
+        Lines such as "speed = 5.0  # Of the wind, m/s; from 0 to 60".
+    """
+    # Meanings and ranges are those of the JSON schema that pydantic derives from the model's fields.
     schema = type(section).model_json_schema(mode="validation")["properties"]
     lines = []
     for key, value in section.model_dump(mode="json", exclude=set(excluded)).items():
@@ -236,7 +263,11 @@ def _value_lines(section: BaseModel, excluded: Collection[str] = ()) -> list[str
 
 
 def _value_range(schema: Mapping[str, Any]) -> str:
-    """Returns the possible values of a key in words, by its JSON schema; empty where all values are possible."""
+    """Returns the possible values of a key in words, such as "from 0 to 60"; empty where all values are possible.
+
+    Args:
+        schema: JSON schema of the key.
+    """
     # An optional value has the schema of the value first; that of a table's values is under additionalProperties.
     alternatives = schema.get("anyOf", ())
     if alternatives and isinstance(alternatives[0], dict):

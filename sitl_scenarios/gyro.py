@@ -1,4 +1,4 @@
-"""Gyro: body rates with vibration, and the low-pass and notch filters of an autopilot, stepped with the physics.
+"""Simulated gyro: body rates with vibration, behind an autopilot's low-pass and notch filters.
 
 The filters are ``LowPassFilter2p`` and ``NotchFilter`` of ArduPilot and PX4: analog filters of second order, on the
 warped frequencies of the bilinear transform, tan(π f / sampling rate).
@@ -35,7 +35,7 @@ class Gyro:
     """
 
     def __init__(self, filters: Controller | None, step: float) -> None:
-        """Designs the filters.
+        """Designs the low-pass and notch filters as second-order sections, one after another.
 
         Args:
             filters: Controller whose gyro filters are used; None: the gyro has no filters.
@@ -50,6 +50,7 @@ class Gyro:
             for notch in filters.notches:
                 if notch.frequency * step < MAX_NOTCH_FREQUENCY_RATIO:
                     sections.append(_notch_section(notch, step))
+        # The frequency response needs one section at least: the first one passes everything, and is not run.
         self._sections = np.array(sections)
         self._filters = self._sections[1:].tolist()
         # Two states of each filter for each of the three axes (direct form II transposed).
@@ -70,7 +71,10 @@ class Gyro:
         steps: int,
         vibration: GyroVibration | None = None,
     ) -> State:
-        """Moves the body by some steps of the physics, and senses its rates in each.
+        """Moves the body by some steps of the physics, and measures its rates after each.
+
+        The filters of an autopilot run at the gyro's sampling rate, above that of its control loop: so they are stepped
+        with the physics. ``raw_rates`` and ``filtered_rates`` are those of the last step.
 
         Args:
             body: Body that moves, with the same step as the gyro.
@@ -95,11 +99,19 @@ class Gyro:
         return state
 
     def _filtered(self, states: list[list[float]], rate: float) -> float:
-        """Runs the filters of one axis for one sample, and updates their ``states``; returns the filtered rate.
+        """Runs the filters of one axis for one sample.
 
         It is the direct form II transposed of the second-order sections, written out, because a call of SciPy's filter
         takes longer than a step of the physics.
+
+        Args:
+            states: Two states of each filter, which are updated.
+            rate: Body rate before the filters, rad/s.
+
+        Returns:
+            Body rate behind the filters, rad/s.
         """
+        # The section's a0 is 1.
         for (b0, b1, b2, _, a1, a2), state in zip(self._filters, states, strict=True):
             output = b0 * rate + state[0]
             state[0] = b1 * rate - a1 * output + state[1]
@@ -109,10 +121,18 @@ class Gyro:
 
 
 def _notch_section(notch: Notch, step: float) -> ArrayLike:
-    """Returns the second-order section (6,) of a notch filter, sampled every ``step`` s.
+    """Returns the coefficients of a digital notch filter, as ``NotchFilter`` of ArduPilot and PX4 has it.
 
-    With the warped frequency k = tan(π f step), its analog prototype is (1 + d g s + k² s²) / (1 + d s + k² s²): the
-    damping d is that of the bandwidth, and g the gain at the centre of the notch.
+    Its analog prototype is (1 + d g s + k² s²) / (1 + d s + k² s²). The warped frequency k = tan(π f step) puts the
+    centre of the digital notch at exactly f. The damping d is k times bandwidth over frequency, and g is the gain at
+    the centre of the notch.
+
+    Args:
+        notch: Centre frequency f and bandwidth, Hz, and attenuation at the centre, dB.
+        step: Sampling period, s.
+
+    Returns:
+        (6,) second-order section b0, b1, b2, a0, a1, a2, with a0 = 1.
     """
     k = tan(pi * notch.frequency * step)
     damping = k * notch.bandwidth / notch.frequency

@@ -1,4 +1,4 @@
-"""Controller that flies control parameters of ArduPilot or PX4, such as those that a scenario gives.
+"""Simulated flight controller that runs ArduPilot's or PX4's rate loops with the gains of a scenario's parameters.
 
 The rate loops run as in the autopilots' source code, once per cycle of the autopilot's loop. Between a rate loop's
 demand and the motors are the autopilot's mixer, its inverse thrust curve and its motors' range. Position and velocity
@@ -43,7 +43,7 @@ With a purely quadratic curve and a thrust of 0, the denominator would be zero.
 
 
 def check_parameters(scenario: Scenario) -> None:
-    """Checks a scenario's ``vehicle.parameters``.
+    """Checks a scenario's ``vehicle.parameters``: each name, each value, and that all together make a controller.
 
     Raises:
         ValueError: A parameter is not one that the scenario's autopilot flies here, or its value is not possible.
@@ -84,9 +84,9 @@ def controller_for(scenario: Scenario) -> FlightController:
 
 
 def gyro_for(controller: FlightController) -> Gyro:
-    """Returns the gyro that a controller needs, with filters by its parameters.
+    """Returns a new gyro at rest, with the low-pass and notch filters of a controller's parameters.
 
-    It is stepped with the physics. The simulation's own controller has no gyro filters.
+    The simulation's own controller has no gyro filters. The gyro is sampled once per step of the physics.
     """
     filters = None
     if isinstance(controller, ParameterController):
@@ -102,13 +102,23 @@ class ParameterController(FlightController):
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        """Reads the controllers from the scenario's parameters; raises NotLearnable if they are not complete."""
+        """Reads the controllers of the three axes from the scenario's parameters.
+
+        Position and velocity loops are tuned to the attitude gains among the parameters.
+
+        Args:
+            scenario: Its vehicle, autopilot and ``vehicle.parameters``; parameters that it leaves out suit the vehicle.
+
+        Raises:
+            NotLearnable: The parameters do not make a controller.
+        """
         parameters = control_parameters(scenario)
         vehicle = scenario.vehicle
         frame = rotor_frame(vehicle.layout, airframe(vehicle).arm)
         is_px4 = scenario.stream.autopilot == "px4"
         mixer_columns = (frame.roll, frame.pitch, frame.yaw)
-        # PX4's mixer follows from the rotors' positions among its parameters.
+        # ArduPilot's mixer is that of its frame. PX4's follows from the rotors' positions among its parameters, which
+        # an empty column stands for.
         self.axis_controllers = [
             controller_from_parameters(parameters, axis, () if is_px4 else column)
             for axis, column in zip(AXES, mixer_columns, strict=True)
@@ -176,12 +186,18 @@ class RateLoop:
     """
 
     def __init__(self, controller: AxisController) -> None:
-        """Takes the gains, filters and loop period of one axis, and begins at rest."""
+        """Converts the cut-offs of the filters into smoothing factors, and begins at rest.
+
+        Args:
+            controller: Gains, cut-offs (Hz) and loop period (s) of one axis.
+        """
         self._controller = controller
         self._target_smoothing = self._smoothing(controller.target_filter)
         self._error_smoothing = self._smoothing(controller.error_filter)
         self._derivative_smoothing = self._smoothing(controller.derivative_filter)
         self._output_smoothing = self._smoothing(controller.output_filter)
+        # States: filtered target and error, rad/s; filtered derivative, rad/s²; integral of the error, rad; filtered
+        # demand to the mixer; and the measured rate of the cycle before, rad/s.
         self._target = 0.0
         self._error = 0.0
         self._derivative = 0.0
@@ -195,12 +211,15 @@ class RateLoop:
         return period / (period + reciprocal_frequency(cutoff))
 
     def demand(self, setpoint: float, rate: float, is_flying: bool) -> float:
-        """Runs the loop for one cycle; returns the demand to the mixer.
+        """Runs the loop for one cycle: filters, PID with feed-forward, and the filter of the output.
 
         Args:
             setpoint: Setpoint of the body rate, rad/s.
             rate: Body rate behind the gyro's filters, rad/s.
             is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
+
+        Returns:
+            Demand to the mixer, not limited.
         """
         controller = self._controller
         previous_error = self._error

@@ -1,4 +1,4 @@
-"""Flight plan: setpoints of position, attitude and yaw rate over time, from arming to disarming.
+"""Flight plan of a scenario: setpoints of position, attitude and yaw rate over time, from arming to disarming.
 
 A flight is: spin up, climb, hover with the scenario's excitation, descend, and wait for disarming.
 """
@@ -102,6 +102,12 @@ class FlightTimes(NamedTuple):
 def flight_times(scenario: Scenario) -> FlightTimes:
     """Returns when a scenario's flight climbs, hovers and descends.
 
+    Climb and descent take as long as the height needs at a moderate speed; the hover gets the rest of the duration. It
+    must hold the excitation, a whole course if there is one, with some time of quiet hover on both sides of it.
+
+    Args:
+        scenario: Its duration, height and excitation.
+
     Raises:
         ValueError: The duration leaves no time for the excitation.
     """
@@ -155,12 +161,21 @@ class FlightPlan:
     """Setpoints of a scenario's flight as a function of the time since arming."""
 
     def __init__(self, scenario: Scenario) -> None:
-        """Plans the flight; raises ValueError if its duration leaves no time for the excitation."""
+        """Plans the flight.
+
+        Multisines, sticks and courses are no simple functions of time: their setpoints are computed for every cycle
+        beforehand. The other excitations are evaluated when they are asked for.
+
+        Args:
+            scenario: Its duration, height, excitation, cycle and random seed.
+
+        Raises:
+            ValueError: The duration leaves no time for the excitation.
+        """
         self._times = flight_times(scenario)
         self._height = scenario.height
         self._excitation = scenario.excitation
         self._cycle = scenario.cycle
-        # Excitations that are no simple function of time are computed for every cycle beforehand.
         demands = np.zeros((1, 3))
         if isinstance(scenario.excitation, Multisine):
             demands = _multisine_demands(scenario.excitation, self._cycle)
@@ -170,12 +185,19 @@ class FlightPlan:
         elif isinstance(scenario.excitation, Course):
             lap = [CourseRow(*row) for row in _course_rows(scenario.excitation, self._cycle)]
             excitation_seconds = self._times.landing - self._times.hover - 2 * SETTLE_SECONDS
+            # As many whole laps as the time allows; the tolerance keeps rounding from losing one.
             laps = int(excitation_seconds / (len(lap) * self._cycle) + 1e-9)
             self._course = lap * laps
         self._demands: list[Vector3] = [tuple(row) for row in demands.tolist()]
 
     def reference_at(self, time: float) -> Reference:
-        """Returns the setpoints ``time`` seconds after arming."""
+        """Returns the setpoints at one instant of the flight: on the ground, in the climb, the hover or the descent.
+
+        Height and climb rate follow a minimum-jerk movement, so that climb and descent begin and end gently.
+
+        Args:
+            time: Time after arming, s; negative before it.
+        """
         climb, descent, hover, landing = self._times
         if time < SPIN_UP_SECONDS:
             return Reference(ON_GROUND, 0.0, 0.0)
@@ -187,27 +209,36 @@ class FlightPlan:
             if hover + SETTLE_SECONDS <= time < landing - SETTLE_SECONDS:
                 return self._excited(reference, time - hover - SETTLE_SECONDS)
             return reference
+        # The descent aims below the ground, and stays there until the vehicle has touched down.
         fraction, rate = _smooth_transition(min((time - landing) / descent, 1.0))
         depth = self._height + TOUCH_DOWN_DEPTH
         return Reference(LANDING, self._height - depth * fraction, -depth * rate / descent)
 
     def _excited(self, hover: Reference, time: float) -> Reference:
-        """Returns the setpoints of the ``hover`` with the excitation, ``time`` seconds after the excitation began."""
+        """Returns the setpoints of the hover with the scenario's excitation added.
+
+        Args:
+            hover: Setpoints of the hover without excitation.
+            time: Time since the excitation began, s.
+        """
         match self._excitation:
             case Doublets():
                 return hover._replace(attitude_demand=_doublet_demand(self._excitation, time))
             case Chirp():
                 return hover._replace(attitude_demand=_chirp_demand(self._excitation, time))
             case Multisine() | Sticks():
+                # A multisine repeats after its period.
                 row = round(time / self._cycle) % len(self._demands)
                 return hover._replace(
                     attitude_demand=self._demands[row],
                     by_stick=isinstance(self._excitation, Sticks),
                 )
             case Steps(distance=distance, period=period):
+                # Every other period is spent where the steps began. The nose points north: right is east.
                 is_back = time // period % 2 == 1
                 return hover._replace(east=0.0 if is_back else distance)
             case Course():
+                # After the last lap the vehicle stays where the course ended.
                 row = min(round(time / self._cycle), len(self._course) - 1)
                 course = self._course[row]
                 return Reference(
@@ -237,7 +268,14 @@ class MoveTiming(NamedTuple):
 
 
 def move_timing(move: Move) -> MoveTiming:
-    """Returns speed and durations of a move with a trapezoidal (on short legs triangular) profile of the speed."""
+    """Returns speed and durations of a move.
+
+    The speed along the leg is a trapezoid: it rises at constant acceleration, stays, and falls at the same
+    deceleration. On a short leg it is a triangle, whose peak is √(a · length).
+
+    Args:
+        move: Displacement (m), speed (m/s), turn (degrees), rate of the turn (degrees/s) and hover (s).
+    """
     length = hypot(move.north, move.east, move.up)
     max_speed = min(move.speed, sqrt(MOVE_ACCELERATION * length))
     leg = length / max_speed + max_speed / MOVE_ACCELERATION if length else 0.0
@@ -246,7 +284,15 @@ def move_timing(move: Move) -> MoveTiming:
 
 
 def _course_rows(course: Course, cycle: float) -> list[list[float]]:
-    """Returns the setpoints of one lap of a course, for each ``cycle`` (s) the values of a ``CourseRow``."""
+    """Returns the setpoints of one lap of a course: its moves one after another, each from where the last one ended.
+
+    Args:
+        course: Moves of the course.
+        cycle: Period of the rows, s.
+
+    Returns:
+        For each cycle, the seven values of a ``CourseRow``.
+    """
     start = np.zeros(3)
     moves = []
     for move in course.moves:
@@ -291,7 +337,15 @@ def _move_rows(move: Move, start: Array, cycle: float) -> Array:
 
 
 def _doublet_demand(doublets: Doublets, time: float) -> Vector3:
-    """Returns the demands of a series of doublets, rad and rad/s, ``time`` seconds after its beginning."""
+    """Returns the demands of a series of doublets, each a pulse to one side and one to the other at once after it.
+
+    Args:
+        doublets: Axis, amplitude, width of a pulse and period.
+        time: Time since the series began, s.
+
+    Returns:
+        Demands of roll and pitch, rad, and yaw rate, rad/s.
+    """
     phase = time % doublets.period
     sign = 0.0
     if phase < doublets.width:
@@ -306,9 +360,18 @@ def _doublet_demand(doublets: Doublets, time: float) -> Vector3:
 
 
 def _chirp_demand(chirp: Chirp, time: float) -> Vector3:
-    """Returns the demands of a linear chirp, rad and rad/s, ``time`` seconds after its beginning."""
+    """Returns the demands of a linear chirp, a sine whose frequency rises evenly during each period.
+
+    Args:
+        chirp: Axis, amplitude, lowest and highest frequency, and period.
+        time: Time since the first period began, s.
+
+    Returns:
+        Demands of roll and pitch, rad, and yaw rate, rad/s.
+    """
     phase_time = time % chirp.period
-    # The mean frequency since the chirp began is half-way to the current one.
+    # The phase is the integral of the frequency: time times the mean frequency since the period began, which is
+    # half-way from the lowest to the current one.
     frequency_rise = (chirp.highest - chirp.lowest) * phase_time / chirp.period / 2
     cycles = (chirp.lowest + frequency_rise) * phase_time
     angle = radians(chirp.amplitude) * sin(2 * pi * cycles)
@@ -356,6 +419,7 @@ def _multisine_demands(multisine: Multisine, cycle: float) -> Array:
     Returns:
         (N, 3) demands for each cycle of one period.
     """
+    # Frequencies as numbers of cycles per period, one at least.
     lowest = max(1, round(multisine.lowest * multisine.period))
     highest = round(multisine.highest * multisine.period)
     all_axes = multisine.axis == "all"
@@ -370,17 +434,23 @@ def _multisine_demands(multisine: Multisine, cycle: float) -> Array:
         if multisine.axis in (name, "all"):
             axis_harmonics = harmonics[number :: len(AXES)] if all_axes else harmonics
             unit_sum = _schroeder_multisine(axis_harmonics, samples)
+            # N sines of amplitude a have the standard deviation a √(N/2); those of the unit sum have 1/samples.
             amplitude = radians(multisine.sd) * sqrt(2 / len(axis_harmonics)) * samples
             demands[:, number] = amplitude * unit_sum
     return demands
 
 
 def _schroeder_multisine(harmonics: range, samples: int) -> Array:
-    """Returns one period of a sum of cosines of amplitude 1/samples with Schroeder's phases, (samples,).
+    """Returns one period of a sum of cosines with Schroeder's phases, whose peak is low for its power.
+
+    The sum is the real part of an inverse Fourier transform with one line of size 1 for each harmonic.
 
     Args:
-        harmonics: Frequencies, in cycles per period.
+        harmonics: Frequencies of the cosines, in cycles per period.
         samples: Number of samples of the period.
+
+    Returns:
+        (samples,) sum; each cosine has the amplitude 1/samples.
     """
     count = len(harmonics)
     # Phases −πk(k + 1)/N, counted from k = 0. The product is reduced to one turn in integers, without rounding.
@@ -395,6 +465,8 @@ def _schroeder_multisine(harmonics: range, samples: int) -> Array:
 
 def _smooth_transition(time_fraction: float) -> Pair:
     """Returns the travelled fraction of a minimum-jerk movement, and its rate (T. Flash and N. Hogan, 1985).
+
+    Speed and acceleration are zero at the beginning and the end.
 
     Args:
         time_fraction: Time since the movement's beginning by its duration, 0 to 1.

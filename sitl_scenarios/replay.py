@@ -1,4 +1,4 @@
-"""Replay: roll and pitch of a simulated vehicle that follows given setpoints under a given wind torque.
+"""Replay: simulated attitude and body rates of a vehicle that follows logged setpoints under a logged wind torque.
 
 The digital twin of a logged vehicle is compared with its log in this way. Only vertical speed, height and attitude are
 controlled: a mean wind would move the vehicle, not turn it.
@@ -26,12 +26,18 @@ HEIGHT_GAIN = 0.6
 MIN_LIFT = GRAVITY / 5
 """Smallest specific vertical thrust, m/s²: the rotors never stop."""
 
+SAMPLE_TOLERANCE = 1e-6
+"""Time by which a cycle may begin before a sample and still count as beginning at it, in samples: for rounding only."""
+
 MIN_UPRIGHT_COSINE = 0.5
 """Smallest cosine of the tilt by which the vertical thrust is divided: 60° of tilt."""
 
 
 def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> Array:
     """Simulates how a vehicle follows setpoints of roll and pitch under a torque of the wind.
+
+    The vehicle begins at rest in hover and flies by its autopilot's attitude and rate control. A slow control of
+    vertical speed and height holds it up; nothing holds its horizontal position or its heading.
 
     Args:
         scenario: Only its vehicle, sensors, autopilot and seed count.
@@ -60,18 +66,22 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
     state = State(rotors=(airframe_body.hover_speed,) * 4)
     estimates = []
     for row in inputs.tolist():
-        roll_setpoint, pitch_setpoint, _, p, q, r, *moments = row
+        roll_setpoint, pitch_setpoint, _, p, q, r, roll_moment, pitch_moment, yaw_moment = row
+        # The autopilot sees the state through its sensors, and the rates behind the gyro's filters.
         estimate = estimator.estimate(state._replace(rates=gyro.filtered_rates))
         angles = euler_angles(estimate.attitude)
         roll, pitch, yaw = angles
         estimates.append((angles, estimate.rates))
-        lift = GRAVITY + CLIMB_GAIN * state.velocity[2] + HEIGHT_GAIN * state.position[2]
+        # A vehicle that sinks or is too low gets more thrust, and a tilted one more still to lift as much.
+        _, _, sink_speed = state.velocity
+        _, _, depth = state.position
+        lift = GRAVITY + CLIMB_GAIN * sink_speed + HEIGHT_GAIN * depth
         upright = max(cos(roll) * cos(pitch), MIN_UPRIGHT_COSINE)
         thrust = airframe_body.mass * max(lift, MIN_LIFT) / upright
+        # The setpoint of yaw is the heading itself: its loop only follows the rates.
         control = controller.attitude_control(
-            estimate, (roll_setpoint, pitch_setpoint, yaw), (p, q, r), thrust, True
+            estimate, (roll_setpoint, pitch_setpoint, yaw), (p, q, r), thrust, is_flying=True
         )
-        roll_moment, pitch_moment, yaw_moment = moments
         air = AirState(roll=roll_moment, pitch=pitch_moment, yaw=yaw_moment)
         settled_speeds = body.settled_speeds(control.outputs, 1.0)
         state = gyro.advance(body, state, settled_speeds, air, steps)
@@ -79,7 +89,8 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
             raise ValueError("the vehicle is out of control: it needs other gains")
     # Each sample gets the estimate of the cycle that begins at it or next; the tolerance keeps rounding out.
     samples = np.arange(len(torque))
-    rows = np.searchsorted(cycle_times, samples - 1e-6).clip(max=len(estimates) - 1)
+    rows = np.searchsorted(cycle_times, samples - SAMPLE_TOLERANCE).clip(max=len(estimates) - 1)
+    # Each estimate is (angles, rates) of three axes, (2, 3): the axes come first in the result.
     return np.array(estimates)[rows].mT
 
 
@@ -88,9 +99,11 @@ def _inputs_by_cycle(
 ) -> Array:
     """Interpolates setpoints and moments of the wind linearly at the cycles of the autopilot.
 
+    Logs are sampled more slowly than the autopilot's loop runs.
+
     Args:
-        cycle_times: (C,) times of the cycles, in samples.
-        setpoints: (T, 3, 2) angles and rates of roll, pitch and yaw.
+        cycle_times: (C,) times of the cycles, in samples: 1.5 is half-way between the second and the third sample.
+        setpoints: (T, 3, 2) angles, rad, and rates, rad/s, of roll, pitch and yaw.
         torque: (T, 3) torque of the wind by the moments of inertia, rad/s².
         inertia: Moments of inertia about the three axes, kg m².
 
@@ -99,5 +112,7 @@ def _inputs_by_cycle(
     """
     samples = np.arange(len(torque))
     moments = torque * inertia
-    inputs = np.column_stack([setpoints[..., 0], setpoints[..., 1], moments])
+    angles = setpoints[..., 0]
+    rates = setpoints[..., 1]
+    inputs = np.column_stack([angles, rates, moments])
     return np.column_stack([np.interp(cycle_times, samples, column) for column in inputs.T])

@@ -1,4 +1,4 @@
-"""Rotors of a quadrotor: where they are and how they turn, the mixer that commands them, and their PWM pulses.
+"""Rotors of a quadrotor: positions, directions of rotation, mixer and PWM pulses, in the autopilots' motor order.
 
 ArduPilot and PX4 number an X quadrotor alike: 1 front right, 2 rear left, 3 front left, 4 rear right. ArduPilot numbers
 a + quadrotor 1 right, 2 left, 3 front, 4 rear; PX4, whose parameters hold the positions, is given the same order. In
@@ -47,13 +47,14 @@ class RotorFrame(NamedTuple):
 
 
 def rotor_frame(shape: Literal["x", "plus"], arm: Pair) -> RotorFrame:
-    """Returns rotor positions and mixer of a frame.
+    """Returns the positions of a frame's four rotors, and its mixer: what each demand adds to each motor.
 
     Args:
         shape: Arrangement of the four rotors.
         arm: How far forward and right of the centre of mass the rotors of an X frame are, m. The rotors of a + frame
             are as far from the centre as these.
     """
+    # Signs of the positions, in the order of motors of the module's docstring.
     forward = (1.0, -1.0, 1.0, -1.0)
     right = (1.0, -1.0, -1.0, 1.0)
     if shape == "plus":
@@ -75,8 +76,10 @@ def rotor_frame(shape: Literal["x", "plus"], arm: Pair) -> RotorFrame:
 def mixed_commands(frame: RotorFrame, demands: Vector4) -> Vector4:
     """Distributes demands of roll, pitch, yaw and thrust over the motors, within their limits.
 
-    Where a motor would saturate, the thrust gives way first, so that the vehicle stays upright. If the demands of
-    roll, pitch and yaw alone need more than the motors' range, all three are scaled down alike.
+    A motor's command is the thrust demand plus what roll, pitch and yaw add to it (the differential part). Where a
+    motor would leave its range, ``IDLE_COMMAND`` to 1, the thrust demand is raised or lowered first, so that the
+    vehicle stays upright. If the differential part alone is wider than the range, roll, pitch and yaw are scaled down
+    alike.
 
     Args:
         frame: Mixer of the vehicle.
@@ -99,6 +102,7 @@ def mixed_commands(frame: RotorFrame, demands: Vector4) -> Vector4:
         differential = [part * scale for part in differential]
         lowest = lowest * scale
         highest = highest * scale
+    # Range of the thrust in which no motor saturates.
     min_thrust = IDLE_COMMAND - lowest
     max_thrust = 1.0 - highest
     thrust = min(max(thrust, min_thrust), max_thrust)

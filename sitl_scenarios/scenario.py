@@ -1,4 +1,4 @@
-"""Scenario: the sections of a scenario file, with all that decides a simulated flight: vehicle, wind, faults.
+"""Scenario: pydantic models of a scenario file's sections: vehicle, wind, excitation, sensors and faults of a flight.
 
 A scenario file is the same in TOML, a table for each section; what it leaves out has the value given here. Directions
 are degrees clockwise from north: wind comes *from* its direction, as in weather reports. ``mavdem fly --describe``
@@ -269,14 +269,18 @@ class Profile(Section):
     """Clockwise turn in time, from arming, degrees/s"""
 
     def at(self, height: float, time: float) -> Pair:
-        """Returns how the winds at the reference height change with height and time: a rotation and a scaling.
+        """Returns the rotation and the scaling by which the winds differ from those given at the reference height.
+
+        The speed grows with the logarithm of the height where ``law`` is "log". The direction turns with height (veer)
+        and with time.
 
         Args:
             height: Height above the ground, m.
             time: Time since arming, s.
 
         Returns:
-            Cosine and sine of the clockwise turn of the wind, both times the ratio of its speed to that given.
+            Cosine and sine of the clockwise turn of the wind, both times the ratio of its speed to that given: the
+            elements of the matrix that rotates and scales the wind in one step.
         """
         z = max(height, 0.0)
         speed_ratio = 1.0
@@ -534,7 +538,12 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _check_consistency(self) -> Scenario:
-        """Checks the keys of the excitation against each other; raises ValueError where they contradict."""
+        """Checks the keys of the excitation against each other, which pydantic cannot do field by field.
+
+        Raises:
+            ValueError: A doublet is longer than its period, a range of frequencies is reversed, or a course does not
+                end where it began or comes too near to the ground.
+        """
         match self.excitation:
             case Doublets(width=width, period=period) if 2 * width > period:
                 raise ValueError(
@@ -549,6 +558,7 @@ class Scenario(Section):
                     )
             case Course(moves=moves):
                 legs = [(move.north, move.east, move.up) for move in moves]
+                # Position after each move, north, east and up from the hover, m.
                 positions = np.cumsum(legs, axis=0)
                 if abs(positions[-1]).max() > POSITION_TOLERANCE:
                     raise ValueError("the course must end where it began")

@@ -1,4 +1,4 @@
-"""Sensors: the autopilot's estimates of the motion, with noise and delay, and the vibration that its gyro measures."""
+"""Simulated sensors: the autopilot's state estimate with noise and delay, and the vibration that its gyro measures."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -35,17 +35,23 @@ class GyroVibration:
     """
 
     def __init__(self, scenario: Scenario, step: float) -> None:
-        """Takes the scenario's ``shaking`` and random seed, and the sampling period ``step``, s."""
+        """Designs the resonance of the frame as a second-order autoregression.
+
+        Args:
+            scenario: Its ``shaking``, vehicle and random seed.
+            step: Sampling period, s.
+        """
         self._spec = scenario.shaking
         self._step = step
         self._hover_speed = airframe(scenario.vehicle).hover_speed
         self._phases = list(INITIAL_ROTOR_PHASES)
-        # The resonance is an autoregression of second order, x(k) = c₁ x(k − 1) + c₂ x(k − 2) + noise.
+        # x(k) = c₁ x(k − 1) + c₂ x(k − 2) + noise, whose poles decay(cos ± j sin)(angle) are those of the frame.
         angle = 2 * pi * self._spec.frame * step
         decay = exp(-FRAME_DAMPING * angle)
         self._c1 = 2 * decay * cos(angle)
         self._c2 = -decay * decay
-        # Variance of its noise by its own variance (G. E. P. Box and others, Time Series Analysis).
+        # Ratio of the variance of the noise to that of x (G. E. P. Box and others, Time Series Analysis), which gives x
+        # the standard deviation that the scenario asks for.
         difference = (1 - self._c2) ** 2 - self._c1**2
         variance_ratio = (1 + self._c2) * difference / (1 - self._c2)
         self._noise_sd = 0.0
@@ -62,7 +68,16 @@ class GyroVibration:
             yield from block.tolist()
 
     def sample(self, rotor_speeds: Vector4) -> Vector3:
-        """Returns the vibration about the three axes, rad/s; called once per step, with rotor speeds in rad/s."""
+        """Returns the next sample of the vibration; called once per sampling period.
+
+        The rotors shake all axes alike, and the frame each axis by a noise of its own.
+
+        Args:
+            rotor_speeds: Speed of each rotor, rad/s.
+
+        Returns:
+            Vibration about the forward, right and down axes, rad/s.
+        """
         rotor_vibration = 0.0
         if self._spec.gyro:
             for rotor, speed in enumerate(rotor_speeds):
@@ -75,7 +90,18 @@ class GyroVibration:
         return tuple(rotor_vibration + current for current, _ in self._resonance)
 
     def _rotor_sample(self, rotor: int, speed: float) -> float:
-        """Turns a rotor by one step at a ``speed``, rad/s; returns its vibration about each axis, rad/s."""
+        """Turns a rotor by one sampling period, and returns the vibration by it.
+
+        Two sines add up: one of the rotor's frequency, by its imbalance, and one of the blades' frequency. The
+        amplitude goes with the square of the speed, as the centrifugal force does.
+
+        Args:
+            rotor: Index of the rotor, from 0.
+            speed: Its speed, rad/s.
+
+        Returns:
+            Vibration about each axis, rad/s.
+        """
         spec = self._spec
         angle = self._phases[rotor] + speed * self._step
         phase = angle % (2 * pi)
@@ -99,9 +125,10 @@ class StateEstimator:
         delay_cycles = sensors.delay / scenario.cycle
         self._whole_cycles = int(delay_cycles)
         self._cycle_fraction = delay_cycles - self._whole_cycles
-        # The states of the last cycles, oldest first: the delayed state lies between the first two.
+        # The true states of the last cycles, oldest first: the delayed state lies between the first two.
         self._states: deque[State] = deque(maxlen=self._whole_cycles + 2)
-        # Standard deviations of position, velocity, half of the attitude's angles, and rates, three axes each.
+        # Standard deviations of position, velocity, half of the attitude's angles (as quaternions have them), and
+        # rates, three axes each: the order of the twelve numbers of noise.
         sds = (sensors.position_sd, sensors.velocity_sd, sensors.attitude_sd / 2, sensors.rate_sd)
         self._noise = self._noise_rows(scenario.random(SENSORS), np.repeat(sds, 3))
         roll, pitch = sensors.misalignment
@@ -115,10 +142,16 @@ class StateEstimator:
             yield from block.tolist()
 
     def estimate(self, state: State) -> State:
-        """Returns the estimate of position, velocity, attitude and rates in this cycle; called once per cycle.
+        """Returns what the autopilot knows of the vehicle in this cycle; called once per cycle.
+
+        The estimate is the true state of some time ago, with white noise on position, velocity, attitude and rates. A
+        constant misalignment of the sensors tilts its attitude.
 
         Args:
-            state: True state at the cycle's beginning. The estimate has no rotor speeds and no accelerations.
+            state: True state at the cycle's beginning.
+
+        Returns:
+            Estimated state, without rotor speeds and accelerations, which an autopilot does not know.
         """
         if not self._states:
             # Before the first cycle the vehicle was at rest where it is.
@@ -126,21 +159,30 @@ class StateEstimator:
         self._states.append(state)
         older, newer = self._states[0], self._states[1]
         noise = next(self._noise)
+        position_noise, velocity_noise = noise[0:3], noise[3:6]
+        attitude_noise, rate_noise = noise[6:9], noise[9:12]
         half_roll, half_pitch = self._misalignment_half_angles
-        half_angles = (half_roll + noise[6], half_pitch + noise[7], noise[8])
+        roll_noise, pitch_noise, yaw_noise = attitude_noise
+        half_angles = (half_roll + roll_noise, half_pitch + pitch_noise, yaw_noise)
         w, x, y, z = self._interpolated(older.attitude, newer.attitude)
         position = self._interpolated(older.position, newer.position)
         velocity = self._interpolated(older.velocity, newer.velocity)
         rates = self._interpolated(older.rates, newer.rates)
         return State(
-            tuple(map(add, position, noise[0:3])),
-            tuple(map(add, velocity, noise[3:6])),
+            tuple(map(add, position, position_noise)),
+            tuple(map(add, velocity, velocity_noise)),
             normalised(rotated((w, x, y, z), half_angles)),
-            tuple(map(add, rates, noise[9:12])),
+            tuple(map(add, rates, rate_noise)),
         )
 
     def _interpolated(self, older: tuple[float, ...], newer: tuple[float, ...]) -> list[float]:
-        """Returns the values at the delayed time, between those of two neighbouring cycles."""
+        """Returns values at the delayed time, which lies between two neighbouring cycles, by linear interpolation.
+
+        Args:
+            older: Values of the earlier cycle, such as a position or a quaternion.
+            newer: Values of the later cycle.
+        """
+        # The larger the delay, the nearer it is to the earlier cycle.
         older_weight = self._cycle_fraction
         newer_weight = 1.0 - self._cycle_fraction
         return [

@@ -1,4 +1,4 @@
-"""Truth: the linear model, disturbance and control loops of a simulated flight, to compare a learned model with.
+"""True linear model, disturbance and control loops of a simulated flight, with which a learned model is compared.
 
 The matrices A and B are those of the dynamics linearised, by central differences, about hover in still air, level, nose
 to the north. In wind a vehicle hovers tilted, with another thrust: the effect of its motors there differs by a few
@@ -65,6 +65,15 @@ LOOP_FREQUENCIES = 4000
 DEMAND_STEP = 1e-3
 """Step of a demand to the mixer, up and down, that linearises it."""
 
+LINEARISATION_STEPS = {"position": 1e-3, "velocity": 1e-5, "angles": 1e-5, "rates": 1e-4}
+"""Steps, up and down, that linearise the dynamics: m, m/s, rad and rad/s; small against the scale of the curvature."""
+
+COMMAND_STEP = 1e-5
+"""Step of a motor's command, up and down, that linearises the dynamics, by the full command."""
+
+ROTOR_SPEED_STEP = 1e-5
+"""Step of a rotor's speed, up and down, that linearises the dynamics, by the speed itself."""
+
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
@@ -84,7 +93,13 @@ class LinearModel:
 
 
 def linearised(vehicle: VehicleSpec) -> LinearModel:
-    """Linearises the dynamics of a vehicle about hover in still air, without the lag of its rotors.
+    """Linearises the simulated dynamics of a vehicle about hover in still air, without the lag of its rotors.
+
+    The twelve states and four commands are one vector of sixteen. Its function is the derivative of the states; the
+    Jacobian in hover, by central differences, is [A B].
+
+    Args:
+        vehicle: Vehicle of a scenario, undamaged.
 
     Returns:
         Model of all ``STATES``, by motor commands in the vehicle's own unit.
@@ -93,6 +108,7 @@ def linearised(vehicle: VehicleSpec) -> LinearModel:
     dynamics = vehicle_dynamics(vehicle)
 
     def derivative(states_and_commands: Array) -> Array:
+        # Three each of position, velocity, angles and rates, and four commands. The position has no effect.
         _, velocity, angles, rates, commands = np.split(states_and_commands, [3, 6, 9, 12])
         roll, pitch, yaw = angles
         rotation = Rotation.from_euler("ZYX", [yaw, pitch, roll])
@@ -109,9 +125,9 @@ def linearised(vehicle: VehicleSpec) -> LinearModel:
         return np.array([*velocity, *accelerations.linear, *rates, *accelerations.angular])
 
     hover_command = body.command_for(body.hover_speed)
-    hover = np.repeat([0.0, hover_command], [12, 4])
-    # Steps of position, velocity, angles, rates and commands.
-    steps = np.repeat([1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.full_command], [3, 3, 3, 3, 4])
+    hover = np.repeat([0.0, hover_command], [len(STATES), 4])
+    command_step = COMMAND_STEP * body.full_command
+    steps = np.repeat([*LINEARISATION_STEPS.values(), command_step], [3, 3, 3, 3, 4])
     jacobian = _jacobian(derivative, hover, steps)
     return LinearModel(STATES, jacobian[:, : len(STATES)], jacobian[:, len(STATES) :])
 
@@ -128,6 +144,7 @@ def _jacobian(function: Callable[[Array], Array], point: Array, steps: Array) ->
         (m, n) derivatives.
     """
     columns = []
+    # Each row of the diagonal matrix moves one argument by its step.
     for step_vector, step in zip(np.diag(steps), steps, strict=True):
         difference = function(point + step_vector) - function(point - step_vector)
         columns.append(difference / (2 * step))
@@ -137,12 +154,19 @@ def _jacobian(function: Callable[[Array], Array], point: Array, steps: Array) ->
 def axis_model(vehicle: VehicleSpec, axis: Axis = "roll") -> LinearModel:
     """Returns the linear model of one axis, with which a model learned from a flight is compared.
 
-    Its states are angle and rate of roll or pitch, in which gravity acts on the tilted vehicle, or the yaw rate alone,
-    since the heading has no effect. Its inputs are PWM pulses in µs.
+    The effect of the other states, such as the drag of a vehicle that moves, is left out: it counts as disturbance.
+
+    Args:
+        vehicle: Vehicle of a scenario, undamaged.
+        axis: Axis about which it turns.
+
+    Returns:
+        Model whose states are angle, rad, and rate, rad/s, of roll or pitch, or the yaw rate alone, since the heading
+        has no effect. Its inputs are PWM pulses of the four motors, µs from hover.
     """
     states = ("yaw rate",) if axis == "yaw" else (axis, f"{axis} rate")
     model = linearised(vehicle).subsystem(states)
-    command_per_microsecond = airframe(vehicle).full_command / 1000
+    command_per_microsecond = airframe(vehicle).full_command / (MAX_PULSE - MIN_PULSE)
     return replace(model, B=model.B * command_per_microsecond)
 
 
@@ -202,11 +226,20 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
 
 
 def _with_rotor_lag(model: LinearModel, time_constant: float) -> LinearModel:
-    """Returns the model of an axis with a first-order lag of the rotors, of this time constant (s).
+    """Returns the model of an axis with a first-order lag of the rotors.
 
-    Its last state is the angular acceleration by the rotors, rad/s², which tends to B u and drives the rate.
+    The angular acceleration α by the rotors becomes a state of its own, the last one. It tends to the last row of B
+    times u with the time constant τ, dα/dt = (B u − α)/τ, and drives the rate: the commands no longer do so directly.
+
+    Args:
+        model: Model of n states without lag, the rate last.
+        time_constant: τ, s.
+
+    Returns:
+        Model of n + 1 states.
     """
     states = len(model.A)
+    # The acceleration drives the last of the states, the rate.
     rate_column = np.eye(states)[:, -1:]
     lag_row = [np.zeros((1, states)), np.array([[-1 / time_constant]])]
     return LinearModel(
@@ -219,8 +252,10 @@ def _with_rotor_lag(model: LinearModel, time_constant: float) -> LinearModel:
 def loops(scenario: Scenario, number: int, effect: Array) -> Arrays:
     """Returns open-loop responses and margins of the rate and attitude loops about one axis.
 
-    The loops are the controller's own impulse response, the hold over one cycle, rotors, body, gyro filters and the
-    estimates' delay. The body moves off where it tilts, and its drag, above the centre of mass, turns it back.
+    The rate loop is the product of the frequency responses around it: rate controller (from its own impulse response),
+    hold of the output over one cycle, rotors' lag, body, delay of the estimates and gyro filters. The attitude loop is
+    the attitude gain times the closed rate loop, the integration of the rate to the angle, and the delay. The body is
+    that of all states: it drifts as it tilts, and the drag above its centre of mass turns it back.
 
     Args:
         scenario: What is flown.
@@ -246,6 +281,7 @@ def loops(scenario: Scenario, number: int, effect: Array) -> Arrays:
     rate_by_demand = gain * hold * body_response / rotor_lag
     delay = np.exp(-s * scenario.sensors.delay)
     gyro_response = gyro_for(controller).response(frequency)
+    # The controller's response to the measured rate is negative: an open loop is that of negative feedback.
     rate_loop = -rate_response * rate_by_demand * delay * gyro_response
     attitude_gain = controller.attitude_gains[number]
     closed_rate_loop = attitude_gain * setpoint_response * rate_by_demand / (1 + rate_loop)
@@ -262,17 +298,22 @@ def loops(scenario: Scenario, number: int, effect: Array) -> Arrays:
 def _acceleration_per_demand(
     scenario: Scenario, controller: FlightController, number: int, effect: Array
 ) -> float:
-    """Returns the angular acceleration about an axis per demand to the mixer, rad/s², in hover.
+    """Returns the angular acceleration about an axis per demand to the mixer, in hover.
 
-    The mixer is linearised by a central difference.
+    Mixer and thrust curve are linearised together by a central difference: the commands of the motors at a slightly
+    larger and a slightly smaller demand, times the effects of the motors.
 
     Args:
         scenario: What is flown.
         controller: Its controller.
         number: 0 roll, 1 pitch, 2 yaw.
         effect: Angular acceleration by each motor's output, rad/s² per µs; (4,).
+
+    Returns:
+        Angular acceleration, rad/s², per demand of 1.
     """
     body = airframe(scenario.vehicle)
+    # Demands of roll, pitch and yaw are zero in hover; the last one is the thrust.
     hover_demands = np.zeros(4)
     hover_demands[3] = body.command_for(body.hover_speed) / body.full_command
     direction = np.eye(4)[number]
@@ -289,9 +330,18 @@ def _four(demands: Array) -> Vector4:
 
 
 def _rate_by_acceleration(vehicle: VehicleSpec, axis: Axis, s: NDArray[Any]) -> NDArray[Any]:
-    """Returns the response of a body rate to an angular acceleration about its axis, (N,) 1/s, at s = jω, (N,).
+    """Returns the frequency response of a body rate to an angular acceleration about the same axis.
 
-    It is an element of (s I − A)⁻¹, with A of all states.
+    With the A of all states it is the diagonal element of (s I − A)⁻¹ that belongs to the rate; for a body without drag
+    it would be 1/s.
+
+    Args:
+        vehicle: Vehicle of a scenario.
+        axis: Axis about which it turns.
+        s: jω, rad/s; (N,).
+
+    Returns:
+        (N,) response, rad/s per rad/s².
     """
     rate = STATES.index(f"{axis} rate")
     identity = np.eye(len(STATES))
@@ -303,7 +353,10 @@ def _rate_by_acceleration(vehicle: VehicleSpec, axis: Axis, s: NDArray[Any]) -> 
 def _rate_controller_response(
     scenario: Scenario, number: int, phase: NDArray[Any], is_setpoint: bool
 ) -> NDArray[Any]:
-    """Returns the frequency response of the rate controller's demand, from its own impulse response.
+    """Returns the frequency response of the rate controller, measured on the controller that flies.
+
+    The controller is run on an impulse, and its impulse response is transformed. So the response is that of the very
+    code that flies, and no second description of the controller can differ from it.
 
     Args:
         scenario: What is flown.
@@ -316,11 +369,12 @@ def _rate_controller_response(
     """
     controller = controller_for(scenario)
     demands = []
+    # The impulse is 1 in the first cycle and 0 in all others.
     for impulse in np.eye(1, IMPULSE_CYCLES)[0].tolist():
         setpoint = impulse if is_setpoint else 0.0
         rate = 0.0 if is_setpoint else impulse
         demands.append(controller.rate_demand(number, setpoint, rate, True))
-    # The integrator keeps the impulse for ever, but the increments of the demand fade away.
+    # The integrator keeps the impulse for ever, so that the demands cannot be summed. Their increments fade away.
     increments = np.diff(demands, prepend=0.0)
     threshold = NEGLIGIBLE_RESPONSE * abs(increments).max()
     significant = np.flatnonzero(abs(increments) > threshold)
@@ -332,7 +386,7 @@ def _rate_controller_response(
 
 
 def margins(frequency: Array, loop: Complex) -> Array:
-    """Returns the margins of one open loop.
+    """Returns the stability margins of one open loop, by the same code that analyses logs.
 
     Args:
         frequency: Frequencies in Hz, (N,).
@@ -343,6 +397,7 @@ def margins(frequency: Array, loop: Complex) -> Array:
     """
     response = loop[None]
     complementary_sensitivity = response / (1 + response)
+    # These four margins follow from the open loop; the closed responses of the record only have to be there.
     figures = OpenLoop(
         frequency, response, complementary_sensitivity, complementary_sensitivity
     ).figures
@@ -360,10 +415,17 @@ class HoverPart(NamedTuple):
 
 
 def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
-    """Returns ``roll_effect``, ``roll_effect_weak`` and their likes for pitch and yaw, (4,) each.
+    """Returns the effects of the motors on the three axes, before and after damage.
 
-    The first are those before all damage, and the others those after it. If the vehicle was damaged during the whole
-    hover, its only effects have the first names. A flight without hover has none.
+    Args:
+        scenario: What was flown.
+        motion: The flight.
+
+    Returns:
+        Angular accelerations by each motor's output, rad/s² per µs, (4,) each, by name. ``roll_effect`` and its likes
+        for pitch and yaw are those in the hover before all damage, and ``roll_effect_weak`` and its likes those after
+        all damage. If the vehicle was damaged during the whole hover, its only effects have the first names. A flight
+        without hover has none.
     """
     is_hover = motion.landed_state == IN_AIR
     history = damage_history(scenario) or [(np.inf, UNDAMAGED)]
@@ -373,6 +435,7 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
     after = HoverPart(is_hover & (motion.time >= BOOT_SECONDS + last_time), final_condition)
     flown_parts = [part for part in (before, after) if part.rows.any()]
     arrays: dict[str, Array] = {}
+    # There are at most as many parts as suffixes.
     for part, suffix in zip(flown_parts, ("", "_weak"), strict=False):
         effects = _mean_motor_effects(scenario.vehicle, motion[part.rows], part.condition)
         for name, effect in zip(AXES, effects, strict=True):
@@ -381,7 +444,10 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
 
 
 def _mean_motor_effects(vehicle: VehicleSpec, motion: Motion, condition: Damage) -> Array:
-    """Returns the mean effects of the motors' outputs in a part of a flight.
+    """Returns the effects of the motors' outputs on the angular accelerations, at the mean of a part of a flight.
+
+    By the chain rule an effect is the slope of angular acceleration by rotor speed, at the mean rotor speeds and the
+    mean air, times the slope of rotor speed by output, which damage and a sagging battery reduce.
 
     Args:
         vehicle: Vehicle of the scenario.
@@ -393,6 +459,7 @@ def _mean_motor_effects(vehicle: VehicleSpec, motion: Motion, condition: Damage)
     """
     body = airframe(vehicle)
     attitudes = Rotation.from_quat(motion.attitude, scalar_first=True)
+    # Mean velocity of the air relative to the vehicle, in body axes.
     mean_air = attitudes.inv().apply(motion.wind - motion.velocity).mean(0)
     mean_speeds = motion.rotor_speeds.mean(0)
     effect_per_speed = _rotor_speed_effects(vehicle, mean_speeds, mean_air, condition)
@@ -408,7 +475,10 @@ def _mean_motor_effects(vehicle: VehicleSpec, motion: Motion, condition: Damage)
 def _rotor_speed_effects(
     vehicle: VehicleSpec, rotor_speeds: Array, air: Array, condition: Damage
 ) -> Array:
-    """Returns the effects of the rotors' speeds on a vehicle that flies steadily.
+    """Returns the slopes of a vehicle's angular accelerations by its rotor speeds, in steady flight.
+
+    The dynamics are evaluated for a level vehicle at rest, and the wind is given in body axes: only the air relative to
+    the vehicle matters.
 
     Args:
         vehicle: Vehicle of the scenario.
@@ -429,7 +499,7 @@ def _rotor_speed_effects(
     def angular_acceleration(speeds: Array) -> Array:
         return np.array(dynamics(level, zero, zero, tuple(speeds.tolist()), air_state).angular)
 
-    return _jacobian(angular_acceleration, rotor_speeds, 1e-5 * rotor_speeds)
+    return _jacobian(angular_acceleration, rotor_speeds, ROTOR_SPEED_STEP * rotor_speeds)
 
 
 def write_truth(path: str | os.PathLike[str], scenario: Scenario, motion: Motion) -> None:

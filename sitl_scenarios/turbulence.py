@@ -1,4 +1,4 @@
-"""Turbulence: coloured noise of a Gaussian kernel, and the Dryden and von Kármán models of MIL-F-8785C.
+"""Turbulence of a simulated wind: coloured noise of a Gaussian kernel, and Dryden's and von Kármán's of MIL-F-8785C.
 
 Turbulence near the ground is that of MIL-F-8785C, 3.7.3.4 and figures 10 and 11 (and MIL-HDBK-1797B, Appendix A,
 4.9.2), with the height h in feet:
@@ -106,10 +106,10 @@ class TurbulenceScales(NamedTuple):
 
 
 def turbulence_scales(wind: TurbulentWind, height: float, span: float) -> TurbulenceScales:
-    """Returns lengths and intensities of the turbulence of a wind, by MIL-F-8785C.
+    """Returns time constants and intensities of the turbulence of a wind, by MIL-F-8785C (see the module's formulas).
 
-    Of the air's rotation the standard gives that about the flight path, p_g, a first-order process for Dryden and
-    von Kármán alike:
+    A vehicle meets a length L at the airspeed V within the time L/V, which is the time constant. Of the air's rotation
+    the standard gives that about the flight path, p_g, a first-order process for Dryden and von Kármán alike:
 
         Φ_p(Ω) = σ_w²/L_w · 0.8 (π L_w / 4b)^(1/3) / (1 + (4bΩ/π)²),
 
@@ -120,6 +120,7 @@ def turbulence_scales(wind: TurbulentWind, height: float, span: float) -> Turbul
         height: Height above the ground, m.
         span: Distance b between the outermost rotors, m.
     """
+    # The standard's formulas take the height in feet.
     feet = max(height / FOOT, MIN_HEIGHT_FEET)
     height_term = 0.177 + 0.000823 * feet
     airspeed = max(wind.speed, MIN_AIRSPEED)
@@ -151,6 +152,7 @@ def dryden_longitudinal(time_constant: float, dt: float, samples: int, noise: Ge
     Returns:
         (samples,) values of the process, from its stationary state on.
     """
+    # Sampled, it is x[k] = e^(−dt/T) x[k − 1] + noise, whose noise keeps the variance at 1; x[0] has variance 1 itself.
     decay = exp(-dt / time_constant)
     drive = noise.standard_normal(samples)
     drive[1:] *= sqrt(1 - decay * decay)
@@ -158,7 +160,7 @@ def dryden_longitudinal(time_constant: float, dt: float, samples: int, noise: Ge
 
 
 def dryden_transverse(time_constant: float, dt: float, samples: int, noise: Generator) -> Array:
-    """Draws Dryden's process across the wind and down, of variance 1.
+    """Draws Dryden's process across the wind and down, of variance 1, by an exact solution of its filter.
 
     H_v(s) = √T (1 + √3 Ts) / (1 + Ts)², whose autocorrelation is (1 − τ/2T) exp(−τ/T). With x₁ = n/(1 + Ts) and
     x₂ = x₁/(1 + Ts) it is √3 x₁ + (1 − √3) x₂. In units of T, states in a stationary state have the covariance
@@ -189,6 +191,7 @@ def dryden_transverse(time_constant: float, dt: float, samples: int, noise: Gene
     # The first sample is drawn from the stationary state, by the Cholesky factor of its covariance.
     drive1[0] = sqrt(1 / 2) * white[0, 0]
     drive2[0] = sqrt(1 / 8) * (white[0, 0] + white[1, 0])
+    # Each state decays by itself, and the first also drives the second.
     x1 = _first_order_recursion(decay, drive1)
     drive2[1:] += decay * a * x1[:-1]
     x2 = _first_order_recursion(decay, drive2)
@@ -261,12 +264,15 @@ def von_karman_noise(
     # On a circle of this size the two ends of the series are uncorrelated.
     size = next_fast_len(2 * (samples + memory), real=True)
     lags = dt / time_constant * np.arange(memory + 1, dtype=np.float64)
+    # First row of the circulant covariance matrix: positive lags from the front, negative ones from the end.
     correlation = np.zeros(size)
     correlation[: len(lags)] = autocorrelation(lags)
     negative_lags = correlation[1 : len(lags)][::-1]
     correlation[size - len(lags) + 1 :] = negative_lags
-    # Rounding makes some of the eigenvalues slightly negative.
+    # The Fourier transform of that row gives the eigenvalues of the matrix, which are the power of each frequency.
+    # Rounding makes some of them slightly negative.
     power = np.maximum(rfft(correlation).real, 0.0)
+    # A random spectrum of that power, transformed back, has the autocorrelation asked for.
     real, imaginary = noise.standard_normal((2, len(power)))
     amplitude = np.sqrt(power * size / 2)
     spectrum = amplitude * (real + 1j * imaginary)

@@ -1,4 +1,4 @@
-"""Wind: gusts, jets of blowers, and a scenario's weather, the sum of all its winds and moments, cycle by cycle."""
+"""Wind of a simulated flight: steady wind, gusts, turbulence and jets of blowers, summed for each control cycle."""
 
 from collections.abc import Callable
 from functools import partial
@@ -71,12 +71,16 @@ def jet_speed(jet: Jet, axial_distance: float, radial_distance: float) -> float:
 
 
 def _jet_wind(jet: Jet, height: float, turbulence: Array, position: Vector3) -> Vector3:
-    """Returns the velocity of the air in a jet at one position.
+    """Returns the velocity of the air in a jet at one position: its mean and its turbulence there.
+
+    The position is split into distances along the jet's axis and from it, which give the local mean speed. Turbulence
+    is proportional to that speed, so that it fades at the edge of the jet as the mean does.
 
     Args:
         jet: The jet, which blows horizontally.
         height: Height of its axis, m: that of the hover.
-        turbulence: Deviations along, across and down, by the mean speed at the vehicle, (3,).
+        turbulence: Deviations of the speed along the jet, across it to the right, and down, as fractions of the local
+            mean speed; (3,).
         position: Position of the vehicle, NED, m.
 
     Returns:
@@ -99,8 +103,17 @@ def _jet_wind(jet: Jet, height: float, turbulence: Array, position: Vector3) -> 
 
 
 def gust_speed(gust: Gust, time: Array) -> Array:
-    """Returns the speed of a 1-cosine gust, (N,), m/s, at times (N,), s since arming."""
+    """Returns the speed of a 1-cosine gust (MIL-F-8785C), v/2 (1 − cos(π x)) with x from 0 to 1 during its rise.
+
+    Args:
+        gust: Its speed v, and when it starts, how long it rises and how long it stays. It falls as it rose.
+        time: Times since arming, s; (N,).
+
+    Returns:
+        (N,) speed, m/s.
+    """
     fraction = np.clip((time - gust.start) / gust.rise, 0.0, 1.0)
+    # A gust without a hold never falls.
     if gust.hold is not None:
         fall_start = time - gust.start - gust.rise - gust.hold
         fraction = fraction - np.clip(fall_start / gust.rise, 0.0, 1.0)
@@ -129,15 +142,17 @@ class Weather:
             time: Beginning of each cycle, s since arming; (N,).
         """
         samples = len(time)
-        # Columns are the fields of AirState.
+        # One row for each cycle; columns are the fields of AirState.
         self._air = np.zeros((samples, len(AirState._fields)))
         self._hover_height = scenario.height
         self._jets: list[JetTurbulence] = []
         self._profile = scenario.profile
         self._time = time.tolist()
+        # Each wind and moment has random numbers of its own: another one added does not change them.
         for number, wind in enumerate(scenario.wind):
             noise = scenario.random(WIND, number)
             if isinstance(wind, Jet):
+                # Noise along, across and down.
                 columns = [gaussian_noise(wind.s, dt, samples, noise) for _ in range(3)]
                 turbulence = wind.turbulence * np.column_stack(columns)
                 self._jets.append(JetTurbulence(wind, turbulence))
@@ -161,6 +176,7 @@ class Weather:
             time: Beginning of each cycle, s since arming; (N,).
             noise: Random number generator of this wind.
         """
+        # Views of the first fields of AirState: adding to them in place adds to the air.
         velocity = self._air[:, :3]
         velocity_and_rotation = self._air[:, :5]
         match wind:
@@ -176,6 +192,9 @@ class Weather:
 
     def air_at(self, cycle: int, position: Vector3) -> AirState:
         """Returns the air in one cycle at one position.
+
+        The winds drawn beforehand are the same everywhere; the profile with height and the jets are added here, because
+        they depend on where the vehicle is.
 
         Args:
             cycle: Number of the cycle, from 0; before the first and after the last, the air is as in these.
@@ -201,7 +220,11 @@ class Weather:
 def _turbulent_air(
     wind: TurbulentWind, scenario: Scenario, dt: float, samples: int, noise: Generator
 ) -> Array:
-    """Draws the mean wind with its turbulence, by the model of Dryden or von Kármán.
+    """Draws the mean wind with its turbulence, by the model of Dryden or von Kármán (MIL-F-8785C).
+
+    The components along the wind, across it and down are independent processes of unit variance, scaled by their
+    intensities and rotated into NED. The air's rotation about both horizontal axes is a first-order process, which is
+    what Dryden's longitudinal process is. The order of the draws is fixed: a seed always gives the same wind.
 
     Args:
         wind: Model, mean wind and intensity.
@@ -215,6 +238,7 @@ def _turbulent_air(
         fields of ``AirState``.
     """
     frame = rotor_frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
+    # The distance between the outermost rotors stands for the wing span of the standard.
     span = max(frame.right) - min(frame.right)
     horizontal, vertical, rotation = turbulence_scales(wind, scenario.height, span)
     longitudinal: Process = dryden_longitudinal

@@ -1,4 +1,4 @@
-"""The two simulated autopilots: their numbers, rates, modes and parameters.
+"""Autopilots: MAVLink messages, rates, flight modes and parameters of the simulated PX4 and ArduPilot.
 
 As PX4 1.17 (SIH) and ArduCopter 4.7 (SITL) sent them. Sources: PX4's ``mavlink_main.cpp``, ``mavlink_stream.cpp``,
 ``px4_custom_mode.h`` and ``Commander.cpp``; ArduPilot's ``GCS_Common.cpp``, ``GCS_MAVLink_Copter.cpp``,
@@ -14,31 +14,38 @@ from pydantic import TypeAdapter
 from mavdem.files import load_adjacent_toml
 from sitl_scenarios.scenario import shortened
 
-Mode = tuple[int, int]  # HEARTBEAT's base_mode, but for the armed flag, and its custom_mode
+Mode = tuple[int, int]
+"""HEARTBEAT's base_mode without the flag of an armed vehicle, and its custom_mode."""
 
 
 @dataclass(frozen=True)
 class Autopilot:
-    """The MAVLink of one kind of autopilot."""
+    """MAVLink behaviour of one kind of autopilot."""
 
-    name: Literal["px4", "ardupilot"]  # as in scenarios
-    number: int  # its MAV_AUTOPILOT
-    # the messages that come at the scenario's rate; ``quarter``: those that come at a quarter of it
+    name: Literal["px4", "ardupilot"]
+    """Name in scenarios."""
+    number: int
+    """Its MAV_AUTOPILOT."""
     fast: tuple[str, ...]
+    """Messages that are sent at the scenario's rate."""
     quarter: tuple[str, ...]
-    # Hz of those that come at a rate of their own; 0 for those that come only when asked for
+    """Messages that are sent at a quarter of the scenario's rate."""
     slow: Mapping[str, float]
-    # messages by MAV_DATA_STREAM, where REQUEST_DATA_STREAM is obeyed
+    """Rates of the other messages, Hz by name; 0 for a message that is sent only on request."""
     groups: Mapping[int, tuple[str, ...]]
-    interval_step: float  # s: intervals between messages are whole numbers of it
-    # whether each stream begins a cycle after the one before, so that they do not all come at once
+    """Messages by MAV_DATA_STREAM; empty for an autopilot that does not obey REQUEST_DATA_STREAM."""
+    interval_step: float
+    """Step of the intervals between messages, s: each is a whole number of it."""
     apart: bool
-    unused: float  # output of channels without a motor, PWM in µs
-    modes: tuple[Mode, ...]  # by MAV_LANDED_STATE, from on the ground on
-    # values of others, which a scenario may change, by MAV_PARAM_TYPE
+    """Whether each stream begins a cycle after the one before, so that they do not all come at once."""
+    unused: float
+    """Output of channels without a motor, PWM pulse in µs."""
+    modes: tuple[Mode, ...]
+    """Flight modes by MAV_LANDED_STATE, the first on the ground."""
     parameters: Mapping[int, Mapping[str, float]]
-    # whether integer parameters are copied bit by bit into PARAM_VALUE's float, rather than cast
+    """Values of fixed parameters by name, by MAV_PARAM_TYPE; a scenario may change them."""
     bitwise: bool
+    """Whether integer parameters are copied bit by bit into PARAM_VALUE's float, rather than converted."""
 
     def rates(self, rate: float, replacements: Mapping[str, float]) -> dict[str, float]:
         """Returns the rates of all messages that the autopilot can send, Hz by name; 0 for those on request only.
@@ -62,9 +69,10 @@ class Autopilot:
         return {**usual, **replacements}
 
 
-# By ``scenario.stream.autopilot``
 AUTOPILOTS = TypeAdapter(dict[str, Autopilot]).validate_python(
     load_adjacent_toml(__file__, "autopilots.toml")
 )
+"""Autopilots by the name that a scenario's ``stream.autopilot`` gives."""
+
 PX4 = AUTOPILOTS["px4"]
 ARDUPILOT = AUTOPILOTS["ardupilot"]

@@ -1,4 +1,4 @@
-"""Commands that a ground station sends to a simulated vehicle, and the vehicle's replies.
+"""MAVLink commands and requests of a ground station to a simulated vehicle, and the vehicle's replies.
 
 Sources: https://mavlink.io/en/services/command.html, https://mavlink.io/en/services/parameter.html.
 """
@@ -49,6 +49,9 @@ def addressed_messages(datagram: bytes, system: int, component: int) -> list[Any
 FORCE_DISARM = 21196
 """Second parameter of MAV_CMD_COMPONENT_ARM_DISARM that stops the motors even in the air (common.xml)."""
 
+ALL_STREAMS = 0
+"""MAV_DATA_STREAM_ALL: the group of all messages in REQUEST_DATA_STREAM."""
+
 MAX_INT32 = 2**31 - 1
 """Largest value of MESSAGE_INTERVAL's signed field."""
 
@@ -71,10 +74,14 @@ class CommandHandler:
     """Number of commands accepted so far."""
 
     def handle(self, received: Any) -> None:
-        """Executes a message of pymavlink; the reply goes out with the transmitter's next block.
+        """Executes a message from a ground station; the reply goes out with the transmitter's next block.
 
         A command is acknowledged with its result. Requests for parameters are answered by their values, and requests
         for data streams change the rates of messages.
+
+        Args:
+            received: Message of pymavlink that is addressed to the vehicle; others than ``HANDLED_MESSAGES`` are
+                ignored.
         """
         match received.get_type():
             case "COMMAND_LONG":
@@ -96,18 +103,33 @@ class CommandHandler:
                 self._set_stream_rate(received)
 
     def _set_stream_rate(self, request: Any) -> None:
-        """Sets the rate of a group of messages, or with MAV_DATA_STREAM_ALL (0) of all, by REQUEST_DATA_STREAM."""
+        """Sets the rate of a group of messages, as the request REQUEST_DATA_STREAM asks.
+
+        An unknown group is ignored, as is every group of an autopilot that does not obey the request.
+
+        Args:
+            request: REQUEST_DATA_STREAM of pymavlink.
+        """
         groups = self.transmitter.autopilot.groups
         group = int(request.req_stream_id)
-        # The rate in Hz.
+        # The rate is in Hz; a request with start_stop 0 stops the messages.
         rate = int(request.req_message_rate) if request.start_stop else 0
         interval = 1 / rate if rate else inf
-        requested_groups = list(groups) if group == 0 else [group]
+        requested_groups = list(groups) if group == ALL_STREAMS else [group]
         for requested_group in requested_groups:
             self._set_intervals(groups.get(requested_group, ()), interval)
 
     def _execute(self, command: int, first: float, second: float) -> int:
-        """Executes a MAV_CMD with its first two parameters; returns the MAV_RESULT."""
+        """Executes a command.
+
+        Args:
+            command: Number of the MAV_CMD.
+            first: Its first parameter; a value that is not finite is denied.
+            second: Its second parameter.
+
+        Returns:
+            MAV_RESULT that acknowledges it.
+        """
         executor = COMMANDS.get(command)
         if executor is None:
             return UNSUPPORTED
@@ -116,7 +138,15 @@ class CommandHandler:
         return executor(self, first, second)
 
     def _arm(self, arm: float, force: float) -> int:
-        """Arms (1) or disarms (0) the vehicle, in the air only with ``FORCE_DISARM``; returns the MAV_RESULT."""
+        """Executes MAV_CMD_COMPONENT_ARM_DISARM.
+
+        Args:
+            arm: 1 to arm, 0 to disarm.
+            force: ``FORCE_DISARM`` to disarm in the air, too; any other value does not.
+
+        Returns:
+            MAV_RESULT: denied for another value of ``arm``, failed where the vehicle refuses.
+        """
         if round(arm) not in (0, 1):
             return DENIED
         if self.simulation.set_armed(round(arm) == 1, force == FORCE_DISARM):
@@ -124,11 +154,14 @@ class CommandHandler:
         return FAILED
 
     def _set_interval(self, message: float, interval: float) -> int:
-        """Sets the interval of a message; returns the MAV_RESULT.
+        """Executes MAV_CMD_SET_MESSAGE_INTERVAL.
 
         Args:
             message: Number of the message.
             interval: Interval in µs; 0 sets the usual one, a negative value stops the message.
+
+        Returns:
+            MAV_RESULT: denied for a message that the vehicle does not have.
         """
         schedule = self.transmitter.schedule
         name = _message_name(message)
@@ -150,15 +183,23 @@ class CommandHandler:
             self.transmitter.schedule.set(name, seconds, self.transmitter.clock)
 
     def _send_interval(self, message: float, _: float) -> int:
-        """Replies with the interval of a message, given by its number; returns the MAV_RESULT.
+        """Executes MAV_CMD_GET_MESSAGE_INTERVAL: replies with MESSAGE_INTERVAL.
 
-        The interval is in µs: 0 for a message that the vehicle does not have, -1 for one that it does not send now.
+        The interval in the reply is in µs: 0 for a message that the vehicle does not have, -1 for one that it does not
+        send now (common.xml).
+
+        Args:
+            message: Number of the message.
+
+        Returns:
+            MAV_RESULT: denied for a number that the reply cannot hold.
         """
         if not 0 <= message < MESSAGE_IDS:
             return DENIED
         schedule = self.transmitter.schedule
         name = _message_name(message)
         interval = schedule.interval(name) if name in schedule.usual_rates else 0.0
+        # The interval of a message that is not sent is infinite.
         microseconds = -1
         if isfinite(interval):
             microseconds = min(round(interval * MICROSECONDS_PER_SECOND), MAX_INT32)

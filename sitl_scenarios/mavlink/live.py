@@ -45,11 +45,21 @@ class Ground:
     """Connection to a ground station: a UDP socket that exchanges datagrams with this one address only."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Opens a socket; raises ValueError if the host does not exist or cannot be reached."""
+        """Opens a UDP socket that is connected to the ground station.
+
+        Args:
+            host: Name or address of the ground station.
+            port: Its UDP port.
+
+        Raises:
+            ValueError: The host does not exist or cannot be reached.
+        """
         try:
+            # A name may have several addresses, of IPv4 and IPv6: the system prefers the first.
             addresses = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
             family, kind, protocol, _, address = addresses[0]
             self._socket = socket.socket(family, kind, protocol)
+            # A connected UDP socket receives datagrams from this address only.
             self._socket.connect(address)
         except (OSError, UnicodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "it is no name of a host"
@@ -74,10 +84,11 @@ class Ground:
         return True
 
     def received(self, end_time: float) -> Iterator[bytes]:
-        """Yields the datagrams that arrive before a time, and returns then.
+        """Yields the datagrams that arrive before a time, and returns at that time.
 
-        If the time is past already, it yields one datagram at most. Datagrams that cannot be handled in time wait in
-        the socket's buffer, whose size is limited.
+        Waiting here is also what keeps the flight in step with the clock. If the time is past already, it yields one
+        datagram at most, so that commands reach even a simulation that is too slow. Datagrams that cannot be handled in
+        time wait in the socket's buffer, whose size is limited.
 
         Args:
             end_time: Time on the monotonic clock, s.
@@ -100,11 +111,14 @@ def fly_live(
     speed: float,
     progress: Progress,
 ) -> LiveOutcome:
-    """Flies to the end, or until Ctrl-C, sends every frame in its own datagram, and executes received commands.
+    """Flies a scenario at the speed of the clock, and exchanges MAVLink datagrams with a ground station meanwhile.
+
+    Tick by tick, a few milliseconds of flight are simulated and their frames sent, each in its own datagram. Until the
+    clock reaches the simulated time, received commands are executed. The flight ends as planned, or with Ctrl-C.
 
     Args:
         scenario: What is flown.
-        simulation: Its simulation.
+        simulation: Its simulation, not yet begun.
         ground: Connection to the ground station.
         speed: Simulated seconds per second of wall-clock time.
         progress: Called with the seconds that have been flown.
@@ -122,7 +136,8 @@ def fly_live(
             outcome.flown = now
             progress(now)
             outcome.sent += sum(map(ground.send, frames))
-            for datagram in ground.received(start_time + now / speed):
+            tick_end = start_time + now / speed
+            for datagram in ground.received(tick_end):
                 # While the link is lost, datagrams are read and dropped.
                 if link.is_lost(now):
                     continue
@@ -144,9 +159,16 @@ def _ticks(
 
     After the flight it goes on until all frames that are delayed have arrived.
 
+    Args:
+        link: Link that loses, delays and reorders frames.
+        simulation: Simulation of the flight.
+        transmitter: Autopilot's side of the link.
+        speed: Simulated seconds per second of wall-clock time; it decides how long a tick of the flight is.
+
     Yields:
         Seconds flown, and the frames that have arrived by then since the tick before.
     """
+    # Frames on their way over the link, in order of arrival.
     in_transit = deque[TimedFrame]()
     tick = min(TICK_SECONDS * speed, MAX_TICK_FLIGHT_SECONDS)
     cycles = max(round(tick / simulation.cycle), 1)
@@ -158,6 +180,7 @@ def _ticks(
         now = float(motion.time[-1])
         in_transit.extend(link.pass_on(transmitter.send(motion)))
         yield now - start, _arrived(in_transit, now)
+    # The flight is over: only time passes, until the last frames have arrived.
     in_transit.extend(link.held_frames())
     while in_transit and start is not None:
         now += cycles * simulation.cycle

@@ -1,4 +1,4 @@
-"""Messages: the MAVLink payloads of a simulated flight, and the parameters that the autopilot reports.
+"""Messages: MAVLink payloads filled from a simulated flight, and the parameters that the simulated autopilot reports.
 
 Fields, units and signs are those of the definitions (https://mavlink.io/en/messages/common.html): angles rad, body
 rates rad/s, north-east-down m and m/s, PWM µs; parameters travel in PARAM_VALUE's float as
@@ -21,14 +21,18 @@ from sitl_scenarios.rotors import MAX_PULSE, MIN_PULSE, SPIN_DIRECTIONS, pulse_w
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.vehicles import FULL_BATTERY_VOLTAGE, GRAVITY
 
-Payloads = NDArray[Any]  # (N,) of a definition's wire type
-QUADROTOR = mavlink_constant("MAV_TYPE_QUADROTOR")
+Payloads = NDArray[Any]
+"""(N,) payloads of one message: a structured array of the definition's wire type."""
 
+QUADROTOR = mavlink_constant("MAV_TYPE_QUADROTOR")
+"""MAV_TYPE of the vehicle."""
 
 SENSORS = sum(
     mavlink_constant(f"MAV_SYS_STATUS_SENSOR_{name}")
     for name in ("3D_GYRO", "3D_ACCEL", "3D_MAG", "ABSOLUTE_PRESSURE")
 )
+"""Bits of the sensors that the vehicle has, which all are healthy."""
+
 FENCE = mavlink_constant("MAV_SYS_STATUS_GEOFENCE")
 """Bit of the geofence, which reports as healthy: it is not breached."""
 
@@ -36,14 +40,19 @@ UNUSED = np.iinfo(np.uint16).max
 """Value of RC channels that do not exist, by the definition of RC_CHANNELS."""
 
 UNKNOWN_RSSI = np.iinfo(np.uint8).max
-# PX4's in its simulators; on a sphere of 6371 km
+"""Value of a signal strength that is not known, by the definition of RC_CHANNELS."""
+
 HOME = (47.397742, 8.545594, 488.0)
+"""Latitude and longitude, degrees, and altitude, m, of the take-off: the home of PX4's simulators."""
+
 METRES_PER_DEGREE = 111_195.0
+"""Length of a degree of latitude, m, on a sphere of 6371 km."""
 
+CHANNELS: int = definitions_by_name()["HIL_ACTUATOR_CONTROLS"].wire["controls"].shape[0]
+"""Number of channels in each message of motor outputs."""
 
-CHANNELS: int = (
-    definitions_by_name()["HIL_ACTUATOR_CONTROLS"].wire["controls"].shape[0]
-)  # of all output messages
+STICK_CHANNELS = ((1, 0), (2, 1), (4, 2))
+"""RC channel and axis of ``Motion.sticks``: 1 roll, 2 pitch, 4 yaw; channel 3 is the throttle."""
 
 
 def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
@@ -64,7 +73,15 @@ def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
 
 
 def by_column(names: str, values: NDArray[Any]) -> Arrays:
-    """Returns the columns (N,) of ``values`` (N, n) by their ``names``, which spaces separate."""
+    """Names the columns of an array, as the fields of a message.
+
+    Args:
+        names: Names of the n columns, separated by spaces.
+        values: (N, n) values.
+
+    Returns:
+        Columns (N,) by name.
+    """
     return dict(zip(names.split(), values.T, strict=True))
 
 
@@ -125,31 +142,12 @@ def message_payloads(
             asked = "body_roll_rate body_pitch_rate body_yaw_rate"
             fields |= by_column(asked, motion.rates_setpoint) | {"thrust": motion.demands[:, 3]}
         case "RC_CHANNELS":
-            # 1 roll, 2 pitch, 3 throttle, 4 yaw.
-            # A stick to the right, or drawn back, which raises the nose, is more than the middle's pulse.
-            middle = pulse_width(0.5)
-            moved = middle + np.round((MAX_PULSE - middle) * motion.sticks / FULL_STICK)
-            fields |= {
-                field: UNUSED
-                for field in definitions_by_name()[name].fields
-                if field.endswith("_raw")
-            }
-            fields |= {f"chan{n}_raw": moved[:, axis] for n, axis in ((1, 0), (2, 1), (4, 2))}
-            fields |= {"chan3_raw": middle, "chancount": 4, "rssi": UNKNOWN_RSSI}
+            fields |= _stick_channels(motion)
         case "LOCAL_POSITION_NED":
             fields |= by_column("x y z", motion.known_position)
             fields |= by_column("vx vy vz", motion.known_velocity)
         case "GLOBAL_POSITION_INT":
-            (north, east, down) = motion.known_position.T
-            (latitude, longitude, altitude) = HOME
-            fields["lat"] = np.round(1e7 * (latitude + north / METRES_PER_DEGREE))
-            fields["lon"] = np.round(
-                1e7 * (longitude + east / METRES_PER_DEGREE / np.cos(np.radians(latitude)))
-            )
-            fields["alt"] = np.round(1000 * (altitude - down))
-            fields["relative_alt"] = np.round(-1000 * down)
-            fields |= by_column("vx vy vz", np.round(100 * motion.known_velocity))
-            fields["hdg"] = np.round(100 * np.degrees(estimated_angles(motion)[:, 2])) % 36000
+            fields |= _global_position(motion)
         case "SERVO_OUTPUT_RAW":
             # The one clock of 32-bit microseconds: it wraps every 71.6 minutes.
             fields = {f"servo{n + 1}_raw": np.round(outputs[:, n]) for n in range(CHANNELS)}
@@ -166,6 +164,43 @@ def message_payloads(
             controls = np.pad(commands, ((0, 0), (0, CHANNELS - len(SPIN_DIRECTIONS))))
             fields = {"time_usec": boot, "controls": controls, "mode": base}
     return payload(name, len(boot), **fields)
+
+
+def _stick_channels(motion: Motion) -> dict[str, Any]:
+    """Returns the fields of RC_CHANNELS but its time: PWM pulses of the pilot's sticks, µs.
+
+    A stick at rest gives the pulse in the middle, 1500 µs. A stick to the right, or drawn back, which raises the nose,
+    gives more. Only four channels are used: roll, pitch, throttle, which stays in the middle, and yaw.
+    """
+    middle = pulse_width(0.5)
+    pulses = middle + np.round((MAX_PULSE - middle) * motion.sticks / FULL_STICK)
+    definition = definitions_by_name()["RC_CHANNELS"]
+    fields: dict[str, Any] = {
+        field: UNUSED for field in definition.fields if field.endswith("_raw")
+    }
+    fields |= {f"chan{channel}_raw": pulses[:, axis] for channel, axis in STICK_CHANNELS}
+    fields |= {"chan3_raw": middle, "chancount": 4, "rssi": UNKNOWN_RSSI}
+    return fields
+
+
+def _global_position(motion: Motion) -> dict[str, Any]:
+    """Returns the fields of GLOBAL_POSITION_INT but its time, in the message's integer units.
+
+    Latitude and longitude are in 1e-7 degrees, altitudes in mm, velocities in cm/s, and the heading in 0.01 degrees.
+    The Earth is taken as flat about ``HOME``: flights are short.
+    """
+    north, east, down = motion.known_position.T
+    latitude, longitude, altitude = HOME
+    # Circles of latitude shrink with its cosine.
+    east_degrees = east / METRES_PER_DEGREE / np.cos(np.radians(latitude))
+    fields: dict[str, Any] = {
+        "lat": np.round(1e7 * (latitude + north / METRES_PER_DEGREE)),
+        "lon": np.round(1e7 * (longitude + east_degrees)),
+        "alt": np.round(1000 * (altitude - down)),
+        "relative_alt": np.round(-1000 * down),
+        "hdg": np.round(100 * np.degrees(estimated_angles(motion)[:, 2])) % 36000,
+    }
+    return fields | by_column("vx vy vz", np.round(100 * motion.known_velocity))
 
 
 REAL32 = mavlink_constant("MAV_PARAM_TYPE_REAL32")
@@ -189,11 +224,11 @@ class Parameter(NamedTuple):
     """Its value, a whole number where the type is an integer."""
 
     def encoded(self, bitwise: bool) -> float:
-        """Returns the value as PARAM_VALUE.param_value carries it.
+        """Returns the value as the message PARAM_VALUE carries it, in a 32-bit float whatever the parameter's type.
 
         Args:
-            bitwise: Whether the bits of an integer are copied into the float (PX4), rather than its value
-                (ArduPilot).
+            bitwise: Whether the four bytes of an integer are copied into the float unchanged (PX4), rather than its
+                value being converted (ArduPilot).
         """
         if bitwise and self.kind != REAL32:
             integer_bytes = struct.pack("<i", int(self.value))
@@ -204,7 +239,12 @@ class Parameter(NamedTuple):
 def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
     """Returns all parameters that the autopilot of a scenario reports, in alphabetical order.
 
-    They are the autopilot's fixed ones, those of the system id and the frame, and those of its controllers.
+    They are the autopilot's fixed ones, those of the MAVLink system id and the frame, and those of its controllers,
+    which win where several have the same name.
+
+    Args:
+        scenario: Its vehicle, gains and system id.
+        autopilot: Its autopilot, with the fixed parameters and the types of integers.
     """
     system = scenario.stream.system
     is_x_frame = scenario.vehicle.layout == "x"
