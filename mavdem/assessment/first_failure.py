@@ -223,8 +223,7 @@ def _failure_by_commands(
     if (change < -usual / 2).all():
         return Fact(FailedFirst.ALL_OFF_FIRST, time=time[0])
 
-    # All thrust in use. While the attitude is lost the controller uses all of it, so the thrust before that counts.
-    # As the attitude is lost, the mixer drives motors to their limits; only the commands before that show the thrust.
+    # While the attitude is lost the controller drives motors to their limits, so that the thrust before that counts.
     thrust_commands = commands_now if fall_direction is None else commands_before
     thrust_share = thrust_commands.mean() / motors.scale.stop
     if thrust_share > SPENT_THRUST_SHARE:
