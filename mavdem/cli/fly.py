@@ -214,7 +214,9 @@ def _chosen_scenario(
     vehicle: Path | None,
     assignments: Sequence[str],
 ) -> Scenario:
-    """Loads a scenario, and changes what options of the command change.
+    """Loads a scenario of simulated flight, and changes what options of the command change.
+
+    Everything is checked here, before the simulation, and each error names the option that caused it.
 
     Args:
         name: Name of a scenario that mavdem brings, or the path of a .toml file.

@@ -81,7 +81,9 @@ class Document(BaseModel):
     def __init_subclass__(cls, is_partial: bool = False, **options: Any) -> None:
         """Adds the fields with facts beside fields of the types ``SentenceAndFact`` and ``AdviceAndFact``.
 
-        This changes the annotations, which are texts, before pydantic makes the fields of them.
+        A sentence of a document is for people; the fact beside it has the same content for programs: a code with
+        figures. So that no document declares both, each field of these types gets a second one, named ``…_fact``, or
+        ``…_facts`` for a list. This changes the annotations, which are texts, before pydantic makes fields of them.
 
         Args:
             is_partial: whether all keys of the document may be absent; they then may also be null.

@@ -295,10 +295,12 @@ def _spectrum_document(spectrum: spectra.Spectrum, lines: tuple[SpectralLine, ..
     coarse_frequency, density_by_time = max_decimated(
         spectrum.frequency, spectrum.total_density, MAX_SPECTROGRAM_POINTS
     )
+    # The frequencies are the same as over time.
     throttle_levels, fine_density_by_throttle = spectrum.density_by_throttle
     _, density_by_throttle = max_decimated(
         spectrum.frequency, fine_density_by_throttle, MAX_SPECTROGRAM_POINTS
     )
+    # Every time_step-th time is kept.
     time_step = ceil(len(spectrum.time) / MAX_SPECTROGRAM_TIMES)
     return Spectrum.from_results(
         spectrum,

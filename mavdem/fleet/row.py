@@ -289,7 +289,11 @@ class FlightRow:
 
     @property
     def order(self) -> tuple[str, str, str, int, int, str]:
-        """The key that rows are sorted by, which does not depend on when they were made."""
+        """The key that rows are sorted by: vehicle, file and key of the log, system, component and axis.
+
+        It does not depend on when the rows were made, so that the table of a fleet is the same after every order of
+        reading. Missing values sort first.
+        """
         return (
             self.vehicle,
             self.file,

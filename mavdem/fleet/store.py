@@ -265,7 +265,17 @@ class Store:
                 file.write(html.encode(errors="replace"))
 
     def _add_name(self, path: str, version: str, tracked: int | None, content: str) -> None:
-        """Adds a name of a log whose content is known, and removes those of its names that no longer exist."""
+        """Adds a name of a log whose content is known, and removes those of its names that no longer exist.
+
+        The new entry is a copy of another one of the same content, so that it says how the reading ended. A file that
+        was moved is thus known by its new path without being read again.
+
+        Args:
+            path: the new name.
+            version: version of the file, which changes with its content.
+            tracked: whether the log is in the table of the fleet.
+            content: key of the content.
+        """
         known_paths = self.db.execute("select path from logs where log = ?", [content]).fetchall()
         self.db.execute(
             """insert or replace into logs select ?, ?, size, key, log, ended, seconds, megabytes, time_limit,

@@ -37,6 +37,13 @@ class UploadForm(MultiPartParser):
     """
 
     def __init__(self, request: HttpRequest, library: Library) -> None:
+        """Prepares the parser; :meth:`parse` then receives the form.
+
+        Args:
+            request: the request, whose body is the form.
+            library: gives the files their places on the disk.
+        """
+        # The chunks of the body are received with limits of their own for time and size.
         super().__init__(
             request.headers,
             _upload_chunks(request, library),
