@@ -344,8 +344,7 @@ def vehicle_blocks(axes: Mapping[str, AxisFigures], is_doubtful: bool) -> Blocks
 def _axis_header(axes: Mapping[str, AxisFigures]) -> list[str]:
     """Returns the header of the table of axes.
 
-    Control effectiveness is per unit of the inputs. All axes have the same inputs; their unit is that of the first axis
-    with a flight.
+    Control effectiveness is per unit of the inputs; the unit is that of the first axis with a flight.
     """
     input_unit = ""
     for figures in axes.values():
