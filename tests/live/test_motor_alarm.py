@@ -140,7 +140,7 @@ def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
 def test_what_a_weak_motor_does_is_the_share_that_a_sound_one_would_need():
     alarms = MotorAlarms()
     alarms.change_time = 5.0
-    alarms._watch = Mock(weak={1: Mock(sound_share=(0.8, 0.1))})
+    alarms._watch = Mock(weak_motors={1: Mock(sound_command_fraction=(0.8, 0.1))})
     changed, does, errors = alarms.weakened_motors(np.array([1500.0, 1600.0]), 1000.0)
     assert changed == 5.0
     assert_allclose((does, errors), ([1500.0, 1480.0], [0.0, 60.0]))
