@@ -155,10 +155,13 @@ class Advice(ImmutableResult):
 
     @property
     def sentence(self) -> Fact:
-        """The fact that says what to do with the gains, or why there is no advice.
+        """The fact that says what to do with the gains: set them, keep them, or why there is no advice.
 
-        Gains that change are to be set at once only if the loops surely have the margins with them: in 95 % of the
-        draws. Else the fact calls them a step towards the margins.
+        New gains should be set as the final ones only if both loops have the margins with them in 95 % of the draws
+        from the plant's posterior. Else they are called a step towards the margins: set them, fly, and ask again.
+
+        Figures of the fact: ``share`` is the fraction of these draws with the margins, ``has_room`` whether the logged
+        gains have the margins surely already, and the target's margins have their own names.
         """
         if self.refusals:
             return Fact(Gains.NO_GAINS_ADVISED, reasons=self.refusals)
@@ -338,12 +341,13 @@ class _GainSearch:
     def best_gains(self) -> dict[str, float]:
         """Returns the gains of least cost, by name, found by the simplex method of Nelder and Mead.
 
-        The search begins at the best of a grid of starts. Each pass starts anew from the last result with another
-        simplex, since a simplex may collapse before the minimum.
+        The search begins at the best of a grid of starts, and runs once for each of ``SEARCH_PASSES``. Each pass starts
+        anew from the last result with another simplex, since a simplex may collapse before the minimum.
 
-        The search looks at few draws of the plant, which may be lucky ones. After each pass that has the margins it
-        aims at, the score of all draws is compared with that of the few, and the aim is raised by what all draws lack
-        to ``AIM_RESERVE`` times the target's.
+        For speed, the search evaluates only about ``SEARCH_DRAWS`` draws of the plant, which by chance may be easier to
+        control than most. So each pass aims at a multiple of the target's margins, ``aim``, which is 1 at first. Where
+        a pass reaches its aim with the few draws, the score is computed with all draws that choose gains. If it is
+        below ``AIM_RESERVE``, the aim of the next pass is multiplied by ``AIM_RESERVE`` over that score.
         """
         # It takes half a second to import.
         from scipy.optimize import minimize
@@ -364,6 +368,7 @@ class _GainSearch:
                 options={"maxfev": search_pass.evaluations, "initial_simplex": simplex},
             ).x
             gains = self.gains(log_factors)
+            # Where the few draws do not reach the aim, a higher aim would not help.
             if self.margin_score(self.search_loop.with_parameters(gains)) >= AIM_TOLERANCE * aim:
                 score = self.margin_score(self.choosing_loop.with_parameters(gains))
                 aim *= AIM_RESERVE / min(score, AIM_RESERVE)
@@ -515,13 +520,18 @@ def _demand_deviation(
 def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> Fact:
     """Returns which gains to lower by a third, of a vehicle that oscillates in a limit cycle.
 
-    A fast oscillation is one of the rate loop's P and D. A slow one comes from what adds phase lag at low frequencies:
-    the attitude controller's gain or the integral. Their corner frequencies, rad/s, are the gain itself and I / P.
-    Those with a corner above half of the oscillation's frequency are lowered; if there are none, P and D are.
+    In a limit cycle, a loop oscillates with an amplitude that the motors' limits bound. A fast one comes from the rate
+    controller's P and D. A slow one comes from what adds phase lag at low frequencies: the attitude controller's gain
+    or the integral gain I. Each adds much lag only up to its corner frequency, rad/s, which is the attitude gain
+    itself, and I / P. So of these two, those with a corner above half of the oscillation's frequency are lowered; if
+    there are none, P and D are.
 
     Args:
-        oscillation: with all axes that oscillate.
+        oscillation: of the axis that turns fastest, with all other axes that oscillate.
         parameters: of the autopilot, by name; where they have no known controller, no values are advised.
+
+    Returns:
+        A fact with ``changes``: name, value and new value of each gain to lower.
     """
     # Name, value and new value of each gain to lower.
     changes = []

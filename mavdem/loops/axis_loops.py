@@ -132,16 +132,26 @@ class Loop(Margins):
         effectiveness_factors: Sequence[float] = (1.0,),
         grid: FrequencyGrid = FINE_GRID,
     ) -> Loop:
-        """Returns the loop of the estimated plant and of some of the plants, each with several effectivenesses.
+        """Returns the loop with the estimated plant and some of the draws, each at several control effectivenesses.
+
+        The N plants of a loop are the estimate, in row 0, and N - 1 draws from its posterior, which show how uncertain
+        it is. Search and judgement of gains use different draws. Scaling the control effectiveness (angular
+        acceleration per demand) shows whether margins also hold with a fuller or emptier battery, or a load.
 
         Args:
-            rows: of the N plants; the estimate is row 0.
-            effectiveness_factors: times the control effectiveness, as by other battery voltages or loads.
+            rows: which of the N plants to take; the estimate comes first in any case.
+            effectiveness_factors: E factors, by each of which the effectiveness of every plant is multiplied. The
+                first should be 1, so that row 0 remains the estimate.
             grid: frequencies of the responses.
+
+        Returns:
+            The loop with E · P plants, P being one more than ``rows`` selects: all plants with the first factor, then
+            all with the second, and so on.
         """
-        # The estimate stays row 0, whose figures are the loop's. Each factor repeats all plants.
+        # Row 0 must be the estimate, since a loop's figures are those of row 0.
         plants = np.append(0, np.arange(len(self.effectiveness))[rows])
         effectiveness = np.outer(effectiveness_factors, self.effectiveness[plants]).ravel()
+        # Damping, lag and delay do not depend on the factor: their rows are repeated in the same order.
         dynamics = np.tile(self.dynamics[plants], (len(effectiveness_factors), 1))
         return replace(self, effectiveness=effectiveness, dynamics=dynamics, grid=grid)
 
@@ -201,30 +211,35 @@ def identified_loops(loops: Mapping[str, object]) -> LoopsByAxis:
 
 
 def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) -> Fact:
-    """Returns the fact that says whether rate and attitude loop have the margins of ``target``.
+    """Returns the fact that says whether the rate loop and the attitude loop of an axis have enough stability margin.
 
-    Its level is good where 95 % of the draws of the plant have them, watch where only the estimate has, and else bad.
-    So a loop is called good only if the uncertainty of its plant allows it.
+    Each margin is divided by its target; the least of these ratios is the score of a loop (:func:`margin_scores`). At
+    1 or more, all margins are reached. There is one score for the estimated plant and one for each draw from its
+    posterior. The level is good where 95 % of them reach 1, so that the uncertainty of the plant allows the claim;
+    watch where fewer do, but the estimate does; and else bad.
 
     Args:
         loop: rate and attitude loop of one axis.
-        target: the margins to have.
+        target: the least phase margin and gain margin, and the largest maximum sensitivity Ms.
 
     Returns:
-        A fact with the figures of the weaker loop. ``lacking`` names the margin that is least in relation to its
-        target, ``share`` is the score of both loops (:func:`margin_scores`): below 1, something is lacking.
+        A fact with the margins and 90 % intervals of the weaker of the two loops, that with the lower score, which
+        ``subject`` names. ``lacking`` names its margin of least ratio, "phase_margin", "gain_margin" or "ms"; ``share``
+        is the lower score of both loops.
     """
     loops = {"rate": loop.rate, "attitude": loop.attitude}
-    # Row 0 of all scores and ratios is that of the estimated plant.
+    # Row 0 of all scores and ratios is that of the estimated plant, by which the weaker loop is chosen.
     weaker = min(loops, key=lambda name: margin_scores(target, loops[name])[0])
     weaker_loop = loops[weaker]
     scores = margin_scores(target, *loops.values())
     level = Level.BAD
+    # If the 5 % quantile of the scores reaches 1, then so do 95 % of the plants.
     if np.quantile(scores, 1 - INTERVAL_QUANTILES[1], method="lower") >= 1:
         level = Level.GOOD
     elif scores[0] >= 1:
         level = Level.WATCH
     ratios = margin_ratios(target, weaker_loop)
+    # A loop that no gain makes unstable has an infinite gain margin, and reports cannot write infinity.
     gain_margin_interval = np.minimum(
         weaker_loop.gain_margin_interval, LARGEST_REPORTED_GAIN_MARGIN
     )
@@ -244,14 +259,17 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
 
 
 def margin_scores(target: MarginTarget, *loops: OpenLoop) -> Array:
-    """Returns how well loops have the margins of a ``target``: the least of their ratios, of all margins and loops.
+    """Returns a score of stability margins for each plant: the least ratio of a margin to its target, over all loops.
+
+    One margin that is too small is enough for a loop to be too close to instability, so the least ratio counts.
 
     Args:
-        target: the margins to have.
-        loops: of the same N plants.
+        target: least phase margin and gain margin, largest maximum sensitivity.
+        loops: open loops of the same N plants, such as the rate loop and the attitude loop.
 
     Returns:
-        (N,) 1 and more have all margins; minus infinity where a loop is unstable.
+        (N,) scores: at 1 or more, every loop has every margin. Minus infinity where a loop is unstable, since margins
+        mean nothing then.
     """
     least_ratios = []
     for loop in loops:
@@ -279,8 +297,8 @@ def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
 def parameters_changed_in_flight(record: Record, controller: Controller) -> Parameters:
     """Returns the parameters of a ``controller`` that changed during the ``record``, with their earlier values.
 
-    A loop by the last values would not be the one that flew. Parameters that belong to other axes do not matter to it,
-    those of all axes, such as the gyro's filters, do.
+    A loop is computed with the last values. Where values changed in flight, it is not the loop that flew all the time.
+    Parameters that belong to other axes do not matter to it; those of all axes, such as the gyro's filters, do.
 
     Args:
         record: of the flight, with the earlier value of each parameter that changed.

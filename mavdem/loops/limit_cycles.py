@@ -188,7 +188,12 @@ def _limit_cycles(
     flight_duration: float,
     min_duration: float = MIN_DURATION,
 ) -> Iterator[Oscillation]:
-    """Yields the limit cycles of one axis: runs of windows with a line at one frequency.
+    """Yields the limit cycles of one axis: oscillations that the motors' limits bound, or that grow or last.
+
+    The body rate and the motors' outputs are cut into windows. In each, the strongest spectral line that rate and
+    motors share is found. Successive windows with a line of nearly one frequency are an oscillation. It counts as a
+    limit cycle if motors reach their limits, or if it turns the vehicle fast while it grows or lasts for a good part of
+    the flight. A slow oscillation that lasts may be steered by the pilot, and does not count for lasting alone.
 
     Args:
         axis: "roll" or "pitch".
@@ -206,6 +211,7 @@ def _limit_cycles(
     )
     # What all motors do together is thrust, and turns nothing.
     differential = shares - shares.mean(axis=1, keepdims=True)
+    # Booleans are resampled like the outputs, as 0 and 1: their means are fractions of time.
     columns = [*differential.T, at_upper & at_lower, at_upper | at_lower]
     motor_series = [TimeSeries(motors.time, motors.boot, column) for column in columns]
     resampled = resampled_signals(
@@ -256,11 +262,13 @@ class _Lines:
 
 
 def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float) -> _Lines:
-    """Returns the strongest line in each window, and how much of the variance of rate and motors is in it.
+    """Returns the strongest spectral line in each window, and how much of the variance of rate and motors is in it.
 
-    The line is the highest frequency of the rate's power. But where motors go from stop to stop for ``LASTING_SHARE``
-    of a window, they leave the rate to whatever else turns the vehicle: there the line is that of the motors, its share
-    is theirs, and of the rate only the part in the line counts.
+    A line is a narrow band about one frequency. It is where the power of the body rate is highest; its share is the
+    fraction of the variance in the band, the lesser of the rate's and the motors', since in a limit cycle both
+    oscillate. But where motors are at both limits at once for ``LASTING_SHARE`` of a window, they no longer control the
+    rate, and other motion adds to it: there the line is where the motors' power is highest, its share is theirs, and
+    of the rate only the part in the band counts.
 
     Args:
         piece: (k + 3, N) the body rate, rad/s, k motors' outputs without their mean, whether motors are at both limits
@@ -282,6 +290,7 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
     is_fast_enough = frequency >= MIN_PERIODS * resolution
     searched_power = np.where(is_fast_enough, searched_power, 0.0)
     line_frequency = frequency[np.argmax(searched_power, axis=1)]
+    # A window resolves no line narrower than a few of its frequency steps.
     half_width = np.maximum(MIN_LINE_WIDTH_BINS * resolution, LINE_WIDTH * line_frequency)
     is_in_line = abs(frequency - line_frequency[:, None]) <= half_width[:, None]
     total_power = np.maximum(power.sum(axis=-1), SMALLEST_POSITIVE)
@@ -290,6 +299,7 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
     rate = np.degrees(half_overlapping_windows(body_rate, size).std(axis=1))
     # The standard deviation of a part of the variance is its root.
     rate *= np.where(is_slammed, np.sqrt(rate_share), 1.0)
+    # A line of few periods per window may look like one by chance, so that it needs more of the variance.
     has_few_periods = line_frequency < 2 * MIN_PERIODS * resolution
     needed_share = np.where(has_few_periods, SURE_LINE_SHARE, MIN_LINE_SHARE)
     return _Lines(

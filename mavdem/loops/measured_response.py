@@ -189,15 +189,20 @@ def _compared(
 
 
 def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -> float:
-    """Returns the gain of the logged demand over the one that the controller makes of setpoint and rate.
+    """Returns the gain of the logged demand over that expected of the controller, 1 if the gains are those that flew.
 
-    The expected demand is û = C_r r − C_p p. The gain is the median of |S_ûu / S_ûû| over the frequencies at which the
-    two are coherent. NaN where there are too few, or messages are too slow.
+    The demand u is the controller's torque command. Setpoint r and rate p are logged too, and the controller's
+    responses to them, C_r and C_p, follow from the parameters. So the demand to be expected is û = C_r r − C_p p. The
+    gain from û to u is |S_ûu / S_ûû|, by their cross-spectrum and the power of û. Its median is taken over the
+    frequencies at which the two are coherent; elsewhere other parts of the demand, or noise, hide it.
 
     Args:
-        spectra: of setpoint r, rate p and demand u.
+        spectra: cross-spectra of setpoint r (index 0), rate p (1) and demand u (2).
         dt: time between samples, s.
-        controller: C.
+        controller: C, by the parameters of the log.
+
+    Returns:
+        The gain; NaN where too few frequencies are coherent, or messages are too slow.
     """
     setpoint_and_rate = slice(0, 2)
     demand = 2

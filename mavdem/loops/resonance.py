@@ -132,12 +132,15 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
 def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) -> Indices:
     """Returns the longest run of frequencies, in octaves, at which setpoints of pilot or navigation move the rate.
 
-    The power of x = r + K p / s over that of r is |1 + K T / s|² of what follows r, and |K / s|² times what does not.
+    The attitude controller makes the rate setpoint r of the angle setpoint and the angle p / s: r = x − K p / s. So r
+    moves with wind too, which turns the vehicle; only x = r + K p / s is asked for by pilot or navigation. The power of
+    x over that of r tells how much of r is. With T the response from r to the rate p, the part of p that follows r
+    gives |1 + K T / s|², and the rest of p gives |K / s|² times its power over that of r.
 
     Args:
-        spectra: of the setpoint r and the rate p.
+        spectra: cross-spectra of the setpoint r (index 0) and the rate p (index 1).
         frequency: (F,) Hz, positive.
-        angle_gain: K, 1/s.
+        angle_gain: K, gain of the attitude controller, 1/s.
 
     Returns:
         Consecutive rows of the spectra; empty where there are none.

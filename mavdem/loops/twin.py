@@ -258,20 +258,24 @@ def _with_inertia(twin: Twin, loops: LoopsByAxis) -> Twin:
 
 
 def _inertia(twin: Twin, axis: str, loop: Loop) -> float:
-    """Returns the moment of inertia about an axis, kg m²; that about yaw over the moment of the propellers, kg m.
+    """Returns the moment of inertia about roll or pitch, kg m²; about yaw, that over the propellers' moment, kg m.
 
-    It is torque over angular acceleration, both per demand. The torque per demand is lever · thrust slope · Σ |output
-    per demand|, by the mixer of an X quadrotor with the twin's arm; the acceleration is the identified control
-    effectiveness.
+    A demand is the torque command of the rate controller, from -1 to 1. By Newton's second law, J = M / α: the torque M
+    that a demand of 1 makes, over the angular acceleration α that it makes. The flight shows α, the control
+    effectiveness of the identified plant. M follows from the twin: the mixer says by how much the demand changes the
+    output of each motor, the slope of the thrust curve turns outputs into newtons, and the lever of the motors turns
+    newtons into torque: M = lever · slope · Σ |output per demand|.
 
     Args:
-        twin: with mass, arm, hover and thrust curve.
+        twin: an X quadrotor; its arm (forward, right), m, its output in hover, 0 to 1, and the slope of its thrust
+            curve, N per unit of output, are used.
         axis: "roll", "pitch" or "yaw".
-        loop: of the axis, with the control effectiveness.
+        loop: of the axis; row 0 of its control effectiveness is the estimate, rad/s² per demand.
     """
     forward_arm, right_arm = twin.arm
     # PX4's parameters of an X quadrotor with this arm; ArduPilot takes the frame's class and the weights instead.
     x_frame = {"CA_ROTOR_COUNT": float(MOTOR_COUNT), "FRAME_CLASS": 1.0}
+    # For each motor, the signs (1 or -1) of the torques about roll, pitch and yaw that its thrust makes.
     motor_signs = zip(*TORQUE_SIGNS.values(), strict=True)
     for motor, (left_sign, front_sign, spin_sign) in enumerate(motor_signs):
         x_frame[f"CA_ROTOR{motor}_PX"] = forward_arm * front_sign
@@ -280,9 +284,11 @@ def _inertia(twin: Twin, axis: str, loop: Loop) -> float:
     controller = controller_from_parameters(
         {**twin.parameters, **x_frame}, axis, TORQUE_SIGNS[axis]
     )
+    # Some controllers linearise the thrust curve, so that outputs per demand depend on the output: that in hover.
     outputs_per_demand = controller.outputs_per_demand([twin.hover] * MOTOR_COUNT)
     total_output = np.abs(outputs_per_demand).sum()
-    # About yaw, the lever of a motor is the propellers' moment, which is not known yet: 1 stands for it.
+    # About yaw, the lever of a motor is the propellers' moment (torque over thrust, m), which is not known yet: 1
+    # stands for it, so that the result is the inertia over that moment.
     lever = {"roll": right_arm, "pitch": forward_arm, "yaw": 1.0}[axis]
     return lever * twin.slope * total_output / loop.effectiveness[0]
 

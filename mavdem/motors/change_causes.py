@@ -65,9 +65,10 @@ def cause_evidence(
 ) -> CauseEvidence:
     """Computes the Bayes factors of all causes of a change against "nothing changed".
 
-    A Bayes factor is the ratio of two densities of the observed change: under the cause, averaged over the sizes that
-    the change may have, and under "nothing changed". When the change began is not known either: factors are given by
-    window, and summed over the windows.
+    The balance is the torque that the motors make about each of a axes (roll, pitch and yaw), relative to their thrust.
+    A Bayes factor is the ratio of two densities of its observed change: under the cause, averaged over the sizes that
+    the change may have, and under "nothing changed". When the change began is not known either: each of w windows is
+    one assumption on that, factors are given by window, and summed over the windows.
 
     Args:
         changes: Change of the balance on a axes for each of w windows.
@@ -104,23 +105,30 @@ def cause_evidence(
 
 
 def hypothetical_rises(motor_count: int, weak_motor_sizes: Mapping[int, float]) -> Array:
-    """Returns the rises of all motors' commands under each hypothesis of a motor.
+    """Returns by how much the command of each motor would rise, under each hypothesis that motors changed.
 
-    The hypotheses are: each motor weakens, each weak motor recovers, and all weak motors recover together where there
-    are several. A recovery takes back a share of the rise that the motor had.
+    A motor that loses thrust gets a higher command from the controller, so that it makes the same thrust as before:
+    its rise. A motor that recovers (as when ice falls off) gets a lower command again. There is one hypothesis for each
+    motor that it weakens, one for each weak motor that it recovers, and, where several are weak, one that all of them
+    recover together. How large the change is, is not known: each hypothesis has s sizes, ``RISES`` for a loss, and
+    ``RECOVERIES`` for a recovery, as fractions of the rise that the motor had.
 
     Args:
-        motor_count: k motors.
-        weak_motor_sizes: Rise of the command of each motor that is weak already, by its index.
+        motor_count: k, the number of motors.
+        weak_motor_sizes: Rise of the command of each motor that is weak already, as a fraction, by its index.
 
     Returns:
-        (h, s, k) for h hypotheses with s sizes each, relative to the mean command; negative for recoveries.
+        (h, s, k) rises relative to the mean command of all motors, for h hypotheses: losses by motor, then recoveries
+        of single motors, then the joint recovery. They are 0 for motors that do not change, negative for recoveries.
     """
+    # Row i of the unit matrix is a rise by 1 of motor i alone.
     unit_rises = np.eye(motor_count)
     weak_rises = [size * unit_rises[motor] for motor, size in weak_motor_sizes.items()]
     recoverable_rises = list(weak_rises)
+    # The joint recovery of all weak motors takes back the sum of their rises.
     if len(weak_rises) > 1:
         recoverable_rises.append(sum(weak_rises))
+    # Each outer product has one row for each size (s) and one column for each motor (k).
     losses = [np.outer(RISES, unit_rise) for unit_rise in unit_rises]
     recoveries = [np.outer(-RECOVERIES, weak_rise) for weak_rise in recoverable_rises]
     return np.array(losses + recoveries)
@@ -129,17 +137,20 @@ def hypothetical_rises(motor_count: int, weak_motor_sizes: Mapping[int, float]) 
 def can_reach_threshold(
     changes: WindowChanges, no_change: Array, motor_causes: int, threshold: float
 ) -> bool:
-    """Returns whether any cause could explain the changes well enough for an alarm.
+    """Returns whether any cause could explain the changes of the balance well enough for an alarm.
 
-    No cause explains a change better than one that expects exactly this change. Most changes are too small even for
-    that, which saves the computation of all causes.
+    This is a quick test before all causes are computed. An alarm needs a large sum of Bayes factors: densities of the
+    change under the causes, over its density where nothing changed. No density is higher than that of a cause that
+    expects exactly the observed change. This bound, times the number of terms of the sum, bounds the sum. Most changes
+    in flight are so small that even the bound is below the threshold.
 
     Args:
-        changes: Change of the balance for each of w windows.
+        changes: Change of the balance for each of w windows (assumptions on when the change began).
         no_change: (w,) log density of the changes where nothing changed.
         motor_causes: Number of losses and of recoveries of single motors.
         threshold: Logarithm of the sum of Bayes factors that an alarm needs.
     """
+    # The log density at the expected change itself: the squares of the errors are 0, so only the variance remains.
     log_perfect_density = -np.log(changes.variance).sum(axis=-1) / 2
     best_log_ratio = (log_perfect_density - no_change).max()
     # A joint recovery of all weak motors is one more cause. Sums are at most the best term times the number of terms.

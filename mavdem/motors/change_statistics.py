@@ -50,14 +50,16 @@ class WindowChanges(NamedTuple):
 def window_changes(blocks: Array, windows: Windows, prior: Array, freedom: float) -> WindowChanges:
     """Compares the mean of the last blocks with the mean before them, for several windows.
 
-    Each window is one assumption on when a change began. The mean before it weights blocks exponentially, with the time
-    constant ``MEMORY_SECONDS``. With weights of sum 1, it is worth 1 / Σ weights² equal blocks. The variance of the
-    change is that of both means, and of a balance that wanders.
+    Each window is one assumption on when a change began: so many blocks ago. In the mean before it, older blocks count
+    less, by exponential weights with the time constant ``MEMORY_SECONDS``. With weights of sum 1, this mean is as exact
+    as that of 1 / Σ weights² equally weighted blocks. The variance of the change is the sum of the variances of both
+    means, and of the slow wander of a balance that nothing changed.
 
     Args:
-        blocks: (N, a) blocks, the latest last.
+        blocks: (N, a) means of successive blocks of flight on a axes, the latest last.
         windows: (w,) numbers of last blocks.
-        prior: (a,) prior long-run variance of a block.
+        prior: (a,) prior long-run variance of a block: n times the variance of the mean of n blocks, which allows for
+            their correlation.
         freedom: Degrees of freedom of that prior.
     """
     numbers = np.arange(len(blocks))

@@ -28,22 +28,26 @@ def heading_change(heading: Angle, reference: float) -> Angle:
 def is_independent_of_heading(
     blocks: Array, headings: Array, blocks_since: int, change: Array, variance: Array
 ) -> bool:
-    """Returns whether a change of the balance shows at several headings alike, so that no turn explains it.
+    """Returns whether a change of the motors' balance holds at each heading, so that no turn explains it.
 
-    Between two headings the torque of the wind differs just as between a sound and a weak motor. So the change must
-    show between flight before and after it at a common heading; without a common heading, at all of two or more
-    headings after and at none before.
+    The balance is the torque that the motors make about each axis, relative to their thrust. Wind from another side
+    changes it too: a vehicle that turns may look as if a motor had become weak. So flight before and after the change
+    is compared at the same heading. Headings are sorted into six sectors:
 
-    Each block has a progress along the change: about -1 before it and 0 after it, by projection on the change with
-    the weights of least squares.
+    1. If the vehicle flew in some sectors both before and after the change, it must show in each of them.
+    2. If there is no such sector, it must be there in all sectors after it, two or more, and in none before it.
+
+    To tell how much of the change a block shows, its balance is projected on the change by weighted least squares. This
+    progress is about -1 before the change, and about 0 after it.
 
     Args:
-        blocks: (N, a) balance of blocks of flight, the latest last.
+        blocks: (N, a) balance about a axes in N successive blocks of flight, the latest last.
         headings: (N,) heading of each block, rad; NaN in turns, which do not count.
         blocks_since: Number of blocks since the change began.
-        change: (a,) change of the balance.
+        change: (a,) mean balance after the change less that before it.
         variance: (a,) variance of the change.
     """
+    # Weighted least squares: axes on which the change is known well count more.
     weights = change / variance
     mean_after = blocks[-blocks_since:].mean(axis=0)
     progress = (blocks - mean_after) @ weights / (change @ weights)
@@ -52,30 +56,35 @@ def is_independent_of_heading(
     progress_after = mean_by_sector(progress, headings, is_after)
     common_sectors = progress_before.keys() & progress_after.keys()
     if common_sectors:
+        # A full change is a step of 1, from -1 to 0.
         return all(
             progress_after[sector] - progress_before[sector] > MIN_SHOWN_SHARE
             for sector in common_sectors
         )
     if len(progress_after) < 2 or not progress_before:
         return False
+    # Without a common sector, each side is compared with the level halfway between "before" (-1) and "after" (0).
     is_absent_before = max(progress_before.values()) < -MIN_SHOWN_SHARE
     is_present_after = min(progress_after.values()) > -MIN_SHOWN_SHARE
     return is_absent_before and is_present_after
 
 
 def mean_by_sector(values: Array, headings: Array, selection: Flags) -> dict[int, float]:
-    """Averages values of blocks over each sector of headings in which the vehicle flew steadily.
+    """Averages values of blocks of flight over each sector of headings.
+
+    The circle has six sectors of 60°. Sector 0 is centred on the heading of the last block, so that the current heading
+    never lies on a border; the others follow clockwise.
 
     Args:
         values: (N,) a value of each block.
-        headings: (N,) heading of each block, rad; NaN in turns. Sectors are centred on the last one and its multiples
-            of 60°.
+        headings: (N,) heading of each block, rad; NaN where the vehicle turned, and the block counts for no sector.
         selection: (N,) which blocks count.
 
     Returns:
-        The mean by the number of the sector, from that of the last heading on; only sectors with
-        ``MIN_SECTOR_BLOCKS`` blocks or more.
+        The mean by the number of the sector, 0 to 5; only sectors with ``MIN_SECTOR_BLOCKS`` blocks or more, since one
+        block is too noisy.
     """
+    # Where the last heading is NaN, so are all turns, and no sector has blocks.
     turns = heading_change(headings, headings[-1])
     sector_width = 2 * np.pi / HEADING_SECTORS
     sectors = np.round(turns / sector_width) % HEADING_SECTORS

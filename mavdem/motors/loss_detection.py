@@ -185,10 +185,11 @@ class MotorLossDetector:
     def update(
         self, time: float, commands: Sequence[float] | Array, heading: float = 0.0
     ) -> list[MotorAlarm]:
-        """Takes a sample of settled flight.
+        """Takes a sample of settled flight, and tests for a change whenever a block of samples is complete.
 
-        Samples are averaged over blocks of ``BLOCK_SECONDS`` of the clock. The first sample of a new block closes the
-        one before, which is tested for a change. After a gap of ``MAX_GAP`` the test begins anew.
+        Samples are averaged over blocks of ``BLOCK_SECONDS`` of the clock, which takes out fast noise. The first sample
+        of a new block closes the one before. If that has enough samples, it is added to the flight and tested. After a
+        gap of ``MAX_GAP``, or if the clock goes back by as much, the test begins anew.
 
         Args:
             time: Seconds on the clock of the boot.
@@ -204,6 +205,7 @@ class MotorLossDetector:
         if -MAX_GAP < step <= 0:
             # A doubled or overtaken message: the mean of a block does not need it.
             return []
+        # After a landing, or with another clock, flight before is no reference.
         if not 0 < step < MAX_GAP:
             self._restart(time, heading)
         self.latest_time = time
@@ -259,21 +261,26 @@ class MotorLossDetector:
         self._sample_count += 1
 
     def _add_block(self, time: float, commands: Array, heading: float) -> None:
-        """Adds a block of flight and tests whether the balance changed.
+        """Adds a block, ``BLOCK_SECONDS`` of flight, and tests whether the motors' balance changed lately.
 
-        It is not tested while too many blocks are missing, or before there is enough flight to compare with.
+        The balance is the torque about each axis that the motors' commands make, relative to their mean. The block's
+        heading is stored too, to tell later whether wind explains a change; in a turn it is NaN. Then the test is run
+        with windows of several lengths, each one assumption on how many blocks ago a change began. A window is used
+        only if enough flight precedes it to compare with. There is no test while too many blocks are missing.
 
         Args:
             time: End of the block, s.
             commands: (k,) mean motor outputs as fractions of the range.
             heading: Heading at its end, rad.
         """
+        # The mean command stands for the thrust. Motors that stand still have no balance.
         thrust = commands.mean()
         if not thrust > 0:
             return
         # The balance is relative to the thrust, so that neither battery nor climb changes it.
         self._times.append(time)
         self._blocks.append(self._torque_rows @ (commands / thrust))
+        # A block is steady if the heading turned slower than MAX_HEADING_CHANGE, rad/s; NaN headings are not steady.
         turn = heading_change(heading, self._block_heading)
         is_steady = abs(turn) <= MAX_HEADING_CHANGE * BLOCK_SECONDS
         self._headings.append(heading if is_steady else nan)
@@ -285,7 +292,8 @@ class MotorLossDetector:
         expected_blocks = (self._times[-1] - self._times[0]) / BLOCK_SECONDS + 1
         if len(self._blocks) < MIN_PRESENT_SHARE * expected_blocks:
             return
-        # After a change the noise is known, and a shorter reference is enough.
+        # After a motor's change, the noise before it is the prior, with more degrees of freedom than at the beginning.
+        # So the noise is known already, and a shorter reference is enough.
         has_changed_before = self._freedom > PRIOR_FREEDOM
         reference_seconds = NEXT_REFERENCE_SECONDS if has_changed_before else REFERENCE_SECONDS
         reference_blocks = reference_seconds / BLOCK_SECONDS
@@ -297,14 +305,20 @@ class MotorLossDetector:
             self._test_for_change(np.array(windows, dtype=int))
 
     def _test_for_change(self, windows: Windows) -> None:
-        """Tests whether the balance changed within the last blocks, and records the change if it did.
+        """Tests whether the motors' balance changed within the last blocks, and records the change of a motor if so.
 
-        A change of a motor is recorded if three things hold: its Bayes factor against "nothing changed" reaches the
-        threshold, the odds against all other causes are strong evidence, and no turn of the vehicle explains it. What
-        is no motor's is tested after that.
+        Every cause has a Bayes factor: how much better it explains the change than "nothing changed" does. Here they
+        are logarithms, so that products are sums. The causes are the loss or recovery of each motor, a load (a change
+        in roll and pitch alone), and other changes, as in yaw alone. The steps are:
+
+        1. Stop if the change is too small for any cause.
+        2. Take the motor's cause with the largest Bayes factor. It must reach the threshold, which keeps false alarms
+           rare, and its odds against all other causes together must be strong, so that no sound motor is named.
+        3. Record it, unless a turn of the vehicle in wind explains it.
+        4. If no motor's cause passes step 2, test whether a load or something unknown changed the torque.
 
         Args:
-            windows: (w,) numbers of last blocks, in each of which the change may have begun.
+            windows: (w,) lengths of the windows, in blocks: the change may have begun so many blocks ago.
         """
         changes = window_changes(np.array(self._blocks), windows, self._noise, self._freedom)
         no_change = log_t_density(changes, 0.0)
@@ -315,6 +329,7 @@ class MotorLossDetector:
         evidence = cause_evidence(
             changes, no_change, self._signatures, self._tilt_axes, weak_motor_sizes
         )
+        # The odds of the best cause are its Bayes factor over the sum of those of all the others.
         best = int(np.argmax(evidence.motors))
         other_motors = np.delete(evidence.motors, best)
         rivals = [*other_motors, log_sum(evidence.load)]
@@ -323,6 +338,7 @@ class MotorLossDetector:
         log_odds = evidence.motors[best] - log_sum(rivals)
         is_enough = evidence.motors[best] >= self._threshold
         if is_enough and log_odds >= STRONG_EVIDENCE_NATS:
+            # The window in which the cause explains the change best tells when the change began.
             window = int(np.argmax(evidence.motor_windows[best]))
             blocks_since = int(windows[window])
             if self._is_independent_of_heading(blocks_since, changes, window):
@@ -335,24 +351,31 @@ class MotorLossDetector:
     def _test_for_torque_change(
         self, windows: Windows, changes: WindowChanges, evidence: CauseEvidence
     ) -> None:
-        """Tests whether the steady torque changed by something that is no motor, and makes it the new reference.
+        """Tests whether something other than a motor, as a shifted load, changed the steady torque.
 
-        A change in roll and pitch, as by a shifted load, is recorded once it has lasted ``REFERENCE_SECONDS``: a gust
-        is over by then. A change of any cause, even an unknown one, only ends the reference once it has lasted
-        ``STALE_SECONDS``, since flight before it is then no longer comparable.
+        The reference is the flight before a change, which later flight is compared with. Two cases end it:
+
+        1. A change in roll and pitch alone, called load, that has lasted ``REFERENCE_SECONDS``, longer than a gust. Its
+           Bayes factor must reach the threshold, and its odds against all other causes must be strong evidence. It is
+           recorded, unless a turn of the vehicle in wind explains it.
+        2. A change of any cause, even an unknown one, that has lasted ``STALE_SECONDS``. It is not recorded, but flight
+           before it is no longer comparable.
+
+        In both cases only the blocks since the change are kept, and are the new reference.
 
         Args:
-            windows: (w,) numbers of last blocks.
+            windows: (w,) lengths of the windows, in blocks: the change may have begun so many blocks ago.
             changes: Change of the balance for each window.
-            evidence: Evidence for the causes of a change.
+            evidence: Logarithms of the Bayes factors of all causes, some of them by window.
         """
         seconds = windows * BLOCK_SECONDS
-        # The logarithm of a Bayes factor of 0 leaves out windows that are too short.
+        # Windows that are too short get a Bayes factor of 0, whose logarithm is -inf, and so count for nothing.
         lasting_load = evidence.load + np.where(seconds >= REFERENCE_SECONDS, 0.0, -inf)
         load = log_sum(lasting_load)
         # The last rival is that nothing changed, with a Bayes factor of 1.
         rivals = [*evidence.motors, evidence.others + log(OTHERS_PER_LOAD), 0.0]
         log_odds = load - log_sum(rivals)
+        # (w,) the sum of the Bayes factors of all causes, by window.
         any_cause = log_sum(
             [evidence.yaw, evidence.all_axes, evidence.load, *evidence.motor_windows]
         )
@@ -373,7 +396,9 @@ class MotorLossDetector:
     def _is_independent_of_heading(
         self, blocks_since: int, changes: WindowChanges, window: int
     ) -> bool:
-        """Returns whether a change shows in enough steady flight, and no turn of the vehicle explains it.
+        """Returns whether a change holds at each heading, so that no turn of the vehicle in wind explains it.
+
+        It is not known, and so denied, before ``MIN_STEADY_SECONDS`` of flight at steady headings.
 
         Args:
             blocks_since: Number of blocks since the change began.
@@ -398,11 +423,13 @@ class MotorLossDetector:
         window: int,
         log_odds: float,
     ) -> None:
-        """Records the loss or the recovery of one motor, or the recovery of several.
+        """Records the loss or the recovery of one motor, or the recovery of several, and makes a new reference.
 
-        A motor's rise is counted from when it was sound. So the rise before this change and the change multiply:
-        1 + rise = (1 + rise before) (1 + change). A motor that recovered, or whose remaining rise is within the error
-        of the former one, is recorded as sound, with size 0. Of any other, the rise and the lost thrust are recorded.
+        A weak motor needs a higher command for the same thrust. Its rise is the relative increase of its command since
+        it was sound. So the rise before this change and that by the change multiply:
+        1 + rise = (1 + rise before) (1 + rise by the change). A recovered motor is recorded as sound, with size 0, if
+        several recover together or if the rise that remains is within the error of the former one. Of any other motor,
+        the rise and the interval of the lost thrust are recorded.
 
         Args:
             rises: (k,) rises of the motors' commands of the hypothesis, up to their size.
@@ -416,6 +443,7 @@ class MotorLossDetector:
         for motor in moved_motors:
             previous = self.weak_motors.pop(motor, None)
             previous_rise = 0.0 if previous is None else previous.size
+            # The estimate of the rise with both ends of its 90 % interval.
             lowest, rise, highest = (
                 (1 + previous_rise)
                 * (1 + estimate.rises[motor] + sign * estimate.half_widths[motor])
@@ -443,8 +471,8 @@ class MotorLossDetector:
         The size of the change is the weighted least-squares estimate along its signature: with balance before and
         after it b₀ and b₁, signature g and variance V, it is gᵀ V⁻¹ (b₁ − b₀) / (gᵀ V⁻¹ g).
 
-        The balance is relative to the mean command. If the change has the size x (1 is all of ``rises``), the mean
-        command rises by x · mean_rise, which the signature allows for.
+        The signature is the change of the balance that a change of size 1, all of ``rises``, would make. The balance is
+        relative to the mean command, which itself rises by mean_rise: so the signature is less by mean_rise · b₁.
 
         Args:
             rises: (k,) rises of the motors' commands of the hypothesis, up to their size.
@@ -465,6 +493,7 @@ class MotorLossDetector:
         estimates = (
             weighted_signature @ (balance_after - balance_before) / precision * relative_rises
         )
+        # Two independent errors: that of least squares, and that of a vehicle that has not settled yet.
         standard_errors = np.hypot(precision**-0.5 * relative_rises, SETTLING_ERROR * estimates)
         return _RiseEstimate(estimates, coverage_factor() * standard_errors)
 

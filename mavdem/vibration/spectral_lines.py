@@ -203,7 +203,8 @@ def _log_spectra(spectrum: Spectrum) -> _LogSpectra:
     """Returns the logarithmic spectra of a ``spectrum``'s windows, with the drive of each.
 
     The drive is what lines of motors move with: the motors' speed where it is known in all windows, else the throttle,
-    and else constant, 1. Logarithms make strong windows count no more than others.
+    over its median; where neither is known, it is 1 in all windows. Logarithms make strong windows count no more than
+    others.
     """
     log_density = np.log(np.maximum(spectrum.total_density, SMALLEST_POSITIVE))
     relative_drive = np.ones(len(spectrum.time))
@@ -261,17 +262,21 @@ def _track(windows: _LogSpectra, frequency: float) -> _Track:
 def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> SpectralLine:
     """Returns the line at a peak of a mean spectrum, with its kind, height and width.
 
+    The peak is followed through the windows as the drive (motors' speed or throttle) changes, which gives its exact
+    frequency and its kind. Its height over the median density around it is its ratio.
+
     A mean may have a peak where lines of single windows cross, or by one strong window. A true line rises above its
     surroundings in at least ``MIN_PRESENCE`` of the windows. The ratio of a peak that does not is set to 0, so that it
     is left out later.
 
     Args:
-        spectrum: of the line.
+        spectrum: of one sensor, for its highest frequency and the motors' speed.
         windows: the logarithmic spectra of that spectrum.
         frequency: of the peak, Hz.
     """
     track = _track(windows, frequency)
     kind = _kind(track)
+    # In a spectrum that ends at a low frequency, a line that rises fast may be the alias of a harmonic beyond the end.
     is_slow = spectrum.nyquist_frequency < SLOW_NYQUIST_FREQUENCY
     if kind is LineKind.MOTOR and track.exponent > MAX_SLOW_SPECTRUM_EXPONENT and is_slow:
         kind = LineKind.UNNAMED
@@ -283,6 +288,7 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
     heights = windows.along(track.frequency * windows.drive**track.exponent)
     # In a window, half of the needed ratio, in decibels, is enough, since single windows are noisy.
     presence = np.mean(heights > base + np.log(MIN_LINE_RATIO) / 2)
+    # The order of a line is its frequency in turns of the motors: 1 for unbalance, 2 for a propeller of two blades.
     order = None
     if np.isfinite(spectrum.motor_speed).all() and kind is LineKind.MOTOR:
         order = track.frequency / np.median(spectrum.motor_speed)
@@ -298,33 +304,44 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
 
 
 def _bins_above(track: _Track, level: float) -> int:
-    """Returns how many neighbouring bins about the top of a line are above a level: its width.
+    """Returns the width of a line at a level: how many neighbouring frequency bins about its top are higher.
+
+    The line begins after the last bin before its top that is not above the level, and ends before the first bin from
+    there on that is not.
 
     Args:
-        track: of the line, with the mean logarithmic spectrum.
-        level: natural logarithm of a density.
+        track: of the line: the mean logarithmic spectrum over windows, and the bin of the line's top in it.
+        level: natural logarithm of a density, usually halfway between the top and what is around the line.
     """
     is_below = track.mean[: track.top] <= level
+    # Bin 0, the constant part, ends a line that nothing else ends.
     last_below = np.flatnonzero(is_below).max(initial=0)
-    # A last value below all levels ends a line that reaches to the highest frequency.
+    # The line may reach to the highest frequency: a bin below all levels, appended there, ends it.
     from_line_on = np.append(track.mean[last_below + 1 :], -np.inf)
     return int(np.argmax(from_line_on <= level))
 
 
 def _kind(track: _Track) -> LineKind:
-    """Returns what makes a line; unnamed where an exponent of another kind fits nearly as well as its own.
+    """Returns what makes a line: motors, frame or an alias; unnamed where that is not sure.
 
-    Each kind has a range of exponents. The best exponent of every other kind is a rival. The two are compared by the
-    mean over windows of the difference of their logarithmic densities: the name is given only if the line's own
-    exponent is better by ``SIGNIFICANT_SIGMAS`` standard errors of that mean than every rival.
+    A line moves with the drive (motors' speed or throttle) to the power of an exponent γ. Each kind of line has a range
+    of exponents: near 0 for the frame, positive for motors. The line's exponent is the one of E ``EXPONENTS`` along
+    which the spectra of W windows are highest in the mean. It names the kind only if the best exponent of every other
+    kind is clearly worse. To see that, the logarithmic densities along both are subtracted window by window: the mean
+    of the W differences must exceed ``SIGNIFICANT_SIGMAS`` of its standard errors.
+
+    Args:
+        track: of the line, with its exponent and ``scores`` (E, W), the logarithmic densities along all exponents.
     """
     # (E,) kind of each exponent.
     kinds = np.array(
         [_kind_of_exponent(exponent, track.frequency) for exponent in EXPONENTS.tolist()]
     )
     kind = _kind_of_exponent(track.exponent, track.frequency)
+    # (W,) logarithmic density of each window along the line's exponent.
     own_scores = track.scores[np.flatnonzero(track.exponent == EXPONENTS)[0]]
     for rival in set(kinds.tolist()) - {kind, LineKind.UNNAMED}:
+        # Of all exponents of the other kind, the one along which the windows are highest in the mean: (W,).
         scores = track.scores[kinds == rival]
         rival_scores = scores[np.argmax(scores.mean(axis=1))]
         differences = own_scores - rival_scores
