@@ -342,9 +342,11 @@ def _require_resolution(signals: Signals, spectra: CrossSpectra, rounding: float
 def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> CrossSpectra:
     """Returns the spectra of rate, output, setpoint and reference, with the setpoint that explains the output best.
 
-    A log may have the setpoint with and without the attitude controller's correction, and does not say which. The true
-    one leaves the least power of u − C_r r + C_p p at low frequencies, of output u, setpoint r and rate p. With the
-    coefficients a = (C_p, 1, −C_r) of (p, u, r) and their spectral density S, that power is Σ aᵀ S ā.
+    A setpoint of the rate may be logged with or without the attitude controller's correction, and the log does not say
+    which. The rate controller makes the output u of setpoint r and rate p: u = C_r r − C_p p. So the true setpoint is
+    the one of the candidates that leaves the least power of u − C_r r + C_p p, below
+    ``MAX_EXPLAINED_FREQUENCY``. With the coefficients a = (C_p, 1, −C_r) of (p, u, r) and their spectral density S,
+    that power is Σ aᵀ S ā over frequencies, weighted by the number of independent values in each band.
 
     Args:
         spectra: of rate, output, and pairs of setpoint and reference.
@@ -387,7 +389,8 @@ def _coherent_share(spectra: CrossSpectra) -> float:
 def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -> Physical:
     """Returns the ``plant``, whose parameters are marked as biased where its loop rings; refuses an uncertain one.
 
-    The margin's interval is that of draws from the posterior. If it is wide, the flight did not show the plant.
+    The rate loop is computed of the estimated plant and of draws from its posterior, with the controller that flew. If
+    the 90 % interval of its phase margin over the draws is wide, the flight did not show the plant.
 
     A loop rings if its phase margin is less than half of the usual one. If it also crosses over beyond the corner
     frequency of the motors, 1 / lag, most of the motion is at frequencies where the plant is k / (lag s) · 1 / s. Then

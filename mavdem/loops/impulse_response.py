@@ -144,9 +144,9 @@ def _setpoint_without_wind(
 def _overlapping_windows(series: Sequence[Array], taps: int, size: int) -> Array:
     """Returns windows (W, size) of several series, at most ``MAX_WINDOWS``, each overlapping the last by ``taps``.
 
-    A sample is explained by the ``taps`` setpoints before it. So the first samples of a window are not explained, and
-    windows overlap by as many, so that no sample between them is left out. The first ``2 taps`` samples of each series are
-    left out: there, a response may come from before its beginning.
+    A sample is explained by the ``taps`` setpoints before it. So the first ``taps`` samples of a window only explain
+    later ones, and windows overlap by as many, so that no sample between them is left out. The first ``2 taps`` samples
+    of each series are left out: there, a response may come from before its beginning.
 
     Args:
         series: (N,) each; those too short for a window have none.

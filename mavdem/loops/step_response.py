@@ -354,10 +354,13 @@ def _responses(estimate: ImpulseResponse, sampling_rate: float, max_frequency: f
 def _described(
     axis: str, loop: str, sampling_rate: float, estimate: ImpulseResponse, spectra: WelchSpectra
 ) -> StepResponse | Fact:
-    """Returns the step response of an impulse response with its figures; or that too little is known of it.
+    """Returns the step response that follows from an impulse response, with its figures; or that it is too uncertain.
 
-    Only frequencies up to which the response is known are described. Bands are ± the standard deviation over the draws
-    times the factor of a 90 % interval.
+    Step and frequency responses are computed of the estimated impulse response, and of random draws from its normal
+    distribution. The spread of the draws shows the error: a 90 % interval is ± their standard deviation times a factor.
+    The frequency response is cut off where it is not known any more, since the setpoint does not move so fast. If fewer
+    than two frequencies are left, or the interval of the step is too wide, the result is the fact that setpoints moved
+    too little.
 
     Args:
         axis: "roll", "pitch" or "yaw".

@@ -142,7 +142,11 @@ class ChangeHypotheses:
             self.spread[self.groups[name]] = np.outer(mixture.standard_deviations, axes)
 
     def explain(self, deviation: Deviation, previous: Array | None = None) -> ChangeProbabilities:
-        """Computes how probable each hypothesis is, given the deviation of a flight from healthy ones.
+        """Computes how probable each cause of a change is, given the deviation of a flight's balance from healthy ones.
+
+        There are S hypotheses, each a cause with one size: nothing changed, motor i works harder by one of r rises, a
+        load shifted, and others. Their probabilities by Bayes' rule are summed by cause and by motor. A motor has a
+        fault if its own command rises by ``FAULT_RISE`` or more.
 
         Args:
             deviation: Deviation of the flight's balance.

@@ -70,13 +70,14 @@ class Deviation(NamedTuple):
 def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     """Computes how far the level balance of a flight is from that of healthy flights.
 
+    The level balance is the torque that the motors make, relative to their thrust, less the part by leaning in wind.
     The variance between healthy flights is pooled from their scatter and its prior. The scale of the deviation is made
     of that variance, of the errors of the flight's own balance and effect of lean, and of the error of the mean of the
     healthy flights.
 
     Args:
-        flight: A flight that lacks nothing (``HealthFigures.missing``).
-        healthy: Healthy flights that lack nothing, without that flight.
+        flight: A flight of which all needed figures are known (``HealthFigures.missing`` is None).
+        healthy: Such flights that are healthy, without that flight.
 
     Returns:
         The deviation, with the Student's t distribution that it would have, were the flight healthy.

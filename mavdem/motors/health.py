@@ -168,8 +168,13 @@ def _flight_evidence(
 ) -> _FlightEvidence:
     """Compares a flight with healthy flights, by the balance of its motors and by their effort.
 
+    The balance is the torque that the motors make in roll, pitch and yaw, relative to their thrust: one weak motor
+    shifts it in its own direction. The effort is their mean output times the voltage. How far the balance deviates
+    is computed first, then how probable each cause of the deviation is. What changed before the vehicle's previous
+    flight probably persists, so that flight's probabilities are the prior.
+
     Args:
-        flight: A flight that lacks nothing (``HealthFigures.missing``).
+        flight: A flight of which all needed figures are known (``HealthFigures.missing`` is None).
         healthy: Healthy flights with the same geometry of the motors, without that flight.
         previous: Evidence of the vehicle's flight before this one; None without one.
     """
@@ -189,11 +194,13 @@ def _flight_evidence(
 def _assessment(
     flight: HealthFigures, evidence: _FlightEvidence, reference: JsonValues
 ) -> HealthAssessment:
-    """Turns the evidence of a flight into an assessment: fault, drift, unknown or OK, in this order.
+    """Turns the evidence of a flight into an assessment: fault, drift, unknown or OK, tested in this order.
 
-    A fault needs a probability of ``MIN_REPORTED_PROBABILITY``, a drift the same for any change, or a balance that
-    healthy flights do not have. Without either, the flight is OK only if it would have shown a weak motor; else nothing
-    is said.
+    1. Fault: one motor is weak, with a probability of at least ``MIN_REPORTED_PROBABILITY``.
+    2. Drift: anything changed, of balance or effort, with at least this probability, or the balance lies outside of
+       nearly all healthy flights'.
+    3. Unknown: the balance is known so badly that a weak motor would not have been found.
+    4. OK: neither, though a weak motor would have shown.
 
     Args:
         flight: The flight.
