@@ -60,7 +60,9 @@ def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
     if np.count_nonzero(is_measured) < MIN_FREQUENCIES:
         return None
     frequency = spectra.frequency[is_measured]
-    # The signals of the spectra: 0 is what was injected, 1 the rate, 2 the demand.
+    # The plant is the response from demand to rate. Wind and noise move both, but are not coherent with the injected
+    # signal: so the plant is the ratio of the cross-spectra with that signal (index 0), of the rate (1) and the demand
+    # (2).
     to_rate, to_demand = spectra.power[0, 1], spectra.power[0, 2]
     plant = (to_rate / to_demand)[is_measured]
     from_setpoint, from_rate = controller_response(controller, frequency)

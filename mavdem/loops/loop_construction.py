@@ -207,14 +207,13 @@ def _plant_draws(plant: Physical, filter_delay: float, dt: float) -> _PlantDraws
 
 
 def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> Array:
-    """Returns draws of a plant whose lag and delay hold those of the gyro's filters, with these taken out.
+    """Returns draws of a plant without the gyro's filters, whose delay was identified as part of its lag and delay.
 
-    Where the filters are less than half of lag and delay together, delays at low frequencies are subtracted. Else
-    first-order lag and Butterworth filter are made alike in gain and phase at half of the cut-off of one that is as
-    late.
-
-    The sum of lag and delay is better determined than either. So the delay is taken for that of common autopilots as
-    far as the flight leaves it open, and the lag is the rest.
+    1. Take the filters out. Where their delay at low frequencies is less than half of lag and delay together, it is
+       subtracted from their sum. Else that is too coarse: what remains is chosen so that, with a Butterworth filter of
+       this delay, it has the gain and phase of the identified lag at half of the filter's cut-off.
+    2. Divide the remaining sum into lag and delay. The flight shows the sum better than either. So the delay is drawn
+       from its posterior, with the delay of common autopilots as the prior, and the lag is the rest.
 
     Args:
         plant: the posterior.

@@ -159,6 +159,7 @@ class OpenLoop(Margins):
         log_gain_margin = np.where(is_negative, -real_axis_crossings.interpolate(log_gain), np.nan)
         # A loop may become unstable by less gain too. The crossing nearest to −1 counts, with its sign.
         nearest = real_axis_crossings.minimum_by_row(np.abs(log_gain_margin))
+        # The least distance has no sign: where it is that of a crossing with a negative margin, it is made negative.
         rows = real_axis_crossings.rows
         nearest[rows[log_gain_margin == -nearest[rows]]] *= -1
 

@@ -78,11 +78,12 @@ def replay_segments(loops: LoopsByAxis) -> dict[str, ReplaySegment]:
 
 
 def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
-    """Returns the part of a record that can be flown, with the setpoint of the rate freed of the angle's correction.
+    """Returns what the vehicle did in some rows of a record, and the setpoints with which the twin can fly the same.
 
-    ArduPilot's ATTITUDE_TARGET leaves that correction out, its other messages and PX4's have it. Which it is shows in
-    what the setpoint of the rate is nearest to: the slope of the angle's setpoint, that and the correction, or the
-    correction alone.
+    An attitude controller adds a correction, angle gain × error of the angle, to the setpoint of the rate. The twin has
+    such a controller too, so the logged correction must be taken off. ArduPilot's ATTITUDE_TARGET leaves it out, its
+    other messages and PX4's have it. Which it is shows in what the logged setpoint of the rate is nearest to: the slope
+    of the angle's setpoint (no correction), that and the correction, or the correction alone.
 
     Args:
         loop: of the axis, with its record.
@@ -98,6 +99,7 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
         columns = _setpoints(loop, rows, ["yaw rate setpoint"])
         if columns is None:
             return None
+        # Yaw is steered by its rate, so the setpoint of its angle is 0. One that hardly moves was not steered.
         (yaw_rate,) = columns
         if not yaw_rate.std() > MIN_YAW_SETPOINT_RATIO * outputs.std():
             return None

@@ -48,7 +48,7 @@ class HealthFigures:
 
     @property
     def missing(self) -> Fact | None:
-        """What the flight lacks for a judgement of its motors (``HealthUnknown``); None if it lacks nothing.
+        """Which needed figure is not known, so that the flight's motors cannot be judged; None if all are known.
 
         A judgement needs the balance, a geometry by which each motor can be told from others, and the lean in flight,
         since wind changes the balance too.
@@ -110,10 +110,10 @@ HealthFlights = Sequence[HealthFigures]
 
 
 def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = None) -> HealthFlights:
-    """Returns the flights that others are compared with, each of them once.
+    """Returns the healthy flights of a vehicle, with which its other flights are compared, each of them once.
 
-    Unless they are named, they are the vehicle's first sound flights, before motors and propellers wore. Flights
-    without a date are left out then.
+    The user may name them (``baseline``). Else they are the vehicle's first flights that are sound (no motor at its
+    limit, no oscillation, no fault), before motors and propellers wore. For that order, flights need a date.
 
     Args:
         flights: Flights of one vehicle.

@@ -43,8 +43,8 @@ class MotorSignatures:
     def weak_motor_commands(self) -> Array:
         """(k, k) change of the commands of all motors where the motor of the row must work harder by 1.
 
-        It is the projection on what the mixer can command, pinv(M) M, of the mixer M. With four motors that is all
-        commands, so only the motor's own changes.
+        The diagonal is the rise of the weak motor's own command. The change is the projection on what the mixer can
+        command, pinv(M) M, of the mixer M. With four motors that is all commands, so only the motor's own changes.
         """
         allocation = np.linalg.pinv(self.mixer_rows)
         return (allocation @ self.mixer_rows).T

@@ -47,11 +47,11 @@ def trim_of_signals(signals: Signals) -> Fact | None:
 
 
 def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fact:
-    """Judges whether motors work unevenly, and by which pattern.
+    """Judges whether motors work unevenly in one flight, and by which pattern: one motor, yaw or centre of gravity.
 
-    They do where the 90 % interval of some motor's deviation from the mean lies beyond ``FAULT_RISE``. There is no
-    healthy flight to compare with here: the flight is judged against a vehicle that is trimmed evenly. If the intervals
-    are so wide that no motor's could lie within ``FAULT_RISE``, nothing is said.
+    They work unevenly where the 90 % interval of some motor's deviation from the mean lies beyond ``FAULT_RISE``. There
+    is no healthy flight to compare with here: the flight is judged against a vehicle that is trimmed evenly. If some
+    interval is wider than ± ``FAULT_RISE``, an even trim is not claimed either.
 
     Args:
         balance: Balance of the motors in one flight; None where it is not known.

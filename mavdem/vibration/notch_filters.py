@@ -124,11 +124,12 @@ class _NotchSettings(NamedTuple):
 def _narrowest_notch(
     controller: Controller, line: SpectralLine, spectrum: Spectrum, is_line: Flags
 ) -> _NotchSettings:
-    """Returns the notch of the least bandwidth that removes ``MIN_REMOVED_SHARE`` of a line, or else the widest.
+    """Returns the notch of the least bandwidth that removes ``MIN_REMOVED_SHARE`` of a line's power, or the widest.
 
-    Narrow notches cost less phase, but a line wanders. So ``RELATIVE_BANDWIDTHS`` are tried from narrow to wide, each
-    with the power that it would have removed over all W windows of the flight. A notch that follows the motors is where
-    it would have been in each: instead of the notch, the frequencies of the window are moved the other way.
+    A notch is a filter that removes a narrow band. Narrow ones cost less phase margin, but a line wanders. So
+    ``RELATIVE_BANDWIDTHS`` are tried from narrow to wide, each with the power that it would have removed over all W
+    windows of the flight. A notch that follows the motors is where it would have been in each: instead of the notch,
+    the frequencies of the window are moved the other way.
 
     Args:
         controller: with the filters that are set.
