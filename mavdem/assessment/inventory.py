@@ -36,17 +36,24 @@ class VehicleContents(NamedTuple):
 
 
 def inventory(log: Log, vehicles: Sequence[VehicleContents] | None = None) -> JsonValues:
-    """Returns everything there is to report of a log before learning, by the keys of documents.
+    """Returns what a log contains, as the JSON object that ``mavdem info`` writes: senders, vehicles, unread messages.
 
-    Times are in s, rates in Hz. For each component, ``lost_share`` is the share of its sequence numbers that do not
-    occur. For a vehicle, ``missing_share`` is the share of messages missing from a stream by the stream's usual step,
-    the median over its streams; None without streams. A link loses messages of all kinds alike. So where
-    ``missing_share`` is near 0, the sequence numbers that do not occur are of kinds that the log leaves out. A change
-    of rates raises ``missing_share`` but not ``lost_share``. Only both together mean a loss.
+    Two figures, both between 0 and 1, tell whether a link lost messages:
+
+    - ``lost_share`` of each sender ("speaker"): the fraction of its MAVLink sequence numbers that are not in the log.
+      It is also high if the log was written with some kinds of messages left out.
+    - ``missing_share`` of a sender that is a vehicle: the fraction of messages that its periodic streams should contain
+      by their usual time step, but do not; the median over the streams, None without any. It is also high if a stream
+      changed its rate.
+
+    A link loses messages of all kinds equally, which raises both. So only both together mean a loss.
 
     Args:
         log: the log.
-        vehicles: contents of the vehicles to report; of all vehicles of the log, unless given.
+        vehicles: contents of the vehicles to report; those of all vehicles of the log, unless given.
+
+    Returns:
+        Values by the keys of the document; times in s, rates in Hz.
     """
     if vehicles is None:
         vehicles = [vehicle_contents(telemetry, log) for telemetry in log.vehicles]

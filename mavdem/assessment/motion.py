@@ -101,7 +101,7 @@ def _events_of_boot(signals: Signals, boot: int) -> Iterator[Fact]:
     for flight in flights:
         attitude_events = _attitude_events(signals, boot, error, flight)
         yield from attitude_events
-        # Only the last loss of attitude of a flight can be bad.
+        # A bad loss is one that was not recovered: it ends the list, and all before it were recovered.
         loss = None
         if attitude_events and attitude_events[-1].is_bad:
             loss = attitude_events[-1]
@@ -127,23 +127,26 @@ def _end_in_air(
     loss: Fact | None,
     fall_events: list[Fact],
 ) -> Iterator[Fact]:
-    """Yields that the log ended in the air, if it did.
+    """Yields one event if the log ends while the vehicle was still in the air, for no reason that the log shows.
 
-    The recorder may have failed, or the vehicle may have crashed unseen. There is no such event if a landing or another
-    event explains the end of the log, or if the height does not show that the vehicle was in the air.
+    Then either the recorder failed, or the vehicle crashed and the crash was not recorded. Nothing is yielded if the
+    end is explained otherwise: by a landing, an impact, a loss of attitude at least ``RECOVERY_SECONDS`` earlier (by
+    now the vehicle is on the ground), or a restart of the autopilot, after which the log goes on. Nothing is yielded
+    either if the last height is unknown or at most ``MAX_GROUND_HEIGHT``, since the vehicle may then stand on the
+    ground.
 
     Args:
-        signals: of the vehicle.
-        boot: number of the boot.
-        flight: the last flight of the boot; its end is infinite if no landing was recorded.
-        end_time: of the last sample of the boot, s.
-        loss: the loss of attitude in this flight, if there was one. Long after a loss the vehicle is on the ground.
-        fall_events: of this flight; an impact among them explains why the log ended.
+        signals: signals of the vehicle.
+        boot: number of the boot: the time from one start of the autopilot to the next.
+        flight: start and end of the boot's last flight, s since boot; the end is infinite without a recorded landing.
+        end_time: time of the last attitude sample of the boot, s since boot.
+        loss: the loss of attitude that this flight did not recover from; None without one.
+        fall_events: fall and impact of this flight; an impact has the code ``HIT``.
     """
     _, landing = flight
     is_long_lost = loss is not None and end_time - (loss.time or end_time) >= RECOVERY_SECONDS
     has_hit = any(event.code is MotionEvent.HIT for event in fall_events)
-    # After a restart of the autopilot the log goes on.
+    # In an earlier boot the recording ended with the restart of the autopilot, not with a failure in the air.
     is_last_boot = boot == signals.tilts[0].boot[-1]
     if landing != inf or is_long_lost or has_hit or not is_last_boot:
         return
@@ -208,7 +211,10 @@ def _loss_intervals(
 
 
 class _AttitudeLoss(NamedTuple):
-    """One loss of attitude, from ``start`` to ``end``, with the signals that show how serious it was."""
+    """One loss of attitude: the vehicle's tilt was far from its setpoint, or it fell and lay on its side.
+
+    It lasts from ``start`` to ``end``. The signals show how it began, and how serious it was.
+    """
 
     signals: Signals
     boot: int
@@ -220,23 +226,31 @@ class _AttitudeLoss(NamedTuple):
     """When the error was within ``LOST_ANGLE`` again, s; infinite if the record ended before."""
 
     def event(self) -> Fact:
-        """Returns the fact of the loss, with the largest error in rad, height in m and speed downward in m/s.
+        """Returns the event that describes this loss of attitude: its kind, times, and figures.
 
-        Its code says whether the attitude was recovered, or the vehicle tipped over at take-off, hit the ground or an
-        obstacle, or was lost in the air. It begins with the onset, or with an impact before it.
+        1. The onset is found: when the error began to grow, earlier than ``start``.
+        2. Height and an impact around the onset decide the kind: the vehicle tipped over at take-off, hit the ground or
+           an obstacle, or lost its attitude in the air.
+        3. If the vehicle recovered, or error, sink rate and duration all stayed small, the kind is "caught" instead.
+
+        Returns:
+            A fact with the kind as its code, and the figures ``angle`` (largest error, rad), ``height`` (m above the
+            take-off, at the onset) and ``speed`` (largest sink rate, m/s). It lasts from the onset, or from an earlier
+            impact, until the end of the loss, s since boot; without an end if the record ended before.
         """
         rows = in_intervals(self.error.time, [(self.start, self.end)])
         # The largest error in rad, and whether it was measured against a setpoint throughout.
         angle = self.error.magnitude[rows].max()
         has_setpoint = bool(self.error.has_setpoint[rows].all())
-        # The flight is followed back from the loss to the onset, where the vehicle began to leave its setpoint.
+        # What the vehicle did when it began to leave its setpoint shows the cause better than the loss itself does.
         onset = self._onset()
         height = height_in_flight(self.signals, self.boot, self.flight, onset)
+        # The error grows up to ``MAX_SETPOINT_DELAY`` after its cause, so that an impact may lie before the onset.
         impact = impact_time(self.signals, self.boot, onset - MAX_SETPOINT_DELAY, self.start)
         code = self._code(onset, height, impact)
         level = None
         if self._is_harmless(angle, has_setpoint, onset) or self._is_recovered():
-            # Without a setpoint the lean may have been intended, so that the level is not known.
+            # Without a setpoint the pilot may have wanted to lean so far. Then it is not known how bad this is.
             code = MotionEvent.ATTITUDE_CAUGHT
             level = None if has_setpoint else Level.UNKNOWN
         return Fact(
@@ -457,7 +471,7 @@ def _impacts_of_fall(climb_rate: TimeSeries, boot: int, interval: Interval) -> I
     candidates = time[in_intervals(time, [interval]) & is_braked & is_sinking]
     if not len(candidates):
         return
-    # The vehicle may have braked before the ground did, which takes the most speed in one step.
+    # The motors may have slowed the fall before the ground stopped it. The ground takes the most speed within one step.
     first = candidates[0]
     speed_steps: Array = np.diff(climb_rate.values, append=climb_rate.values[-1])
     is_impact = in_intervals(time, [(first, first + IMPACT_SECONDS)])

@@ -164,7 +164,7 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
         window: training part and test part.
     """
     begin = thread_time()
-    # The outcome itself says what NumPy and SciPy would warn of.
+    # Overflows and the like show in the errors or the failure of the outcome, so that warnings would only repeat them.
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:

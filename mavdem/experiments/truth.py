@@ -264,9 +264,12 @@ def compared_effects(
 
 
 def compared_dynamics(physical: Physical, truth: Truth) -> Iterator[ComparedParameter]:
-    """Yields the rate damping (1/s), the motor time constant (s) and the delay (s), each beside its truth.
+    """Yields the rate damping (1/s), the motor time constant (s) and the delay (s), each with its true value.
 
-    Each has the half width of its 90 % interval, and its status: reported, biased or not identifiable.
+    Args:
+        physical: the estimated parameters, with the half widths of their 90 % intervals. The status of a parameter says
+            whether its value may be reported: reported, biased (by closed-loop control), or not identifiable.
+        truth: the values with which the flight was simulated.
     """
     _, damping_half_width, lag_half_width, delay_half_width = physical.interval()
     lag_status = physical.status["lag"]

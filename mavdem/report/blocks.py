@@ -105,12 +105,15 @@ def markdown(blocks: Iterable[Block]) -> str:
 
 
 def _block_as_markdown(block: Block) -> str:
-    """Returns a block as Markdown: a sentence with its lead in bold, or a table.
+    """Returns a block as Markdown: a sentence with its lead in bold, or a table with a header.
 
-    The rule below the header aligns columns: "---" on the left, "---:" on the right.
+    The second line of a Markdown table sets the alignment of each column: "---" aligns left, "---:" right. The first
+    column holds the names of the rows and is always aligned left. The others are aligned right, as numbers are, unless
+    the table is one of words.
     """
     if isinstance(block, Sentence):
-        # A command has a code block of its own, because the Rerun Viewer does not break a path within a line.
+        # A command such as "Run `mavdem info LOG`." gets a code block of its own. The Rerun Viewer, which shows this
+        # text too, does not wrap long paths within a line.
         text = _COMMAND_SENTENCE.sub(r"\n\n```\n\1\n```\n\n", block.text)
         lead = f"**{block.lead}** " if block.lead else ""
         return f"{lead}{text}".rstrip()

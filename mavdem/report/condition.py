@@ -139,13 +139,17 @@ def component_id(component: JsonValues) -> str:
 
 
 def wind_blocks(evidence: WindEvidence) -> Blocks:
-    """Returns the wind in sentences: speed and direction with intervals, the autopilot's own estimate, and doubts.
+    """Returns the wind that was estimated from a flight, in sentences.
+
+    First come speed and direction with their intervals, and the mean of the autopilot's estimate for comparison. Then
+    follows, for each quantity that the data does not determine well enough to report, the reason for that.
 
     Args:
-        evidence: the estimate with the reasons for quantities that it does not report, or the reason why there is none.
+        evidence: all that is known of the wind of a log. ``estimate`` is the estimated wind. It is None if there is
+            none, and then ``obstacle`` is the reason, if one is known.
 
     Returns:
-        The sentences; without an estimate only the reason, if one is known.
+        The sentences; without an estimate only the reason, or nothing if none is known.
     """
     wind = evidence.estimate
     if wind is None:
@@ -189,9 +193,15 @@ class _WindCourse(NamedTuple):
 
 
 def wind_tables(wind: WindVelocity) -> Blocks:
-    """Returns a table of the mean wind of each minute, and one of each layer of height.
+    """Returns a table of the mean wind of each minute, and one of the mean wind in each layer of height.
 
-    A table is left out where it would have a single row, or the wind's speed is not identifiable.
+    Each row has the start of the minute (s) or the height of the layer (m), the wind speed (m/s), and the direction
+    that the wind comes from (°). A table with a single row is left out, since it would only repeat the mean of the
+    flight. There is no table where the data does not
+    determine the wind speed.
+
+    Args:
+        wind: estimated wind of a flight.
     """
     identified = wind.identified_figures
     courses = (

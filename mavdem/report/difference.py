@@ -108,7 +108,13 @@ def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> 
 
 
 def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
-    """Returns sentences on what changed, what is the same, and what is uncertain."""
+    """Returns sentences on the quantities that changed, those that stayed the same, and those that are uncertain.
+
+    A quantity is uncertain where the data shows neither a change nor its absence.
+
+    Args:
+        difference: comparison of two groups of flights of a vehicle, quantity by quantity.
+    """
     changed = difference.of(QuantityOutcome.CHANGED)
     uncertain = difference.of(QuantityOutcome.UNCERTAIN)
     return render_section(

@@ -173,10 +173,16 @@ def urgency(flights: Flights) -> Urgency:
 
 
 def vehicle_words(flights: Flights) -> VehicleWords:
-    """Returns what a vehicle's latest judged flight shows, and what was found in all of its flights.
+    """Returns two texts on a vehicle: the conclusion of its latest judged flight, and a summary of all its flights.
+
+    The health of a flight is the judgement of its motors, such as "ok", "drift" or "fault". A vehicle whose motors are
+    in trouble has a drift or a fault now. The latest flight with a drift or fault gives the figures of the texts.
 
     Args:
-        flights: flights of the vehicle in order of date, at least one.
+        flights: flights of the vehicle in order of date, at least one; each has a row for each axis.
+
+    Returns:
+        The texts, whose words come from the template "fleet_vehicle".
     """
     health = vehicle_health(flights)
     counts = Counter(worst_health(flight) for flight in flights)
@@ -265,8 +271,15 @@ def _flown_summary(flights: Flights) -> dict[str, object] | None:
 def _unused_blocks(rows: FlightRows) -> Blocks:
     """Returns a sentence and a table on why logs were not used, the most frequent reasons first.
 
+    Each row of the table has a reason, the number of logs with it, and the file name of one of them. Logs are grouped
+    by the code of their reason where there is one, because the sentences differ in their figures. Reasons of equal
+    frequency are in the order of the alphabet. At most ``MAX_REASONS`` are listed.
+
     Args:
         rows: the first row of each log that was not used.
+
+    Returns:
+        The sentence and the table; no table without such logs.
     """
     by_reason = group_by(rows, lambda row: row.status_code or row.status)
     ranked = sorted(by_reason.items(), key=lambda item: (-len(item[1]), item[0]))

@@ -61,7 +61,12 @@ def live_report(
 
 
 def _time_table(account: Mapping[Spent, float]) -> Table:
-    """Returns a table of the whole seconds of a flight by what they were used for, without rows of 0 s."""
+    """Returns a table of how the time of a live session was spent, such as learning, on the ground, or without a link.
+
+    Args:
+        account: seconds by what they were spent on. They are shown as whole seconds, and what rounds to 0 has no row.
+            The header has the sum.
+    """
     whole_seconds = {kind: round(seconds) for kind, seconds in account.items()}
     rows = []
     for kind in Spent:

@@ -126,7 +126,14 @@ def _margin_blocks(advice: Advice) -> Blocks:
 
 
 def margin_tables(loops: LoopsByAxis) -> Iterator[Table]:
-    """Yields a table of the rate loops and one of the attitude loops, with a column for each of ``loops``."""
+    """Yields two tables of stability margins: one of the rate loops, then one of the attitude loops around them.
+
+    Args:
+        loops: the loops to compare, by the header of their column, such as "now" and "advised".
+
+    Yields:
+        A table with a row for each of ``LOOP_FIGURES`` and a column for each of ``loops``.
+    """
     for loop_name in ("rate", "attitude"):
         open_loops = [getattr(loop, loop_name) for loop in loops.values()]
         rows = []
@@ -146,12 +153,19 @@ def _figure_text(loop: OpenLoop, attribute: str, scale: float) -> str:
 
 
 def gain_blocks(advice: Advice) -> Blocks:
-    """Returns a table of the gains that change, if any, and sentences on what to expect of them.
+    """Returns a table of the controller gains to change, if there are any, and sentences on what to expect of them.
+
+    The table has a row for each changed gain: its value now, the value to set, and the factor between them. The
+    sentences name the gains that fall, those that rise, and those that would change further if a change by more than a
+    factor of ``MAX_GAIN_STEP`` at once were allowed.
 
     Args:
-        advice: each gain as it is now and as it should be set, and the loops with either.
+        advice: the gains ``now`` and to ``set`` by name of the parameter, and the control loop before and after.
+
+    Returns:
+        The table, or nothing where no gain changes, and then the sentences.
     """
-    # Gains that are equal in the digits of the table do not count as changed.
+    # Two values that look equal in the table, which shows four digits, are no change to a reader.
     factors = {
         name: gain.set / gain.now
         for name, gain in advice.gains.items()
@@ -162,6 +176,7 @@ def gain_blocks(advice: Advice) -> Blocks:
         gain = advice.gains[name]
         rows.append([name, *(f"{value:.4g}" for value in gain), f"{factor:.2f}"])
     tables = [Table(["gain", "now", "set", "times"], rows)] if rows else []
+    # The limit holds in both directions: a gain is multiplied or divided by at most ``MAX_GAIN_STEP``.
     limited = [
         name
         for name, factor in factors.items()

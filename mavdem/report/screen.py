@@ -160,7 +160,15 @@ def conclusion(judgement: Judgement) -> Blocks:
 
 
 def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks:
-    """Returns conclusion, grades and warnings as sentences, without tables, for a narrow column of a dashboard."""
+    """Returns the judgement of a flight as sentences without tables, for a narrow column of a dashboard.
+
+    The order is that of importance: headline and lights that need attention, the grade of the model for each purpose,
+    the next step for the user, and warnings.
+
+    Args:
+        findings: grades of the model by purpose with their reasons, and warnings.
+        judgement: headline, lights and next step; None where there is none, and then these are left out.
+    """
     grades = [
         Sentence(reason.advised, f"{purpose.capitalize()}: {grade}.")
         for purpose, grade, reason in findings.purposes
@@ -169,6 +177,7 @@ def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks
     if judgement is None:
         return [*grades, *warnings]
     conclusion_blocks = conclusion(judgement)
+    # The conclusion ends with the next step, which here comes after the grades.
     next_step = conclusion_blocks.pop()
     return [*conclusion_blocks, *grades, next_step, *warnings]
 
@@ -187,15 +196,20 @@ def flight_title(flights: Flights, simulated: Fact | None = None) -> Sentence:
 
 
 def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
-    """Returns tables with a row for each motor, and a sentence about damping, time constant, delay and mean lean.
+    """Returns what is known of each motor as tables, and of the motion that they cause as a sentence.
+
+    There are two sources. A model gives the control effectiveness: the angular acceleration per unit of motor output.
+    The hover figures tell how hard each motor works: its mean output ("trim"), the deviation of that from the mean of
+    all motors, the headroom up to the limit, and the time at a limit. They share one table where the inputs of the
+    model are these motors. A model may have other inputs, such as the controller's demand; then each source has its own
+    table.
 
     Args:
-        learned: a model, whose control effectiveness is shown if it has physical parameters.
-        hover: how hard each motor works: trim, trim deviation, headroom and time at the limits. Its columns are put
-            beside those of the model if both are of the same motors.
+        learned: a model; None, or one without physical parameters, adds no column.
+        hover: hover figures of the motors; None where they are not known.
 
     Returns:
-        One table, or two if the inputs of the model are not the motors, then the sentence.
+        No, one or two tables, and then a sentence on rate damping, time constant, delay and mean lean.
     """
     hover_columns = {} if hover is None else _hover_columns(hover)
     physical = None if learned is None else learned.physical
@@ -205,6 +219,7 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
         labels = Labels.of(learned)
         columns = _effectiveness_column(physical, labels)
         if hover is not None and hover.motors == labels.input_names:
+            # The effectiveness becomes the first column of the table of hover figures, which is appended below.
             hover_columns = columns | hover_columns
         else:
             blocks.append(_motor_table(labels.input_names, columns))
@@ -342,9 +357,13 @@ def vehicle_blocks(axes: Mapping[str, AxisFigures], is_doubtful: bool) -> Blocks
 
 
 def _axis_header(axes: Mapping[str, AxisFigures]) -> list[str]:
-    """Returns the header of the table of axes.
+    """Returns the header of the table of physical parameters, which has a row for each axis.
 
-    Control effectiveness is per unit of the inputs; the unit is that of the first axis with a flight.
+    Control effectiveness is an angular acceleration per unit of the model's inputs. All rows share this header, so its
+    unit is that of the first axis with a flight.
+
+    Args:
+        axes: figures by axis; an axis whose data could not be used has no flights.
     """
     input_unit = ""
     for figures in axes.values():

@@ -167,9 +167,12 @@ def _section_templates(name: str) -> list[dict[str, Template]]:
 
 @cache
 def _environment() -> Environment:
-    """Returns Jinja's environment for plain text: an undefined name is an error, and nothing is escaped.
+    """Returns the Jinja environment that compiles the templates of all sentences; it is made once.
 
-    The keys of ``filters`` are the names that templates use; a new one is added here and nowhere else.
+    An undefined name is an error, so that a typing error in a template does not become an empty space in a report.
+    Nothing is escaped, since the output is plain text; pages escape it later. ``globals`` are functions that templates
+    call, and ``filters`` are those that they apply as in ``value | rounded``. To give templates a new one, it is enough
+    to add it here by its name.
     """
     environment = Environment(undefined=StrictUndefined, finalize=_finalized, autoescape=False)
     environment.globals |= {

@@ -103,13 +103,18 @@ class Pose:
 
 
 def pose_of(motion: object, rotors: Sequence[Sequence[float]]) -> Pose:
-    """Returns what is shown of a simulated flight.
+    """Collects what the 3D view shows of a simulated flight: the simulator's record, and where the rotors are.
 
-    The simulator is a package of its own, whose record of the motion has these attributes by name.
+    The simulator is a package of its own, which the view does not import. So its record is read by the names of its
+    attributes, which are those of the fields of ``Pose``.
 
     Args:
-        motion: has the attributes of ``Pose`` but for the rotors.
-        rotors: distances of the rotors forward of the centre of mass, and then right of it, m.
+        motion: record of the simulated motion, with an attribute for each field of ``Pose`` except ``rotors``.
+        rotors: two sequences with an entry for each rotor: its distances forward of the centre of mass, and those to
+            the right of it, m. ``Pose`` has them as rows (rotors, 2).
+
+    Raises:
+        AttributeError: the record lacks a field.
     """
     values = {"rotors": np.column_stack(rotors)}
     for field in fields(Pose):

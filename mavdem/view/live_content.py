@@ -63,7 +63,14 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
     """
 
     def plot(name: str, origin: str) -> rrb.TimeSeriesView:
-        """Returns a plot of the last seconds before the time cursor, which alone are queried."""
+        """Returns a plot of the last ``FLIGHT_SECONDS`` before the time cursor, and of the predictions after it.
+
+        The viewer loads only the samples of this range, which keeps it fast during a long flight.
+
+        Args:
+            name: title of the plot.
+            origin: path of the entity whose lines the plot shows.
+        """
         start = rr.TimeRangeBoundary.cursor_relative(seconds=-FLIGHT_SECONDS)
         end = rr.TimeRangeBoundary.cursor_relative(seconds=REPORTED_HORIZON)
         axis = rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end))

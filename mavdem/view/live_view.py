@@ -46,7 +46,15 @@ class SinkThread(threading.Thread):
     """
 
     def __init__(self, sink: Sink, recording_id: UUID) -> None:
-        """Takes a sink and the id of the recording, which is the same in all sinks."""
+        """Prepares the thread; it does nothing before ``start``, and opens the sink only when a row waits.
+
+        Two queues hold what waits to be sent, rows and events. Each drops its oldest entry when full, so that a sink
+        that hangs does not use up the memory.
+
+        Args:
+            sink: file, viewer or server to send to.
+            recording_id: id of the recording, the same in all sinks, so that a viewer knows them to be one flight.
+        """
         super().__init__(name=f"to {sink.name}", daemon=True)
         self.sink = sink
         self.dropped = 0
@@ -126,9 +134,11 @@ class SinkThread(threading.Thread):
                 self.sink.delivered(arrived=False)
 
     def _open(self) -> None:
-        """Opens the sink, if rows wait for it and an attempt is due.
+        """Opens the sink with a new recording, if it is not open, rows wait for it, and an attempt is due.
 
-        A sink that is not there yet, such as a viewer, is tried again after ``RETRY_SECONDS``; a file is not.
+        A viewer that is not there yet is tried again every ``RETRY_SECONDS``, and ``trouble`` says so meanwhile. A file
+        that cannot be opened is not tried again. A new recording has no layout yet, so the writer, which sends one, is
+        made anew with the next rows.
         """
         is_due = wall.monotonic() >= self._next_attempt
         if self._recording is not None or not self._rows or not is_due:
@@ -171,10 +181,20 @@ class SinkThread(threading.Thread):
     def _send_rows(
         self, recording: rr.RecordingStream, channels: Channels, rows: list[DisplayRow]
     ) -> None:
-        """Draws rows of the same channels; other channels than before begin a new layout."""
+        """Draws rows into the sink's recording, and notes what later texts need of them.
+
+        ``channels`` are the names and units of what the rows contain. They decide which plots there are. If they have
+        changed, for example with the model's inputs, a new ``LiveWriter`` sends a new layout.
+
+        Args:
+            recording: the open recording of the sink.
+            channels: names and units of all these rows.
+            rows: at least one row, in the order of time.
+        """
         if self._writer is None or channels != self._writer.channels:
             self._writer = LiveWriter(channels, recording)
         self._last_row = rows[-1]
+        # The status text says up to when the data was used for training. Rows before the first model have none.
         estimate = self._last_row.estimate
         if estimate is not None and estimate.model is not None:
             self._trained_until = estimate.until
@@ -226,7 +246,7 @@ class LiveView:
     """
 
     def __init__(self, sinks: Sequence[Sink]) -> None:
-        """Starts a thread for each sink."""
+        """Starts a thread for each sink; all sinks get the same id of the recording, since they show one flight."""
         self._channels: Channels | None = None
         self._closed = False
         recording_id = uuid4()
@@ -275,6 +295,7 @@ class LiveView:
         self._closed = True
         for thread in self._threads:
             thread.closing.set()
+        # The threads finish at the same time, so that one deadline holds for all of them together.
         deadline = wall.monotonic() + CLOSING_SECONDS
         for thread in self._threads:
             thread.join(max(0.0, deadline - wall.monotonic()))

@@ -86,7 +86,14 @@ class LiveWriter:
         self._torque_samples = deque[Sample](maxlen=MAX_SAMPLES)
 
     def write(self, rows: list[DisplayRow]) -> None:
-        """Draws rows, which come in the order of their times."""
+        """Draws rows into the plots: motors, angles with their prediction, rates, wind, wind torque and free energy.
+
+        Wind torque and free energy are estimates of the model, and are drawn only of rows that have an estimate.
+
+        Args:
+            rows: rows of the live flight, in the order of their times. A row has the inputs and outputs of the model at
+                one time and, once there is a model, its estimates.
+        """
         motor_names = tuple(motor_position(name) for name in self.channels.input_names)
         motors = Lines("motors", motor_names, DISTINCT[: len(motor_names)])
         self._draw(motors, [Sample(row.segment, row.timeline_time, row.inputs) for row in rows])
@@ -107,12 +114,17 @@ class LiveWriter:
         self._draw(Lines("wind/2_motor", ("of a motor",), (BAD,), 3.0), samples)
 
     def mark_alarm(self, time: float) -> None:
-        """Marks an alarm at a ``time``, s, in every plot; NaN marks nothing."""
+        """Marks an alarm by an upright line in every plot, as high as the values that were drawn there so far.
+
+        Args:
+            time: time of the alarm, s on the timeline; NaN, for an alarm without a time, marks nothing.
+        """
         if not np.isfinite(time):
             return
         for plot, (low, high) in self._plot_ranges.items():
             line = Lines(f"{plot}/9_alarms", ("alarm",), (BAD,), filled=True)
             line.send_style(self._recording)
+            # All alarms of a plot are one line. The NaN just before each breaks it, so that they are not joined.
             edges = np.array([[np.nan, np.nan], [low, high]])
             line.send(self._recording, np.array([time - MARK_SECONDS, time]), edges)
 
@@ -237,9 +249,15 @@ class LiveWriter:
         return values
 
     def _draw_attitude(self, rows: list[DisplayRow]) -> None:
-        """Draws the angles of axes without a model, the setpoints of roll and pitch, and all body rates, in degrees.
+        """Draws what is measured of all axes, in degrees: angles, setpoints of roll and pitch, and body rates.
 
-        They are those of the row's pose, which has a time of its own; ``timeline_offset`` moves it to the timeline.
+        The angle of the axis that the model predicts is left out here; :meth:`_draw_predicted_angle` draws it. The
+        values come from the pose of a row, the latest measured attitude, which has its own time on the boot clock.
+        ``timeline_offset``, s, converts that to the time of the plots. Setpoints are clipped, since a pilot's command
+        may lie far beyond the angles that are flown.
+
+        Args:
+            rows: rows in the order of their times; those without a pose are passed over.
         """
         poses = []
         for row in rows:

@@ -168,7 +168,7 @@ def draw_chart(
 
 
 def _finite_bounds(chart: Chart) -> Iterator[Array]:
-    """Yields the lines and the edges of the bands of a chart."""
+    """Yields the values (N,) of each line of a chart and, where it has a band, the lower and the upper edge (N,)."""
     for line in chart.lines:
         yield line.y
         if line.low is not None:

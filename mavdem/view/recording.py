@@ -107,7 +107,13 @@ class RecordingTabs:
     def __init__(
         self, recording: rr.RecordingStream, assessment: Assessment, timeline: Timeline
     ) -> None:
-        """Takes the assessment and the charts of its flight, ``timeline``, which share one axis of time."""
+        """Prepares the tabs; nothing is drawn before one of the methods is called.
+
+        Args:
+            recording: recording to draw into.
+            assessment: all that was found out about the log.
+            timeline: charts and events of the boot that was analysed, over one axis of time.
+        """
         self._recording = recording
         self._assessment = assessment
         self._timeline = timeline
@@ -257,7 +263,13 @@ class RecordingTabs:
     def _draw_charts(
         self, folder: str, charts: Sequence[Chart], *marks: EventMarks
     ) -> list[rrb.View]:
-        """Draws charts with ``marks`` and the alarms, as entities of a ``folder``; returns their views."""
+        """Draws charts, each with upright lines at the times of events, and returns their views in the same order.
+
+        Args:
+            folder: path of the entities; each chart has its number within it.
+            charts: charts over time.
+            marks: events to mark; alarms are marked in any case.
+        """
         all_marks = *marks, EventMarks("went wrong", palette.BAD, self._alarm_times)
         views = []
         for number, chart in enumerate(charts):

@@ -178,7 +178,7 @@ def _analysis_without_model(
         alarms = motor_alarms(signals)
         trim = trim_of_signals(signals)
         motors_are_watched = _motors_are_watched(signals)
-    # Only tier "a" has the rates for a full model.
+    # The tier says what the rates of the log allow: "a" a full model, "b" one of the slow motion, "c" no model.
     tier = tier_of(learnability, condition)
     reason = None if tier.tier == "a" else tier.tier_reason
     quality = learnability.figures
@@ -208,11 +208,14 @@ def _motors_are_watched(signals: Signals) -> bool:
 
 
 def _with_slow_refusal(analysis: LogAnalysis, refusal: Fact) -> LogAnalysis:
-    """Returns the analysis with one more reason why it has no model.
+    """Returns the analysis of a log without a model, with the second of two reasons for that added to the first.
+
+    A log with slow streams is refused twice: a full model needs faster ones (the reason that ``analysis`` has already),
+    and the attempt to learn a model of the slow motion alone has failed too. A user is told both in one sentence.
 
     Args:
-        analysis: with the reason why there is no full model.
-        refusal: why there is no model of the slow motion either; not repeated if it is the same reason.
+        analysis: the analysis, with the reason why there is no full model; returned as it is if it has none.
+        refusal: why there is no model of the slow motion. If that is the very same reason, nothing is added.
     """
     if analysis.reason is None or refusal == analysis.reason:
         return analysis
@@ -221,12 +224,16 @@ def _with_slow_refusal(analysis: LogAnalysis, refusal: Fact) -> LogAnalysis:
 
 
 def _with_cautions(learned: Learned, flights: Flights, is_slow: bool) -> Learned:
-    """Returns the model with all that must be known of its data, before its own cautions.
+    """Returns a copy of the model whose cautions begin with those about its data.
+
+    A caution is a sentence that limits what the model may be used for. Reports show cautions in their order, so the
+    most general comes first: that the model describes slow motion only, then cautions about the training data, such as
+    missing samples, and last those that learning itself has found.
 
     Args:
         learned: the model.
-        flights: what it was trained on. The cautions of the first one count.
-        is_slow: whether it is a model of the slow motion only, which comes first.
+        flights: training data, at least one flight. All come from one log and axis, so the first one's cautions count.
+        is_slow: whether the streams were so slow that the model describes the slow motion only.
     """
     cautions = [*flights[0].cautions, *learned.cautions]
     if is_slow:
@@ -242,14 +249,23 @@ def _with_physical_parameters(
     axis_figures: AxisFigures | None,
     is_slow: bool,
 ) -> Learned:
-    """Returns the model with physical parameters and wind torque; without parameters for a model of the slow motion.
+    """Returns a copy of the model with physical parameters and with the wind torque that follows from them.
+
+    Physical parameters are control effectiveness, rate damping, motor time constant and delay. The wind torque is the
+    angular acceleration, rad/s², that these parameters leave unexplained by the motors.
+
+    1. Figures of the same axis that an earlier analysis has estimated from the same flights are reused, because the
+       estimation is slow.
+    2. Otherwise the parameters are estimated, except for a model of the slow motion: they show only in fast motion.
+    3. If a motor gained or lost thrust in flight, the wind torque is estimated again, with a new beginning at each
+       such time. Otherwise the changed torque of that motor would be taken for wind.
 
     Args:
         learned: the model.
-        signals: of its axis.
-        flights: what it was trained on.
-        analysis: of the vehicle, with the times at which a motor changed. The wind torque is estimated anew after each.
-        axis_figures: parameters of the axis that were estimated before; they hold if they are of the same flights.
+        signals: signals of the vehicle, for the axis of the model.
+        flights: the flights that the model was trained on.
+        analysis: analysis of the vehicle, for the times at which a motor changed, s.
+        axis_figures: figures of the axis from an earlier analysis; None without one.
         is_slow: whether the model is one of the slow motion.
     """
     if axis_figures is not None and axis_figures.physical:
@@ -260,7 +276,7 @@ def _with_physical_parameters(
             return learned.with_wind_torque(axis_figures.wind)
     if not is_slow:
         learned = learned.with_physical(physical_parameters(signals, flights))
-    # The model's own estimate of the wind torque takes the motors for unchanged.
+    # The wind torque that comes with the parameters assumes that no motor changed during the flight.
     change_times = analysis.motor_change_times
     if change_times and learned.physical is not None and learned.wind_torque is not None:
         torque = estimate_wind_torque(learned.physical, learned.record, change_times)

@@ -39,20 +39,26 @@ RATE_CHANGE_SECONDS = 0.02
 
 
 def log_light(evidence: Evidence) -> Fact:
-    """Judges how well the log recorded the motion: rates of attitude and motors, gaps in flight, and lost messages.
+    """Judges how well the log recorded the motion, by the streams that a model is learned from.
 
-    The rates are those between outages, Hz, and must reach ``MIN_STREAM_RATE`` for a full model. Fast streams may still
-    have a gap longer than ``MAX_GAP`` in flight, or dropouts, in which the logger itself lost messages.
+    A model predicts the attitude from the outputs of the motors. So these two streams are judged, in this order:
+
+    1. If one of them is missing, the motion was not recorded.
+    2. If the slower one is below ``MIN_STREAM_RATE``, the log is too slow for a full model. A rate is that between
+       outages, Hz: pauses of the link do not lower it.
+    3. If a gap of the attitude in flight is longer than ``MAX_GAP``, or the logger itself lost messages ("dropouts"),
+       the log has gaps.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: the signals of the vehicle, its flights, and whether a model can be learned.
 
     Returns:
-        A fact whose level is the colour of the light: good, watch, bad or unknown.
+        A fact with the rates, Hz, the longest gap, s, and the settings that would give faster streams. Its level is the
+        colour of the light on the log: good, watch, bad or unknown.
     """
     signals = evidence.signals
     attitude = signals.attitude
-    # The outputs of the motors, or what else is the input of the model.
+    # The input of a model: the outputs of the motors or, where those are too slow, the controller's demand.
     drive = signals.model_inputs
     if attitude is None or drive is None:
         return Fact(LogLight.MOTION_NOT_RECORDED, because=evidence.learnability.reason)

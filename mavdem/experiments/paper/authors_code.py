@@ -100,7 +100,13 @@ def run(runner: Runner) -> ExperimentResult:
 
 
 def _our_errors(runner: Runner) -> dict[str, dict[str, Array]]:
-    """Trains our methods on the authors' data.
+    """Trains this project's DEM and EM on the data that the paper's authors published, and returns their errors.
+
+    They are compared with the errors of the authors' code on the same data. DEM depends on the random prior of its
+    parameters, so it is trained from many. EM is deterministic and is trained once.
+
+    Args:
+        runner: runs the fits, and has the number of random priors.
 
     Returns:
         MSPE by start of the forecasts and by method: (priors,) for DEM, from as many random priors, and (1,) for EM.

@@ -82,7 +82,17 @@ def run(runner: Runner) -> ExperimentResult:
 
 
 def _experiment_errors(runner: Runner, start: str) -> ErrorsByMethod:
-    """Returns the errors of the methods on the experiments, of forecasts from ``start``."""
+    """Returns the error of every compared method on each of the five simulated experiments.
+
+    Args:
+        runner: has the outcomes of all methods, that is, their forecasts of each experiment's test data.
+        start: state from which the forecasts start, a key of ``QUESTION_BY_START``: "the data" (the state estimated at
+            the end of training) or "state 0".
+
+    Returns:
+        Mean squared prediction errors (experiments,), summed over the outputs, by name of the method. An error is
+        infinite where a method has made no forecast.
+    """
     errors = {}
     for method in COMPARED_METHODS:
         outcomes = []
@@ -93,7 +103,10 @@ def _experiment_errors(runner: Runner, start: str) -> ErrorsByMethod:
 
 
 def _experiment_outcome(runner: Runner, method: str, number: int, start: str) -> Outcome:
-    """Returns the outcome of a method on one experiment; of DEM, from the random prior with the median error.
+    """Returns the outcome of a method on one experiment: its forecasts of the test data, and their errors.
+
+    DEM was trained from many random priors, and has an outcome for each. The one with the median error stands for
+    them, so that neither a lucky nor an unlucky prior decides the comparison.
 
     Args:
         runner: has the outcomes.
@@ -109,7 +122,11 @@ def _experiment_outcome(runner: Runner, method: str, number: int, start: str) ->
 
 
 def _figure_forecasts(runner: Runner) -> dict[str, Array]:
-    """Returns forecasts (H, m) from the data in the experiment of the figures, by method, where there are any."""
+    """Returns the forecasts that the figures of a single experiment show, by name of the method.
+
+    They start from the state estimated at the end of training. Each has shape (H, m): H steps of the test data, and m
+    outputs. A method that failed has no forecast and is left out.
+    """
     forecasts = {}
     for method in COMPARED_METHODS:
         outcome = _experiment_outcome(runner, method, runner.figure_experiment, DATA_START)

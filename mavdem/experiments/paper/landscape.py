@@ -121,7 +121,14 @@ def run(runner: Runner) -> ExperimentResult:
 
 
 def _peak_check(peaks: list[float], curvatures: list[float]) -> Check:
-    """Checks that the peak of F̄ᵒ rises and sharpens; its height is in nats, its curvature along A in nats s²."""
+    """Checks that the peak of the objective F̄ᵒ becomes higher and sharper with every iteration.
+
+    A higher peak is a better fit, and a sharper one a more precise estimate of the parameters.
+
+    Args:
+        peaks: height of the peak at each iteration, nats.
+        curvatures: curvature of the peak along the parameter A at each iteration, nats s².
+    """
     rises = (np.diff(peaks) > 0).all()
     sharpens = (np.diff(curvatures) > 0).all()
     return Check(

@@ -134,7 +134,18 @@ def lateral_flight(experiment: int) -> Flight:
 
 
 def fit_order(fit: OrderFit) -> FittedFreeEnergy:
-    """Fits a model of one order to one system; a fit that fails has the free energy NaN."""
+    """Fits a model of one order to one system, and returns its free energy.
+
+    The flight has four outputs. A system of order n measures the last n of them, which are its states, so only those
+    are given to the model.
+
+    Args:
+        fit: the system, the order of the model, the flight, and whether the model knows the inputs.
+
+    Returns:
+        The free energy F̄ after the last iteration, nats. A fit that fails has NaN, and the text of the error: one
+        failure must not end the experiment.
+    """
     flight = fit.flight
     first_output = ALL_OUTPUTS - fit.system
     system_flight = Flight(

@@ -113,12 +113,16 @@ def noise_checks(noises: Sequence[NoiseAnalysis], subject: str, pieces: str) -> 
 def _pictures(noises: Mapping[str, NoiseAnalysis]) -> tuple[Picture, ...]:
     """Returns two figures of the process noise: histograms and autocorrelations.
 
+    The histograms show whether the noise is Gaussian, the autocorrelations whether it is white: then they would lie
+    within the 95 % bounds that are drawn with them. The first ``LAGS_SHOWN`` lags are shown. Each figure holds a
+    function that draws it later.
+
     Args:
         noises: analyses of the noise series, by the name in the legend.
     """
     series = {name: noise.values for name, noise in noises.items()}
     autocorrelations = {name: noise.autocorrelation[:LAGS_SHOWN] for name, noise in noises.items()}
-    # The series may differ in length; the bound of the shortest holds for all.
+    # The bound depends on the length of a series. The widest one, of the shortest series, holds for all.
     bound = max(noise.bound for noise in noises.values())
     return (
         Picture(

@@ -135,10 +135,16 @@ def _forecast_check(window: Window, learned: Learned) -> Check:
 
 
 def _convergence_checks(learned: Learned) -> tuple[Check, Check]:
-    """Checks that DEM converges within few iterations, and that no iteration lowers the free energy F̄.
+    """Checks two claims of the paper: DEM converges within few iterations, and no iteration lowers the free energy F̄.
+
+    DEM maximises F̄, so that a decrease would show an error of the optimisation.
 
     Args:
-        learned: the model, with the parameters (iterations, parameters) and F̄ in nats of every iteration.
+        learned: the model, with its parameters (iterations + 1, parameters) at the start and after each iteration, and
+            F̄ of the iterations, nats.
+
+    Returns:
+        The check of convergence within ``MAX_ITERATIONS``, and that of F̄.
     """
     iteration = first_converged_iteration(learned.learning.theta)
     free_energy_steps = np.diff(learned.free_energy.total)

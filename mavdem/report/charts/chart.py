@@ -118,7 +118,15 @@ class Line(NamedTuple):
         half_width: Array,
         kind: Kind = Kind.LINE,
     ) -> Line:
-        """Returns a line with a band of this half width (N,) on either side."""
+        """Returns a line with a band around it, from ``y - half_width`` to ``y + half_width``.
+
+        Args:
+            name: what the legend calls it.
+            colour: colour from ``mavdem.report.palette``.
+            x, y: abscissae and values (N,).
+            half_width: half width of the band (N,), in the unit of ``y``.
+            kind: line, dots or stems.
+        """
         return cls(name, colour, x, y, y - half_width, y + half_width, kind)
 
     @property
@@ -257,7 +265,11 @@ class Chart(NamedTuple):
 
     @property
     def description(self) -> str:
-        """The chart in words, for readers who do not see it: the range of each line."""
+        """The chart in words, for screen readers: title, axes, and the range of each line with a finite value.
+
+        An example is "Rates in °/s over time since boot (s): roll from -20 to 31.". A chart without such a line, such
+        as a spectrogram, is called "a picture".
+        """
         ranges = []
         for line in self.lines:
             text = _range_text(line)
@@ -291,12 +303,19 @@ class Chart(NamedTuple):
         return self._replace(lines=tuple(line.resampled(grid) for line in self.lines))
 
     def as_json(self, max_points: int) -> JsonValues:
-        """Returns the data from which ``charts.js`` draws the chart; arrays are 16-bit integers in base64.
+        """Returns the chart as a JSON object, from which the script ``charts.js`` of a page draws it.
 
-        The lines share the abscissae under the key "at". A spectrogram has none but its first and last abscissa.
+        Arrays are packed as 16-bit integers in base64 (see ``_packed``), which keeps a page small. All lines are put on
+        one grid of x values first, so that the grid is stored only once, under the key "at". A spectrogram takes the
+        place of the lines: it becomes the only element of "lines", and "at" holds just its first and last x value,
+        since its columns are evenly spaced.
 
         Args:
-            max_points: number of points that a line has at most; longer ones are thinned.
+            max_points: number of points that a line has at most, about; longer lines are thinned.
+
+        Returns:
+            The fields of the chart by the keys that the script reads: "beside" is the vertical axis on the right, and
+            "heat" is always null.
         """
         heat = self.heat
         if heat is not None:
@@ -304,6 +323,7 @@ class Chart(NamedTuple):
             grid: Array | None = np.array([heat.x[0], heat.x[-1]])
         else:
             thinned_lines = self.thinned(max_points).lines
+            # Only the left vertical axis may be logarithmic. Lines of the right one are packed as they are.
             lines = [_line_as_json(line, self.y.log and not line.right) for line in thinned_lines]
             grid = thinned_lines[0].x if thinned_lines else None
         return {
@@ -369,7 +389,12 @@ def _range_text(line: Line) -> str:
 
 
 def _line_as_json(line: Line, is_log: bool) -> JsonValues:
-    """Returns a line as JSON with packed values; its abscissae are those of the chart."""
+    """Returns a line as a JSON object for ``charts.js``, with its values and the edges of its band packed.
+
+    Args:
+        line: the line. Its abscissae are left out ("x" is null), since all lines of a chart share those of the chart.
+        is_log: whether the vertical axis is logarithmic; then decimal logarithms are packed.
+    """
     return {
         **line._asdict(),
         "x": None,

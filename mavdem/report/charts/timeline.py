@@ -104,9 +104,14 @@ class Timeline(NamedTuple):
 
 
 def timeline_of(assessment: Assessment) -> Timeline | None:
-    """Returns the timeline of the boot that was analysed.
+    """Returns the charts and events of the boot that was analysed, all over one axis of time.
 
-    Events and wind are shown as far as they belong to that boot.
+    A log may contain several boots: times between two starts of the autopilot, each with a clock that begins at 0.
+    Times of different boots cannot share an axis, so only what belongs to the analysed boot is shown. An event that is
+    of no certain boot is shown too.
+
+    Args:
+        assessment: all that was found out about the log.
 
     Returns:
         The timeline; None where nothing was analysed, or the boot has less than two samples of the attitude.
@@ -290,9 +295,10 @@ def _within(signal: TimeSeries, segment: Segment) -> TimeSeries | None:
 
 
 def wind_speed_and_direction_charts(evidence: WindEvidence, segment: Segment) -> Iterator[Chart]:
-    """Yields charts of the wind's speed and direction, each where it is identifiable.
+    """Yields a chart of the wind speed (m/s) and one of its direction (°), each where the data determines it.
 
-    The autopilot's own estimate is drawn with them, where it was logged.
+    The autopilot's own estimate is drawn with them, where it was logged. The wind is estimated as north and east
+    components, and converted to speed and direction here.
 
     Args:
         evidence: what is known of the wind; there is no chart if it was estimated in another boot.

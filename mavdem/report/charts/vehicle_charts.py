@@ -86,11 +86,20 @@ def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
 
 
 def _lines(estimates: Estimates) -> Iterator[Line]:
-    """Yields dots with whiskers for each of the estimates that has a finite value; without an interval, only dots."""
+    """Yields a line of dots with whiskers for each series of estimates; series without a finite value are left out.
+
+    A dot is the estimate of one flight, and its whisker the 90 % interval. The abscissa is the number of the flight,
+    from 0 on. Each series gets its colour by its position, even where others are left out, so that a motor or an axis
+    has the same colour in all charts.
+
+    Args:
+        estimates: for each name of a line, the estimates and the half widths of their intervals (flights, 2).
+    """
     for number, (name, values_and_half_widths) in enumerate(estimates.items()):
         values, half_widths = values_and_half_widths.T
         if np.isfinite(values).any():
             flight_numbers = np.arange(len(values), dtype=np.float64)
+            # An unknown half width is NaN. A whisker of length 0 leaves just the dot.
             whiskers = np.nan_to_num(half_widths)
             colour = distinct(number)
             yield Line.with_band(name, colour, flight_numbers, values, whiskers, Kind.DOTS)

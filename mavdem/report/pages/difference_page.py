@@ -109,10 +109,19 @@ class _MarginChange(NamedTuple):
 def _main_difference(
     sides: Reviews, difference: VehicleDifference, parameters: Sequence[ParameterChange]
 ) -> Blocks:
-    """Returns what matters most as headlines: that the vehicles are two, or what changed most.
+    """Returns the headlines of a page that compares two logs: what differs most between them.
 
-    That is the surest change of a quantity, the gain that changed by the largest factor, and the phase margin that
-    changed most.
+    If the logs are of two vehicles, only that is said. Otherwise three changes are named, as far as there are any: that
+    of the quantity with the lowest p-value, the largest relative change of a controller gain, and the largest change of
+    a phase margin.
+
+    Args:
+        sides: review documents of both logs, by side.
+        difference: statistical comparison of the quantities of both.
+        parameters: autopilot parameters that differ between the two.
+
+    Returns:
+        The sentences of the template "difference_first", each as a headline.
     """
     vehicles = [value_at(review, "identity.name") or UNKNOWN for review in sides.values()]
     gains = [
@@ -160,7 +169,14 @@ def _rate_loops(sides: Reviews, axis: str) -> dict[str, Review]:
 
 
 def _margin_rows(sides: Reviews) -> list[list[str]]:
-    """Returns rows of the figures of the rate loops of all axes, a cell for each side."""
+    """Returns the rows of the table of stability margins: for each axis, each figure of its rate loop.
+
+    Args:
+        sides: review documents of both logs, by side.
+
+    Returns:
+        Rows of a name, such as "roll phase margin (°)", and one cell for each side.
+    """
     rows = []
     for axis in AXES:
         loops = _rate_loops(sides, axis)

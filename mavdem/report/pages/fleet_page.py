@@ -78,8 +78,14 @@ def _vehicle_parts(
 ) -> list[dict[str, object]]:
     """Returns the values from which the template makes the part of each vehicle, the most urgent vehicle first.
 
-    Flights that do not say whose they are may be those of several vehicles, and have no part. Charts are drawn for the
-    most urgent vehicles with several flights; the first parts are open, if their vehicle needs a look.
+    Urgency is a rank by the health of the motors and the latest headline. Flights that do not say whose they are may be
+    those of several vehicles, and have no part. To keep the page small, charts are drawn only for the ``MAX_DRAWN``
+    most urgent vehicles with more than one flight. Parts are folded, except the first ones if their vehicle needs a
+    look.
+
+    Args:
+        rows: rows of all flights.
+        changes: what changed since a baseline, by name of the vehicle.
     """
     ranked = sorted(
         (urgency(flights), name, flights)
@@ -174,7 +180,10 @@ def _badge(flight: AxisRows) -> str:
 
 
 def _warning_lights(flight: AxisRows) -> str:
-    """Returns the names and levels of a flight's lights that are bad or to be watched."""
+    """Returns the lights of a flight that are bad or to be watched, such as "motors bad, vibration watch".
+
+    A light is the judgement of one part of the vehicle. The rows of all axes have the same lights.
+    """
     texts = []
     for light in Light:
         level = getattr(flight[0], f"light_{light}")

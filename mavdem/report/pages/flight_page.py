@@ -272,9 +272,14 @@ def responses_chapter(responses: Responses) -> Chapter:
 
 
 def _step_figure_text(response: StepResponse, key: str) -> str:
-    """Returns a figure of a step response with its interval, such as "0.12 (0.10 to 0.15)".
+    """Returns a figure of a step response with its 90 % interval, such as "0.12 (0.10 to 0.15)".
 
-    A duration that reaches the end of the measured response is shown as "over" that time.
+    A duration, such as the settling time, cannot be measured beyond the end of the response. A value at the end is
+    shown as "over" that time. If even the lower end of the interval lies there, the interval is left out.
+
+    Args:
+        response: the measured response.
+        key: key of ``STEP_FIGURES`` and attribute of ``response``.
     """
     estimate: IntervalEstimate = getattr(response, key)
     figure = STEP_FIGURES[key]
@@ -463,9 +468,14 @@ def _parameters_chapter(telemetry: Telemetry) -> Chapter:
 
 
 def _control_parameter_rows(parameters: Mapping[str, float]) -> list[list[str]]:
-    """Returns rows of the control parameters that are not 0: those of roll, pitch and yaw together, then of no axis.
+    """Returns the rows of the table of the autopilot's control parameters, such as its gains.
 
-    The name in a row has "…" in the place of the axis, such as "ATC_RAT_…_P".
+    Parameters that differ only in their axis share a row, whose name has "…" in the place of the axis: "ATC_RAT_…_P".
+    Its cells are the values of roll, pitch and yaw, and then of a parameter that is of no single axis. Parameters that
+    are 0 are left out: 0 mostly switches off what a parameter sets.
+
+    Args:
+        parameters: values of all parameters of the autopilot by name.
     """
     values_by_name = dict[str, dict[str, str]]()
     for name, value in sorted(parameters.items()):
@@ -491,9 +501,15 @@ def _model_chapters(assessment: Assessment) -> Iterator[Chapter]:
 
 
 def _model_chapter(axis: str, analysis: LogAnalysis) -> Chapter:
-    """Returns the chapter of the model of an axis, or why there is none: grades, parameters, forecasts and response.
+    """Returns the chapter of a page on the model of one axis, or on the reason why there is none.
 
-    The frequency response is left out where the effect of the motors is not identifiable, on which it rests.
+    It has, in this order, the grade of the model for each purpose with warnings, the physical parameters, and the
+    errors of its forecasts. Charts of the frequency response and of the forecasts follow. The frequency response is
+    computed with the control effectiveness of the motors, and left out where the data does not determine that.
+
+    Args:
+        axis: name of the axis.
+        analysis: what the log shows of that axis.
     """
     learned = analysis.learned
     findings = analysis.findings
