@@ -75,7 +75,8 @@ def motor_geometry(
         rotors = _ardupilot_rotors(vehicle, parameters)
     channel_of_motor = wiring.channel_of_motor
     channel_source = wiring.source
-    # With fewer channels than motors, some of the parameters did not arrive.
+    # With fewer channels than the vehicle has motors, some of the parameters did not arrive. Then the channels are
+    # assumed from those whose outputs change, and numbered as motors 1, 2, … in their order.
     if len(channel_of_motor) < MOTOR_COUNTS.get(vehicle, 1):
         candidates = [n for n in moving_channels if n not in wiring.non_motor_channels]
         channels, channel_source = _assumed_channels(
@@ -321,7 +322,7 @@ def _px4_wiring(parameters: Parameters, moving_channels: Sequence[int], bank_siz
     for max_constant_share in MAX_CONSTANT_SHARES:
         for driver in NAMES["px4_drivers"]:
             outputs = _px4_motor_outputs(parameters, driver)
-            # A motor that has a channel already is on a spare output of this driver.
+            # A motor that an earlier driver gave a channel has a spare output here, which is left out.
             new_outputs = {
                 motor: output
                 for motor, output in outputs.items()

@@ -90,7 +90,7 @@ DEFAULT_PULSE_RANGE = (1000.0, 2000.0)
 def output_scale(
     outputs: Array, parameters: Parameters, drivers: Sequence[OutputDriver] = ()
 ) -> OutputScale:
-    """Finds the scale of motor outputs from their values and the autopilot's parameters.
+    """Finds the scale of motor outputs, such as pulse widths in µs or DShot commands, which no message states.
 
     Scales are told apart by the largest output, and some of them also by the smallest one above 0. The range of PX4's
     driver, which its parameters state, is tried first, then pulse widths, then DShot with the idle throttle of the
@@ -120,7 +120,7 @@ def output_scale(
         low, high = _pulse_range(positive, parameters, drivers)
         return OutputScale("PWM", "µs", low, high, step, _ardupilot_stop(parameters))
     if drivers and MAX_IDLE_DSHOT < largest <= MAX_DSHOT_COMMAND and "DSHOT_MIN" in parameters:
-        # DSHOT_MIN is the idle throttle as a share of the range.
+        # DSHOT_MIN is the idle throttle as a share of the range, 0 to 1, so that the lower end is at idle.
         low = float(round(parameters["DSHOT_MIN"] * MAX_DSHOT))
         return OutputScale("DShot", "", low, MAX_DSHOT, step)
     name, high = _scale_of_largest(largest, is_px4=bool(drivers))

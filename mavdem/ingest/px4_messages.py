@@ -393,7 +393,18 @@ ARMED_STATE = 2
 
 
 def heartbeat(topics: Topics, vehicle_type: int) -> Fields:
-    """HEARTBEAT.hpp: vehicle_status; ``vehicle_type`` is the MAV_TYPE."""
+    """Makes HEARTBEAT from the topic vehicle_status, as PX4's stream HEARTBEAT.hpp does.
+
+    Only the state is told apart: CRITICAL in failsafe, else ACTIVE while the motors are armed, else STANDBY. Where
+    the field ``failsafe`` was not logged, there is none.
+
+    Args:
+        topics: PX4's topics; vehicle_status has N messages.
+        vehicle_type: MAV_TYPE.
+
+    Returns:
+        Columns (N,) of HEARTBEAT.
+    """
     status = first_instance(topics, "vehicle_status")
     is_armed = status["arming_state"] == ARMED_STATE
     is_in_failsafe = status.get("failsafe", np.zeros(len(is_armed))).astype(np.bool_)

@@ -211,7 +211,9 @@ CLEARLY_MORE = 1.1
 def attitude_repairs(topics: Topics, messages: Tables) -> Facts:
     """Reports that attitude was interpolated, where the body rates were logged clearly more often.
 
-    Then the message has clearly more rows than vehicle_attitude, for it was made at the stamps of the body rates.
+    ATTITUDE_QUATERNION needs attitude and body rates at the same stamps, while PX4 logs them in two topics. Where it
+    was made at the stamps of the body rates, it has clearly more rows than the topic vehicle_attitude; by that it is
+    recognised.
 
     Args:
         topics: The logged topics.

@@ -282,7 +282,12 @@ def _parameter_settings(
 
 
 def _topics(log: ULog) -> tuple[Topics, Facts]:
-    """Returns the topics that are read, sorted by time and without messages whose stamps are far from all others.
+    """Returns the topics that mavdem reads, sorted by time and without messages whose stamps are far from all others.
+
+    A topic is a kind of message of PX4, such as ``vehicle_attitude``; it has several instances where, say, a vehicle
+    has two batteries. The first message of each topic needs care: when logging starts, PX4 logs the topic's last
+    message, with its stamp, which may be long past. It is kept, since it says what held at the start, and is dated
+    to the start of the log.
 
     Returns:
         The topics by name and number of the instance, each with ``time``, s since boot; and what was left out of the
@@ -299,7 +304,7 @@ def _topics(log: ULog) -> tuple[Topics, Facts]:
     for (name, instance), parts in subscriptions.items():
         fields = concatenated_columns(parts)
         is_outlier = outlier_stamps(fields["timestamp"] / MICROSECONDS)
-        # When logging starts, each topic's last message, long past, is logged: what it says held then.
+        # The first message is no outlier, however long past.
         is_outlier[:1] = False
         outlier_count += int(np.count_nonzero(is_outlier))
         fields = selected_rows(fields, ~is_outlier)

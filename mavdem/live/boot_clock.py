@@ -92,7 +92,7 @@ class BootClock:
             The time, s of the boot clock; None where the stamp neither continues the clock nor shows yet that the clock
             has changed.
         """
-        # The stamp, unwrapped by the number of wraps so far.
+        # The stamp's counter begins anew after its wrap period; one period is added for each wrap so far.
         time = message.stamp
         if self._wraps:
             time += self._wraps * message.wrap_period

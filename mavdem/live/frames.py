@@ -62,10 +62,13 @@ class FrameReader:
     def feed(self, piece: bytes) -> list[Frame]:
         """Returns the frames that the next bytes of the stream complete, in their order.
 
-        The search tries each offset in turn. A frame with a matching checksum is taken at once, and with it those
-        frames, damaged or of another dialect, that exactly fill the bytes since the frame before it. Everywhere else a
-        marker may be part of some payload. Bytes that may still belong to a frame wait for the next call. Frames with
-        matching checksums do not depend on how the stream is cut into pieces.
+        A frame begins with a marker byte, but the same byte may occur inside a payload. So the search tries each offset
+        in turn: if the frame that its header announces has a matching checksum, it is taken, and the search goes on
+        after it. Then the bytes between it and the good frame before it are decided: if a chain of frames, damaged or
+        of another dialect, fills them exactly, these are returned too; else they are no frames.
+
+        Where the announced frame has not come completely, the search stops, and the bytes from the last good frame on
+        wait for the next call. Frames with matching checksums do not depend on how the stream is cut into pieces.
 
         Args:
             piece: the next bytes of the stream, of any number.
@@ -90,7 +93,7 @@ class FrameReader:
             frames.append(frame)
             offset += length
             decided = offset
-        # Of a stream without any good frame only the last bytes are kept.
+        # In a stream without any good frame nothing is ever decided: to bound the memory, only its last bytes are kept.
         decided = max(decided, offset - MAX_UNDECIDED_BYTES)
         self._pending = data[decided:]
         self._searched = offset - decided

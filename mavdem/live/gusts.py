@@ -53,13 +53,14 @@ class GustDetector:
         min_duration = 0.0
         if estimate.physical is not None:
             min_duration = min_gust_duration(estimate.physical, self._dt)
-        # The search takes segments and step from a record; its values are not used.
+        # The search takes the lengths of segments, here a single one, and the step from a record. Its inputs and
+        # outputs are not used, so that the torque stands for both.
         column = torque[:, None]
         record = Record(column, column, self._dt, (len(torque),))
         facts = []
         for gust in detect_gusts(torque, band, record, min_duration).gusts:
             start_time = time[gust.sample]
-            # What ended before the last search was reported then, and what reaches the latest sample may go on.
+            # A gust that ended before the last search was reported then; one that reaches the latest sample may go on.
             if former_search_time < start_time + gust.length < time[-1]:
                 facts.append(
                     Fact(

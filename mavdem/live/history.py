@@ -244,7 +244,8 @@ class LiveHistory:
     def _compare(self, time: float, outputs: Array) -> Interval:
         """Compares the predictions of one time with what was measured then, and adds the errors to the sums.
 
-        Predictions wait by horizon in the order of their time, so those that are due stand at the front of each queue.
+        A horizon is how far ahead a prediction was made, s. Each horizon has a queue in which its predictions wait
+        until their time comes, in the order of their times, so those that are due stand at the front.
         Predictions of a time that was never measured, and those that are not finite, are dropped.
 
         Args:
@@ -289,7 +290,12 @@ class LiveHistory:
                 self._rows[number] = cleared
 
     def errors(self) -> list[HorizonErrors]:
-        """Returns the mean errors of the flight's predictions at each horizon, the shortest first."""
+        """Returns how well the flight's outputs were predicted, for each horizon, the shortest first.
+
+        A horizon is how far ahead a prediction was made, s. For each there are the mean squared error of the
+        predictions of the m outputs, that of the baseline, which predicts that the outputs stay as they were, and the
+        share of measurements within the predicted 90 % band (the coverage).
+        """
         errors = []
         for seconds, sums in sorted(self._error_sums.items(), key=itemgetter(0)):
             errors.append(

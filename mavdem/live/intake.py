@@ -87,7 +87,7 @@ class LinkIntake:
         now = clock.monotonic()
         wall_time = clock.unix_time()
         emptied_time = self._emptied_time
-        # Fewer pieces than a call can return: the link is empty, and what comes next arrives after this call began.
+        # With fewer pieces than a call can return the link is empty, and what comes next arrives after this call began.
         if len(pieces) < MAX_PIECES:
             self._emptied_time = start_time
         batches = []

@@ -107,7 +107,7 @@ class FlightLearning:
         former = self._row_format
         self._row_format = row_format
         if former is not None and former.boot != row_format.boot:
-            # Times of another boot cannot be compared.
+            # Times of another boot cannot be compared with those of this one.
             earlier = [_KeptModel(-inf, model.learned) for model in self._models]
             self._models = deque(earlier, MAX_MODELS)
         names = row_format.geometry.names

@@ -168,7 +168,7 @@ def attitude_sample(message: Message) -> AttitudeSample | None:
         if not all(map(isfinite, quaternion)):
             return None
         roll, pitch, yaw = map(float, euler_angles(np.array(quaternion)))
-    # NaN fails every comparison.
+    # NaN fails every comparison, so values that are not finite count as impossible, too.
     angles_are_possible = abs(roll) <= MAX_ANGLE and abs(pitch) <= MAX_ANGLE
     rates_are_possible = (
         abs(roll_rate) <= MAX_BODY_RATE

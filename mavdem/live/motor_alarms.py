@@ -32,7 +32,8 @@ class MotorAlarms:
         self.active: Facts = ()
         self.has_landed = False
         self.change_time = nan
-        # The sequential test of the present motors; None before any sample of settled flight.
+        # The test for a lasting change, which goes on with each sample (a sequential test), of the present motors; None
+        # before any sample of settled flight.
         self._watch: MotorLossDetector | None = None
         # Boot, mixer geometry and range of the outputs that the present watch is for.
         self._watched_motors: object = None
@@ -83,6 +84,8 @@ class MotorAlarms:
         shares = np.ones(len(inputs))
         share_errors = np.zeros(len(inputs))
         for motor, alarm in self._watch.weak_motors.items():
+            # With this fraction of its command a sound motor would give the same thrust; the second number is the 90 %
+            # half width of the fraction.
             shares[motor], share_errors[motor] = alarm.sound_command_fraction
         above_low = inputs - range_low
         return WeakenedMotors(

@@ -134,26 +134,34 @@ class InputSelector:
         return MotorInputs(recent, tuple(channels))
 
     def _columns(self, name: str, port: int, stream: SampleStream) -> Fields:
-        """Returns the outputs of one port as the columns of its message, and updates the port's extremes.
+        """Returns the outputs of one port as the columns that a log would have, and updates the port's extremes.
 
-        The samples in which a channel was lowest or highest so far come first, then the latest samples; of a fast
-        stream only every second, third … of them. There are two such samples for each channel at most, so that the
-        memory is bounded, and yet a range that was once used is not forgotten.
+        The rules for logs find the motors by which channels move, and over which range. The last seconds alone may not
+        show that, as in a steady hover. So for each channel the sample with its lowest and the one with its highest
+        output since boot are kept as well: its extremes. The table has R rows: first the extremes of earlier calls,
+        then the latest samples; of a fast stream only every second, third … sample, so that no call takes long. From
+        these R rows the new extremes are picked, two for each channel at most, so that the memory is bounded.
 
         Args:
             name: name of the message.
-            port: number of the port.
-            stream: its samples, at least one.
+            port: number of the port; a port is one of several groups of channels that some messages number.
+            stream: its samples, at least one, each with the outputs of all channels in the unit of the message.
+
+        Returns:
+            ``time`` (R,), s of the boot clock, ``boot`` (R,) and the outputs: one column (R, channels) where the
+            message has an array of them, else a column (R,) for each channel, and ``port`` (R,).
         """
+        # Every ``stride``-th sample is used, so that at most ``MAX_USED_SAMPLES`` are.
         stride = 1 + len(stream.time) // MAX_USED_SAMPLES
         rows = list(self._extremes.get((name, port), ()))
         rows += zip(stream.time[::stride], stream.values[::stride], strict=True)
         times, values = zip(*rows, strict=True)
         table = np.array(values, float)
-        # 0 stands for "no output yet".
+        # Autopilots send 0 for a channel without an output yet: it is no lowest value.
         is_output = (table != 0) & np.isfinite(table)
         lowest = np.where(is_output, table, inf).argmin(axis=0)
         highest = np.where(is_output, table, -inf).argmax(axis=0)
+        # One sample often is the extreme of several channels; ``union1d`` keeps it once, in the order of the rows.
         self._extremes[name, port] = [rows[row] for row in np.union1d(lowest, highest)]
 
         columns = {"time": np.array(times), "boot": np.full(len(rows), self._boot)}
@@ -161,6 +169,7 @@ class InputSelector:
         if not form.is_ported:
             columns[form.field] = table
             return columns
+        # The message has one field for each channel, numbered from 1, and a field with the number of its port.
         for number, channel_values in enumerate(table.T, 1):
             columns[form.field.format(number)] = channel_values
         columns["port"] = np.full(len(rows), port)

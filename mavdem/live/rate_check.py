@@ -88,7 +88,7 @@ class RateCheck:
         if motor_message is None:
             return Fact(Rows.NO_LIVE_MOTORS)
         needed_rates = {name: rates[name] for name in (attitude_message, motor_message)}
-        # The lower limit holds as long as all is well.
+        # Hysteresis: as long as all is well, the lower of the two limits holds.
         min_rate = MIN_STREAM_RATE / STEP_TOLERANCE if self._is_enough else MIN_STREAM_RATE
         if min(needed_rates.values()) >= min_rate:
             return None

@@ -193,7 +193,7 @@ class RateRequest:
         secondary_messages: Sequence[int] = (SETPOINT_MESSAGE, *FLIGHT_STATE_MESSAGES),
         parameters: Sequence[str] = (),
     ) -> None:
-        """Prepares the requests; nothing is sent by this class.
+        """Prepares the requests; nothing is sent by this class: its caller sends the frames that it returns.
 
         Args:
             vehicle: ids of the autopilot.
@@ -209,7 +209,8 @@ class RateRequest:
         self._pending_parameters = deque(MAX_TRIES * [name.encode() for name in parameters])
         # When the next parameter may be requested, s.
         self._parameter_time = -np.inf
-        # A confirmation does not name the message, so that only one setting at a time may await one, s.
+        # When the next interval may be set, s. A confirmation does not name the message that it is about, so that only
+        # one setting at a time may await one.
         self._next_setting_time = -np.inf
         self._is_restoring = False
         self._intervals: list[_MessageInterval] = []
@@ -218,7 +219,8 @@ class RateRequest:
             self._intervals.append(
                 _MessageInterval(message_id, name, rate, needed_rate=rate, is_reported=True)
             )
-        # What comes nearly as fast already stays as it is: these messages are useful at any rate.
+        # These messages are useful at any rate: where one comes nearly as fast already, it stays as it is. So the rate
+        # below which it is requested lies under the rate that is then requested.
         for message_id in secondary_messages:
             name = definitions_by_id()[message_id].name
             requested_rate = FLIGHT_STATE_RATE
@@ -297,12 +299,21 @@ class RateRequest:
     def _settings_due(self, interval: _MessageInterval, now: float, rate: float) -> list[bytes]:
         """Decides whether a message comes too slowly, and returns the command that sets its interval.
 
-        The steps: a message that is fast enough needs nothing. After a setting, a pause lets the measured rate follow
-        it. What remains too slow after ``MAX_TRIES`` settings is reported, and its rate counts as enough from then on.
-        Otherwise the interval is set, after noting what the vehicle's own one was. ``interval`` is updated.
+        A setting is one command MAV_CMD_SET_MESSAGE_INTERVAL: the vehicle shall send this message every so many µs. The
+        measured rate decides what happens, in this order:
+
+        1. Fast enough (``needed_rate``): nothing is sent, and the count of settings begins anew.
+        2. Set a short while ago: nothing is sent, because the measured rate is a mean over some seconds and has not
+           followed the setting yet.
+        3. Set ``MAX_TRIES`` times in vain: the link or the vehicle cannot do more. That is reported, and the present
+           rate counts as enough from then on, so that the requests end.
+        4. Otherwise the interval is set. Before the first setting the vehicle's former interval is noted, to be
+           restored at the end of the session. If the rate had been reached before, its fall is reported.
 
         Args:
-            interval: the message, and what became of its earlier settings.
+            interval: the message, and what became of its earlier settings; it is updated. Of its fields,
+                ``may_have_changed`` says that a setting was sent and not refused, and ``was_reached`` that the rate
+                was enough afterwards.
             now: s of a monotonic clock.
             rate: measured rate of the message, Hz; 0 where none came.
 
@@ -319,13 +330,14 @@ class RateRequest:
         if interval.may_have_changed and now - interval.request_time < pause:
             return []
         if interval.set_count == MAX_TRIES:
-            # The link or the vehicle cannot do more.
+            # A little less than the present rate is enough from now on, so that this branch is not entered again.
             interval.needed_rate = MIN_RATE_RATIO * rate
             self._report(interval, RateFact.RATE_BELOW_ASKED, rate=rate, needed_rate=interval.rate)
             return []
         if interval.was_reached:
             self._report_fall(interval, rate)
-        # The vehicle did not report its own interval: the measured one takes its place.
+        # The vehicle did not report its interval when it was queried: the measured one is restored in its place. At a
+        # rate of 0 the message was not sent.
         if interval.former_interval is None:
             interval.former_interval = round(MICROSECONDS / rate) if rate else STOPPED
         interval.needed_rate = MIN_RATE_RATIO * interval.rate
@@ -339,21 +351,25 @@ class RateRequest:
         return [self._command(SET_INTERVAL, interval.message_id, microseconds)]
 
     def _report_fall(self, interval: _MessageInterval, rate: float) -> None:
-        """Reports that a message became slow after its request was obeyed, and who may be to blame.
+        """Reports that a message, once as fast as requested, has become too slow again, and who may be to blame.
 
-        Each message is reported the first time that it falls. If one falls ``MAX_TRIES`` times without ending, another
-        program sets its rate back again and again, which is reported once. A rate of 0 is no sign of that: after a
-        reboot messages end.
+        Such a fall has two usual reasons. The vehicle rebooted and forgot its settings; then the message has ended, and
+        its rate is 0. Or another ground station sets its rates back; then the message goes on slowly, and falls again
+        after each new request. So falls are counted only while the message goes on (``fall_count``).
+
+        Two facts may be reported: RATE_FELL for the first fall of a message, not for its repetitions; and
+        RATES_CONTESTED, once for all messages, when the first of them has fallen ``MAX_TRIES`` times.
 
         Args:
             interval: the message, whose ``fall_count`` is updated.
-            rate: its measured rate, Hz.
+            rate: its measured rate, Hz; 0 where it does not come.
         """
         if rate > 0:
             interval.fall_count += 1
         if interval.fall_count <= 1:
             self._report(interval, RateFact.RATE_FELL, former_rate=interval.rate)
-        # Exactly this message has just reached the limit, and no other one is there: it is the first.
+        # The list holds all messages whose count is at the limit. If it holds this one only, this is the first message
+        # that reached the limit, and the fact has not been reported yet.
         contested = [
             each for each in self._intervals if each.fall_count == MAX_TRIES and each.is_reported
         ]

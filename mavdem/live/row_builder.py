@@ -194,7 +194,10 @@ class RowBuilder:
     def _begin_segment(self, inputs: MotorInputs) -> None:
         """Notes what the rows of a new segment are, and reports it where they differ from those before.
 
-        It also reports where the order of the motors is only assumed, since torque directions depend on it.
+        A segment is a series of rows on one uniform time grid, without a gap. What its rows are, their format, is the
+        time step, s, the messages that they are made of, and the motors whose outputs are their inputs. Most segments
+        have the format of the one before, and the user is told nothing. Where the order of the motors is only assumed,
+        that is reported too, since torque directions depend on it.
 
         Args:
             inputs: the motors whose outputs become the rows' inputs.

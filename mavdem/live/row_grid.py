@@ -83,14 +83,14 @@ class RowGrid:
         # The streams of the present segment, and how each of them is sampled.
         self._streams: tuple[SampleStream, ...] = ()
         self._samplings: tuple[StreamSampling, ...] = ()
-        # Number of the next point, counted from the beginning of the grid.
+        # Number of the next point to complete, 0 at the beginning of the grid: its time is start_time + dt · number.
         self._next_index = 0
         # Time of the latest completed point, and until when no new beginning is tried, s of the boot clock.
         self._latest_time = -inf
         self._retry_time = -inf
-        # Rates have changed before this time, s.
+        # A rate has changed before this time, s, so that only later samples decide about the step.
         self._steady_time = -inf
-        # All steps that segments have had, s.
+        # All steps that segments have had, s, of which one is taken again where a measured step is nearly the same.
         self._former_steps: list[float] = []
 
     def end(self, forget_step: bool = False) -> None:
@@ -154,7 +154,8 @@ class RowGrid:
         self._samplings = tuple(_sampling(time, grid, self.dt) for time in times)
         self._streams = tuple(streams)
         self.start_time = float(grid[0])
-        # The points before the last ``RESUME_SECONDS`` are skipped.
+        # The points before the last ``RESUME_SECONDS`` are skipped: they only served to decide, and a learner must not
+        # begin with seconds of rows to catch up on.
         first_row_time = end_time - RESUME_SECONDS - STAMP_ROUNDING
         self._next_index = int(np.searchsorted(grid, first_row_time))
         self.segment += 1

@@ -35,7 +35,8 @@ class SilenceMonitor:
     def note_samples(self, sample_count: int) -> float:
         """Notes whether the latest messages, which ``note_messages`` was called with, had samples of the motion.
 
-        A vehicle may go on with slow messages while attitude and motor outputs have stopped.
+        The motion is attitude and motor outputs. A vehicle may go on with slow messages, such as HEARTBEAT, while these
+        have stopped. That there are new ones shows in their total number, which the caller counts.
 
         Args:
             sample_count: number of samples of attitude and motors so far.
@@ -51,15 +52,19 @@ class SilenceMonitor:
         return silence
 
     def silence(self, now: float) -> Fact | None:
-        """Returns that nothing came in the last ``SILENCE_SECONDS``: no message at all, or no motion of the vehicle.
+        """Tells whether the link is silent now: whether, for ``SILENCE_SECONDS``, something has not come.
 
-        Motion counts as missing only after it has come once; before that, other facts say what is missing.
+        Two things may be missing: all messages, as when the radio is lost; or only the motion, that is attitude and
+        motor outputs, while slow messages such as HEARTBEAT go on. All messages are tested first, since without them
+        the motion is missing anyway. Motion counts as missing only after it has come once; before that, other facts
+        say what the vehicle does not send.
 
         Args:
-            now: until when all that arrived is analysed, s of the monotonic clock.
+            now: time up to which every received byte has been analysed, s of the monotonic clock. It is not the present
+                time: while the analysis lags behind, messages that wait for it must not count as missing.
 
         Returns:
-            The fact; None where nothing is missing.
+            The fact NOTHING_RECEIVED, with what is missing and the duration, s; None where nothing is missing.
         """
         limit = now - SILENCE_SECONDS
         missing = None

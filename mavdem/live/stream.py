@@ -254,9 +254,11 @@ class LiveStream:
 
     @property
     def watch_facts(self) -> Facts:
-        """For each thing that is watched of each vehicle: since when, s of its boot clock, or why it is not.
+        """What is watched of each vehicle on the link, such as vibration or battery, one fact for each.
 
-        Facts about vehicles that are not followed carry the vehicle's name.
+        A fact says since when the thing is watched, s of that vehicle's boot clock, or why it is not, for example
+        because a message is missing. The followed vehicle comes first. Each other vehicle has a stream of its own,
+        whose facts get the vehicle's name here, since the user sees all of them in one list.
         """
         facts = list(self._review.watchdog.watch_facts.values())
         for name, stream in self.other_vehicles.items():
@@ -265,12 +267,20 @@ class LiveStream:
         return tuple(facts)
 
     def _take_frame(self, frame: Frame) -> Iterator[AlignedRow]:
-        """Takes a frame of any component, and yields the rows that it completes.
+        """Takes a frame of any component on the link, and yields the rows that it completes.
 
-        The steps narrow down: count the frame, for lost messages and copies; let the message show what its sender is
-        and which vehicle to follow; drop it unless its sender is followed; keep replies for ``drain_replies``; and give
-        the message its time on the boot clock. A reboot must be noticed before the message is taken, since all that has
-        times of the former boot is forgotten then.
+        Each step leaves less to the next:
+
+        1. The frame is counted by its sequence number, which shows lost messages, and copies, as some links send.
+           Copies and frames whose checksum does not match end here.
+        2. The message shows what its sender is, by which the vehicle to follow is chosen. Messages of all other
+           senders end here.
+        3. Replies to requests for rates are kept for ``drain_replies``.
+        4. Other messages get their time on the vehicle's boot clock. A reboot shows here, and comes before the message
+           is used: all that has times of the former boot is forgotten then.
+
+        Args:
+            frame: the next frame, intact or not.
         """
         sender = self._vehicles.sender(frame)
         is_intact = frame.checksum == CHECKSUM_MATCHES

@@ -77,9 +77,9 @@ class TimeAccount:
     def update(self, now: float, state: AccountedState) -> dict[Spent, float]:
         """Counts the time since the last entry: first what was learned from, and the rest by the present state.
 
-        Learned samples count for the time that they span, not for that in which they were analysed. They may be
-        analysed later than they came, so that they can span more than the time since the last entry; up to
-        ``ENTRY_SECONDS`` of them are carried over to the next entry.
+        The learned time is the number of new learned rows times the step between rows, s. Rows may be analysed later
+        than they came, so that they can span more than the time since the last entry. No entry can hold more than its
+        own time; up to ``ENTRY_SECONDS`` of what is too much are carried over to the next entry.
 
         Args:
             now: until when everything that arrived is analysed, s of the monotonic clock.

@@ -124,7 +124,8 @@ class VehicleReview:
         Their order matters: inputs are chosen by the messages; the phase needs the inputs' collective; and the watchdog
         needs the phase and the motion. Choosing inputs is a part of its own, which ``_choose_messages`` adds.
         """
-        # After a pause of the link, rates are unknown as at the beginning.
+        # After a pause of the link, rates are unknown as at the beginning. The time of a review before the first is
+        # minus infinity, which makes the first one begin a connection, too.
         is_first = not abs(now - self._review_time) < DECISION_SECONDS
         self._review_time = now
         if is_first:
@@ -157,13 +158,23 @@ class VehicleReview:
         )
 
     def _choose_messages(self, rows: RowBuilder) -> None:
-        """Chooses the message of attitude, and collects the messages that inputs may be chosen from.
+        """Does the first part of a review: which MAVLink messages give the vehicle's attitude and its motor outputs.
 
-        For a multirotor it also takes the parameters received so far, by which motors and the drag of the vehicle are
-        known better, and makes choosing the inputs the next part. Other vehicles get no inputs.
+        A row of the learner's data has outputs, which are angle and body rate from an attitude message, and inputs,
+        which are the motors' outputs from messages such as SERVO_OUTPUT_RAW. The attitude message is chosen here. Of
+        the motor messages, the latest samples are collected as candidates; choosing the motors among them takes longer,
+        so it is put first in the queue as the next part (``_choose_inputs``).
+
+        Parameters arrive during the flight, and tell more with each review which channel drives which motor, and how
+        large the vehicle's drag is. So they are taken anew each time. A vehicle that cannot be a multirotor, such as a
+        plane, gets no inputs, and so no rows.
+
+        Args:
+            rows: builds the rows of the vehicle.
         """
         rows.choose_attitude_message(self._review_time)
         vehicle = self._followed
+        # Motors are learned from multirotors only.
         if vehicle.vehicle_type not in POSSIBLE_MULTIROTORS:
             rows.clear_inputs()
             return
@@ -177,11 +188,21 @@ class VehicleReview:
         rows.choose_inputs(self._candidate_messages, self._vehicle_telemetry(), self._now)
 
     def _review_phase(self, rows: RowBuilder) -> None:
-        """Checks the rates of messages, and decides whether the vehicle flies.
+        """Does the part of a review that checks the rates of messages and decides whether the vehicle flies.
 
-        Rates are checked once the vehicle has been heard for ``DECISION_SECONDS``; before, they are not known. Where
-        motor outputs come and yet no motors can be chosen among them, nothing has moved: the motors are idle, and the
-        vehicle is on the ground. With a take-off the estimates of the wind begin anew.
+        The steps:
+
+        1. The rates of attitude and motor messages, Hz, are checked once the vehicle has been heard without a pause for
+           ``DECISION_SECONDS``; before, they are not known. ``obstacle`` becomes the reason why there are no rows: a
+           rate that is too low comes first, then that the vehicle does not fly.
+        2. Where motor outputs come and yet no motors can be chosen among them, no channel has moved: the motors are
+           idle, and the vehicle is on the ground.
+        3. The phase of flight is decided by the vehicle's messages and by the collective, the mean of all motor outputs
+           as a share of their range.
+        4. At a take-off the estimates of the wind begin anew, since each flight has its own wind.
+
+        Args:
+            rows: builds the rows of the vehicle.
         """
         now = self._review_time
         # For how long reviews have followed each other without a pause.

@@ -161,8 +161,10 @@ class Component:
     def _count_missing(self, sequence: int, now: float) -> None:
         """Counts the messages that are missing before the latest one, by the step of the sequence numbers.
 
-        They wrap after 256, so that a long gap may hide any multiple of that. Where a gap lasts longer than half of
-        them usually take, by the mean interval between frames, only its duration is counted.
+        Each sender numbers its messages from 0 to 255 and then from 0 again. The step between two numbers says how many
+        messages are missing, but not after a long gap, in which the numbers may have gone round once or more. A gap
+        counts as long if 128 messages or more would usually come in it, by the mean interval between frames. Then only
+        its duration is counted.
 
         Args:
             sequence: sequence number of the latest frame, 0 to 255.
@@ -176,7 +178,8 @@ class Component:
             self.uncounted_gap_seconds += gap
         elif self.frame_count > 1:
             self._missing_count += missing_messages(self._last_sequence, sequence)
-        # Exponential moving average of the interval.
+        # The mean interval is an exponential moving average over about ``INTERVAL_MEMORY_FRAMES`` frames. A long gap
+        # counts as ``MAX_COUNTED_GAP`` only, so that a single one does not spoil it.
         change = min(gap, MAX_COUNTED_GAP) - self._mean_interval
         self._mean_interval += change / INTERVAL_MEMORY_FRAMES
 

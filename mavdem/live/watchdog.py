@@ -311,15 +311,20 @@ class Watchdog:
             self.set_watched(kind, obstacle, review.now)
 
     def _message_obstacles(self, now: float, motion: RecentMotion | None) -> Mapping[Watched, Fact]:
-        """Returns what cannot be watched for lack of messages, and why.
+        """Finds out what cannot be watched because the messages for it are missing or too slow.
+
+        Oscillation and motors at their limits are judged by attitude and motor outputs. To see an oscillation (a limit
+        cycle), these must also come at half of ``MIN_STREAM_RATE`` at least; a motor at its limit shows at any rate.
+        Vibration, battery and the autopilot's warnings each need a status message, which must have come within the last
+        ``MEMORY_SECONDS``.
 
         Args:
-            now: s of the boot clock; status messages of the last minute count.
-            motion: attitude and motor outputs of the last seconds; None where they do not come. A limit cycle needs
-                them at half of ``MIN_STREAM_RATE`` at least.
+            now: s of the boot clock.
+            motion: attitude and motor outputs of the last seconds; None where they do not come.
 
         Returns:
-            The fact that names what is missing or slow, by what is watched.
+            For each thing that cannot be watched, the fact that names the missing or slow message; things that can be
+            watched are left out.
         """
         obstacles = {}
         if motion is None:
@@ -342,7 +347,10 @@ class Watchdog:
         return obstacles
 
     def set_watched(self, kind: Watched, obstacle: Fact | None, now: float) -> None:
-        """Notes whether a thing is watched; what is noted already keeps the time since which it is so.
+        """Notes whether a thing is watched, and since when.
+
+        It is called at each review. Only a change gets the time ``now``: where the same was noted before, with the same
+        reason, the earlier fact stays, whose time says since when it is so.
 
         Args:
             kind: what is watched.

@@ -125,9 +125,10 @@ class WindEstimate(NamedTuple):
 
     @property
     def compass(self) -> CompassWind:
-        """Speed and direction, with their 90 % intervals.
+        """The same estimate as speed and direction with their 90 % intervals, instead of north and east components.
 
-        The error of the autopilot's heading, ``HEADING_SD``, adds to that of the direction.
+        The direction is also as uncertain as the autopilot's heading, by which north is known, whose standard deviation
+        is ``HEADING_SD``. The two errors are independent, so that the root of the sum of their squares is taken.
         """
         # The function takes many estimates, here a single one.
         speeds, directions, speed_bands, direction_bands = speed_and_direction(
@@ -147,12 +148,15 @@ class WindEstimate(NamedTuple):
 
     @property
     def facts(self) -> Facts:
-        """What is told of the wind: its speed, and where it comes from if that is known.
+        """What is told to the user: one fact on the wind's speed and, if it is known, one on where it comes from.
 
-        The speed is None where its interval reaches down to calm. Then, or with a half width beyond
-        ``MAX_DIRECTION_INTERVAL``, no direction is given: it would be chance.
+        An estimate whose 90 % interval of the speed reaches down to calm does not show that there is any wind. Then
+        only the interval is given, with None for the speed and no direction, which would be chance. Likewise no
+        direction is given where half of its interval is wider than ``MAX_DIRECTION_INTERVAL``, degrees. Speeds are in
+        m/s, the direction in degrees clockwise from north and as a point of the compass.
         """
         wind = self.compass
+        # The lower end of the speed's interval, m/s; 0 where still air is likely as well.
         low = lower_speed_bound(wind.speed_low, wind.speed_high)
         strength = Fact(
             Session.WIND_SPEED,
@@ -172,10 +176,13 @@ class WindEstimate(NamedTuple):
 
     @property
     def light(self) -> Fact:
-        """The fact that the wind's light shows, where this is the mean wind of a flight.
+        """The fact for the wind's light in the judgement of a flight, where this estimate is the flight's mean wind.
 
-        Where the drag is known too badly to tell the speed, the light says that the wind is not known, and why.
+        Wind is estimated by the vehicle's drag: how strongly the air pushes it at a speed. Where the drag is known too
+        badly to tell the speed, the light says that the wind is not known, and why. Else it gives the speed with its
+        90 % interval, m/s, and the direction that the wind comes from, degrees; None where that is not known.
         """
+        # The first fact is on the speed; a second one, on the direction, is there only where that is known.
         facts = self.facts
         strength = facts[0]
         low, high = strength.figures["speed_interval"]
@@ -281,7 +288,8 @@ class LiveWind:
         Returns:
             The wind with the flight's first estimate; None otherwise.
         """
-        # Other messages have the same velocity, only rounded: they count while the preferred one does not come.
+        # Several messages carry the same velocity, all but the preferred one rounded. The others count only while that
+        # one does not come.
         if name == PREFERRED_MESSAGE:
             self._preferred_time = time
         elif time - self._preferred_time < SILENCE_SECONDS:
@@ -423,12 +431,15 @@ class LiveWind:
                 filters.update(grid, 0)
                 filters.log_likelihoods *= 1 - self._step / LIKELIHOOD_MEMORY_SECONDS
 
-        # The rows are sizes of gusts, the columns draws of the drag; the prior is a normal one of the logarithms.
+        # The filters run over all sizes of gusts and noise, and for each size over all draws of the drag. As a table,
+        # rows are the sizes and columns the draws; the mean over a row is the log likelihood of its size. The prior of
+        # the sizes is a normal distribution of their logarithms: its log density is minus half of the squared distance.
         likelihoods = filters.log_likelihoods.reshape(len(GUST_PARAMETERS), -1).mean(axis=1)
         prior_distances = (GUST_PARAMETERS - GUST_PRIOR_MEAN) / GUST_PRIOR_SD
         log_weights = likelihoods - (prior_distances**2).sum(axis=1) / 2
         weights = np.repeat(softmax(log_weights) / DRAG_DRAWS, DRAG_DRAWS)
-        # The moments of the mixture: mean, and variance within and between the filters.
+        # Each filter gives a normal distribution of the wind, north and east. The weighted mixture of them all has as
+        # its mean the weighted mean, and as its variance the mean variance within the filters plus that between them.
         winds = filters.states @ TOTAL_WIND_MATRIX.T
         variances = np.einsum(
             "ai,gij,aj->ga", TOTAL_WIND_MATRIX, filters.covariances, TOTAL_WIND_MATRIX

@@ -137,7 +137,8 @@ def attitude(tables: Tables, units_per_degree: float) -> NamedMessage:
         return NamedMessage(angle_message, {})
     enough_for_angles = MIN_PREFERRED_SHARE * message_count(angles)
     rate_count = message_count(rates)
-    # RATE is free of the gyro's bias, so IMU replaces it only where RATE is slower than both IMU and the angles.
+    # RATE has body rates without the gyro's bias, so IMU, the gyro itself, replaces it only where RATE is slower than
+    # IMU and clearly slower than the angles.
     if rate_count < enough_for_angles and rate_count < message_count(gyro):
         rate_message = "IMU"
         rates = gyro
@@ -152,7 +153,8 @@ def attitude(tables: Tables, units_per_degree: float) -> NamedMessage:
     euler_angles = np.radians(float_table(angles, ANGLE_FIELDS))
     euler_angles = resampled(slower, angles, euler_angles, is_angle=True)
     body_rates = resampled(slower, rates, body_rates)
-    # MAVLink's angles are within half a turn of zero. Angles that are, stay exactly as they are.
+    # MAVLink's angles are within half a turn of zero. Those that already are, stay exactly as they are, since wrapping
+    # would round them.
     euler_angles = np.where(abs(euler_angles) > np.pi, wrapped_angle(euler_angles), euler_angles)
     roll, pitch, yaw = euler_angles.T
     roll_rate, pitch_rate, yaw_rate = body_rates.T

@@ -313,8 +313,11 @@ class _MessageScan:
     def _learn_definitions(self) -> None:
         """Finds the first definition of each id anywhere in the log: messages may come before their FMT.
 
-        A definition whose length is not that of its fields is used where there is no other of the same id; then the
-        fields count. One with a field of a type that is newer than ``FIELD_TYPES`` is no damage: it gives the length.
+        A definition (FMT) says the id, name, length and fields of one kind of message. Messages can be read only where
+        their length is right, so a definition whose stated length is that of its fields comes first. One whose stated
+        length differs is the second choice, where there is no other of the same id; then the length of the fields
+        counts, and the repair is reported. A field of a type that is newer than ``FIELD_TYPES`` is no damage: the
+        length of the fields is not known then, and the stated one counts.
         """
         # Definitions whose length and fields disagree, by message id: the second choice.
         contradictory: dict[int, FormatDefinition] = {}
@@ -402,7 +405,7 @@ def _decoded(
     wire = definition.wire
     if wire is None or definition.length != definition.wire_length or not wire.itemsize:
         return EMPTY_TABLE
-    # One row of bytes per message, then seen as one structured element per message.
+    # Each message's bytes become a row of a table; the row is then read as one element of the structured type.
     windows = np.lib.stride_tricks.sliding_window_view(data, wire.itemsize)
     messages = windows[starts + HEADER_BYTES].view(wire)[:, 0]
     columns = {}

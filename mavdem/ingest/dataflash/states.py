@@ -140,7 +140,7 @@ def _changes(
 
 
 def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStamps) -> Columns:
-    """Makes HEARTBEATs: five at each change of the armed state.
+    """Turns the changes of the armed state into a table of HEARTBEATs, five for each change.
 
     The first has the state that the previous change led to, the next two the state before this change, the last two the
     state after it. States come twice because a reader takes a single differing row for damage.
@@ -156,6 +156,8 @@ def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStam
     Returns:
         Columns (5 K,) of HEARTBEAT.
     """
+    # Rows are in the order of boots, so that the number of the boot rises where a boot begins. The state that the
+    # previous change led to is the row before; a boot's first change has none, and its own state before is taken.
     is_first_of_boot = np.diff(changes.boot, prepend=-1) > 0
     previous_state = np.where(is_first_of_boot, changes.before, np.roll(changes.after, 1))
     time_before = changes.time.copy()
@@ -163,6 +165,7 @@ def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStam
     for boot in np.unique(changes.boot[change_missing]):
         stamps = boot_stamps(boot)
         rows = change_missing & (changes.boot == boot)
+        # The last message before each of these changes; the first of the boot where there is none before.
         last_stamp_rows = np.maximum(np.searchsorted(stamps, changes.time[rows]) - 1, 0)
         time_before[rows] = stamps[last_stamp_rows]
     states = np.column_stack(
@@ -186,16 +189,20 @@ CONTRADICTION_SECONDS = 1.0
 
 
 def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
-    """Makes EXTENDED_SYS_STATE at each change, and at the first message of each second of a boot that has changes.
+    """Turns take-off and landing events into a table of EXTENDED_SYS_STATE, as a vehicle would have sent it.
 
-    Rows lie at logged messages and not on a grid of seconds, because a damaged clock may jump by a year.
+    A boot with C changes gets a row at each change, and at the first logged message of each second. Rows lie at logged
+    messages and not on a grid of seconds, because a damaged clock may jump by a year. The state of a row is that after
+    the last change before it, unless this is unsure. There are two such cases:
 
-    Two successive changes contradict each other where the second begins with another state than the first led to: an
-    event between them was not logged. The state between them is undefined, but for the last second before the second
-    change, which has the state from which that change begins. After the last change it is undefined too.
+    - Two successive changes contradict each other: the second begins with another state than the first led to, so an
+      event between them was not logged. The state between them is undefined, but for the last
+      ``CONTRADICTION_SECONDS`` before the second change, which have the state that this change begins with.
+    - After the last change it is undefined, since a later event may not have been logged.
 
     Args:
-        changes: The changes of landed_state.
+        changes: The changes of landed_state, in the order of boot and time; the first of each boot changes nothing and
+            dates the first state.
         boot_stamps: Returns the stamps of a boot.
 
     Returns:
@@ -212,15 +219,18 @@ def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
         stamps = boot_stamps(boot)
         _, second_starts = np.unique(np.floor(stamps), return_index=True)
         time = np.union1d(stamps[second_starts], change_time)
-        # How many changes there were up to each time; by it the arrays below are indexed.
+        # For each row the number of changes up to its time, 0 to C. The arrays of C + 1 elements that are made below
+        # have one element for each of these numbers; indexing them by ``passed`` gives the value of each row.
         passed = np.searchsorted(change_time, time, side="right")
         state = np.append(before[0], after)[passed]
         contradicts_next = after[:-1] != before[1:]
+        # Before the first change the state is sure, and after the last one it is not.
         is_unsure = np.concatenate([[False], contradicts_next, [True]])[passed]
         next_change_time = np.append(change_time, np.inf)[passed]
         state_before_next = np.append(before, UNDEFINED_LANDED_STATE)[passed]
         is_next_soon = next_change_time <= time + CONTRADICTION_SECONDS
         unsure_state = np.where(is_next_soon, state_before_next, UNDEFINED_LANDED_STATE)
+        # At the time of a change itself the state after it is certain.
         is_change = np.isin(time, change_time)
         states.append(np.where(is_unsure & ~is_change, unsure_state, state))
         times.append(time)

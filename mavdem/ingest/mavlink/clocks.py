@@ -227,10 +227,12 @@ def _fill_unstamped(
 
 
 def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, Facts]:
-    """Puts the reference type on the boot clock by its own stamps.
+    """Puts the reference type on the boot clock, time since boot and number of the boot, by its own stamps alone.
 
-    A fall of the stamps means that the counter wrapped, if time would have passed only shortly with one period added,
-    and else that the autopilot restarted. Outliers are removed before, since each of them is a fall too.
+    Stamps rise, and fall for one of three reasons. A damaged stamp far from the others is an outlier; these are removed
+    first. The counter wrapped, that is began anew at 0 after its period: then the stamp plus one period follows the
+    stamp before it shortly. Else the autopilot restarted, which begins another boot. The steps are in this order:
+    outliers, wraps, restarts; then wraps are counted anew within each boot.
 
     Args:
         reference_type: The messages of the reference type and their stamps.
@@ -245,7 +247,7 @@ def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, 
     positions = positions[~is_outlier]
     stamps = stamps[~is_outlier]
     steps = np.diff(stamps)
-    # A clock that falls, but would have risen by a short time had it wrapped, has wrapped.
+    # Where the clock falls, but with one period added would have risen by a short time, it has wrapped.
     wrap_rows = 1 + np.flatnonzero((steps < 0) & (steps + period <= MAX_WRAP_GAP))
     # Number of wraps up to each row.
     wraps = np.cumsum(np.bincount(wrap_rows, minlength=len(stamps)))
@@ -303,9 +305,18 @@ def _readings_by_reference(
 ) -> tuple[_ClockReadings, Facts]:
     """Puts another message type on the boot clock, by the reference's messages before and after each of its own.
 
+    The boot clock is the time since the autopilot started, with the number of the start. One message type, the
+    reference, is on it by its own stamps already. The stamp of another type should lie between those of the reference
+    before and after it in the stream; its offset is how far it lies outside of this interval, s. The steps:
+
+    1. Compare each stamp with the reference's, which also gives its boot and undoes wraps of the counter.
+    2. Where the median offset is large, the type counts from another epoch, such as that of UNIX time. The median
+       offset of each boot is subtracted.
+    3. Drop stamps whose offset is far from all others.
+
     Args:
         reference: The reference type on the boot clock.
-        message_type: The other type.
+        message_type: The other type; after ``period`` seconds its counter begins anew (wraps).
         positions: Positions (m,) of those of its messages that have a stamp.
         stamps: Their stamps (m,), s.
 
@@ -315,7 +326,8 @@ def _readings_by_reference(
     name = message_type.message
     period = message_type.period
     time, offset, boot = _compared_with_reference(reference, positions, stamps, period)
-    # Only messages between the first and the last of the reference can be compared with it.
+    # Only messages between the first and the last of the reference can be compared with it; without such messages all
+    # others must do.
     first_row, end_row = np.searchsorted(
         positions, reference.positions[[0, -1]], side="right"
     ).tolist()
@@ -332,7 +344,7 @@ def _readings_by_reference(
             offset[is_of_boot] -= shift
         repairs += repair_facts(Repair.CLOCK_MOVED, name=name, offset=typical_offset)
     is_outlier = outlier_stamps(offset)
-    # Undoing a wrap moved stamps by at least a whole period.
+    # Undoing a wrap moved stamps by at least a whole period, so half of one tells it from none.
     if not is_other_epoch and (abs(time - stamps)[~is_outlier] > period / 2).any():
         repairs += repair_facts(Repair.CLOCK_WRAPPED, name=name, period=period)
     repairs += repair_facts(Repair.STAMPS_IGNORED, count=np.count_nonzero(is_outlier), name=name)
@@ -356,7 +368,9 @@ def _compared_with_reference(
 ) -> _Comparison:
     """Compares each stamp with the reference's stamps before and after it in the stream.
 
-    Around a reboot these two are of different boots; the message belongs to the one to which its stamp is nearer.
+    A message that was sent between two of the reference should have a stamp between theirs. Around a reboot these two
+    are of different boots; the message belongs to the one to which its stamp is nearer. A counter may also have wrapped
+    since the reference's: whole periods are added so that the stamp is nearest to the reference's.
 
     Args:
         reference: The reference type on the boot clock.

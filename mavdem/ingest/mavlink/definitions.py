@@ -170,7 +170,8 @@ def _definition(message: Any) -> MessageDefinition:
     """Makes the definition of a message from pymavlink's class for it.
 
     MAVLink sorts fields by size on the wire. ``ordered_fieldnames`` has that order, ``fieldnames`` that of the
-    definition. Types are those of C, such as "uint8_t".
+    definition. Types are those of C, such as "uint8_t"; NumPy's names are made of them, so that a payload is decoded as
+    one structured item: "uint8" for a number, "(4,)float32" for an array of four, "S50" for a text of 50 bytes.
     """
     type_of_field = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
     wire_fields = []
@@ -204,7 +205,7 @@ class FrameSender(NamedTuple):
 def encode_frame(
     payload: bytes, definition: MessageDefinition, sender: FrameSender, sequence: int
 ) -> bytes:
-    """Makes a frame of MAVLink 2.
+    """Makes a frame of MAVLink 2: header, payload and checksum, without a signature.
 
     Args:
         payload: The payload as ``definition.wire`` lays it out; trailing zeros are not sent.
@@ -212,7 +213,7 @@ def encode_frame(
         sender: Who sends it.
         sequence: The sender's number of the frame, 0 to 255.
     """
-    # At least one byte of the payload is sent.
+    # MAVLink 2 cuts trailing zeros off, which the receiver adds again; at least one byte of the payload is sent.
     payload = payload.rstrip(b"\0") or b"\0"
     incompatibility_flags = compatibility_flags = 0
     header = bytes(

@@ -104,7 +104,10 @@ new = old >> 8 ^ CRC_TABLE[(old ^ byte) & 0xFF].
 
 
 def rows_of(data: Bytes, start: Offsets, width: int) -> Bytes:
-    """Cuts pieces of equal length out of a stream.
+    """Cuts pieces of equal length out of a stream, such as the headers that begin at each marker.
+
+    The pieces may overlap. The stream is viewed as a sequence of items of ``width`` bytes, one of which begins at each
+    byte (a stride of 1), so that the pieces are just the items with the numbers ``start``.
 
     Args:
         data: The stream (B,).
@@ -114,7 +117,7 @@ def rows_of(data: Bytes, start: Offsets, width: int) -> Bytes:
     Returns:
         The pieces as a table (N, width).
     """
-    # As overlapping items of one type, which NumPy copies faster than bytes by index.
+    # The type "V8" is an item of 8 bytes without meaning; NumPy copies such items faster than single bytes by index.
     windows = np.ndarray((max(len(data) - width + 1, 0),), f"V{width}", data, strides=(1,))
     return windows[start].view(np.uint8).reshape(len(start), width)
 
@@ -151,7 +154,15 @@ class Frames:
 
 
 def concatenated_frames(tables: Sequence[Frames]) -> Frames:
-    """Returns the frames of all tables, at least one, one table after the other."""
+    """Joins tables of frames to one: each column of the result is the columns of that name, one after the other.
+
+    Args:
+        tables: At least one table. The rows keep their order; nothing is sorted by offset.
+
+    Returns:
+        A table with as many rows as all tables together.
+    """
+    # ``vars`` of a table are its columns by name, in the order in which ``Frames`` takes them.
     columns_of_tables = [vars(table) for table in tables]
     return Frames(
         *(
@@ -164,9 +175,16 @@ def concatenated_frames(tables: Sequence[Frames]) -> Frames:
 def find_frames(data: Bytes, crc_extras: CrcExtras, gap: int = 0) -> Frames:
     """Finds every frame in a stream, also those of unknown messages and with failed checksums.
 
-    The stream is scanned block by block. Linked frames are accepted at once, and fix what is possible before them:
-    frames of unknown messages must fill the space between two linked frames exactly, and isolated frames must fit into
-    what is then left. Isolated candidates after the last linked frame wait for a later block.
+    The stream is scanned block by block. A linked frame has a matching checksum, and after it comes the marker of
+    another, or the stream ends, which is hardly ever chance; an isolated one has a matching checksum only. In each
+    block:
+
+    1. Linked frames are accepted, so that all bytes up to the end of the last one can be decided.
+    2. Frames whose checksum cannot match, of unknown messages or damaged, are accepted where a chain of them fills
+       the space between two linked frames exactly.
+    3. Isolated frames are accepted where they fit into what is then left.
+
+    Isolated candidates after the last linked frame wait for a later block, whose linked frames may rule them out.
 
     Args:
         data: The stream (B,).
@@ -215,7 +233,10 @@ class _FrameBlock:
     def __init__(
         self, data: Bytes, block_start: int, block_end: int, gap: int, crc_extras: CrcExtras
     ) -> None:
-        """Finds the candidates.
+        """Finds the candidates, and which of them are linked: where the next frame should begin, there is a marker.
+
+        A block is copied with some bytes after it, so that the frame of its last candidate, and the marker after that,
+        can be read without regard to the end of the block or of the stream.
 
         Args:
             data: The whole stream (B,).
@@ -240,6 +261,7 @@ class _FrameBlock:
         self._headers = headers[has_known_flags]
         self.start = markers[has_known_flags] + block_start
         self.end = self.start + _frame_lengths(self._headers)
+        # Ends count from the start of the stream, ``_bytes`` from that of the block.
         next_byte = self._bytes[self.end + (gap - block_start)]
         next_is_marker = (next_byte == MARKER_V1) | (next_byte == MARKER_V2)
         self._is_linked = (self.end + gap >= self._size) | next_is_marker
@@ -274,7 +296,7 @@ class _FrameBlock:
         low_byte = self._bytes[checksum_start]
         high_byte = self._bytes[checksum_start + 1].astype(np.uint16)
         sent = low_byte | high_byte << 8
-        # The checksum does not cover the marker.
+        # The checksum covers header and payload, but not the marker, which is one byte.
         covered = zip((start + 1).tolist(), checksum_start.tolist(), strict=True)
         content = self._content
         sums = [mcrf4xx(content[first:last]) for first, last in covered]
@@ -384,9 +406,12 @@ def _filling_frames(
     Returns:
         The frames, with the state of their checksums.
     """
+    # L linked frames have L + 1 spaces before, between and after them. A frame in a space begins ``gap`` bytes, those
+    # of a time stamp, after the frame before it.
     space_start = np.concatenate([[decided_end], linked.end]) + gap
     is_end_of_stream = new_end == len(data)
-    # Unless the stream ends here, the space after the last linked frame is left to the next block.
+    # Unless the stream ends here, the space after the last linked frame is left to the next block: an end of 0 makes it
+    # empty.
     space_end = np.append(linked.start, len(data) + gap if is_end_of_stream else 0)
     content = data.data
     frame_starts = array("q")
@@ -447,7 +472,8 @@ def _fits_between(
 ) -> Flags:
     """Flags frames that overlap no accepted frame and lie between two offsets.
 
-    Each frame must lie in the space between the last accepted frame that begins no later and the next accepted one.
+    The A accepted frames leave A + 1 spaces free: before the first, between each two, and after the last. For each
+    frame the space is looked up by where the frame begins; the frame fits if it begins and ends within that space.
 
     Args:
         start: Offset (N,) of each frame's marker.
@@ -456,6 +482,7 @@ def _fits_between(
         decided_end: Offset before which no frame may begin.
         new_end: Offset after which no frame may end.
     """
+    # The row of the first accepted frame that begins later, which is also the number of the free space before it.
     next_rows = np.searchsorted(accepted.start, start, side="right")
     free_start = np.concatenate([[decided_end], accepted.end])[next_rows]
     free_end = np.append(accepted.start, new_end)[next_rows]

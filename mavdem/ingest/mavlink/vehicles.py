@@ -119,7 +119,11 @@ class _ComponentRecord:
 
 
 def assemble(stream: FrameStream) -> Log:
-    """Sorts a stream by sender, and decodes the messages of each.
+    """Sorts the frames of a recording by sender, and decodes the messages of each.
+
+    A sender, or component, is a pair of system id and component id. All components are listed in the log; those that
+    are vehicles also become a ``Telemetry`` with messages and parameters. Frames that cannot be decoded are listed as
+    ``unread``.
 
     Args:
         stream: The frames of a recording.
@@ -234,9 +238,13 @@ def _unread_frames(
 ) -> Iterator[UnreadFrames]:
     """Counts the frames that cannot be read, by message and sender, and finds out why.
 
-    A message that is not in the dialect is another dialect's if its sender sent readable frames too; else the frame is
-    damaged, and the ids in it are wrong. Of a message that is in the dialect all frames fail if the sender has another
-    definition of it.
+    The dialect is the set of message definitions that is used here. A frame cannot be read for one of two reasons: it
+    was damaged, or its sender uses another dialect. They are told apart like this:
+
+    - The message is not in the dialect. If its sender sent readable frames too, the sender is real, and the message is
+      another dialect's; else the frame is damaged, and the ids in it are wrong.
+    - The message is in the dialect, but checksums do not match. If all of its frames from this sender fail, at least
+      ``MIN_FOREIGN_FRAMES``, the sender has another definition of it; else single frames are damaged.
 
     Args:
         frames: Frames (N,) in stream order.
@@ -245,7 +253,8 @@ def _unread_frames(
     """
     is_unreadable = frames.checksum != CHECKSUM_MATCHES
     checksums = frames.checksum[is_unreadable]
-    # One key per message and sender. An unknown message is unknown in each of its frames.
+    # One key per message and sender. An unknown message is unknown in each of its frames, so that the first frame of a
+    # key tells it.
     keys = (frames.message_id << SENDER_BITS | sender_ids)[is_unreadable]
     for key, rows in rows_by_value(keys).items():
         message_id = key >> SENDER_BITS
@@ -286,7 +295,8 @@ def _component_record(
     counts = {name: len(columns["time"]) for name, columns in messages.items()}
     if counts and RADIO_MESSAGES.issuperset(counts):
         kind = RADIO
-    # Signed, so that differences may be negative.
+    # Lost messages show as steps of more than 1 between successive sequence numbers. Bytes are made signed, so that
+    # differences may be negative.
     signed_sequence = sequence.astype(np.int16)
     lost = int(missing_messages(signed_sequence[:-1], signed_sequence[1:]).sum())
     component = Component(
@@ -295,7 +305,7 @@ def _component_record(
         kind,
         autopilot,
         messages=counts,
-        # Duplicates make the sum negative.
+        # A frame that was recorded twice counts as a message less, so that the sum may be negative.
         lost=max(lost, 0),
     )
     return _ComponentRecord(component, messages, clock_repairs)
@@ -457,7 +467,9 @@ class RecordingPart(NamedTuple):
 def joined_parts(parts: Sequence[RecordingPart]) -> RecordingPart:
     """Joins parts of a recording into one whose frames and bytes are in the order of the recording.
 
-    The bytes of the frames are copied in that order, without what is between them, and the frames get new offsets.
+    A recording may have frames in several channels, which are read one by one as parts. Here they are merged by the
+    number of the recording's message that each frame begins in. The bytes of the frames are copied in that order,
+    without what is between them, and the frames get new offsets.
 
     Args:
         parts: The parts, at least one. A single one is returned as it is.

@@ -109,9 +109,11 @@ class _StreamPiece(NamedTuple):
 
 
 def _stream(source: str, recording: McapRecording) -> FrameStream:
-    """Collects the MAVLink in a recording: frames as they are, and JSON messages encoded as frames.
+    """Collects the MAVLink in a recording as one stream of frames, whichever way it was recorded.
 
-    A sender may be recorded both ways. Its JSON messages are then skipped, so that nothing counts twice.
+    There are two ways: as frames, which are taken as they are, and as JSON text, which is encoded as frames again, so
+    that one path decodes all messages. A sender may be recorded both ways. Its JSON messages are then skipped, so that
+    nothing counts twice. A recording counts as MAVLink if the checksum of any frame matches.
 
     Args:
         source: Name of the file.
@@ -120,7 +122,8 @@ def _stream(source: str, recording: McapRecording) -> FrameStream:
     Raises:
         Unreadable: There is no MAVLink.
     """
-    # This reads the recording, so that its channels are known below.
+    # This reads the recording, so that its channels are known below. What is no frame, in the channels of frames,
+    # counts as skipped.
     parts = [_recording_part(pieces) for pieces in _pieces_by_channel(recording)]
     skipped = sum(len(part.data) - int(part.frames.size.sum()) for part in parts)
     frame_senders = _senders_in(parts)
@@ -291,7 +294,15 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[Recordi
 
 
 def _no_mavlink_fact(source: str, recording: McapRecording, candidates: int) -> Fact:
-    """Tells the user why there is no MAVLink in a recording, and what it has instead.
+    """Explains to the user why no MAVLink was read from a recording, and what it seems to be instead.
+
+    The most specific reason comes first:
+
+    1. There are messages that look like MAVLink, but whose definitions are not in the dialect.
+    2. It has topics of a flight that ROS 2 recorded, which are read as another format.
+    3. It has topics named for MAVLink, and is damaged, so that their messages may be lost.
+    4. It has the topics of a recording that mavdem itself has written: its results, which hold no log.
+    5. Otherwise it is a recording without a flight.
 
     Args:
         source: Name of the file.

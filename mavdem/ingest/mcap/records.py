@@ -98,8 +98,10 @@ class McapRecording:
     def messages(self) -> Iterator[Message]:
         """Yields every message whose channel is known, in the order of the file; of damaged chunks none.
 
-        Records are located first and decoded afterwards. Channels and schemas outside of chunks are registered before
-        any message is yielded.
+        An MCAP file is a sequence of records. A message is a record that names its channel by number; the channel is a
+        record, too, with the topic. A chunk is a record that holds other records, mostly compressed. Records are
+        located first and decoded afterwards, so that channels and schemas outside of chunks are known before any
+        message is yielded, wherever in the file they are.
         """
         # All chunks together may unpack to so many bytes, so that a small hostile file cannot fill the memory.
         self._allowance = MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * len(self.content)
@@ -124,8 +126,9 @@ class McapRecording:
     def _record_locations(self) -> Iterator[RecordLocation]:
         """Yields the records with one of ``READ_OPCODES``, and counts the bytes of damage between records.
 
-        Records are followed from one to the next by their lengths. Where no record can be, the next place where one
-        probably begins is searched. A file that does not end with a footer was cut.
+        Records are followed from one to the next by the lengths in their heads. Where no record can be, as after
+        damage, the next place where one probably begins is searched. The last record of a complete file is a footer; a
+        file without it was cut off.
         """
         file_end = len(self.content)
         offset = 0

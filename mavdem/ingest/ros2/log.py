@@ -211,13 +211,18 @@ def with_system_ids(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telem
 
 
 def _px4_telemetry(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
-    """Translates PX4's topics as those of its own logs; None where they hold no flight.
+    """Translates the topics that PX4 publishes to ROS 2 to MAVLink messages, by the translation for PX4's own logs.
 
-    The translation knows one boot: all boots are put on one clock for it, far apart, and parted again afterwards.
+    That translation knows only one boot, as a log of PX4 has. A recording may have several, in each of which the clock
+    begins anew. So the steps are: put all boots on one clock, ``BOOT_INTERVAL`` seconds apart; translate; and find each
+    row's boot again as its time divided by that interval.
 
     Args:
         tables: PX4's topics by name.
         source: Name of the file.
+
+    Returns:
+        The vehicle with its messages; None where the topics hold no flight.
     """
     topics, repairs = _on_boot_clock(tables, STAMP_UNITS[PX4_BRIDGE])
     instances = {}
@@ -247,11 +252,16 @@ def _px4_telemetry(tables: Mapping[str, TopicColumns], source: str) -> Telemetry
 
 
 def _mavros_telemetry(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
-    """Translates MAVROS's topics; None where there are none.
+    """Translates the topics of MAVROS, the bridge from MAVLink to ROS, back to MAVLink messages.
+
+    The topics do not name the autopilot; its kind follows from the names of flight modes in the topic ``state``.
 
     Args:
-        tables: MAVROS's topics by name.
+        tables: MAVROS's topics by name, each with columns (N,).
         source: Name of the file.
+
+    Returns:
+        The vehicle with its messages, times in s since boot; None where no topic gives one.
     """
     topics, repairs = _on_boot_clock(tables, STAMP_UNITS[MAVROS])
     modes = tables["state"].columns["mode"] if "state" in tables else ()
