@@ -239,12 +239,16 @@ class _IntegratedRates(NamedTuple):
 def _integrated_rates(sent: Attitude, tuning: TimeSeries) -> _IntegratedRates:
     """Integrates a body rate to an Euler angle, and holds it to the attitude that was sent.
 
-    The difference between sent and integrated angle is interpolated between the messages and added, so the angle has
-    the detail of the rate and the drift of neither.
+    The integral alone would drift away from the angle. So the difference between the sent and the integrated angle is
+    taken at each attitude message, interpolated between the messages, and added: the angle then has the detail of the
+    fast rate, and agrees with the slow messages.
 
     Args:
         sent: Attitude as it was sent.
         tuning: Body rate and its setpoint (N, 2), rad/s.
+
+    Returns:
+        Angle and its derivative at the N stamps of the body rate, each boot by itself.
     """
     # SciPy's integration takes half a second to import, and few logs need it.
     from scipy.integrate import cumulative_trapezoid

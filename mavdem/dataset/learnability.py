@@ -121,7 +121,15 @@ def segment_learnabilities(
 ) -> Iterator[Learnability]:
     """Yields the learnability of the log's best segment and, if that is learnable, of all its other segments.
 
-    All flights have the sampling step of the first one. A segment that is too slow for it is refused.
+    A segment is a span of settled flight in which attitude and model inputs were recorded without gaps. The steps:
+
+    1. A log that cannot have a usable flight (no multirotor, no attitude, no model inputs) gives one refusal.
+    2. So does a log whose vehicle was never armed or never flew, or that has no segment at all.
+    3. The segments of ``MIN_SEGMENT_DURATION`` or more are tried from the longest on, until one can be learned from.
+    4. The others are then aligned with the sampling step of that one, since one model has only one step. A segment
+       whose messages are too slow for that step is refused.
+
+    It is a generator, so that a caller who needs only the best segment does not pay for the others.
 
     Args:
         signals: Signals of the vehicle for an axis.
@@ -151,7 +159,7 @@ def segment_learnabilities(
 
     candidates = [segment for segment in segments if segment.duration >= MIN_SEGMENT_DURATION]
     if not candidates:
-        # All are too short; the longest one says so.
+        # All segments are too short. The longest one is judged all the same, since its refusal tells its duration.
         candidates = [segments[0]]
     best = _best_segment(judge, candidates[:MAX_JUDGED_SEGMENTS])
     yield best
@@ -391,9 +399,15 @@ class _SegmentJudge:
     def learnability(self, segment: Segment, dt: float | None = None) -> Learnability:
         """Decides whether a segment can be learned from.
 
+        The segment's streams are first put on one grid of time. Its quality is then measured and checked, and last
+        whether its slower stream is fast enough for the sampling step of the grid.
+
         Args:
             segment: The segment.
             dt: Sampling step, s, to align it with; by default its own.
+
+        Returns:
+            The decision with its reason, the figures of quality and the aligned flight; with cautions if learnable.
         """
         signals = self.signals
         flight = aligned_flight(signals, segment, dt)
@@ -436,12 +450,18 @@ class _SegmentJudge:
     def refusal(self, figures: QualityFigures) -> Fact | None:
         """Returns why a segment cannot be learned from; None where it can.
 
-        The length is checked first, then rates, and then the values; the first check that fails gives the reason.
+        The checks are, in this order: the duration; the rates of messages and of new values; outputs that are constant
+        or lost in rounding; body rates that contradict the angles; a torque command that is lost in rounding. The first
+        check that fails gives the reason.
 
         Args:
             figures: figures of the segment's quality.
+
+        Returns:
+            The refusal, with the figures that decided and a remedy where there is one.
         """
-        # A short segment of a slow stream may be fast; it is still the rate of the stream that should change.
+        # The gaps of a slow stream cut a flight into short segments, in which the messages may well be fast. Its user
+        # should raise the rate, not fly longer. So the rates of the whole log are checked, not those of the segment.
         if (figures.duration or 0.0) < MIN_SEGMENT_DURATION:
             return self.slow_or_short(self.log_figures, figures.duration)
         for check in (

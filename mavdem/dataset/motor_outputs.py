@@ -271,6 +271,7 @@ def _combined_outputs(
     Returns:
         The outputs; an obstacle where no row has a finite output of every motor.
     """
+    # The list has the bank of each motor, so the bank that occurs most often in it holds most motors.
     main_bank = max(banks, key=banks.count)
     sent_outputs = [
         bank.outputs(channel) for bank, channel in zip(banks, geometry.channels, strict=True)
@@ -368,6 +369,7 @@ def _observed_upper_stop(fractions: Array) -> float:
     highest = float(fractions.max())
     if highest < MIN_OBSERVED_STOP:
         return 1.0
+    # Bin 0 begins at the highest value and each further bin lies below the one before. Zeros are no outputs.
     for column in fractions.T:
         running_fractions = column[column > 0]
         bins = np.floor((highest - running_fractions) / STOP_BIN_WIDTH)

@@ -254,9 +254,14 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
         signals: Signals of the vehicle.
         boot: Number of the boot.
         states: Numbers of MAV_LANDED_STATE, all of them states in the air.
+
+    Returns:
+        The intervals, s. Without reports they are those of a high collective (mean output of all motors); without motor
+        outputs, those of the reports alone.
     """
     reports = series_of_boot(signals.landed_state, boot)
     collective = series_of_boot(signals.collective, boot)
+    # Where the motors carry the vehicle, judged by the collective alone.
     carried: Intervals = []
     if collective is not None:
         min_collective = min_airborne_collective(signals.telemetry.parameters)
@@ -268,6 +273,8 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
         return reported
     is_undefined = reports.values == UNDEFINED_LANDED_STATE
     is_gap = np.diff(reports.time) > MAX_REPORT_INTERVAL
+    # The times at which a report holds: between two defined reports that are not too far apart. Elsewhere the
+    # collective decides.
     covered = split_at_gaps(reports.time, is_gap | is_undefined[1:] | is_undefined[:-1])
     return union(intersection(reported, covered), intersection(carried, complement(covered)))
 
@@ -439,13 +446,18 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
     is_flown = in_intervals(collective.time, landed_state_intervals(signals, boot, OFF_GROUND))
     if not is_flown.any():
         return []
+    # Hover is the median collective in flight, without the times of less than half of the highest usual collective, in
+    # which the vehicle stands or falls.
     is_carrying = mean > np.quantile(mean[is_flown], HIGH_QUANTILE) / 2
     hover_collective = float(np.median(mean[is_flown & is_carrying]))
+    # How much the vehicle rotates is judged by comparison with its own liveliest motion in flight.
     square_rates = _mean_square_tilt_rates(signals, boot, collective.time)
     flight_square_rate = np.quantile(square_rates[is_flown], HIGH_QUANTILE)
     is_rotating = is_flown & (square_rates >= MIN_ROTATING_SQUARE_RATIO * flight_square_rate)
     is_still = square_rates < HELD_RATE_RATIO**2 * flight_square_rate
 
+    # A motor deviates if its output, relative to the mean of all motors, is far from what it usually is while the
+    # vehicle rotates freely.
     is_deviating = np.zeros(len(mean), dtype=bool)
     if signals.motors is not None:
         for fractions in signals.motors.range_fractions(boot).values.T:
@@ -493,6 +505,7 @@ def moving_average(series: TimeSeries) -> Array:
     Returns:
         (N,) the mean of all samples within half of ``AVERAGING_SECONDS`` of each stamp.
     """
+    # The sum over a window is the difference of two cumulative sums.
     cumulative = np.concatenate([[0.0], np.cumsum(series.values)])
     first_row = np.searchsorted(series.time, series.time - AVERAGING_SECONDS / 2, side="left")
     row_after = np.searchsorted(series.time, series.time + AVERAGING_SECONDS / 2, side="right")

@@ -224,6 +224,8 @@ class _TorqueCommand(NamedTuple):
 def _torque_command(signals: Signals, flight: Flight) -> _TorqueCommand:
     """Combines the inputs of a flight to the torque command about its axis, and says how much rounding adds to it.
 
+    Both are needed to judge whether the command is lost in the rounding of the recorded motor outputs.
+
     The command is the combination of the motors by the mixer row of the axis. Where the motors' positions are not
     known, it is that motor's deviation from the mean of all motors which varies most.
 
@@ -271,6 +273,7 @@ def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
     Returns:
         The ratio; None for values that are not rounded or too short a record.
     """
+    # Each sample whose span ends before the record does is the start of one change.
     is_start = time <= time[-1] - RATE_INTEGRATION_SPAN
     end_values = np.interp(time[is_start] + RATE_INTEGRATION_SPAN, time, values)
     changes = end_values - values[is_start]
@@ -322,6 +325,7 @@ def _consistency(time: Array, angle: Array, euler_rate: Array) -> float | None:
     Returns:
         The share, 1 at most; None where the angle does not change or the record is too short.
     """
+    # The integral of the rate from the first sample on, by the trapezoidal rule.
     trapezia = np.diff(time) * (euler_rate[1:] + euler_rate[:-1]) / 2
     integral = np.concatenate([[0.0], np.cumsum(trapezia)])
     is_start = time <= time[-1] - RATE_INTEGRATION_SPAN
@@ -331,7 +335,8 @@ def _consistency(time: Array, angle: Array, euler_rate: Array) -> float | None:
     if not len(changes):
         return None
     errors = abs(unexplained - np.median(unexplained))
-    # One sample is in about as many spans as begin within the first span.
+    # A single wrong sample spoils every span that it lies in, about as many as begin within one span's time. So at
+    # least that many of the worst spans are left out.
     spans_of_a_sample = int(np.count_nonzero(time <= time[0] + RATE_INTEGRATION_SPAN))
     outlier_count = max(round(OUTLIER_SHARE * len(errors)), spans_of_a_sample)
     usual_spans = np.argsort(errors)[: max(len(errors) - outlier_count, 0)]

@@ -85,6 +85,8 @@ def _sampling_interval(time: Array) -> float:
     """
     mean = 1 / mean_rate(time)
     elapsed = time - time[0]
+    # The cycle is the greatest common divisor of the steps between stamps that occur often, in units of the stamps'
+    # resolution. Rare steps are left out, since one odd step would make the divisor too small.
     milliseconds = np.rint(np.diff(time) / STAMP_RESOLUTION).astype(int)
     steps, counts = np.unique(milliseconds, return_counts=True)
     usual_steps = steps[counts >= RARE_STEP_SHARE * len(time)]
@@ -119,6 +121,7 @@ def common_grid(attitude_time: Array, motor_time: Array, dt: float) -> Array:
     Returns:
         (T,) times, s, without those that the edges of a low-pass filter spoil; all of them where it spoils all.
     """
+    # The time in which both streams have samples.
     first = max(attitude_time[0], motor_time[0])
     last = min(attitude_time[-1], motor_time[-1])
     for stamps in (attitude_time, motor_time):
@@ -128,6 +131,7 @@ def common_grid(attitude_time: Array, motor_time: Array, dt: float) -> Array:
         motor_rows = nearest_rows(grid, motor_time)
         if attitude_rows is not None and motor_rows is not None:
             break
+    # A low-pass filter is wrong near the ends of its stream, so grid points there are left out.
     is_valid = _is_free_of_edges(grid, dt, attitude_time)
     is_valid &= _is_free_of_edges(grid, dt, motor_time)
     return grid[is_valid] if is_valid.any() else grid
@@ -169,6 +173,7 @@ def nearest_rows(grid: Array, time: Array) -> NDArray[np.intp] | None:
     Returns:
         (T,) rows of the stream; None unless all differ and lie within ``STAMP_RESOLUTION`` of their grid points.
     """
+    # The nearest stamp of a grid point is the one between whose neighbouring midpoints the point lies.
     midpoints = (time[1:] + time[:-1]) / 2
     rows = np.searchsorted(midpoints, grid, side="right")
     is_near = abs(time[rows] - grid) <= STAMP_RESOLUTION
@@ -193,6 +198,8 @@ def low_pass_impulse_response(rate: float, dt: float) -> Array:
         (2 L + 1,) response to one sample, ``FILTER_EDGE_STEPS`` grid steps either way, with the sum 1. What is cut off
         beyond is less than a hundredth of it.
     """
+    # The filter runs over an impulse in the middle of a signal four times as long as the response that is kept, so that
+    # the ends of the signal do not matter.
     reach = round(FILTER_EDGE_STEPS * dt * rate)
     centre = 4 * reach
     impulse = np.zeros(2 * centre + 1)

@@ -228,6 +228,8 @@ def embed_by_kernel(
 ) -> Array:
     """Embeds samples into generalized coordinates by convolution with a Gaussian kernel and its derivatives.
 
+    The generalized coordinates of a signal are its smoothed value and its derivatives, side by side.
+
     Derivatives by a polynomial over a window are not quite those of one signal, and an additional state might explain
     the difference. These are exact: convolution leaves ẋ = A x + B v + w and y = C x + z as they are (P. Young,
     "Parameter estimation for continuous-time models: a survey", Automatica 17, 1981), and noise of smoothness s becomes
@@ -247,6 +249,7 @@ def embed_by_kernel(
     reach = ceil(KERNEL_REACH * width / dt * (1 - ROUNDING_TOLERANCE))
     if len(samples) <= 2 * reach:
         return np.empty((0, (order + 1) * samples.shape[1]))
+    # SciPy takes derivatives per sample; divided by dt to the k they are per second to the k.
     derivatives = [
         gaussian_filter1d(samples, width / dt, axis=0, order=k, radius=reach) / dt**k
         for k in range(order + 1)

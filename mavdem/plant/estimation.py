@@ -231,7 +231,8 @@ def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) ->
     jacobian = parameter_gradient(values_at, theta, values).T
     covariance = jacobian @ inverse(fit.curvature) @ jacobian.T
 
-    # Relative changes of mean effect, damping and lag by the values.
+    # Derivatives of the logarithms of mean effect, damping and lag (rows) by the r effects, damping, lag and delay
+    # (columns): they turn the covariance into relative standard deviations.
     relative = np.zeros((3, r + 3))
     relative[0, :r] = np.sign(effect) / abs(effect).sum()
     relative[1, r] = 1 / damping
@@ -318,7 +319,9 @@ def _with_omission_errors(
         (errors.likelihood_factor**2 - 1) * common_part @ covariance @ common_part.T
     )
 
-    # The expected range of three normal values is 3/√π standard deviations (L. H. C. Tippett, Biometrika 17, 1925).
+    # The plant is fitted with three assumed spectra of the wind. The range of the three results tells the standard
+    # deviation of the error by a wrong spectrum: the expected range of three normal values is 3/√π standard deviations
+    # (L. H. C. Tippett, Biometrika 17, 1925).
     spectrum_variance = np.pi * np.square(spectrum_range / 3)
     common_variance = spectrum_variance[0] + errors.effect**2 + bias**2
     if effect_unknown:
@@ -380,7 +383,7 @@ def _alias_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
         fit: the fit, whose effects turn the inputs into torque.
         windows: windows of the flight.
     """
-    # The first two channels add up to the inputs.
+    # The inputs' transforms are split into channels. The first two add up to the inputs; later ones serve refinements.
     whole_inputs = windows.inputs[:REFINEMENT_CHANNEL]
     commands = np.einsum("crwf,r->wf", whole_inputs, fit.model.effect(fit.theta))
     power = abs(_tapered(commands)) ** 2
@@ -389,5 +392,9 @@ def _alias_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
 
 
 def _tapered(transform: ComplexArray) -> ComplexArray:
-    """Returns twice the transform (W, F − 2) of Hann-tapered windows, from their transform (W, F) without a taper."""
+    """Returns twice the transform (W, F − 2) of Hann-tapered windows, from their transform (W, F) without a taper.
+
+    The Hann taper is (1 − cos) / 2 of the time in the window, and the cosine moves a transform by one frequency up and
+    down. So tapering in time is the weighting (−½, 1, −½) over neighbouring frequencies, apart from the factor 2.
+    """
     return transform[:, 1:-1] - (transform[:, :-2] + transform[:, 2:]) / 2

@@ -116,7 +116,9 @@ class LogPosterior(NamedTuple):
     def expand(self, at: Array) -> QuadraticExpansion:
         """Returns the log posterior about θ = ``at`` (k,) to second order, with the Fisher information as curvature.
 
-        Prediction errors are differentiated by forward differences in all parameters, evaluated in one batch.
+        Prediction errors are differentiated by forward differences in all parameters, evaluated in one batch. With
+        errors e, scaled to a mean square of 1 in each window, and their slopes J by the parameters, the likelihood adds
+        −Jᵀ e to the gradient and Jᵀ J to the curvature. The prior adds its own.
 
         Raises:
             numpy.linalg.LinAlgError: the log posterior or its curvature is not finite.
@@ -207,8 +209,10 @@ def initial_model(
 ) -> tuple[GrayBoxModel, Array]:
     """Returns the gray-box model with the motors' directions, and parameters to begin its fit with.
 
-    The effects are estimated by linear regression of the prediction errors at the prior mean. They give the directions
-    where the mixer is not known, and the size of the effect along its directions where it is.
+    The effect of a motor is the angular acceleration per unit of its input. Its direction is the effect relative to the
+    mean magnitude of all: the sign, and how strongly the motor turns the axis. The effects are estimated by linear
+    regression of the prediction errors at the prior mean. They give the directions where the mixer is not known, and
+    the size of the effect along its directions where it is.
 
     Args:
         windows: the data, with r inputs.
@@ -218,6 +222,8 @@ def initial_model(
         The model with the first of ``WIND_SPECTRA``; and its prior mean θ (k,) with the estimated effect in it.
     """
     r = windows.inputs.shape[1]
+    # By Parseval's theorem the root of this power over the number of samples is the size of the rate in a window; the
+    # factor 2 is for negative frequencies. The measurement noise is at least a small fraction of it.
     power = 2 * np.sum(abs(windows.rate) ** 2, axis=1).mean()
     min_noise = MIN_RELATIVE_NOISE * np.sqrt(power) / windows.samples
     model = GrayBoxModel(np.ones(r), UNKNOWN_MIXER_SD, WIND_SPECTRA[0], min_noise)
@@ -242,6 +248,7 @@ def initial_model(
         directions = effect_directions
         deviation_sd = KNOWN_MIXER_SD
     directions = directions / abs(directions).mean()
+    # The least-squares size of the effect along the directions, with the same ridge.
     projected_effect = (directions @ gram @ effect) / (directions @ gram @ directions + ridge)
     # The autopilot's parameters may count rotations with the opposite sign.
     if projected_effect < 0:

@@ -198,6 +198,13 @@ class GrayBoxModel(NamedTuple):
     def rate_by_motors(self, thetas: Array, windows: FlightWindows) -> ComplexArray:
         """Returns the transform of the rate that the motors alone cause.
 
+        The inputs are delayed, brought from samples to continuous time, and multiplied by the motors' effects and by
+        the frequency response of the axis, 1 / ((damping + jω) (1 + lag jω)). Sampling folds (aliases) frequencies
+        beyond the Nyquist frequency into those below it, so the response is summed over all folds of each frequency.
+
+        The inputs come in channels. The interpolated and the held channel add up to the inputs; they differ in how the
+        signal between samples is modelled. Each refinement of the model has one more channel.
+
         Args:
             thetas: b parameter vectors (b, k).
             windows: W windows with F frequencies.
@@ -217,8 +224,9 @@ class GrayBoxModel(NamedTuple):
         lag = self.lag(thetas, dt)[:, None, None]
         plant = 1 / (damping - lag * omega**2 + 1j * omega * (1 + damping * lag))
 
-        # Inputs are interpolated between samples. But a command that responds to a sample must not help to predict it:
-        # the response is held from that sample on.
+        # Linear interpolation between samples has the spectrum sinc², and a value that is held for one sample sinc with
+        # a delay of half a sample. Inputs are interpolated. But a command that responds to a sample must not help to
+        # predict that sample: such a response is held from the sample on.
         held_spectrum = np.sinc(omega * dt / (2 * np.pi))
         interpolation = held_spectrum**2
         hold = min(1.0, RESPONSE_SECONDS / dt) * held_spectrum * np.exp(-0.5j * omega * dt)
@@ -238,6 +246,9 @@ class GrayBoxModel(NamedTuple):
 
     def noise_density(self, thetas: Array, windows: FlightWindows) -> Array:
         """Returns the density of the rate that wind torque and measurement noise cause.
+
+        The density of the wind torque, the sum of its components, passes the damped axis, 1 / (ω² + damping²). Sampling
+        folds it: the densities at all aliases of a frequency add up. White measurement noise comes on top.
 
         Args:
             thetas: b parameter vectors (b, k).
@@ -270,6 +281,8 @@ class GrayBoxModel(NamedTuple):
             Prediction errors (b, W, N′), rad/s, without their mean in each window, since a constant acceleration
             explains that; and the variance (b,) that the model gives them.
         """
+        # Dividing the transform by the minimum-phase factor whitens the residual: what remains of each sample cannot be
+        # predicted from those before it. The first samples of a window lack a past, and are left out.
         factor, variance = minimum_phase(self.noise_density(thetas, windows), windows.samples)
         residual = (windows.rate - self.rate_by_motors(thetas, windows)) / factor[:, None]
         first = round(SETTLING_SECONDS / windows.dt) + 1

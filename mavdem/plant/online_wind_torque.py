@@ -94,14 +94,19 @@ class WindTorqueSmoother(NamedTuple):
     def torques(self, inputs: Array, outputs: Array) -> Array:
         """Estimates the wind torque in the latest samples of one segment, with its 90 % band.
 
-        The band has these errors: that of the smoother, larger while the rate is predicted worse than usual; wind
-        torque quicker than a sample, which cannot be distinguished from commands between samples; what the model leaves
-        out; and the uncertainty of the physical parameters. The derivative by a motor's effect is that of the lagged
-        response to its command, and of the torque that its trim balances.
+        The wind torque is what the rate needs beyond the motors' torque, by the model of the axis with a Kalman
+        smoother. The band adds up, in squares, these errors:
+
+        - that of the smoother, enlarged while the rate is predicted worse than usual;
+        - wind torque quicker than a sample, which cannot be distinguished from commands between samples;
+        - what the model leaves out;
+        - the uncertainty of the physical parameters, through the derivatives of the torque by effects, damping, lag
+          and delay. The effect of a motor enters by the lagged response to its command, and by the steady torque that
+          its mean command (trim) balances.
 
         Args:
-            inputs: (T, r).
-            outputs: (T, m).
+            inputs: (T, r) inputs, in the unit of the record that was fitted.
+            outputs: (T, m) outputs, with the rate, rad/s, in one column.
 
         Returns:
             Torque and half width of its band (T, 2), rad/s².
@@ -118,6 +123,8 @@ class WindTorqueSmoother(NamedTuple):
         )
 
         latest = -round(DELAY_SECONDS / self.dt)
+        # State 0 is the rate. Its mean squared error in the latest samples, relative to the variance F that the filter
+        # expects, shows whether the model holds just now. A ratio below 1 may be chance: it does not narrow the band.
         errors = (rate - smoothed.states[:, 0])[latest:]
         error_ratio = max(1.0, float(np.mean(errors**2)) / self.rate_filter.F)
         unresolved_variance = sum(
@@ -126,6 +133,8 @@ class WindTorqueSmoother(NamedTuple):
         omission_variance = unresolved_variance + (OmissionErrors.wind * parameters.wind) ** 2
         variance = error_ratio * (smoothed.variance + omission_variance)
 
+        # The commands after the first-order lag of the motors. State 1 is the torque of the motors per inertia, which
+        # approaches the commanded one at the rate ``torque_change``, rad/s³.
         decay = np.exp(-self.dt / parameters.lag)
         lagged_inputs = lfilter([1 - decay], [1, -decay], deviation, axis=0)
         torque_change = (commanded - smoothed.states[:, 1]) / parameters.lag
@@ -141,8 +150,9 @@ class WindTorqueSmoother(NamedTuple):
 def fit_wind_torque_smoother(record: Record, prior: Physical | None = None) -> WindTorqueSmoother:
     """Fits the physical parameters to a record, and returns the smoother of the wind torque with them.
 
-    All that stays the same until the next fit is computed here once: the discretised plant, its Kalman filter, the mean
-    inputs and the steady torque. This is the slow part, which runs beside the stream.
+    The physical parameters are the effect of each input on the angular acceleration, the rate damping, and lag and
+    delay of the motors. All that stays the same until the next fit is computed here once: the discretised plant, its
+    Kalman filter, the mean inputs and the steady torque. This is the slow part, which runs beside the stream.
 
     Args:
         record: the latest samples.

@@ -71,12 +71,17 @@ def process_covariance(A: Array, Q: Array, dt: float) -> Array:
         dt: time step, s.
     """
     n = A.shape[-1]
+    # The exponential is [[exp(−A dt), G], [0, exp(Aᵀ dt)]], and the covariance is exp(A dt) G.
     exponential = expm(np.block([[-A, Q], [np.zeros_like(A), A.mT]]) * dt)
     return exponential[..., n:, n:].mT @ exponential[..., :n, n:]
 
 
 def _autoregressive_noise(denominator: Array) -> ColouredNoise:
     """Returns the noise of variance 1 that white noise through an all-pole filter makes.
+
+    The noise is x with D(d/dt) x = white noise, D being the denominator. The states are x and its derivatives. Their
+    stationary covariance follows from the Lyapunov equation; each is divided by its standard deviation, so that time
+    and size of the noise can be chosen freely later.
 
     Args:
         denominator: coefficients (k + 1,) of the filter's denominator in s, highest power first, which is 1.
@@ -85,6 +90,7 @@ def _autoregressive_noise(denominator: Array) -> ColouredNoise:
         The noise in companion form, with states scaled to variance 1.
     """
     order = len(denominator) - 1
+    # Each state is the derivative of the one before; the last row has the coefficients, lowest power first.
     A = np.eye(order, k=1)
     A[-1] = -denominator[:0:-1]
     Q = np.zeros((order, order))
@@ -131,6 +137,10 @@ def with_early_jumps(inputs: Array, lead: float) -> Array:
     A jump is the part of a change between two samples that exceeds the change before it in the same direction; where
     the direction reverses, all of the change is a jump.
 
+    Linear interpolation turns a jump into a ramp over the step, as if it came in the middle of it. A jump that comes
+    ``lead`` steps earlier adds an impulse of ``lead`` · jump · step. The same impulse is added by raising the sample at
+    the end of the step by ``lead`` · jump, since its interpolation is a triangle two steps wide.
+
     Args:
         inputs: W windows of inputs (W, N, r).
         lead: time by which a jump comes before the middle of its step, as a fraction of the step.
@@ -140,6 +150,7 @@ def with_early_jumps(inputs: Array, lead: float) -> Array:
     """
     changes = np.diff(inputs, axis=1, prepend=inputs[:, :1])
     previous = np.concatenate([np.zeros_like(changes[:, :1]), changes[:, :-1]], axis=1)
+    # What continues the change before is the part of that change between 0 and the change now; the rest is a jump.
     lower = np.minimum(changes, 0.0)
     upper = np.maximum(changes, 0.0)
     jumps = changes - np.clip(previous, lower, upper)
@@ -159,6 +170,7 @@ def delayed_inputs(inputs: Array, delay_steps: float) -> ArrayPair:
     delay = max(0.0, delay_steps)
     whole_steps = int(min(delay, len(inputs)))
     fraction = min(delay - whole_steps, 1.0)
+    # Row i + 1 of the padded inputs is the input ``whole_steps`` before sample i, and row i the one a step earlier.
     padded = np.concatenate([np.repeat(inputs[:1], whole_steps + 1, axis=0), inputs])
     padded = padded[: len(inputs) + 1]
     interpolated = (1 - fraction) * padded[1:] + fraction * padded[:-1]

@@ -221,8 +221,10 @@ def _torque_errors(
 ) -> _TorqueErrors:
     """Splits the errors of a wind torque by its physical parameters into those of its size and others.
 
-    Motors with more effect balance more torque: such an error only scales the course. The part of each parameter's
-    gradient that is proportional to the course is found by regression on it.
+    The wind torque is what the motors balance. If they do more than assumed, the whole course of the torque is larger
+    by the same factor: such an error does not change when and how the wind acts. Other errors change the form of the
+    course. So the gradient of each parameter is split, by regression on the course, into a part that is proportional
+    to the course and a rest. Whether the torque is resolved is decided by the errors without the scaling ones.
 
     Args:
         deviation: wind torque about its means (T,), rad/s².

@@ -108,8 +108,8 @@ class AirflowFilter:
         force = np.median(level_forces, axis=0)
         size = np.hypot(*force)
         speed = air_speed(self._linear.mean(axis=1), self._quadratic.mean(axis=1), size)
-        # The force acts in the direction in which the air flows past the vehicle. The wind is that flow, and the
-        # velocity of the vehicle over ground.
+        # The force acts in the direction in which the air flows past the vehicle. The wind is the sum of that flow and
+        # of the velocity of the vehicle over ground.
         flow = force / max(size, MIN_FORCE) * speed[:, None]
         return np.median(start.velocity[complete, :2], axis=0) + flow
 
@@ -119,14 +119,20 @@ class AirflowFilter:
         self.covariances = self.covariances * self._covariance_decay + self._process_covariances
 
     def update(self, motion: MotionGrid, step: int) -> FilterUpdate:
-        """Updates the states by the measured force of one step.
+        """Updates the states by the measured force of one step: the measurement update of an extended Kalman filter.
 
-        The innovations have Student's t distribution, so large ones move the state less (a weight as in iteratively
-        reweighted least squares).
+        The states x are the gust and the mean wind, north and east; their sum is the wind. The vehicle's velocity less
+        the wind, along body x and y, is its air velocity u. The predicted specific force is lean − (c + q |u|) u, with
+        linear drag c and quadratic drag q. The innovation is the measured force less the predicted one, (G, 2), m/s²,
+        for each of G sets of parameters. It has Student's t distribution, so large ones move the states less (a weight
+        as in iteratively reweighted least squares).
 
         Args:
-            motion: with a complete step of this index.
+            motion: motion of the flight; the step must be complete, with force and velocity.
             step: index of the step in the motion.
+
+        Returns:
+            The innovations and their covariances S.
         """
         x = self.states
         P = self.covariances
@@ -145,9 +151,11 @@ class AirflowFilter:
         S = HP @ TOTAL_WIND_MATRIX.T @ H_wind.mT + self._noise_covariances + motion_error
         # Symmetric to the last digit, else rounding grows from step to step.
         S = (S + S.mT) / 2
+        # The inverse of a matrix of 2 by 2 is (trace · I − S) / determinant.
         determinant = (S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2)[:, None, None]
         inverse_S = (S.trace(axis1=1, axis2=2)[:, None, None] * IDENTITY - S) / determinant
 
+        # The squared Mahalanobis distance of each innovation, and the log density of Student's t distribution.
         row = innovations[:, None]
         squares = row @ inverse_S @ innovations[:, :, None]
         freedom = DEGREES_OF_FREEDOM

@@ -57,6 +57,9 @@ def meteorological_direction(north: float, east: float) -> float:
 def compass_text(direction: float) -> str:
     """Returns a direction that wind comes from as text, with an arrow along its flow, such as "WSW (248°) ↗".
 
+    The direction is rounded to the nearest of 16 points of the compass, 22.5° apart, and of 8 arrows, 45° apart.
+    Rounding up beyond the last one gives the first again, which is north.
+
     Args:
         direction: degrees clockwise from north.
     """
@@ -71,14 +74,26 @@ def speed_and_direction(velocity: Array, band: Array, near_direction: float = 18
     Args:
         velocity: velocity of the air, north and east (T, 2), m/s.
         band: half widths of its band, north and east (T, 2), m/s.
-        near_direction: degrees. Directions are within half a turn of it, so that a line of them does not jump at north.
+        near_direction: degrees. Each direction is given between 180° below and 180° above this one, so that a plotted
+            line does not jump from 360° to 0° where the wind comes from about north. With 180° the range is 0 to 360°.
+
+    Returns:
+        Speed and direction at each of the T times, with their half widths. The band of the velocity is taken for an
+        ellipse with its axes north and east. Its half width along the wind is that of the speed. Its half width across
+        the wind, seen from the origin at the distance of the speed, is the angle by which the direction is uncertain.
     """
     speed = np.hypot(*velocity.T)
+    # Unit vectors along the flow. The lower limit only avoids a division by zero in still air.
     unit = velocity / np.maximum(speed, 1e-9)[:, None]
+    # Half widths along and across the flow, m/s. The unit vector across the flow has the components swapped; the sign
+    # of one of them does not matter, since they are squared.
     along = np.hypot(*(unit * band).T)
     across = np.hypot(*(unit[:, ::-1] * band).T)
     angle = np.degrees(np.arctan2(across, speed))
+    # Where the half width across exceeds the speed, the ellipse may contain still air, and no direction is excluded.
     direction_half_width = np.where(across < speed, angle, ANY_DIRECTION)
+    # The wind comes from where the velocity points away from: atan2(−east, −north), clockwise from north.
     origin = np.degrees(np.arctan2(*-velocity.T[::-1]))
+    # The remainder brings the difference to −180 … 180°.
     direction = near_direction + (origin - near_direction + 180) % 360 - 180
     return PolarWind(speed, direction, along, direction_half_width)

@@ -158,9 +158,14 @@ class _Expansion(NamedTuple):
 def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
     """Identifies the drag and the sizes of gusts and noise by Fisher scoring of the filter's likelihood.
 
-    What the likelihood says of the drag counts as far as the flight is steered, and what it says of the lean as far as
-    the yaw turns: the rest would depend on the form of the model. Iterations may overshoot and then diverge, so the
-    scaled parameters with the highest posterior are the result.
+    The ten scaled parameters are four logarithms of drag coefficients, the lean along body x and y (specific force that
+    no wind causes), and four logarithms of the sizes and times of gusts, changes of the mean wind, and noise.
+
+    Drag and wind can be told apart only in manoeuvres, and lean and wind only while the vehicle yaws. Without these the
+    likelihood would still seem to tell them, but only by the form of the model. So its information is reduced: on drag
+    by the squared share of the force that manoeuvres explain (``steered``), on lean by the share of turned yaw. Each
+    iteration expands the log likelihood, adds the prior, and takes one step. Steps may overshoot and then diverge, so
+    the parameters with the highest posterior of all iterations are the result.
 
     Args:
         moved: motion of the flight.
@@ -172,6 +177,7 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
     prior_mean = np.append(drag.mean, GUST_PRIOR_MEAN)
     precision = block_diag(np.linalg.inv(drag.covariance), np.diag(GUST_PRIOR_SD**-2))
     steered = steered_share(moved)
+    # Factors of the information: four entries of drag, two of lean, and four of gusts and noise.
     information_shares = np.repeat([steered**2, _turned_share(moved), 1.0], [4, 2, 4])
     bound = MAX_PRIOR_DEVIATIONS / np.sqrt(np.diag(precision))
     mean = prior_mean

@@ -192,8 +192,14 @@ def estimate_wind(
 ) -> WindVelocity:
     """Estimates the wind of one flight from attitude and velocity, at 1 Hz and faster.
 
-    The drag is identified on a coarse grid. Then the wind is smoothed on a fine one, for samples of drag and lean from
-    their posterior.
+    Wind pushes a multirotor, which tilts against it; its drag relates the tilt to the air speed. The steps:
+
+    1. The motion is put on two even grids of time. On the coarse one the drag is identified, starting from its prior.
+    2. On the fine one the wind is smoothed once for each of N samples of drag and lean from their posterior. The lean
+       is specific force that no wind causes. The spread of the N winds is the error by uncertain drag and lean, and
+       the smoother's variance is that by noise.
+    3. From these follow the mean wind with its intervals, gusts, the wind by minute and by height.
+    4. Figures that the flight does not determine well are marked as biased or not identifiable, with the reason.
 
     Args:
         time: stamps (T,), s, ascending; there may be gaps.
@@ -216,6 +222,7 @@ def estimate_wind(
         fine = flight_grid(samples, max_steps=MAX_STEPS)
         posterior = identify_drag(coarse, prior)
         smoothed = sampled_winds(fine, posterior)
+    # The states are gust and mean wind, whose sum is the wind: N samples of it (T, N, 2), with variances by noise.
     winds = smoothed.states @ TOTAL_WIND_MATRIX.T
     variances = np.einsum(
         "ai,tnij,aj->tna", TOTAL_WIND_MATRIX, smoothed.covariances, TOTAL_WIND_MATRIX
@@ -225,6 +232,8 @@ def estimate_wind(
     mean_air = air.mean(axis=0)
     step_heights = np.interp(fine.time, samples.time, heights[samples.usable])
 
+    # The uncertainty of the drag at the air speed of this flight, relative to the drag and to that of the prior. If
+    # hardly less is left than before the flight, the drag is still known from where the prior was.
     relative_velocity = fine.velocity[:, :2] - air
     air_speed = np.nanmean(np.hypot(*relative_velocity.T))
     flight_drag = Drag(
@@ -239,6 +248,7 @@ def estimate_wind(
     for doubt in doubts:
         status[doubt.figure] = doubt.status
 
+    # The gust is the largest running mean of the wind speed.
     gust_steps = max(round(GUST_SECONDS / fine.step), 1)
     averaging = np.ones(gust_steps) / gust_steps
     gust_speeds = np.convolve(np.hypot(*air.T), averaging, mode="valid")
@@ -344,6 +354,7 @@ def _mean_wind(winds: Array, variances: Array, step: float) -> _MeanWind:
     """
     means = winds.mean(axis=0)
     independent_steps = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0)
+    # The error by noise of a mean over that many independent values. Normal draws of it are added to the N means.
     noise_sd = np.sqrt(variances.mean(axis=0) / independent_steps)
     noise = default_rng(2).standard_normal((DIRECTION_DRAWS, len(means), 2))
     samples = (means + noise * noise_sd).reshape(-1, 2)
@@ -377,11 +388,14 @@ def _doubts(
 ) -> list[_Doubt]:
     """Returns which of drag, speed and direction are not reported, and why.
 
+    A figure is reported if its interval is narrow enough. Otherwise it is biased, which means that it is given with a
+    warning, or not identifiable, which means that the flight hardly tells it.
+
     Args:
         mean: mean wind of the flight.
-        drag_sd: relative standard deviation of the drag.
-        remaining_sd: that, relative to the prior's.
-        steered_share: share of the force's variance that opposes the velocity.
+        drag_sd: relative standard deviation of the drag force at the air speed of the flight.
+        remaining_sd: that standard deviation, relative to the one before the flight (the prior's).
+        steered_share: share of the force's variance that manoeuvres explain, 0 to 1; the drag shows only in these.
         prior_source: what the prior of the drag was known from.
     """
     doubts = []

@@ -284,6 +284,7 @@ def _free_flight(
     flights = _flights(signals, boot, velocity_time, values[:, 3])
     usable = intervals.in_intervals(time, flights)
     usable &= (time >= velocity_time[0]) & (time <= velocity_time[-1])
+    # The time between the two velocities around each stamp of the attitude.
     next_velocity = np.clip(np.searchsorted(velocity_time, time), 1, len(velocity_time) - 1)
     gaps = velocity_time[next_velocity] - velocity_time[next_velocity - 1]
     usable &= gaps <= MAX_VELOCITY_GAP

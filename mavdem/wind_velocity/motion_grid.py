@@ -183,12 +183,18 @@ def motion_grid(
         velocity: over ground, north, east and down (N, 3), m/s.
         step: time step of the grid, s.
         wind: velocity of the air, north and east (N, 2), m/s; it is subtracted from the velocity where it is known.
+
+    Returns:
+        The motion at the boundaries between adjacent steps, each a mean over the step before and the step after it.
+        Those far from any with samples are left out.
     """
     rotation = Rotation.from_euler("ZYX", attitude[:, ::-1]).as_matrix()
     # Columns of the matrix are the body axes in north, east and down.
     body_x, body_y, body_z = np.transpose(rotation, (2, 1, 0))
+    # North and east components of body z per down component, (2, N): the tangent of the tilt.
     tilt = body_z[:2] / body_z[2]
 
+    # The grid begins half a sampling interval before the first sample, so that this sample is not at an edge.
     start = time[0] - np.median(np.diff(time)) / 2
     count = int((time[-1] - start) / step + ROUNDING_STEPS) + 1
     position = (time - start) / step
@@ -205,10 +211,13 @@ def motion_grid(
         if wind is not None:
             mean_velocity[:, :2] -= bins.triangular_means(wind.T).T
 
-    # Thrust carries the weight and accelerates down; so much of it pushes north and east by the tilt.
+    # The down component of the thrust per mass is the downward acceleration less gravity; times the tilt, it gives the
+    # north and east components. What accelerates the vehicle beyond these, (T, 2), is projected on body x and y.
     level_force = acceleration[:, :2] + (GRAVITY - acceleration[:, 2:]) * mean_tilt
     force = np.einsum("tij,tj->ti", body_axes[:, :, :2], level_force)
+    # A force beyond the limit comes from wrong data, such as a jump of the velocity, and is left out.
     force[~(abs(force) < MAX_SPECIFIC_FORCE).all(axis=1)] = np.nan
+    # Attitude that lags behind the velocity while the tilt changes looks like a force, and so does a wrong scale.
     timing_error = ATTITUDE_LAG * GRAVITY * tilt_rate
     scale_error = SCALE_ERROR * acceleration[:, :2]
     force_error = np.sqrt((timing_error**2 + scale_error**2).sum(axis=1))
@@ -219,6 +228,8 @@ def motion_grid(
 
 def _near_complete_steps(grid: MotionGrid) -> Flags:
     """Returns which steps (T,) are no farther than ``MAX_BRIDGED_SECONDS`` from one that is complete."""
+    # The convolution with ones counts the complete steps within the reach of each step. The False added at the end
+    # keeps the list from being empty.
     reach = int(MAX_BRIDGED_SECONDS / grid.step)
     complete = [*grid.complete, False]
     neighbours = np.convolve(complete, np.ones(2 * reach + 1))

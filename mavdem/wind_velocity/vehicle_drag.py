@@ -158,12 +158,18 @@ class Drag(ImmutableResult):
     ) -> Drag:
         """Returns a first estimate of a vehicle's drag: that of typical multirotors, or what its autopilot is set to.
 
-        Coefficients that somebody set in the autopilot replace the typical ones. Factory values and values that switch
-        a part of the autopilot's model off say nothing of this vehicle, and do not count.
+        The state estimators of both autopilots have a drag model, with parameters for linear drag (the momentum drag
+        coefficient, 1/s) and for quadratic drag (a ballistic coefficient along body x and y, kg/m²). Coefficients that
+        somebody set there replace the typical ones of :data:`POPULATION_MEAN`, with the smaller standard deviation
+        :data:`CONFIGURED_SD`. Factory values, and values so small that they switch a part of that model off, say
+        nothing of this vehicle, and are ignored.
 
         Args:
             autopilot: "ARDUPILOTMEGA" or "PX4"; of others no parameters are known.
             parameters: parameters of the autopilot, by name.
+
+        Returns:
+            The drag, with independent entries (a diagonal covariance), a lean of zero mean, and its source.
         """
         momentum_name, ballistic_prefix = DRAG_PARAMETER_NAMES.get(autopilot, ("", ""))
         configured = {
@@ -182,6 +188,8 @@ class Drag(ImmutableResult):
             sd[LOG_LINEAR] = CONFIGURED_SD
             source = DragSource.PARAMETERS
         if ballistic_x > MIN_BALLISTIC_COEFFICIENT and ballistic_y > MIN_BALLISTIC_COEFFICIENT:
+            # Quadratic drag is half of the air density over the ballistic coefficient. So the geometric mean of both
+            # axes needs that of the coefficients, and the ratio of y to x is the inverse of theirs.
             quadratic = HALF_AIR_DENSITY / np.sqrt(ballistic_x * ballistic_y)
             ratio = ballistic_x / ballistic_y
             logarithms[[LOG_QUADRATIC, LOG_QUADRATIC_RATIO]] = np.log([quadratic, ratio])
@@ -228,17 +236,21 @@ class Drag(ImmutableResult):
     def interval(self, name: str) -> Array:
         """Returns the 90 % interval of a coefficient along body x and y.
 
+        The logarithm of the coefficient of an axis is normal: the logarithm of the mean of both axes minus (x) or plus
+        (y) half of the log ratio of y to x. It is linear in :attr:`mean`, so its variance follows from the covariance.
+        The ends of its interval, exponentiated, are those of the coefficient.
+
         Args:
-            name: "linear" or "quadratic".
+            name: "linear" (1/s) or "quadratic" (1/m).
 
         Returns:
-            (2, 2) lower ends, then upper ends; by axis.
+            (2, 2) lower ends in the first row and upper ends in the second; columns are body x and y.
         """
         indices = {
             "linear": [LOG_LINEAR, LOG_LINEAR_RATIO],
             "quadratic": [LOG_QUADRATIC, LOG_QUADRATIC_RATIO],
         }[name]
-        # Each axis has the logarithm of the mean, and its share of the log ratio.
+        # Row x is 1 · ln mean − ½ · ln ratio, and row y is 1 · ln mean + ½ · ln ratio.
         weights = np.zeros((2, DRAG_PARAMETERS))
         weights[:, indices] = np.column_stack([np.ones(2), AXIS_SHARES])
         sd = np.sqrt(np.diag(weights @ self.covariance @ weights.T))
@@ -246,7 +258,11 @@ class Drag(ImmutableResult):
         return getattr(self, name) * np.exp(half_widths)
 
     def relative_sd(self, speed: float) -> float:
-        """Returns the relative standard deviation of the drag force at an air speed in m/s, to first order."""
+        """Returns the relative standard deviation of the drag force at an air speed in m/s, to first order.
+
+        The force per mass and speed is c + q · speed, whose derivatives by ln c and ln q are the two parts c and
+        q · speed. Differences between body x and y are left out.
+        """
         parts = np.exp(self.mean[[LOG_LINEAR, LOG_QUADRATIC]]) * [1.0, speed]
         return float(np.sqrt(parts @ self.covariance[:2, :2] @ parts) / parts.sum())
 

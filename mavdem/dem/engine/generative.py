@@ -329,6 +329,16 @@ class GenerativeModel:
 
         It depends on the sizes and embedding orders only, and is computed once; for each θ, :meth:`error_operator` then
         only fills in the parameters. E has a row for each prediction error and a column for each entry of [ỹ; η̃; X].
+        With X = [x̃; ṽ] its blocks are, the last row only where x has a prior:
+
+            rows        ỹ    η̃    x̃       ṽ
+            outputs     I    0    −C̃      0
+            inputs      0   −I    0       I
+            states      0    0    D − Ã   −B̃
+            prior       0    0    [I 0]   0
+
+        First the constant blocks are filled. Then a matrix of the same shape gets the number of the parameter that
+        stands in each entry, and its nonzero entries are listed.
         """
         n, r, m = self.sizes
         rows = self.error_rows
@@ -452,17 +462,24 @@ class GenerativeModel:
     def mean_field_squared_errors(self, moments: Array, theta_covariance: Array) -> Array:
         """Returns what the uncertainty of θ adds to the expected squared errors Σ ε̃ᵀ (S⊗Ω_g) ε̃ of each noise.
 
+        The prediction errors are ε̃ = E z, with z = [ỹ; η̃; X]. Some entries of E are parameters, −θ_l. If θ deviates
+        from its mean by δ ~ N(0, Σ^θ), the entry e, which is parameter l in row i and column a, changes error i by
+        −δ_l z_a. Squared, weighted by the precision and averaged over δ, these changes do not cancel: each pair of
+        entries e = (l, i, a) and f = (m, j, b) adds Π̃_ij Σ^θ_lm Σ z_a z_b. Here Π̃ is the precision at λ = 0, S⊗I, in
+        which S is the precision of smooth noise and its derivatives; Ω_g selects the channels of noise g. The M step
+        needs these sums to learn the noise precisions e^λ.
+
         Args:
-            moments: second moments of [ỹ; η̃; X], summed over the samples.
+            moments: (dim z, dim z) second moments Σ z zᵀ, summed over the samples.
             theta_covariance: (k, k) covariance Σ^θ.
 
         Returns:
-            Squared errors (g,), in the order of λ.
+            Added squared errors (g,), one for each entry of λ; they are not yet multiplied by e^λ.
         """
         at_zero, groups = self._precision_structure
         _, rows, _, parameters = self._operator_structure
-        # Each product belongs to two entries of E whose errors have the same noise: it counts for the noise of the
-        # second one.
+        # Π̃_ij is zero unless the errors i and j are of the same channel, and so have the same noise g. Each column of
+        # products, which is one entry f of E, can therefore be summed, and the sum added to the noise of f's row.
         products = self._entry_products(at_zero, moments)
         products = products * theta_covariance[np.ix_(parameters, parameters)]
         return np.asarray(np.bincount(groups[rows], products.sum(axis=0)), float)
@@ -477,8 +494,8 @@ class GenerativeModel:
             Π̃, (dim ε̃, dim ε̃); where x has a prior, its precision is the last block.
         """
         at_zero, groups = self._precision_structure
-        # The noise precisions are diagonal, so each error's column is scaled by its own one. The index −1 of the inputs
-        # finds the 1 at the end.
+        # Πᶻ and Πʷ are diagonal, so the column of each error is multiplied by the precision e^λ of its noise. Errors of
+        # the inputs and of the prior of x have no such noise: their group is −1, which picks the 1 appended at the end.
         return at_zero * np.append(noise_precisions, 1.0)[groups]
 
     @cached_property
@@ -534,7 +551,9 @@ class GenerativeModel:
             Squared errors (g,), in the order of λ.
         """
         at_zero, groups = self._precision_structure
-        # The trace of Π̃ Σ ε̃ε̃ᵀ, at λ = 0, split by the noise of each column; columns of inputs belong to no noise.
+        # The elementwise product with the symmetric Π̃, summed up, is the trace of Π̃ Σ ε̃ε̃ᵀ at λ = 0. Each column is one
+        # error, so the sums of the columns are added up by the noise of that error. Errors of the inputs and of the
+        # prior of x belong to no noise (group −1) and are left out.
         is_scaled = groups >= 0
         squares = np.bincount(groups[is_scaled], (at_zero * error_moments).sum(axis=0)[is_scaled])
         return np.asarray(squares, float)

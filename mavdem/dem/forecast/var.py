@@ -398,8 +398,8 @@ class VectorAutoregression(NamedTuple):
         k = len(self.offset)
         past_latest_first = _latest_first(self.scaling.scaled(past))
         mean = np.einsum("...i,hki->...hk", past_latest_first, maps, optimize=True) + constants
-        # An innovation changes later samples as its own sample does. So the responses to the innovation of the first
-        # sample are the identity and the maps of the latest sample of the past.
+        # Ψ_h is the response of sample t + h to the innovation e_t. Since e_t is added to z_t, the process responds to
+        # both alike. So Ψ_0 is the identity, and Ψ_h the first k columns, those of the latest sample, of the h-th map.
         responses = np.concatenate([np.eye(k)[None], maps[:-1, :, :k]])
         # Each further step adds the variance diag(Ψ Σ Ψᵀ) of one more innovation, Ψ being the response to it.
         added_variances = np.einsum(
@@ -471,7 +471,8 @@ class VectorAutoregression(NamedTuple):
         r = k - m
         Sigma = self.innovation_covariance
         output_coefficients = self.coefficients.swapaxes(0, 1)[:, :, :m].reshape(k, n)
-        # The next outputs follow from the outputs of all lags; these move on by one lag.
+        # The identity below the diagonal moves the outputs of each lag to the next lag. The first m rows give the next
+        # outputs from the outputs of all lags.
         A = np.eye(n, k=-m)
         A[:m] = output_coefficients[:m]
         # The innovation of the sample has a part that moves the outputs, with covariance Q, and a part that disturbs
@@ -485,18 +486,26 @@ class VectorAutoregression(NamedTuple):
         return KalmanFilter.design(A, output_coefficients[m:], Q, R, S, known_past, steps)
 
     def forecast_known_inputs(self, past: Array, inputs: Array, smooth: bool = False) -> Forecast:
-        """Forecasts the outputs, given the inputs, by a Kalman filter that takes these as measurements of the motion.
+        """Forecasts the outputs y, given the inputs u, by a Kalman filter that takes the inputs as measurements of y.
 
-        The inputs of a closed loop answer the motion, so that they tell of it. The past gives the filter's initial
-        state exactly (:meth:`output_filter`).
+        In closed loop the controller computes the inputs from the motion, so that the inputs tell of the outputs.
+        The steps:
+
+        1. The filter of :meth:`output_filter` has the outputs of the last L samples as its state. They are known at the
+           start, from the past.
+        2. The process gives each channel as a sum over earlier outputs, which are the filter's state, and over earlier
+           inputs and the offset, which are known. The known part is computed for all samples beforehand.
+        3. The known part of y is added to the state at each step, as a forcing term. The known part of u is subtracted
+           from the measured u; the rest is what the filter takes as its measurement.
+        4. The filter runs forward and, if ``smooth``, the smoother backward.
 
         Args:
             past: (…, L, k) samples up to the forecast, the latest last; leading axes are separate forecasts.
             inputs: (…, H, r) inputs of the forecast.
-            smooth: whether all inputs count for each sample, not only those up to it.
+            smooth: whether each sample is estimated from all H inputs, or only from those up to that sample.
 
         Returns:
-            The outputs (…, H, m); overflow is treated as in :meth:`forecast_unknown_inputs`.
+            The outputs (…, H, m) in physical units; overflow is treated as in :meth:`forecast_unknown_inputs`.
         """
         lags, k, _ = self.coefficients.shape
         steps, r = inputs.shape[-2:]
@@ -505,13 +514,15 @@ class VectorAutoregression(NamedTuple):
         coefficients = self.coefficients.swapaxes(0, 1)
         scaled_past = self.scaling.scaled(past)
         scaled_inputs = (inputs - self.scaling.center[m:]) / self.scaling.scale[m:]
-        # The known effect of earlier inputs and of the offset, (…, H, k), on all channels.
+        # The known part of each sample, (…, H, k): what earlier inputs and the offset add to all k channels. The first
+        # m channels are the outputs, the other r the inputs.
         earlier_inputs = lagged_rows(
             np.concatenate([scaled_past[..., m:], scaled_inputs], axis=-2), lags
         )
         input_coefficients = coefficients[:, :, m:].reshape(k, lags * r)
         known_effect = earlier_inputs @ input_coefficients.T + self.offset
-        # On the outputs it is a forcing term of the state; on the inputs, it is subtracted from the measurements.
+        # The state starts with the latest m outputs, so the known part of the outputs is added to its first m entries.
+        # The other entries are only moved on from lag to lag, and nothing is added to them.
         forcing = np.zeros((*known_effect.shape[:-1], m * lags))
         forcing[..., :m] = known_effect[..., :m]
         states, innovations = kalman_filter.filter(
@@ -521,7 +532,8 @@ class VectorAutoregression(NamedTuple):
         if smooth:
             states, covariances, _ = kalman_filter.smooth(states, innovations)
         variances = np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0)
-        # The latest outputs of the state after each sample are that sample's outputs.
+        # State t + 1 begins with the outputs of sample t. So the outputs of the H samples are the first m entries of
+        # the states 1 to H; state 0 is the known past.
         return self._physical_forecast(states[..., 1:, :m], variances[1:, :m])
 
     def rolling_forecast_known_inputs(
@@ -579,7 +591,8 @@ class VectorAutoregression(NamedTuple):
         steps = max(1, min(steps, length))
         pasts = self._pasts_of_forecasts(past, steps, inputs, outputs)
         forecasts = self.forecast_unknown_inputs(pasts, steps)
-        # The outputs of the forecasts (S, steps, k) one after another; the last may reach beyond the samples.
+        # The first m of the k channels are the outputs. The S forecasts of ``steps`` samples each are put one after
+        # another; the last may reach beyond the H samples, and is cut off there.
         return Forecast(
             forecasts.mean[..., :m].reshape(-1, m)[:length],
             forecasts.variance[..., :m].reshape(-1, m)[:length],

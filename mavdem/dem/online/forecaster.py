@@ -76,7 +76,7 @@ class PredictionMaps(NamedTuple):
             (H + 1, m) outputs at each horizon and, last, of the latest sample. What overflows is not finite.
         """
         channels = self.scaling.scaled(np.hstack([outputs, inputs @ self.axis_mixer]))
-        # The L + 1 latest samples in one row, in the order of the weights.
+        # The L + 1 latest samples side by side in one row, the latest first, which is the order of the weights.
         latest_first = latest_samples(channels, MAX_LAGS + 1)[::-1].ravel()
         m = outputs.shape[1]
         predictions = self.weights.dot(latest_first) + self.constants
@@ -236,6 +236,9 @@ class OnlineForecaster:
     ) -> LagStatistics:
         """Adds the samples of a block to the sums of the regression, in which the samples before it fade.
 
+        The sums are second moments of each sample with the ``MAX_LAGS`` samples before it. With n new samples the old
+        sums are multiplied by exp(−n dt / ``MEMORY_SECONDS``) before the new ones are added.
+
         Args:
             block: The block.
             axis_mixer: (r, c) combinations of the inputs.
@@ -273,7 +276,8 @@ class OnlineForecaster:
         candidates = self._hyperparameters, next(self._alternatives)
         chosen, regression = select_hyperparameters(statistics, MAX_LAGS, candidates)
         process = VectorAutoregression.from_regression(regression, scaling)
-        # A mode of this magnitude grows about by the factor e over the longest horizon.
+        # A mode is an eigenvalue of the autoregression. With the magnitude 1 + 1/h it grows about by the factor
+        # (1 + 1/h)ʰ ≈ e over the longest horizon of h steps.
         if process.spectral_radius > 1 + 1 / self._horizons[-1]:
             # The beginning of a manoeuvre can look like motion that grows for ever. The last model is kept, and the
             # next block, which shows how the manoeuvre goes on, is fitted at once.
@@ -287,19 +291,29 @@ class OnlineForecaster:
     ) -> PredictionMaps:
         """Returns the linear maps by which a fitted process predicts, computed once for all samples until the next fit.
 
+        There are two kinds of prediction. The outputs at each of the H horizons, some steps ahead, follow from the
+        samples up to the latest one. The outputs of the latest sample itself follow from that sample's inputs and from
+        the samples before it. Both are put into one array of weights, (H + 1, m, (L + 1) k) with L = ``MAX_LAGS`` and k
+        channels, so that one product with the L + 1 latest samples gives all predictions.
+
         Args:
             axis_mixer: (r, c) combinations of the inputs that are channels of the process.
             process: The fitted process, of up to ``MAX_LAGS`` lags.
-            scaling: Centre and scale of each channel.
+            scaling: Centre and scale of each of the k channels.
+
+        Returns:
+            The maps: first those of the horizons, last that of the latest sample; for scaled channels.
         """
         m = self._outputs
-        # Of the predictions of all channels at all steps, only the outputs at the horizons are needed.
+        # The process predicts all channels at every step up to the last horizon. Needed are only the outputs, which are
+        # the first m channels, at the horizons; a horizon of h steps has index h − 1.
         all_maps, all_constants = process.prediction_maps(int(self._horizons[-1]))
         horizon_maps = all_maps[self._horizons - 1, :m]
         horizon_constants = all_constants[self._horizons - 1, :m]
         latest_map, latest_constant = process.output_map(m)
-        # The process may have fewer lags than are kept: the weights of the others are zero. The latest sample follows
-        # from one lag more than the next ones, since it counts itself.
+        # Weights are in blocks of k channels, the latest sample first. The process may have fewer lags than MAX_LAGS;
+        # the weights of the older samples stay zero. The map of the latest sample is one block longer than the others,
+        # since its first block holds the weights of that sample's own inputs.
         weights = np.zeros((len(horizon_maps) + 1, m, (MAX_LAGS + 1) * len(scaling.center)))
         weights[:-1, :, : horizon_maps.shape[2]] = horizon_maps
         weights[-1, :, : latest_map.shape[1]] = latest_map

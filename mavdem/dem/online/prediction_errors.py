@@ -53,6 +53,10 @@ class PredictionErrors:
     def compare(self, sample: Array) -> None:
         """Compares the next sample with what was predicted of it, and updates the averages of the squared errors.
 
+        There are three ways of prediction: by the model, by the last sample at the time of the prediction, and by the
+        mean of all samples up to then. The two trivial ones are what the model has to beat. The mean of the samples is
+        updated last, so that this sample counts only for later predictions.
+
         Args:
             sample: (m,) the sample.
         """

@@ -227,7 +227,11 @@ class DensityModel:
         self._reference_noise_gain = 2 * is_other_cycle.mean() * self._angle_gain**2
 
     def density(self, theta: Array, with_reference: bool = True) -> ComplexArray:
-        """Returns the modelled cross-spectral density (J, C, C) of the quantities.
+        """Returns the modelled cross-spectral density (J, C, C) of the C logged quantities at J frequencies.
+
+        It is the sum of three parts. Independent sources (reference, gyro noise, actuation, wind torque) each add their
+        density times the products of the closed loop's responses to them, summed over all aliases of a frequency. Steps
+        of the reference that are synchronous with the messages add coherently instead. Last come errors of the log.
 
         Args:
             theta: logarithms of the parameters (k,).
@@ -245,6 +249,10 @@ class DensityModel:
 
     def density_and_gradient(self, theta: Array) -> tuple[ComplexArray, ComplexArray]:
         """Returns the modelled density (J, C, C), and its derivatives by each entry of θ (J, k, C, C).
+
+        The density is that of :meth:`density`. Parameters of the loop change the responses to every source; the time of
+        the synchronous steps changes their phases. All other parameters change only the density of a source. Its
+        derivative is then the density times a logarithmic slope, d ln density / d θ, and passes the same responses.
 
         Args:
             theta: logarithms of the parameters (k,).
@@ -266,7 +274,8 @@ class DensityModel:
             gradient[:, PARAMETER_NAMES.index(name)] += slope * steps_density
 
         for source in Source:
-            # The source's density and its derivatives fold in one product.
+            # The source's density and its derivatives are multiplied by the same responses and summed over the aliases,
+            # all in one product. Row 0 is the density, the others are derivatives by the entries of θ in ``rows``.
             rows = list[int]()
             densities = [source_densities[source]]
             for component in components:
@@ -278,7 +287,7 @@ class DensityModel:
             response = loop.from_source[source]
             folded = self._folded_products(np.array(densities), response, response.conj())
             density += folded[:, 0]
-            # One by one: a parameter of two components has two rows.
+            # They are added one by one, since a parameter of two components of this source has two rows.
             for number, row in enumerate(rows, start=1):
                 gradient[:, row] += folded[:, number]
         return density, gradient
@@ -451,7 +460,18 @@ class DensityModel:
         Q (S − 1) X dA/A. A relative change of the plant alone changes them by Q S X for every source. One of the
         controller acts like dA/A, with (S − 1) for what the output does besides, and changes the output directly. The
         derivative of q qᴴ is that of q, times qᴴ, plus its adjoint.
+
+        Args:
+            parameters: the parameters of the loop.
+            loop: its frequency responses; S = ``sensitivity``, Q = ``from_rate`` and X = ``rate_from_source`` times the
+                spectrum of the source.
+            source_densities: density of each source (S, J, F).
+            steps: the synchronous steps at these parameters.
+
+        Returns:
+            Derivatives by the logarithms of effect, damping, lag, delay and controller gain, in the order of θ.
         """
+        # Relative changes of the path from output to rate by the logarithm of each parameter.
         damping_slope = -parameters.damping * loop.plant
         lag_slope = -parameters.lag * self._s * loop.motor_lag
         delay_slope = -parameters.delay * self._s
@@ -464,6 +484,7 @@ class DensityModel:
         actuation = rate_spectra[Source.ACTUATION] * conjugate[Source.ACTUATION]
         by_actuation_path = all_sources - wind
 
+        # The derivative of q times qᴴ; the adjoint, which is the other half, is added at the end.
         half = np.empty((len(unit_slope), LOOP_PARAMETERS, QUANTITIES, QUANTITIES), complex)
         path_slopes = np.array([unit_slope, lag_slope, delay_slope])
         half[:, [EFFECT, LAG, DELAY]] = self._folded_products(

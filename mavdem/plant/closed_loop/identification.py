@@ -150,6 +150,7 @@ def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
     for initial in INITIAL_PLANTS:
         start = _initial_parameters(posterior, initial)
         first_ascents.append(_ascend(posterior, start, INITIAL_STEPS))
+    # In rising order of the posterior, so that the best come last.
     first_ascents.sort(key=lambda ascent: ascent.value)
 
     log_odds: tuple[float, ...] = LOG_STEP_TIME_ODDS
@@ -214,6 +215,7 @@ def _mixture_of_modes(
     weights = softmax(log_evidences)
     thetas = np.array([mode.point for mode in modes])
     mean = weights @ thetas
+    # By the law of total variance: the mean covariance within the modes, and the covariance of their means.
     within = sum(
         weight * _covariance(posterior, mode.curvature)
         for weight, mode in zip(weights, modes, strict=True)
@@ -223,7 +225,11 @@ def _mixture_of_modes(
 
 
 def _covariance(posterior: AxisPosterior, curvature: Array) -> Array:
-    """Returns the sandwich covariance (k, k) of θ at a mode.
+    """Returns the sandwich covariance (k, k) of θ at a mode, H⁻¹ V H⁻¹.
+
+    H is the curvature, and V the variance of the gradient. If the likelihood were exact, V would be H, and the
+    covariance H⁻¹. But estimates scatter less than the likelihood's information says, so that its part of V is reduced
+    by :data:`LIKELIHOOD_VARIANCE_FACTOR` (H. White, Econometrica 50(1), 1982).
 
     Args:
         posterior: the log posterior.

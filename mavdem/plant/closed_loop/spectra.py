@@ -103,11 +103,18 @@ class CrossSpectra(NamedTuple):
 
 
 def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpectra:
-    """Estimates the cross-spectral densities of several streams of messages.
+    """Estimates the cross-spectral densities of several streams of messages, such as a body rate and its setpoint.
 
-    The streams are reduced to the messages that belong to those of the slowest one, and each window is transformed with
-    a Hann taper. Densities are averages over neighbouring frequencies; windows overlap by half, so a window counts for
-    half of its values.
+    The steps:
+
+    1. Every stream is reduced to one message for each message of the slowest stream. Then all streams have the same
+       rate, and content above half of it folds (aliases) in the same way in all of them.
+    2. Each window of ``SPECTRUM_SECONDS`` of each stream is Fourier-transformed with a Hann taper.
+    3. The products x yᴴ of the transforms of each pair of quantities are averaged over bands of neighbouring
+       frequencies, so that they scatter less.
+
+    Windows overlap by half, so neighbouring windows share half of their samples. The number of independent values that
+    a window adds to a band is therefore taken as half of the band's frequencies.
 
     Args:
         streams: C quantities, each with the stamps of its own messages.
@@ -116,13 +123,15 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
     Returns:
         Densities of each window in bands, with the rate about half of which they fold.
     """
-    # All streams get the same number of messages, about evenly spaced.
+    # All streams get the same number of messages, about evenly spaced. In the message rate a loss of the link counts
+    # for no more than MAX_COUNTED_GAP.
     slowest = min((stream.time for stream in streams), key=len)
     stamps = _evenly_spaced_stamps(slowest)
     matched = [_matched_messages(stream, stamps) for stream in streams]
     rate = (len(stamps) - 1) / np.diff(stamps).clip(max=MAX_COUNTED_GAP).sum()
 
-    # Frequencies are multiples of 1 / SPECTRUM_SECONDS, without 0.
+    # Frequencies are multiples of 1 / SPECTRUM_SECONDS. The first, 0, is left out, since the trend has been removed.
+    # The transforms have the shape (windows, quantities, frequencies).
     count = int(min(MAX_RELATIVE_FREQUENCY * rate, HIGHEST_FREQUENCY) * SPECTRUM_SECONDS)
     frequency = np.arange(1, count + 1) / SPECTRUM_SECONDS
     transforms = np.array(
@@ -135,7 +144,8 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
     frequency = frequency[in_range]
     transforms = transforms[:, :, in_range]
 
-    # The cross-spectrum x yᴴ of each pair of quantities, averaged over the frequencies of each band.
+    # The cross-spectrum x yᴴ of each pair of quantities, averaged over the frequencies of each band. ``reduceat`` sums
+    # from each edge to the next; the last edge only marks the end.
     edges = _band_edges(frequency)
     counts = np.diff(edges)
     products = np.einsum("wcf,wdf->wfcd", transforms, transforms.conj())
@@ -192,8 +202,16 @@ def _evenly_spaced_stamps(stamps: Array) -> Array:
 def _matched_messages(stream: Messages, stamps: Array) -> Messages:
     """Returns, for each stamp (N,) of a slower stream, the first message that is not too early for it.
 
-    All messages are matched with the same tolerance. The nearest message, or the next one, would do no good: of two
-    streams that keep half a step apart, these would now be on one side and now on the other.
+    A message may be earlier than the stamp by up to ``MAX_EARLINESS`` of the stream's median step. Taking the nearest
+    message would fail where the stamps of two streams differ by about half a step: small jitter would decide whether
+    the message before or after the stamp is taken, and the delay between the streams would jump by a whole step.
+
+    Args:
+        stream: messages of one quantity.
+        stamps: stamps to match (N,), s, ascending.
+
+    Returns:
+        N messages with their own stamps. At the end of the stream the last message is repeated.
     """
     tolerance = MAX_EARLINESS * np.median(np.diff(stream.time))
     rows = np.searchsorted(stream.time, stamps - tolerance).clip(max=len(stream.time) - 1)
