@@ -238,7 +238,7 @@ def _turbulent_air(
         fields of ``AirState``.
     """
     frame = rotor_frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
-    # The distance between the outermost rotors stands for the wing span of the standard.
+    # The distance between the outermost rotors takes the place of the wing span of the standard.
     span = max(frame.right) - min(frame.right)
     horizontal, vertical, rotation = turbulence_scales(wind, scenario.height, span)
     longitudinal: Process = dryden_longitudinal

@@ -92,7 +92,7 @@ def output_scale(
 ) -> OutputScale:
     """Finds the scale of motor outputs, such as pulse widths in µs or DShot commands, which no message states.
 
-    Scales are told apart by the largest output, and some of them also by the smallest one above 0. The range of PX4's
+    Scales differ by the largest output, and some of them also by the smallest one above 0. The range of PX4's
     driver, which its parameters state, is tried first, then pulse widths, then DShot with the idle throttle of the
     parameters. What is left is decided by the largest output alone.
 

@@ -395,7 +395,7 @@ ARMED_STATE = 2
 def heartbeat(topics: Topics, vehicle_type: int) -> Fields:
     """Makes HEARTBEAT from the topic vehicle_status, as PX4's stream HEARTBEAT.hpp does.
 
-    Only the state is told apart: CRITICAL in failsafe, else ACTIVE while the motors are armed, else STANDBY. Where
+    Only the state is distinguished: CRITICAL in failsafe, else ACTIVE while the motors are armed, else STANDBY. Where
     the field ``failsafe`` was not logged, there is none.
 
     Args:

@@ -479,8 +479,8 @@ class Link:
     def _raise_unreadable(self, error: OSError) -> NoReturn:
         """Raises ``Unreadable`` with the reason for which the link cannot be opened, by the system's ``error``.
 
-        A name that cannot be resolved and a connection that times out have error classes of their own; all else is told
-        by the error number.
+        A name that cannot be resolved and a connection that times out have error classes of their own; all else is
+        distinguished by the error number.
         """
         host, port = self._address
         if isinstance(error, socket.gaierror):

@@ -105,7 +105,7 @@ class RateNegotiation:
         """Restores the vehicle's own message rates at the end of a session, and waits for its confirmation.
 
         What the vehicle does not confirm is sent again, ``MAX_TRIES`` times in all, since frames get lost on radios. If
-        some rate remains unconfirmed, the user is told, as the vehicle may go on with the requested rates.
+        some rate remains unconfirmed, a fact tells the user, as the vehicle may go on with the requested rates.
         """
         request = self._request
         if request is None:

@@ -196,7 +196,7 @@ class RowBuilder:
 
         A segment is a series of rows on one uniform time grid, without a gap. What its rows are, their format, is the
         time step, s, the messages that they are made of, and the motors whose outputs are their inputs. Most segments
-        have the format of the one before, and the user is told nothing. Where the order of the motors is only assumed,
+        have the format of the one before, and the user gets no message. Where the order of the motors is only assumed,
         that is reported too, since torque directions depend on it.
 
         Args:

@@ -148,7 +148,7 @@ class WindEstimate(NamedTuple):
 
     @property
     def facts(self) -> Facts:
-        """What is told to the user: one fact on the wind's speed and, if it is known, one on where it comes from.
+        """What the user gets: one fact on the wind's speed and, if it is known, one on where it comes from.
 
         An estimate whose 90 % interval of the speed reaches down to calm does not show that there is any wind. Then
         only the interval is given, with None for the speed and no direction, which would be chance. Likewise no

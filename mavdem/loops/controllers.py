@@ -270,7 +270,7 @@ def controller_from_parameters(
 ) -> Controller:
     """Returns the controller of one axis that an autopilot's ``parameters`` describe.
 
-    Which autopilot it is, is told by the names of the parameters: those of rate gains begin with ``ATC_RAT_`` (before
+    The autopilot is known by the names of the parameters: those of rate gains begin with ``ATC_RAT_`` (before
     ArduCopter 3.4, ``RATE_RLL_``) in ArduPilot and with ``MC_`` in PX4.
 
     Args:

@@ -53,7 +53,7 @@ class MotorSignatures:
     def is_motor_identifiable(self) -> bool:
         """Whether a weak motor can be told from a shifted load and from any other weak motor.
 
-        Motors are told apart by the directions of their signatures in roll, pitch and yaw, since the size of a loss is
+        Motors differ by the directions of their signatures in roll, pitch and yaw, since the size of a loss is
         not known. Two directions are too much alike from a cosine of ``MAX_SIGNATURE_COSINE`` on.
 
         Without spins it cannot: each signature is then that of a load that shifted towards the motor. Neither can it

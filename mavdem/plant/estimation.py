@@ -62,7 +62,7 @@ class _SelectedModel(NamedTuple):
 def physical(train: TrainingData, prior: Physical | None = None) -> Physical | NotIdentifiable:
     """Estimates control effectiveness, damping, motor time constant and delay of one axis.
 
-    >>> str(mavdem.dem.physical(mavdem.read_flight("flight.tlog")[:2000]).status["effect"])
+    >>> str(mavdem.plant.physical(mavdem.read_flight("flight.tlog")[:2000]).status["effect"])
     'biased'
 
     Args:

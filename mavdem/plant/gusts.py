@@ -103,7 +103,7 @@ def detect_gusts(
     exceedance = float(np.exp(-(GUST_THRESHOLD**2) / 2))
     false_per_minute = 2 * 60 * slope_sd / sd / (2 * np.pi) * exceedance
 
-    # Excursions are stretches beyond the end threshold on one side. They also end at a gap between segments.
+    # Excursions are samples in a row beyond the end threshold on one side. They also end at a gap between segments.
     signs = np.sign(deviation) * (abs(deviation) > END_THRESHOLD_SHARE * GUST_THRESHOLD * sd)
     sign_changes = 1 + np.flatnonzero(np.diff(signs))
     edges = sorted({0, len(deviation), *sign_changes.tolist(), *record.segment_starts.tolist()})

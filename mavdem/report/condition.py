@@ -124,7 +124,7 @@ def _is_lossy(sender: JsonValues) -> bool:
     """Returns whether a link lost messages of a sender, by gaps in sequence numbers and in periodic streams.
 
     Where no stream has gaps although numbers are missing, nothing was lost: the log keeps only some kinds of messages.
-    So missing numbers are believed only if the periodic messages lack a similar share, at least half of it or 1 %.
+    So missing numbers count only if the periodic messages lack a similar share, at least half of it or 1 %.
     """
     lost_share = sender["lost_share"]
     missing_share = sender["missing_share"]

@@ -169,7 +169,7 @@ class Server:
             except ClientDisconnect:
                 response = Response(status_code=400)
             except asyncio.CancelledError:
-                # The server is ending. The client is told when to ask again.
+                # The server is ending. The answer says when to ask again.
                 response = Response(status_code=503, headers=RETRY_HEADERS)
             response.headers.update(_response_headers())
             return response

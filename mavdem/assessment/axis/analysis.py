@@ -211,7 +211,7 @@ def _with_slow_refusal(analysis: LogAnalysis, refusal: Fact) -> LogAnalysis:
     """Returns the analysis of a log without a model, with the second of two reasons for that added to the first.
 
     A log with slow streams is refused twice: a full model needs faster ones (the reason that ``analysis`` has already),
-    and the attempt to learn a model of the slow motion alone has failed too. A user is told both in one sentence.
+    and the attempt to learn a model of the slow motion alone has failed too. One sentence tells a user both.
 
     Args:
         analysis: the analysis, with the reason why there is no full model; returned as it is if it has none.

@@ -239,7 +239,7 @@ def _unread_frames(
     """Counts the frames that cannot be read, by message and sender, and finds out why.
 
     The dialect is the set of message definitions that is used here. A frame cannot be read for one of two reasons: it
-    was damaged, or its sender uses another dialect. They are told apart like this:
+    was damaged, or its sender uses another dialect. They are distinguished like this:
 
     - The message is not in the dialect. If its sender sent readable frames too, the sender is real, and the message is
       another dialect's; else the frame is damaged, and the ids in it are wrong.

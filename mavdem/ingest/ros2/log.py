@@ -188,7 +188,7 @@ def _telemetry(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetr
 def with_system_ids(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
     """Numbers vehicles from 1 where some have no system id, or several the same; repairs report it.
 
-    Vehicles of a log are told apart by their system ids, but a recording has them apart by their namespaces.
+    Vehicles of a log differ by their system ids, but a recording has them apart by their namespaces.
 
     Args:
         vehicles: Namespace and telemetry of each vehicle; ``system`` is 0 where it is not known.
