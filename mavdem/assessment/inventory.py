@@ -62,7 +62,13 @@ def inventory(log: Log, vehicles: Sequence[VehicleContents] | None = None) -> Js
         for telemetry in log.vehicles
     }
     vehicle_values = [_vehicle_values(vehicle) for vehicle in vehicles]
-    unread = [{**asdict(frames), "cause": frames.cause.replace("_", " ")} for frames in log.unread]
+    unread = []
+    for frames in log.unread:
+        values = asdict(frames)
+        # The document calls the number of all frames "of".
+        values["of"] = values.pop("total")
+        values["cause"] = frames.cause.replace("_", " ")
+        unread.append(values)
     return {
         "source": log.source,
         "frames": log.frames,
