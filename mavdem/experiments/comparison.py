@@ -538,7 +538,7 @@ class Comparison:
             - ``start``: "zero" for forecasts from state 0, else "data".
             - ``verdicts``: results of :meth:`tests`.
             - ``over_flights``: results of :meth:`over_flights`.
-            - ``flights``: for each flight its summaries and single outcomes (:meth:`_flight_values`).
+            - ``flights``: for each flight its summaries and single outcomes (``_flight_values``).
             - ``predictions``: the same values of predictions without the inputs; None where no method predicts, and in
               these values themselves.
         """

@@ -160,8 +160,8 @@ class Drag(ImmutableResult):
 
         The state estimators of both autopilots have a drag model, with parameters for linear drag (the momentum drag
         coefficient, 1/s) and for quadratic drag (a ballistic coefficient along body x and y, kg/m²). Coefficients that
-        somebody set there replace the typical ones of :data:`POPULATION_MEAN`, with the smaller standard deviation
-        :data:`CONFIGURED_SD`. Factory values, and values so small that they switch a part of that model off, say
+        somebody set there replace the typical ones of ``POPULATION_MEAN``, with the smaller standard deviation
+        ``CONFIGURED_SD``. Factory values, and values so small that they switch a part of that model off, say
         nothing of this vehicle, and are ignored.
 
         Args:
