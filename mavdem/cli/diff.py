@@ -12,12 +12,9 @@ from mavdem.cli.result_folders import available_folder
 from mavdem.cli.sources import refuse_link
 from mavdem.cli.streams import print_to_stderr
 from mavdem.documents.fleet import Diff
-from mavdem.fleet.difference import (
-    STATE_NAMES,
-    changed_parameters,
-    states_without_gains,
-    vehicle_difference,
-)
+from mavdem.fleet.comparability import STATE_NAMES
+from mavdem.fleet.difference import vehicle_difference
+from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
 from mavdem.fleet.state import VehicleState, of_common_vehicle, state_of
 from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks
 from mavdem.report.pages.difference_page import comparison_page

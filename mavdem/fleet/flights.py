@@ -20,6 +20,9 @@ AXIS_ORDER = (*AXES, "")
 AxisRows = Sequence[FlightRow]
 """The rows of one flight, one for each axis."""
 
+Flights = Sequence[AxisRows]
+"""Flights of one vehicle in order of date, the rows of each."""
+
 
 def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
     """Groups rows by flight.

@@ -6,13 +6,10 @@ from typing import NamedTuple
 
 from mavdem.containers import Names, group_by
 from mavdem.facts.fleet import QuantityOutcome
-from mavdem.fleet import difference as compared
-from mavdem.fleet.difference import (
-    SD_BETWEEN_FLIGHTS,
-    ParameterChange,
-    QuantityChange,
-    VehicleDifference,
-)
+from mavdem.fleet.difference import VehicleDifference
+from mavdem.fleet.parameter_changes import ParameterChange
+from mavdem.fleet.quantities import DAMPING, EFFECT, LAG, MEAN_EFFECT, SHARE
+from mavdem.fleet.random_effects import SD_BETWEEN_FLIGHTS, QuantityChange
 from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.report.blocks import Blocks, Sentence, caution
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark
@@ -36,11 +33,11 @@ class ShownQuantity(NamedTuple):
 
 
 SHOWN_QUANTITIES = {
-    compared.SHARE: ShownQuantity("share", 100.0, "%"),
-    compared.EFFECT: ShownQuantity("control effectiveness", 100.0, "%"),
-    compared.MEAN_EFFECT: ShownQuantity("mean control effectiveness", 100.0, "%"),
-    compared.DAMPING: ShownQuantity("rate damping", 1.0, "1/s"),
-    compared.LAG: ShownQuantity("motor time constant", 1e3, "ms"),
+    SHARE: ShownQuantity("share", 100.0, "%"),
+    EFFECT: ShownQuantity("control effectiveness", 100.0, "%"),
+    MEAN_EFFECT: ShownQuantity("mean control effectiveness", 100.0, "%"),
+    DAMPING: ShownQuantity("rate damping", 1.0, "1/s"),
+    LAG: ShownQuantity("motor time constant", 1e3, "ms"),
 }
 """How quantities are shown, by their kind."""
 
@@ -115,19 +112,19 @@ def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
     """
-    changed = difference.of(QuantityOutcome.CHANGED)
-    uncertain = difference.of(QuantityOutcome.UNCERTAIN)
+    changed = difference.changes_with(QuantityOutcome.CHANGED)
+    uncertain = difference.changes_with(QuantityOutcome.UNCERTAIN)
     return render_section(
         "difference_changes",
         changed=[_change_text(change, difference) for change in changed],
-        same=[*_texts_by_kind(difference.of(QuantityOutcome.SAME))],
+        same=[*_texts_by_kind(difference.changes_with(QuantityOutcome.SAME))],
         unknown=[_change_text(change, difference) for change in uncertain],
     )
 
 
 def surest_change(difference: VehicleDifference) -> str:
     """Returns the change with the lowest p-value as text; empty where nothing changed."""
-    changes = difference.of(QuantityOutcome.CHANGED)
+    changes = difference.changes_with(QuantityOutcome.CHANGED)
     if not changes:
         return ""
     return _change_text(min(changes, key=lambda change: change.p), difference)
@@ -142,7 +139,7 @@ def next_blocks(difference: VehicleDifference) -> list[Sentence]:
     Returns:
         One sentence; none without a change, or where the states are of two vehicles.
     """
-    changes = difference.of(QuantityOutcome.CHANGED)
+    changes = difference.changes_with(QuantityOutcome.CHANGED)
     before, after = difference.vehicles
     known_vehicles = {*before, *after} - {UNKNOWN}
     if not changes or len(known_vehicles) > 1:
@@ -161,8 +158,8 @@ def _is_weaker(change: QuantityChange) -> bool:
     if change.quantity.motor == 0:
         return False
     increases = change.difference > 0
-    works_harder = change.quantity.kind == compared.SHARE and increases
-    has_less_effect = change.quantity.kind != compared.SHARE and not increases
+    works_harder = change.quantity.kind == SHARE and increases
+    has_less_effect = change.quantity.kind != SHARE and not increases
     return works_harder or has_less_effect
 
 

@@ -9,8 +9,7 @@ from mavdem.containers import group_by
 from mavdem.facts import Level
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet import flights as fleet_flights
-from mavdem.fleet.difference import Flights
-from mavdem.fleet.flights import HEALTHS, has_shared_name, worst_health, worst_row
+from mavdem.fleet.flights import HEALTHS, Flights, has_shared_name, worst_health, worst_row
 from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.report.blocks import Blocks, Rated, Table
 from mavdem.report.condition import TIER_WORDS

@@ -12,13 +12,9 @@ from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Re
 
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Request, Stage, Use
-from mavdem.fleet.difference import (
-    baseline_differences,
-    changed_parameters,
-    states_without_gains,
-    vehicle_difference,
-)
+from mavdem.fleet.difference import baseline_differences, vehicle_difference
 from mavdem.fleet.flights import vehicles_of
+from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.workers import PAGES
 from mavdem.ingest.formats import detect_format

@@ -13,20 +13,10 @@ from mavdem.confidence import coverage_factor
 from mavdem.documents import complete_document
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import Compared, Incomparable, QuantityOutcome
-from mavdem.fleet.difference import (
-    DAMPING,
-    EFFECT,
-    LAG,
-    MEAN_EFFECT,
-    SD_BETWEEN_FLIGHTS,
-    SHARE,
-    Quantity,
-    QuantityChange,
-    changed_parameters,
-    states_without_gains,
-    vehicle_difference,
-    with_outcomes,
-)
+from mavdem.fleet.difference import vehicle_difference
+from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
+from mavdem.fleet.quantities import DAMPING, EFFECT, LAG, MEAN_EFFECT, SHARE, Quantity
+from mavdem.fleet.random_effects import SD_BETWEEN_FLIGHTS, QuantityChange, with_outcomes
 
 Z90 = 1.645
 SHARES = np.array([1.0, 0.98, 1.03, 0.99])
@@ -85,7 +75,9 @@ def test_of_many_pairs_of_flights_of_the_same_vehicle_few_have_any_change():
     rng = default_rng(4)
     pairs = 150
     changed = sum(
-        bool(vehicle_difference(flight(0, rng), flight(1, rng)).of(QuantityOutcome.CHANGED))
+        bool(
+            vehicle_difference(flight(0, rng), flight(1, rng)).changes_with(QuantityOutcome.CHANGED)
+        )
         for _ in range(pairs)
     )
     # Twice the family's error would be beyond chance in 150 pairs.
@@ -97,7 +89,8 @@ def test_what_changes_all_motors_changes_their_mean_and_none_beside_the_others()
     after = state(range(8, 16), 1)
     weaker = [replace(row, effect=tuple(0.5 * value for value in row.effect)) for row in after]
     kinds = {
-        one.quantity.kind for one in vehicle_difference(before, weaker).of(QuantityOutcome.CHANGED)
+        one.quantity.kind
+        for one in vehicle_difference(before, weaker).changes_with(QuantityOutcome.CHANGED)
     }
     assert kinds == {MEAN_EFFECT}
 
@@ -154,7 +147,7 @@ def test_other_conditions_widen_what_they_can_change(changed, kind, allowance):
         else:
             assert two.half_width <= one.half_width
         assert two.allowance == approx(allowance * (one.quantity.kind == kind))
-    assert not other.of(QuantityOutcome.CHANGED)
+    assert not other.changes_with(QuantityOutcome.CHANGED)
 
 
 NO_MODEL = dict.fromkeys(

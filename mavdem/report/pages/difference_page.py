@@ -7,7 +7,8 @@ import numpy as np
 
 from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
-from mavdem.fleet.difference import ParameterChange, VehicleDifference
+from mavdem.fleet.difference import VehicleDifference
+from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table

@@ -12,8 +12,7 @@ import numpy as np
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
-from mavdem.fleet.difference import Flights
-from mavdem.fleet.flights import AxisRows, flights_of, vehicles_of, worst_health
+from mavdem.fleet.flights import AxisRows, Flights, flights_of, vehicles_of, worst_health
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.report import fleet as fleet_words
 from mavdem.report.blocks import Block, Table

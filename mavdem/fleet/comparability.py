@@ -1,0 +1,169 @@
+"""What cannot be compared between two states of a vehicle, and the reason."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+from mavdem.dataset.axes import TILT_AXES
+from mavdem.facts import Fact
+from mavdem.facts.fleet import Compared, Incomparable
+from mavdem.facts.identifiability import Status
+from mavdem.fleet.flights import Flights
+from mavdem.fleet.quantities import DAMPING, EFFECT, LAG, SHARE, Quantity
+from mavdem.fleet.row import FlightRow
+
+STATE_NAMES = ("A", "B")
+"""How the two states are called in messages."""
+
+UNRELIABLE_STATUSES = {Status.BIASED, Status.NOT_IDENTIFIABLE}
+"""Statuses of a physical parameter with which it is not compared."""
+
+
+class MissingQuantity(NamedTuple):
+    """What cannot be compared, and the reason."""
+
+    quantity: Fact
+    """Names the quantity."""
+
+    reason: Fact
+    """Why it is not known in both states."""
+
+
+def comparison_obstacle(states: Sequence[Flights]) -> Fact | None:
+    """Returns why two states cannot be compared at all, or in part; ``None`` where all can be compared.
+
+    Only states of the same number of motors, unit of trim, and inputs of the models have figures of the same meaning.
+    After ``Incomparable.OTHER_INPUTS``, the last to be checked, the trim can still be compared: it needs no model.
+
+    Args:
+        states: the flights of the first and of the second state.
+    """
+    for state_name, flights in zip(STATE_NAMES, states, strict=True):
+        if not flights:
+            return Fact(Incomparable.NO_FLIGHT, subject=state_name)
+    properties = {
+        Incomparable.OTHER_VEHICLES: _motor_count,
+        Incomparable.OTHER_UNITS: _trim_unit,
+        Incomparable.OTHER_INPUTS: _inputs_of_model,
+    }
+    before, after = states
+    for code, property_of in properties.items():
+        values_before = _known_properties(before, property_of)
+        values_after = _known_properties(after, property_of)
+        # Flights of one state may differ among themselves, so one value in common is enough.
+        if values_before and values_after and not values_before & values_after:
+            return Fact(
+                code, before=_sorted_texts(values_before), after=_sorted_texts(values_after)
+            )
+    return None
+
+
+def _known_properties(flights: Flights, property_of: Callable[[FlightRow], str | None]) -> set[str]:
+    """Returns all values of a property that the rows of flights have, without those that are not known or empty.
+
+    Args:
+        flights: the flights of one state.
+        property_of: returns the property of a row, or ``None`` where it is not known.
+    """
+    values = set()
+    for flight in flights:
+        for row in flight:
+            value = property_of(row)
+            if value:
+                values.add(value)
+    return values
+
+
+def _motor_count(row: FlightRow) -> str | None:
+    """Returns the number of motors in words; ``None`` where it is not known."""
+    return f"{len(row.motors)} motors" if row.motors else None
+
+
+def _trim_unit(row: FlightRow) -> str | None:
+    """Returns the unit of the motors' trim; ``None`` where it is not known."""
+    return row.trim_unit
+
+
+def _inputs_of_model(row: FlightRow) -> str | None:
+    """Returns the inputs of a flight's model and their unit; ``None`` where it has no model."""
+    return f"{row.inputs} {row.input_unit}" if row.effect_status else None
+
+
+def missing_quantities(
+    states: Sequence[Flights],
+    estimates: Sequence[Sequence[Iterable[Quantity]]],
+    obstacle: Fact | None,
+) -> Iterator[MissingQuantity]:
+    """Yields what a reader would expect to be compared but is not, each with the reason.
+
+    Expected are the trim shares, the effects of the motors, and damping and motor time constant of roll and pitch.
+
+    Args:
+        states: the flights of both states.
+        estimates: by state and flight, the quantities that have an estimate.
+        obstacle: why nothing, or nothing that needs a model, can be compared; from :func:`comparison_obstacle`.
+
+    Yields:
+        One entry for all quantities, or one for all of models, where there is an obstacle; else one for each quantity.
+    """
+    if obstacle is not None and obstacle.code is not Incomparable.OTHER_INPUTS:
+        yield MissingQuantity(Fact(Compared.EVERYTHING), obstacle)
+        return
+    expected = [Quantity(SHARE)]
+    if obstacle is None:
+        expected.append(Quantity(EFFECT))
+        for kind in (DAMPING, LAG):
+            expected += [Quantity(kind, axis=axis) for axis in TILT_AXES]
+    else:
+        yield MissingQuantity(Fact(Compared.OF_MODELS), obstacle)
+    for quantity in expected:
+        reasons = []
+        for state_name, flights, state_estimates in zip(
+            STATE_NAMES, states, estimates, strict=True
+        ):
+            if not _has_estimate(quantity, state_estimates):
+                reasons.append(missing_reason(quantity, state_name, flights))
+        if reasons:
+            quantity_name = Fact(Compared.QUANTITY, subject=quantity.axis, name=quantity.kind)
+            yield MissingQuantity(quantity_name, Fact(Incomparable.NOT_IN_BOTH, reasons=reasons))
+
+
+def _has_estimate(quantity: Quantity, state_estimates: Sequence[Iterable[Quantity]]) -> bool:
+    """Returns whether any flight of a state estimates a quantity of this kind, and of this axis if it has one.
+
+    Args:
+        quantity: the quantity; the number of its motor is not compared.
+        state_estimates: for each flight of the state, the quantities that have an estimate.
+    """
+    for flight in state_estimates:
+        for estimated in flight:
+            if estimated.kind == quantity.kind and quantity.axis in ("", estimated.axis):
+                return True
+    return False
+
+
+def missing_reason(quantity: Quantity, state_name: str, flights: Flights) -> Fact:
+    """Returns why a state has no estimate of a quantity.
+
+    Either its models say that their value is biased or not identifiable, or no flight has a value at all.
+
+    Args:
+        quantity: what is missing.
+        state_name: "A" or "B", for the message.
+        flights: the flights of the state.
+    """
+    statuses = set()
+    for flight in flights:
+        for row in flight:
+            if quantity.axis in ("", row.axis):
+                # Shares have no status: they need no model.
+                statuses.add(getattr(row, f"{quantity.kind}_status", None))
+    unreliable = statuses & UNRELIABLE_STATUSES
+    if unreliable:
+        status_names = _sorted_texts(unreliable)
+        return Fact(Incomparable.NOT_REPORTED, subject=state_name, names=status_names)
+    return Fact(Incomparable.NOT_ESTIMATED, subject=state_name)
+
+
+def _sorted_texts(values: Iterable[object]) -> list[str]:
+    """Returns values as text, in alphabetical order."""
+    return sorted(str(value) for value in values)

@@ -1,0 +1,111 @@
+"""Conditions under which flights were flown, such as battery voltage and lean, and what they alone may change."""
+
+from collections.abc import Iterable
+from math import hypot, log
+from statistics import fmean
+from typing import NamedTuple
+
+from mavdem.dataset.axes import AXES
+from mavdem.fleet.flights import Flights
+from mavdem.fleet.quantities import MEAN_EFFECT, SHARE
+from mavdem.immutable import ReadOnlyDict
+
+SD_UNKNOWN_LEAN = 0.07
+"""Standard deviation of the difference of roll or pitch between two states where a lean is not known, rad: 4°."""
+
+SD_SHARE_PER_LEAN = 0.5
+"""Standard deviation of the change of a trim share by lean, 1/rad.
+
+It is that of drag which acts half an arm's length above or below the centre of mass.
+"""
+
+
+class Conditions(NamedTuple):
+    """How the flights of one state were flown: means over them; ``None`` where not known."""
+
+    voltage: float | None
+    """Voltage of the battery, V."""
+
+    collective: float | None
+    """Mean of the motors, as a share of their range: it depends on payload and voltage."""
+
+    lean_roll: float | None
+    """Mean roll, rad."""
+
+    lean_pitch: float | None
+    """Mean pitch, rad."""
+
+    tilt_sd: float | None
+    """Standard deviation of the angle from level, rad."""
+
+    wind_torque: dict[str, float]
+    """Standard deviation of the wind torque by axis, rad/s²."""
+
+
+def mean_conditions(flights: Flights) -> Conditions:
+    """Returns how flights were flown: means over the flights that have a value, ``None`` where no flight has one.
+
+    Args:
+        flights: the flights of one state, each as the rows of its axes.
+    """
+    # The conditions are the same in the rows of all axes, but for the wind torque.
+    first_rows = [flight[0] for flight in flights]
+    wind_torques = {}
+    for axis in AXES:
+        torques = [row.wind_torque_sd for flight in flights for row in flight if row.axis == axis]
+        mean_torque = _mean_of_known(torques)
+        if mean_torque is not None:
+            wind_torques[axis] = mean_torque
+    return Conditions(
+        voltage=_mean_of_known(row.voltage_mean for row in first_rows),
+        collective=_mean_of_known(row.collective for row in first_rows),
+        lean_roll=_mean_of_known(row.lean_roll for row in first_rows),
+        lean_pitch=_mean_of_known(row.lean_pitch for row in first_rows),
+        tilt_sd=_mean_of_known(row.tilt_sd for row in first_rows),
+        wind_torque=ReadOnlyDict(wind_torques),
+    )
+
+
+def condition_allowance(kind: str, before: Conditions, after: Conditions) -> float:
+    """Returns how much other conditions of flight alone may change a quantity between two states.
+
+    The trim shares depend on the lean of the vehicle, since drag acts above or below the centre of mass. The mean
+    effect of the motors depends on voltage and thrust. The other quantities get no allowance.
+
+    Args:
+        kind: kind of the quantity, such as ``SHARE``.
+        before: how the first state was flown.
+        after: how the second state was flown.
+
+    Returns:
+        A standard deviation in the unit of the difference: relative for shares and effects.
+    """
+    if kind == SHARE:
+        roll_change = _lean_change(before.lean_roll, after.lean_roll)
+        pitch_change = _lean_change(before.lean_pitch, after.lean_pitch)
+        return SD_SHARE_PER_LEAN * hypot(roll_change, pitch_change)
+    if kind == MEAN_EFFECT:
+        # At the same thrust the effect is proportional to the voltage, and with more thrust to the output.
+        voltage_change = _relative_change(before.voltage, after.voltage)
+        return voltage_change + _relative_change(before.collective, after.collective)
+    return 0.0
+
+
+def _lean_change(before: float | None, after: float | None) -> float:
+    """Returns the change of a lean angle, rad; ``SD_UNKNOWN_LEAN`` where one of the two is not known."""
+    if before is None or after is None:
+        return SD_UNKNOWN_LEAN
+    return before - after
+
+
+def _relative_change(before: float | None, after: float | None) -> float:
+    """Returns the magnitude of the logarithm of the ratio of two positive values; 0 where one is not known."""
+    if not before or not after:
+        return 0.0
+    return abs(log(before / after))
+
+
+def _mean_of_known(values: Iterable[float | None]) -> float | None:
+    """Returns the mean of the values that are known; ``None`` if there are none."""
+    known_values = [value for value in values if value is not None]
+    return fmean(known_values) if known_values else None

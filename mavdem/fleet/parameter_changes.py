@@ -1,0 +1,62 @@
+"""Parameters of the autopilot that somebody set to other values between two states of a vehicle."""
+
+from math import isclose
+from typing import NamedTuple
+
+from mavdem.containers import Names
+from mavdem.fleet.comparability import STATE_NAMES
+from mavdem.ingest.telemetry import Parameters
+from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS, RATE_GAIN
+
+RELATIVE_ROUNDING = 1e-6
+"""Relative difference of two values up to which they are equal: logs and parameter files round float32 differently."""
+
+
+class ParameterChange(NamedTuple):
+    """A parameter of the autopilot that was set to another value."""
+
+    name: str
+    """The autopilot's name of the parameter."""
+
+    before: float
+    """Value in the first state."""
+
+    after: float
+    """Value in the second state."""
+
+
+def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterChange]:
+    """Returns the autopilot parameters that somebody set to other values between two states.
+
+    Parameters that the autopilot itself sets, such as statistics, are left out, and so are those that only one of the
+    states has: logs need not hold all parameters.
+
+    Args:
+        before: values by the autopilot's name, in the first state.
+        after: the same of the second state.
+
+    Returns:
+        The changes: parameters of control first, each part in the order of names.
+    """
+    changes = []
+    for name in before.keys() & after.keys():
+        is_set_by_autopilot = AUTOPILOT_SET_PARAMETERS.search(name)
+        is_equal = isclose(before[name], after[name], rel_tol=RELATIVE_ROUNDING)
+        if not is_set_by_autopilot and not is_equal:
+            changes.append(ParameterChange(name, before[name], after[name]))
+    return sorted(
+        changes, key=lambda change: (not CONTROL_PARAMETERS.match(change.name), change.name)
+    )
+
+
+def states_without_gains(before: Parameters, after: Parameters) -> Names:
+    """Returns the names of the states whose parameters have no gain of rate control.
+
+    Whether the gains changed is then not known.
+
+    Args:
+        before: values by the autopilot's name, in the first state, called "A".
+        after: the same of the second state, called "B".
+    """
+    states = zip(STATE_NAMES, (before, after), strict=True)
+    return tuple(name for name, parameters in states if not any(map(RATE_GAIN.match, parameters)))

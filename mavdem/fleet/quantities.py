@@ -1,0 +1,162 @@
+"""The quantities of motors and plant that are compared between flights, and their estimates from one flight.
+
+They belong to the vehicle and not to its wind. The trim share and the effect of a motor are relative to the median of
+all motors: a change of one motor leaves the others unchanged, and a change of all, such as by the battery's voltage or
+by the bias of the closed loop, leaves each unchanged.
+"""
+
+from collections.abc import Iterable, Mapping
+from math import log
+from statistics import fmean, median
+from typing import NamedTuple
+
+from mavdem.confidence import coverage_factor
+from mavdem.containers import Numbers
+from mavdem.dem.record import MIN_MOTORS
+from mavdem.facts.identifiability import Status
+from mavdem.fleet.flights import AxisRows
+
+SHARE = "share"
+"""Trim share of a motor: its mean command in hover, relative to the median motor."""
+
+EFFECT = "effect"
+"""Control effectiveness of a motor, relative to the median motor."""
+
+MEAN_EFFECT = "mean effect"
+"""Mean control effectiveness of all motors about one axis."""
+
+DAMPING = "damping"
+"""Rate damping about one axis, 1/s."""
+
+LAG = "lag"
+"""Motor time constant, as estimated from one axis, s."""
+
+MAX_RELATIVE_HALF_WIDTH = 0.5
+"""Largest half width of the interval of a share or an effect, relative to it.
+
+With a wider interval the error of its logarithm is not nearly normal.
+"""
+
+HALF_WIDTH_PER_SD = coverage_factor()
+"""Half width of the 90 % intervals of flights, in standard deviations."""
+
+
+class Quantity(NamedTuple):
+    """A quantity that is compared. Shares and effects are compared by their logarithm, the others as they are."""
+
+    kind: str
+    """``SHARE``, ``EFFECT``, ``MEAN_EFFECT``, ``DAMPING`` or ``LAG``."""
+
+    motor: int = 0
+    """Number of the motor, from 1; 0 where the quantity is of no single motor."""
+
+    axis: str = ""
+    """Axis, "roll", "pitch" or "yaw"; empty where the quantity is of no axis."""
+
+
+class Estimate(NamedTuple):
+    """An estimate of a quantity from one flight."""
+
+    value: float
+    """The quantity, or its logarithm."""
+
+    sd: float
+    """Standard deviation of its error within the flight."""
+
+
+def flight_estimates(flight: AxisRows) -> dict[Quantity, Estimate]:
+    """Collects the estimates of all compared quantities from one flight.
+
+    Only physical parameters with the status "reported" are taken. The bias of the others depends on wind and steering,
+    so that they would seem to change with the weather.
+
+    Args:
+        flight: the rows of roll, pitch and yaw. Half widths of 90 % intervals become standard deviations.
+
+    Returns:
+        By quantity: logarithms, relative to the median motor, of trim shares and effects; the logarithm of the mean
+        effect by axis; the damping, 1/s, and the motor time constant, s, by axis.
+    """
+    estimates: dict[Quantity, Estimate] = {}
+    effects_by_axis: dict[Quantity, list[Estimate]] = {}
+    for row in flight:
+        axis = row.axis or ""
+        # The motors' trim is the same in the rows of all axes.
+        shares = motor_log_estimates(row.trim_share, row.trim_share_interval)
+        estimates |= relative_to_median_motor(SHARE, shares)
+
+        if row.damping_status == Status.REPORTED:
+            if row.damping is not None and row.damping_interval is not None:
+                sd = row.damping_interval / HALF_WIDTH_PER_SD
+                estimates[Quantity(DAMPING, axis=axis)] = Estimate(row.damping, sd)
+        if row.lag_status == Status.REPORTED:
+            if row.lag is not None and row.lag_interval is not None:
+                sd = row.lag_interval / HALF_WIDTH_PER_SD
+                estimates[Quantity(LAG, axis=axis)] = Estimate(row.lag, sd)
+
+        effects = motor_log_estimates(row.effect, row.effect_interval)
+        if effects and row.effect_status == Status.REPORTED:
+            estimates[Quantity(MEAN_EFFECT, axis=axis)] = mean_estimate(effects.values())
+            # A model may have the controller's demand as its input in place of the motors.
+            if len(row.motors or ()) == len(row.effect or ()):
+                for quantity, estimate in relative_to_median_motor(EFFECT, effects).items():
+                    effects_by_axis.setdefault(quantity, []).append(estimate)
+    # A motor that weakens loses the same factor of its effect about every axis. So the axes give one estimate.
+    for quantity, axis_estimates in effects_by_axis.items():
+        estimates[quantity] = mean_estimate(axis_estimates)
+    return estimates
+
+
+def mean_estimate(estimates: Iterable[Estimate]) -> Estimate:
+    """Returns the mean of estimates whose errors have much in common: it is known no better than the worst of them."""
+    estimates = list(estimates)
+    return Estimate(
+        value=fmean(estimate.value for estimate in estimates),
+        sd=max(estimate.sd for estimate in estimates),
+    )
+
+
+def motor_log_estimates(values: Numbers | None, half_widths: Numbers | None) -> dict[int, Estimate]:
+    """Returns the logarithm of a quantity of each motor, so that a change by a factor is a difference.
+
+    The error of ln x is that of x divided by x, to first order. This holds for small errors only, so values with wider
+    intervals than ``MAX_RELATIVE_HALF_WIDTH`` are left out.
+
+    Args:
+        values: one value for each motor (r,), in any unit. Signs are ignored: an effect has that of the motor's side.
+        half_widths: half widths of their 90 % intervals (r,), in the same unit.
+
+    Returns:
+        Estimates by the number of the motor, from 1.
+    """
+    estimates = {}
+    values_and_half_widths = zip(values or (), half_widths or (), strict=False)
+    for motor, (value, half_width) in enumerate(values_and_half_widths, start=1):
+        if half_width is not None and half_width < MAX_RELATIVE_HALF_WIDTH * abs(value):
+            sd = half_width / abs(value) / HALF_WIDTH_PER_SD
+            estimates[motor] = Estimate(log(abs(value)), sd)
+    return estimates
+
+
+def relative_to_median_motor(
+    kind: str, estimates: Mapping[int, Estimate]
+) -> dict[Quantity, Estimate]:
+    """Returns each motor's logarithm less the median of all motors: how far the motor is from the typical one.
+
+    What all motors have in common, such as the battery's voltage, drops out. The median does not move if a single motor
+    changes, so the others stay unchanged. The error of the median is neglected.
+
+    Args:
+        kind: kind of the quantity, ``SHARE`` or ``EFFECT``.
+        estimates: logarithms by the number of the motor.
+
+    Returns:
+        Estimates by quantity; nothing with fewer than ``MIN_MOTORS``, whose median is no typical motor.
+    """
+    if len(estimates) < MIN_MOTORS:
+        return {}
+    median_value = median(estimate.value for estimate in estimates.values())
+    relative = {}
+    for motor, estimate in estimates.items():
+        relative[Quantity(kind, motor)] = Estimate(estimate.value - median_value, estimate.sd)
+    return relative

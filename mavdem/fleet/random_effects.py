@@ -1,0 +1,197 @@
+"""Difference of a quantity between two groups of flights by a random-effects model, and a joint test of many of them.
+
+The variance of a difference has two parts: that within the flights, by their intervals, and that between flights, which
+several flights of a group show. ``SD_BETWEEN_FLIGHTS`` is assumed beforehand (random effects, L. V. Hedges and I.
+Olkin, "Statistical Methods for Meta-Analysis", 1985). All quantities are tested together: the probability that any is
+called changed when none did is at most ``SIGNIFICANCE`` where the intervals hold (S. Holm, "A simple sequentially
+rejective multiple test procedure", 1979).
+"""
+
+from collections.abc import Sequence
+from math import exp, hypot, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import stdtr
+
+from mavdem.arrays import Array
+from mavdem.confidence import coverage_factor
+from mavdem.experiments.paired_test import SIGNIFICANCE
+from mavdem.facts.fleet import QuantityOutcome
+from mavdem.fleet.quantities import DAMPING, EFFECT, LAG, MEAN_EFFECT, SHARE, Estimate, Quantity
+from mavdem.motors.deviation import PRIOR_BALANCE_SD
+
+SD_BETWEEN_FLIGHTS = {
+    SHARE: float(np.linalg.norm(PRIOR_BALANCE_SD)),
+    EFFECT: 0.02,
+    MEAN_EFFECT: 0.1,
+    DAMPING: 0.2,
+    LAG: 0.004,
+}
+"""Assumed standard deviation of a quantity from flight to flight of the same vehicle.
+
+That of shares and effects is relative, that of the damping in 1/s, that of the motor time constant in s. Shares have
+what the health of motors assumes for the three axes; docs/evidence/motors.md shows where the others come from.
+"""
+
+PRIOR_FREEDOM = 8
+"""Degrees of freedom of ``SD_BETWEEN_FLIGHTS``: the assumption counts as much as this many flights. A choice."""
+
+INTERVAL_FREEDOM = 20
+"""Degrees of freedom of the variance within a flight, whose interval is itself an estimate: a choice."""
+
+EQUIVALENCE_LIMITS = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.02}
+"""Largest difference of a quantity that is called the same, in the units of ``SD_BETWEEN_FLIGHTS``.
+
+The whole interval of the difference must lie within it (an equivalence test).
+"""
+
+
+class QuantityChange(NamedTuple):
+    """One quantity in two states of a vehicle, and its difference."""
+
+    quantity: Quantity
+    """The quantity."""
+
+    before: float | None
+    """Mean of the first state; ``None`` for shares and effects, which are relative."""
+
+    after: float | None
+    """Mean of the second state, likewise."""
+
+    difference: float
+    """Second state less first; relative for shares and effects."""
+
+    half_width: float
+    """Half width of the 90 % interval of the difference."""
+
+    p: float
+    """Probability of a difference as large if nothing changed."""
+
+    allowance: float
+    """Standard deviation of what other conditions of flight may do to it, which is in the half width."""
+
+    outcome: QuantityOutcome = QuantityOutcome.SAME
+    """Changed; the same; or uncertain, where the interval reaches beyond what is called the same."""
+
+
+class StateEstimates(NamedTuple):
+    """The estimates of one quantity in the f flights of a state."""
+
+    values: Array
+    """The estimates (f,)."""
+
+    variances: Array
+    """Variances of their errors within the flights (f,)."""
+
+    @classmethod
+    def from_estimates(cls, estimates: Sequence[Estimate]) -> "StateEstimates":
+        """Returns the estimates of the flights as arrays."""
+        values = np.array([estimate.value for estimate in estimates])
+        variances = np.array([estimate.sd**2 for estimate in estimates])
+        return cls(values, variances)
+
+    @property
+    def excess_squares(self) -> float:
+        """Squared deviations from the mean, less their expectation if the flights did not differ at all.
+
+        Errors of variances v within f flights alone give Σ (x − x̄)² an expectation of Σ v (1 − 1/f). The rest comes
+        from real differences between the flights. It is negative by chance where there are none.
+        """
+        squares = ((self.values - self.values.mean()) ** 2).sum()
+        return float(squares - self.variances.sum() * (1 - 1 / self.values.size))
+
+
+def quantity_change(
+    quantity: Quantity,
+    before: Sequence[Estimate],
+    after: Sequence[Estimate],
+    allowance: float,
+) -> QuantityChange:
+    """Estimates the difference of one quantity between two states by a random-effects model (Hedges and Olkin, 1985).
+
+    The variance of a flight's estimate is that within the flight plus a common variance between flights, τ². The mean
+    of a state weighs its flights by the inverse of that sum. The difference of the means has a t distribution, whose
+    degrees of freedom follow from those of both variances by Welch and Satterthwaite.
+
+    Args:
+        quantity: what is compared.
+        before: estimates in the flights of the first state, at least one.
+        after: estimates in the flights of the second state, at least one.
+        allowance: standard deviation of what other conditions may do to the difference.
+
+    Returns:
+        The change, not yet tested together with others.
+    """
+    states = [StateEstimates.from_estimates(before), StateEstimates.from_estimates(after)]
+    # τ² combines the assumption, which counts as PRIOR_FREEDOM flights, with the scatter that the flights show: the
+    # squares of both, over the degrees of freedom of both.
+    observed_freedom = sum(state.values.size - 1 for state in states)
+    between_freedom = PRIOR_FREEDOM + observed_freedom
+    observed_squares = sum(state.excess_squares for state in states)
+    prior_squares = PRIOR_FREEDOM * SD_BETWEEN_FLIGHTS[quantity.kind] ** 2
+    variance_between = (prior_squares + max(observed_squares, 0.0)) / between_freedom
+
+    # The variance of the difference is the sum of those of both means. It is split into the two parts that come from τ²
+    # and from within the flights, since these are known with different degrees of freedom.
+    means = []
+    variance = 0.0
+    variance_from_between = 0.0
+    for state in states:
+        weights = 1 / (state.variances + variance_between)
+        total_weight = weights.sum()
+        means.append(float(weights @ state.values / total_weight))
+        variance += float(1 / total_weight)
+        variance_from_between += float(((weights / total_weight) ** 2).sum() * variance_between)
+    variance_from_within = variance - variance_from_between
+    freedom = variance**2 / (
+        variance_from_between**2 / between_freedom + variance_from_within**2 / INTERVAL_FREEDOM
+    )
+
+    sd = hypot(sqrt(variance), allowance)
+    half_width = coverage_factor(freedom=freedom) * sd
+    mean_before, mean_after = means
+    difference = mean_after - mean_before
+    # Two-sided probability of such a difference if nothing changed.
+    p = float(2 * stdtr(freedom, -abs(difference) / sd))
+    if quantity.kind in (DAMPING, LAG):
+        return QuantityChange(
+            quantity, mean_before, mean_after, difference, half_width, p, allowance
+        )
+    # The difference of logarithms is the logarithm of the ratio; its interval is linearized at the estimate.
+    ratio = exp(difference)
+    return QuantityChange(quantity, None, None, ratio - 1, ratio * half_width, p, allowance)
+
+
+def with_outcomes(changes: Sequence[QuantityChange]) -> list[QuantityChange]:
+    """Decides for each quantity whether it changed, by a test of all together (Holm's step-down procedure, 1979).
+
+    Each quantity that is tested by itself adds its own chance of a false alarm. Holm's procedure bounds the chance of
+    any at ``SIGNIFICANCE``: from the smallest p-value on, quantities are called changed until the first one whose p
+    exceeds ``SIGNIFICANCE`` divided by the number of those not yet tested. The others are the same if their interval
+    lies within ``EQUIVALENCE_LIMITS``, else uncertain.
+
+    Args:
+        changes: the differences with their p-values.
+
+    Returns:
+        The changes with their outcomes, in the order of kinds, motors and axes.
+    """
+    changes_with_outcomes = []
+    # After the first quantity that is not called changed, none of larger p may be.
+    may_reject = True
+    for rank, change in enumerate(sorted(changes, key=lambda change: change.p)):
+        may_reject = may_reject and change.p <= SIGNIFICANCE / (len(changes) - rank)
+        equivalence_limit = EQUIVALENCE_LIMITS[change.quantity.kind]
+        if may_reject:
+            outcome = QuantityOutcome.CHANGED
+        elif abs(change.difference) + change.half_width <= equivalence_limit:
+            outcome = QuantityOutcome.SAME
+        else:
+            outcome = QuantityOutcome.UNCERTAIN
+        changes_with_outcomes.append(change._replace(outcome=outcome))
+    kinds = list(SD_BETWEEN_FLIGHTS)
+    return sorted(
+        changes_with_outcomes,
+        key=lambda change: (kinds.index(change.quantity.kind), change.quantity),
+    )
