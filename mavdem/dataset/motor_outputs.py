@@ -45,7 +45,8 @@ THRUST_COLUMN = len(AXES)
 CHANNELS_PER_PORT = 8
 """Output channels of one port of SERVO_OUTPUT_RAW, as first defined.
 
-Firmware that fills the sixteen fields of the extended message counts sixteen channels per port.
+Firmware that fills the sixteen fields of the extended message counts sixteen channels per port, and ArduPilot always
+does (``GCS_MAVLINK::send_servo_output_raw``).
 """
 
 UINT16_UNKNOWN = np.iinfo(np.uint16).max
@@ -172,12 +173,13 @@ def control_target(telemetry: Telemetry, column: int) -> TimeSeries | None:
     return clean_series(columns, float_column(columns, DEMAND_FIELD)[:, column], rows)
 
 
-def channel_outputs(message: str, columns: Columns) -> tuple[Array, int]:
+def channel_outputs(message: str, columns: Columns, autopilot: str) -> tuple[Array, int]:
     """Returns the outputs of all channels in a message, and how many of them belong to one port.
 
     Args:
         message: Name of a message in ``MOTOR_MESSAGES``.
         columns: Its fields, N rows each.
+        autopilot: MAV_AUTOPILOT without its prefix.
 
     Returns:
         Outputs (N, k), with 0 for unused channels, and the number of channels per port.
@@ -190,7 +192,8 @@ def channel_outputs(message: str, columns: Columns) -> tuple[Array, int]:
     outputs = float_columns(columns, [field for field in output_fields if field in columns])
     outputs[outputs == UINT16_UNKNOWN] = 0.0
     has_all_fields = outputs.shape[1] == len(output_fields)
-    if has_all_fields and np.any(outputs[:, CHANNELS_PER_PORT:]):
+    fills_all_fields = autopilot == "ARDUPILOTMEGA" or np.any(outputs[:, CHANNELS_PER_PORT:])
+    if has_all_fields and fills_all_fields:
         return outputs, len(output_fields)
     return outputs, CHANNELS_PER_PORT
 
@@ -229,7 +232,7 @@ def _outputs_in_message(telemetry: Telemetry, message: str) -> MotorOutputs | Fa
         missing or constant.
     """
     name = telemetry.name_in_source(message)
-    banks = _output_banks(message, telemetry.messages[message])
+    banks = _output_banks(message, telemetry.messages[message], telemetry.autopilot)
     bank_of_channel = {channel: bank for bank in banks for channel in bank.channels}
     moving_channels = [
         channel for channel, bank in bank_of_channel.items() if _is_moving(bank.outputs(channel))
@@ -301,7 +304,7 @@ def _combined_outputs(
     )
 
 
-def _output_banks(message: str, columns: Columns) -> list[_OutputBank]:
+def _output_banks(message: str, columns: Columns, autopilot: str) -> list[_OutputBank]:
     """Splits a message with output channels into banks: the channels of one port each.
 
     Autopilots send more than 8 or 16 outputs in several messages of the same name, which differ by their ``port``. A
@@ -310,11 +313,12 @@ def _output_banks(message: str, columns: Columns) -> list[_OutputBank]:
     Args:
         message: name of the message.
         columns: its fields, N rows.
+        autopilot: MAV_AUTOPILOT without its prefix.
 
     Returns:
         One bank for each port, in the order of the ports.
     """
-    outputs, channels_per_port = channel_outputs(message, columns)
+    outputs, channels_per_port = channel_outputs(message, columns, autopilot)
     port = float_column(columns, "port") if "port" in columns else np.zeros(len(outputs))
     banks = []
     for number in np.unique(port):

@@ -248,7 +248,8 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
 
     The state is that of EXTENDED_SYS_STATE while it is reported. A report holds until the next one, but not across a
     gap longer than ``MAX_REPORT_INTERVAL``. At all other times the vehicle counts as in one of the states where its
-    collective is high enough to stay in the air.
+    collective is high enough to stay in the air. Where motor outputs are missing too, the last reported state holds: a
+    missing message is no landing.
 
     Args:
         signals: Signals of the vehicle.
@@ -256,8 +257,7 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
         states: Numbers of MAV_LANDED_STATE, all of them states in the air.
 
     Returns:
-        The intervals, s. Without reports they are those of a high collective (mean output of all motors); without motor
-        outputs, those of the reports alone.
+        The intervals, s. Without reports they are those of a high collective (mean output of all motors).
     """
     reports = series_of_boot(signals.landed_state, boot)
     collective = series_of_boot(signals.collective, boot)
@@ -270,13 +270,38 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
         return carried
     reported = true_intervals(reports.time, np.isin(reports.values, states))
     if collective is None:
-        return reported
+        return true_intervals(reports.time, np.isin(_last_defined(reports.values), states))
     is_undefined = reports.values == UNDEFINED_LANDED_STATE
     is_gap = np.diff(reports.time) > MAX_REPORT_INTERVAL
     # The times at which a report holds: between two defined reports that are not too far apart. Elsewhere the
     # collective decides.
     covered = split_at_gaps(reports.time, is_gap | is_undefined[1:] | is_undefined[:-1])
-    return union(intersection(reported, covered), intersection(carried, complement(covered)))
+    if covered and covered[0][0] == reports.time[0] <= collective.time[0]:
+        # Nothing was recorded before the first report: its state holds there too.
+        covered[0] = (-inf, covered[0][1])
+    flights = union(intersection(reported, covered), intersection(carried, complement(covered)))
+    # Where neither reports nor outputs come, the last report holds.
+    uncovered = complement(union(covered, _with_samples_near(collective.time)))
+    last_reported = true_intervals(reports.time, np.isin(_last_defined(reports.values), states))
+    held = intersection(last_reported, uncovered)
+    return union(flights, [(start, end) for start, end in held if start < reports.time[-1]])
+
+
+def _with_samples_near(time: Array) -> Intervals:
+    """Returns when the last or the next sample is no farther than ``MAX_REPORT_INTERVAL``.
+
+    Args:
+        time: Stamps (N,) of the samples, s, ascending.
+    """
+    recorded = split_at_gaps(time, np.diff(time) > 2 * MAX_REPORT_INTERVAL)
+    return [(start - MAX_REPORT_INTERVAL, end + MAX_REPORT_INTERVAL) for start, end in recorded]
+
+
+def _last_defined(landed_states: Array) -> Array:
+    """Returns for each of N landed states the last one before or at it that is defined; undefined before the first."""
+    rows = np.arange(len(landed_states))
+    last_rows = np.maximum.accumulate(np.where(landed_states == UNDEFINED_LANDED_STATE, 0, rows))
+    return landed_states[last_rows]
 
 
 def min_airborne_collective(parameters: Parameters) -> float:

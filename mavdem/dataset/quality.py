@@ -115,9 +115,13 @@ def log_quality(signals: Signals, segments: int) -> QualityFigures:
         armed_durations.append(total_duration(recorded))
     airborne = 0.0
     for boot in np.intersect1d(attitude.boot, inputs.boot):
+        # Inputs that end early are no landing.
+        attitude_time = attitude.time[attitude.boot == boot]
         input_time = inputs.time[inputs.boot == boot]
+        recorded_start = min(attitude_time[0], input_time[0])
+        recorded_end = max(attitude_time[-1], input_time[-1])
         flights = phases.free_flight_intervals(signals, int(boot))
-        airborne += total_duration(intersection([(input_time[0], input_time[-1])], flights))
+        airborne += total_duration(intersection([(recorded_start, recorded_end)], flights))
     return QualityFigures(
         armed=sum(armed_durations),
         airborne=airborne,

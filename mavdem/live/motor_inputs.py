@@ -116,7 +116,9 @@ class InputSelector:
         if motors is None:
             return None
         # Channels are numbered from 1 on through all ports, each of which has ``port_width`` channels.
-        _, port_width = motor_outputs.channel_outputs(motors.message, messages[motors.message])
+        _, port_width = motor_outputs.channel_outputs(
+            motors.message, messages[motors.message], vehicle.autopilot
+        )
         channels = []
         for number in motors.geometry.channels:
             port, offset = divmod(number - 1, port_width)

@@ -40,6 +40,8 @@ MESSAGES = {
     "PIDR": (146, "Qf", "TimeUS,D"),
     "PIDP": (147, "Qf", "TimeUS,D"),
     "PIDY": (148, "Qf", "TimeUS,D"),
+    "RCO2": (149, "QHHHH", "TimeUS,C15,C16,C17,C18"),
+    "RCO3": (150, "Q" + 14 * "H", "TimeUS," + ",".join(f"C{n}" for n in range(19, 33))),
 }
 
 

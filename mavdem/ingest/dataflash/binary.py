@@ -11,7 +11,7 @@ https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html.
 import re
 import struct
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -218,9 +218,9 @@ def read_binary(content: bytes) -> DataflashRecording:
     definition_of_name = {}
     starts_of_name = {}
     for message_id, rows in rows_by_value(data[starts + ID_BYTE]).items():
-        definition = scan.definitions[message_id]
-        definition_of_name[definition.name] = definition
-        starts_of_name[definition.name] = starts[rows]
+        for definition, starts_of_message in scan.starts_by_definition(message_id, starts[rows]):
+            definition_of_name[definition.name] = definition
+            starts_of_name[definition.name] = starts_of_message
 
     def decode(name: str) -> MessageTable:
         if name not in definition_of_name:
@@ -243,13 +243,18 @@ FILL_BYTES = (b"\0", b"\xff")
 """What the last page of a flash chip holds where nothing was written."""
 
 
+SHARED_ID = -1
+"""Stands for the length of messages whose id has several definitions, which differ in length."""
+
+
 class _MessageScan:
     """One pass over a binary log that finds its messages.
 
     Attributes:
         content: The log.
         starts: Offset of each message, ascending.
-        definitions: Definition of each message by id.
+        definitions: Definition of each message by id; the first one of an id that several messages share.
+        sharing_definitions: The further definitions of each id that several messages share.
         message_bytes: Number of bytes of all messages.
         repairs: What was odd about the definitions.
     """
@@ -265,11 +270,13 @@ class _MessageScan:
         self.message_bytes = 0
         self.repairs: Facts = ()
         self.definitions = {FORMAT_ID: FORMAT}
+        self.sharing_definitions: dict[int, list[FormatDefinition]] = {}
         self._learn_definitions()
         # Length by id, 0 for ids without a definition.
         self._lengths = [0] * MESSAGE_IDS
         for message_id, definition in self.definitions.items():
-            self._lengths[message_id] = definition.length
+            is_shared = message_id in self.sharing_definitions
+            self._lengths[message_id] = SHARED_ID if is_shared else definition.length
 
     def run(self) -> None:
         """Finds all messages, up to an FMT that contradicts the one before it: there another log was appended.
@@ -290,6 +297,8 @@ class _MessageScan:
                 length = lengths[message_id]
                 if message_id == FORMAT_ID and self._is_of_another_log(offset):
                     return
+                if length == SHARED_ID:
+                    length = self._definition_of_message(offset).length
                 if length and offset + length <= size:
                     starts.append(offset)
                     self.message_bytes += length
@@ -298,6 +307,37 @@ class _MessageScan:
                     offset = self._next_header(offset + 1)
             else:
                 offset = self._offset_after_damage(offset)
+
+    def starts_by_definition(
+        self, message_id: int, starts: Integers
+    ) -> Iterator[tuple[FormatDefinition, Integers]]:
+        """Yields the definition of an id with the offsets of its messages; several where messages share the id.
+
+        Args:
+            message_id: The id.
+            starts: Offsets (N,) of all messages with this id.
+        """
+        if message_id not in self.sharing_definitions:
+            yield self.definitions[message_id], starts
+            return
+        definitions = [self._definition_of_message(offset) for offset in starts.tolist()]
+        for definition in dict.fromkeys(definitions):
+            rows = [row for row, other in enumerate(definitions) if other == definition]
+            yield definition, starts[rows]
+
+    def _definition_of_message(self, offset: int) -> FormatDefinition:
+        """Returns the definition of the message at an offset: of a shared id, that of the first length that fits.
+
+        A length fits where the next header, or the end of the log, is behind it. The first definition of the id counts
+        where none fits.
+        """
+        message_id = self.content[offset + ID_BYTE]
+        first_definition = self.definitions[message_id]
+        for definition in (first_definition, *self.sharing_definitions.get(message_id, ())):
+            end = offset + definition.length
+            if end == len(self.content) or self.content.startswith(MARKER, end):
+                return definition
+        return first_definition
 
     def skipped(self) -> int:
         """Returns the number of bytes that belong to no message, without the fill of a flash chip's last page.
@@ -321,11 +361,19 @@ class _MessageScan:
         """
         # Definitions whose length and fields disagree, by message id: the second choice.
         contradictory: dict[int, FormatDefinition] = {}
+        defined_names = {FORMAT.name}
         for match in DEFINITION_START.finditer(self.content):
             parsed = self._definition_at(match.start())
-            if parsed is None or parsed[0] in self.definitions:
+            if parsed is None:
                 continue
             message_id, definition = parsed
+            is_new_name = definition.name not in defined_names
+            defined_names.add(definition.name)
+            if message_id in self.definitions:
+                # A name that was not defined before shares the id. Other definitions are repeated, or of another log.
+                if is_new_name and definition.length == definition.wire_length:
+                    self.sharing_definitions.setdefault(message_id, []).append(definition)
+                continue
             # Without a ``wire`` type the length of the fields is not known, so nothing contradicts the stated length.
             is_sound = definition.wire is None or definition.length == definition.wire_length
             if is_sound and definition.length >= HEADER_BYTES:
@@ -352,21 +400,27 @@ class _MessageScan:
         return parse_definition(FormatFields(*values))
 
     def _is_of_another_log(self, offset: int) -> bool:
-        """Returns whether the FMT at an offset is sound and differs from the first one of the same id."""
+        """Returns whether the FMT at an offset is sound and differs from the first one of the same id.
+
+        A definition that shares its id with another message of this log is none of another log.
+        """
         parsed = self._definition_at(offset)
         if parsed is None:
             return False
         message_id, definition = parsed
         is_sound = definition.length == definition.wire_length
         is_known = message_id in self.definitions
-        return is_sound and is_known and definition != self.definitions[message_id]
+        is_shared = definition in self.sharing_definitions.get(message_id, ())
+        return (
+            is_sound and is_known and definition != self.definitions[message_id] and not is_shared
+        )
 
     def _end_of_messages(self) -> int:
         """Returns the offset after the last message; 0 without any."""
         if not self.starts:
             return 0
         last = self.starts[-1]
-        return last + self._lengths[self.content[last + ID_BYTE]]
+        return last + self._definition_of_message(last).length
 
     def _offset_after_damage(self, offset: int) -> int:
         """Returns the offset at which the search continues if no header is at ``offset``.

@@ -5,11 +5,13 @@ docs/formats.md#dataflash has the table of both vocabularies. Messages of which 
 ``translation.toml``.
 """
 
+from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.arrays import Array
 from mavdem.facts import Facts
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.dataflash.attitude import (
@@ -34,9 +36,11 @@ from mavdem.ingest.dataflash.tables import (
     rows_of_instance,
     with_stamps,
 )
+from mavdem.ingest.motors import PORT_OUTPUTS
 from mavdem.ingest.telemetry import (
     Columns,
     Tables,
+    concatenated_columns,
     last_values,
     selected_rows,
     translated_fields,
@@ -49,6 +53,8 @@ FLIGHT_MESSAGES = (
     "RATE",
     "IMU",
     "RCOU",
+    "RCO2",
+    "RCO3",
     "CTUN",
     "XKF1",
     "XKF4",
@@ -149,7 +155,7 @@ def translated(
     armed, landed = states_of(tables, vehicle_type)
     messages = {
         "ATTITUDE": attitude_message,
-        "SERVO_OUTPUT_RAW": NamedMessage("RCOU", _servo_outputs(tables)),
+        "SERVO_OUTPUT_RAW": _servo_outputs(tables),
         "ACTUATOR_CONTROL_TARGET": NamedMessage("RATE", demands),
         "ATTITUDE_TARGET": attitude_targets(tables, units_per_degree),
         "PID_TUNING": NamedMessage("RATE", tuning),
@@ -270,32 +276,101 @@ def _estimator_status(tables: Tables) -> NamedMessage:
     return NamedMessage(status.source_name, {**status.columns, "flags": flags})
 
 
-OUTPUTS = range(1, 17)
-"""Numbers of the outputs of SERVO_OUTPUT_RAW."""
+OUTPUT_MESSAGES = {"RCOU": range(1, 17), "RCO2": range(15, 19), "RCO3": range(19, 33)}
+"""Messages with the outputs, and the numbers of those that each may have.
+
+RCOU has 14 outputs where there is RCO2, and up to 16 in versions of ArduPilot that had no more outputs.
+"""
 
 OUTPUT_NAMES = ("C{}", "Ch{}", "Chan{}")
 """Names that the fields of RCOU have had, the newest first; where a log has several of them, the last counts."""
 
 
-def _servo_outputs(tables: Tables) -> Columns:
-    """Makes SERVO_OUTPUT_RAW of RCOU: the pulse widths of outputs 1 to 16, µs.
+def _servo_outputs(tables: Tables) -> NamedMessage:
+    """Makes SERVO_OUTPUT_RAW: the pulse widths of outputs 1 to 32, µs, 16 on each port.
 
-    Outputs that were not logged are 0, which means no pulses. Damaged values are clipped to the 16 bits of the field.
+    ArduPilot logs them in up to three messages, one after the other in one step of its loop. Each port is made at the
+    stamps of its most frequent message; the outputs of another are those that it had last. Outputs that were not logged
+    are 0, which means no pulses.
+
+    Returns:
+        Columns (N,), port 0 before port 1, with the names of the messages of the log that have a pulse; port 1 is there
+        only where it has one.
     """
-    logged = tables.get("RCOU", {})
+    ports: list[Columns] = []
+    names: dict[str, None] = {}
+    for port in range(OUTPUT_PORTS):
+        messages_of_port = {}
+        for name in OUTPUT_MESSAGES:
+            pulse_widths = _pulse_widths_of_port(tables, name, port)
+            if pulse_widths:
+                messages_of_port[name] = pulse_widths
+        # Port 0 is made where there is RCOU, with pulses or not.
+        if not messages_of_port and (port > 0 or not tables.get("RCOU")):
+            continue
+        names |= dict.fromkeys(messages_of_port)
+        ports.append(_servo_output_port(tables, port, messages_of_port))
+    if not ports:
+        return NamedMessage("RCOU", {})
+    return NamedMessage("/".join(names) or "RCOU", concatenated_columns(ports))
+
+
+OUTPUT_PORTS = 2
+"""Number of ports of SERVO_OUTPUT_RAW: ArduPilot has 32 outputs."""
+
+
+def _pulse_widths_of_port(tables: Tables, name: str, port: int) -> dict[int, Array]:
+    """Returns the pulse widths of the outputs of one port in one message that the log has.
+
+    Args:
+        tables: DataFlash's messages by name.
+        name: RCOU, RCO2 or RCO3.
+        port: Number of the port, 0 or 1.
+
+    Returns:
+        Pulse widths (N,), µs, by the number of the output on the port, 1 to 16. Damaged values are clipped to the 16
+        bits of the field. Empty where no output has a pulse.
+    """
+    logged = tables.get(name, {})
+    first_output = 1 + PORT_OUTPUTS * port
     pulse_widths = {}
-    for output in OUTPUTS:
+    for output in OUTPUT_MESSAGES[name]:
+        if not first_output <= output < first_output + PORT_OUTPUTS:
+            continue
         for pattern in OUTPUT_NAMES:
             if pattern.format(output) in logged:
-                pulse_widths[output] = logged[pattern.format(output)]
-    if not pulse_widths:
-        return {}
-    no_pulses = np.zeros(message_count(logged))
-    fields = {"port": no_pulses.astype(np.uint8)}
-    for output in OUTPUTS:
-        pulse_width = np.nan_to_num(pulse_widths.get(output, no_pulses).astype(np.float64))
-        in_range = np.clip(pulse_width, 0, np.iinfo(np.uint16).max)
-        fields[f"servo{output}_raw"] = in_range.astype(np.uint16)
+                values = np.nan_to_num(logged[pattern.format(output)].astype(np.float64))
+                in_range = np.clip(values, 0, np.iinfo(np.uint16).max)
+                pulse_widths[output - PORT_OUTPUTS * port] = in_range
+    has_pulse = any(widths.any() for widths in pulse_widths.values())
+    return pulse_widths if has_pulse else {}
+
+
+def _servo_output_port(
+    tables: Tables, port: int, messages_of_port: Mapping[str, Mapping[int, Array]]
+) -> Columns:
+    """Makes SERVO_OUTPUT_RAW of one port.
+
+    Args:
+        tables: DataFlash's messages by name.
+        port: Number of the port.
+        messages_of_port: By name of the message, pulse widths by number of the output on the port. Without any, all
+            outputs are 0 at the stamps of RCOU.
+    """
+    main_message = max(
+        messages_of_port, key=lambda name: message_count(tables[name]), default="RCOU"
+    )
+    logged = tables[main_message]
+    count = message_count(logged)
+    fields = {"port": np.full(count, port, np.uint8)}
+    for output in range(1, PORT_OUTPUTS + 1):
+        fields[f"servo{output}_raw"] = np.zeros(count, np.uint16)
+    for name, pulse_widths in messages_of_port.items():
+        for output, widths in pulse_widths.items():
+            if name != main_message:
+                # RCO2 and RCO3 follow RCOU in the same step, with the same stamp or a later one.
+                widths = last_values(continuous_time(logged), continuous_time(tables[name]), widths)
+            fields[f"servo{output}_raw"] = widths.astype(np.uint16)
     return with_stamps(logged, fields)
 
 
