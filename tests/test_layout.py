@@ -34,6 +34,7 @@ FLOORS = (
     {"plant", "wind_velocity"},
     {"loops"},
     {"vibration", "motors"},
+    {"witnesses"},
     {"experiments"},
     {"baselines", "evaluate"},
     {"assessment"},

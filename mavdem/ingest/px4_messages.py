@@ -388,6 +388,20 @@ def current_mode(topics: Topics) -> Fields:
     return {"time": status["time"], "custom_mode": px4_custom_mode(status["nav_state"])}
 
 
+def manual_control(topics: Topics) -> Fields:
+    """MANUAL_CONTROL.hpp: the throttle stick of manual_control_setpoint, 0 (closed) to 1000, as ``z``.
+
+    PX4 counts the stick from -1 to 1 since 1.14, and from 0 to 1 before.
+    """
+    sticks = first_instance(topics, "manual_control_setpoint")
+    sticks = selected_rows(sticks, flag_or_true(sticks, "valid"))
+    if "throttle" in sticks:
+        throttle = 500 * (1 + sticks["throttle"].astype(np.float64))
+    else:
+        throttle = 1000 * sticks["z"].astype(np.float64)
+    return {"time": sticks["time"], "z": throttle}
+
+
 ARMED_STATE = 2
 """Value of vehicle_status.arming_state of armed motors, in every version of PX4."""
 

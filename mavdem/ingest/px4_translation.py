@@ -21,6 +21,7 @@ from mavdem.ingest.px4_messages import (
     hil_actuator_controls,
     injected_rates,
     local_position_ned,
+    manual_control,
     motor_speeds,
     renamed_message,
     sensor_samples,
@@ -113,6 +114,7 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
         "VIBRATION": ("vehicle_imu_status", vibration),
         "SYSTEM_TIME": ("vehicle_gps_position", system_time),
         "CURRENT_MODE": ("vehicle_status", current_mode),
+        "MANUAL_CONTROL": ("manual_control_setpoint", manual_control),
         "ESC": ("esc_status", motor_speeds),
     }
     for name, (topic, maker) in makers.items():

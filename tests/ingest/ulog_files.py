@@ -29,6 +29,8 @@ FORMATS = {
     "vehicle_rates_setpoint": "uint64_t timestamp;float roll;float pitch;float yaw;",
     "autotune_attitude_control_status": "uint64_t timestamp;float[3] rate_sp;",
     "battery_status": "uint64_t timestamp;float voltage_v;float voltage_filtered_v;",
+    "vehicle_air_data": "uint64_t timestamp;float baro_alt_meter;float baro_pressure_pa;",
+    "manual_control_setpoint": "uint64_t timestamp;bool valid;float throttle;",
     "cpuload": "uint64_t timestamp;float load;",
 }
 """As PX4 defines them, shortened."""

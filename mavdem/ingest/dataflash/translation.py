@@ -72,6 +72,8 @@ TRANSLATED_MESSAGES = (
     *FLIGHT_MESSAGES,
     *BATTERY_MESSAGES,
     "VIBE",
+    "BARO",
+    "RCIN",
     "MAG",
     "GPS",
     "POWR",
@@ -222,6 +224,10 @@ def _renamed_message(tables: Tables, message: str) -> NamedMessage:
         # Other filters have no cores, or log the first of them as 0.
         core = primary_core if name.startswith("XKF") else 0
         logged = rows_of_instance(tables.get(name, {}), "C", core)
+        # Each of several sensors writes a message of its own; the first of them is read.
+        instances = logged.get(rule.get("instance_field", ""), np.zeros(0))
+        if len(instances):
+            logged = rows_of_instance(logged, rule["instance_field"], instances.min())
         if not message_count(logged):
             continue
         try:

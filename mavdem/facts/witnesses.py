@@ -1,0 +1,48 @@
+"""What a witness says of an event: the sensors that support it, and those that contradict it."""
+
+from enum import StrEnum
+
+from mavdem.facts.fact import Code
+
+
+class Side(StrEnum):
+    """Whether a witness supports an event."""
+
+    FOR = "for"
+    AGAINST = "against"
+
+
+class Witness(Code):
+    """What one sensor, or the autopilot, shows of an event."""
+
+    # Height.
+    ROSE = "witness_rose"
+    STAYED_LEVEL = "witness_stayed_level"
+    SANK = "witness_sank"
+    DID_NOT_SINK = "witness_did_not_sink"
+    NEAR_GROUND = "witness_near_ground"
+    # Attitude and gyro.
+    ATTITUDE_ANSWERED = "witness_attitude_answered"
+    ATTITUDE_IGNORED = "witness_attitude_ignored"
+    ATTITUDE_LEFT_SETPOINT = "witness_attitude_left_setpoint"
+    ROTATED = "witness_rotated"
+    DID_NOT_ROTATE = "witness_did_not_rotate"
+    GYRO_DISAGREED = "witness_gyro_disagreed"
+    LAY_ON_ITS_SIDE = "witness_lay_on_its_side"
+    STOOD_UPRIGHT = "witness_stood_upright"
+    # Accelerometer.
+    KNOCKED = "witness_knocked"
+    NO_KNOCK = "witness_no_knock"
+    GRAVITY_WRONG = "witness_gravity_wrong"
+    CLIPPED = "witness_clipped"
+    VIBRATED = "witness_vibrated"
+    # What followed.
+    RESTED = "witness_rested"
+    FLEW_ON = "witness_flew_on"
+    LOG_ENDED = "witness_log_ended"
+    # Commands and the autopilot.
+    THROTTLE_CLOSED = "witness_throttle_closed"
+    THROTTLE_NOT_RAISED = "witness_throttle_not_raised"
+    MOTORS_FULL = "witness_motors_full"
+    MOTORS_STOPPED = "witness_motors_stopped"
+    AUTOPILOT_REPORTED = "witness_autopilot_reported"

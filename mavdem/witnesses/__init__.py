@@ -1,0 +1,11 @@
+"""Witnesses: which sensors of a flight can be trusted, and which of them support or contradict an event.
+
+An estimate that runs away looks like a crash, and a setpoint that nothing follows looks like a tumble. So no event is
+stated on the word of one sensor alone. This room measures once, for each boot, what barometer, accelerometer, gyro,
+position fix and stick are worth (:func:`sensor_trust`), and from them whether the vehicle flew at all.
+"""
+
+from mavdem.witnesses.flown import Flown, flown
+from mavdem.witnesses.trust import SensorTrust, sensor_trust
+
+__all__ = ["Flown", "SensorTrust", "flown", "sensor_trust"]

@@ -1,0 +1,180 @@
+"""What the accelerometer is worth, and what it felt: gravity at rest, force in flight, peaks, and rest itself."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mavdem.arrays import Array, Flags
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import Intervals, in_intervals
+from mavdem.dataset.phases import min_airborne_collective, series_of_boot
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.witnesses.sensors import specific_force
+
+GRAVITY = 9.80665
+"""Standard gravity, m/s²."""
+
+MAX_GRAVITY_ERROR = 0.5
+"""Deviation, m/s², of the specific force at rest from gravity, above which an accelerometer is not sound.
+
+Calibrated sensors are within 0.15 m/s²; four real logs with wrong scales or offsets have 7.9 to 8.4 m/s² at rest.
+"""
+
+REST_SECONDS = 0.5
+"""Length, s, of the windows in which rest is looked for."""
+
+REST_RATE_RANGE = np.radians(6.0)
+"""Range, rad/s, of each body rate within ``REST_SECONDS`` below which the vehicle may rest; idle motors shake less."""
+
+REST_FORCE_RANGE = 2.0
+"""Range, m/s², of the specific force within ``REST_SECONDS`` below which the vehicle may rest."""
+
+MIN_PEAK_RATE = 20.0
+"""Rate, Hz, from which on an accelerometer shows a knock; slower ones miss most of them."""
+
+PEAK_ABOVE_REST = 18.0
+"""Specific force above gravity, m/s², of a knock: no manoeuvre of 240 real flights felt as much. A value of 14 found
+one impact too many, one of 25 missed one."""
+
+MIN_WINDOWS = 3
+"""Number of windows of rest whose median is taken for the force at rest; a choice."""
+
+
+@dataclass(frozen=True, eq=False)
+class AccelerometerWitness:
+    """What the first accelerometer shows in one boot."""
+
+    time: Array
+    """(N,) s since boot."""
+    magnitude: Array
+    """(N,) size of the specific force, m/s²."""
+    force: Array
+    """(N, 3) specific force along body x, y and z, m/s²."""
+    rate: float
+    """Samples per second, Hz."""
+    gravity_at_rest: float | None
+    """Size of the specific force while the vehicle rested, m/s²; None if it never did."""
+
+    @property
+    def is_sound(self) -> bool | None:
+        """Whether gravity is what it should be at rest; None if the vehicle never rested."""
+        if self.gravity_at_rest is None:
+            return None
+        return abs(self.gravity_at_rest - GRAVITY) <= MAX_GRAVITY_ERROR
+
+    @property
+    def shows_knocks(self) -> bool:
+        """Whether the samples are close enough together to show a knock."""
+        return self.rate >= MIN_PEAK_RATE
+
+    def peak(self, interval: Interval) -> tuple[float, float] | None:
+        """Returns time, s, and size, m/s², of the largest specific force in an interval; None without samples there."""
+        rows = np.flatnonzero((self.time >= interval[0]) & (self.time <= interval[1]))
+        if not len(rows):
+            return None
+        row = rows[np.argmax(self.magnitude[rows])]
+        return float(self.time[row]), float(self.magnitude[row])
+
+    @property
+    def knock_size(self) -> float:
+        """Specific force, m/s², from which on a peak is a knock."""
+        return (self.gravity_at_rest or GRAVITY) + PEAK_ABOVE_REST
+
+
+@cached_per_vehicle()
+def accelerometer_witness(signals: Signals, boot: int) -> AccelerometerWitness | None:
+    """Measures the accelerometer of a boot; None if it was not recorded.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+    """
+    force = series_of_boot(specific_force(signals), boot)
+    if force is None or len(force.time) < MIN_WINDOWS:
+        return None
+    magnitude = np.linalg.norm(force.values, axis=1)
+    duration = force.time[-1] - force.time[0]
+    rest = rest_intervals(signals, boot)
+    at_rest = magnitude[in_intervals(force.time, rest)]
+    return AccelerometerWitness(
+        time=force.time,
+        magnitude=magnitude,
+        force=force.values,
+        rate=(len(force.time) - 1) / duration if duration > 0 else 0.0,
+        gravity_at_rest=float(np.median(at_rest)) if len(at_rest) >= MIN_WINDOWS else None,
+    )
+
+
+@cached_per_vehicle()
+def rest_intervals(signals: Signals, boot: int) -> Intervals:
+    """Returns the windows of ``REST_SECONDS`` in which the vehicle rested on the ground, merged where they touch.
+
+    It rests where body rates and specific force hardly vary while the motors idle or are off. A gyro that measures
+    exactly 0 throughout is dead and shows no rest.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+    """
+    rates = [series_of_boot(attitude.rate_series, boot) for attitude in signals.attitudes]
+    if not rates or any(rate is None for rate in rates):
+        return []
+    time = rates[0].time  # type: ignore[union-attr]
+    windows = _windows(time)
+    is_still = np.ones(len(windows), dtype=bool)
+    is_alive = False
+    for rate in rates:
+        assert rate is not None
+        is_still &= _ranges(rate.time, rate.values, windows) < REST_RATE_RANGE
+        is_alive = is_alive or bool(np.ptp(rate.values))
+    if not is_alive:
+        return []
+    force = series_of_boot(specific_force(signals), boot)
+    if force is not None:
+        ranges = _ranges(force.time, np.linalg.norm(force.values, axis=1), windows)
+        is_still &= ~(ranges > REST_FORCE_RANGE)
+    is_still &= ~_is_powered(signals, boot, windows)
+    rest: Intervals = []
+    for start in windows[is_still].tolist():
+        end = start + REST_SECONDS
+        if rest and start <= rest[-1][1]:
+            rest[-1] = (rest[-1][0], end)
+        else:
+            rest.append((start, end))
+    return rest
+
+
+def _windows(time: Array) -> Array:
+    """Returns the starts (W,) of windows of ``REST_SECONDS`` side by side that cover a record, s."""
+    return np.arange(time[0], time[-1], REST_SECONDS)
+
+
+def _ranges(time: Array, values: Array, windows: Array) -> Array:
+    """Returns largest less smallest value in each window (W,); NaN in windows with fewer than two samples.
+
+    Args:
+        time: (N,) s.
+        values: (N,) samples.
+        windows: (W,) starts of windows of ``REST_SECONDS``, s, side by side.
+    """
+    first = np.searchsorted(time, windows, side="left")
+    after = np.searchsorted(time, windows + REST_SECONDS, side="left")
+    ranges = np.full(len(windows), np.nan)
+    is_filled = after - first >= 2
+    # ``reduceat`` reduces between neighbouring starts; the samples after the last window are cut off.
+    used = values[: after[-1]] if len(after) else values
+    starts = first[is_filled]
+    if len(starts):
+        ranges[is_filled] = np.maximum.reduceat(used, starts) - np.minimum.reduceat(used, starts)
+    return ranges
+
+
+def _is_powered(signals: Signals, boot: int, windows: Array) -> Flags:
+    """Returns whether the motors may carry the vehicle in each window (W,); false where they were not recorded."""
+    collective = series_of_boot(signals.collective, boot)
+    if collective is None:
+        return np.zeros(len(windows), dtype=bool)
+    least = min_airborne_collective(signals.telemetry.parameters)
+    middle = windows + REST_SECONDS / 2
+    return np.asarray(np.interp(middle, collective.time, collective.values) > least)

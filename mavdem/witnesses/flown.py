@@ -1,0 +1,136 @@
+"""Did the vehicle fly? Height, attitude and motion answer, and two of them must agree.
+
+On a bench the motors run, the land detector counts throttle as flight, and an estimate without a position fix drifts
+by metres. So a boot in which the motors ran counts as flown, or as not flown, only by two witnesses of the motion.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mavdem.dataset.intervals import Intervals, in_intervals, true_intervals
+from mavdem.dataset.phases import min_airborne_collective, moving_average, series_of_boot
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.facts import Facts
+from mavdem.facts.witnesses import Witness
+from mavdem.witnesses.height import height_witnesses, windowed_mean
+from mavdem.witnesses.rotation import rotation_witness
+from mavdem.witnesses.statements import against, for_it
+
+MIN_RISE = 1.0
+"""Rise, m, of the height that speaks for a flight. Prop wash lifts the barometer by as much, so it is not enough."""
+
+MIN_CERTAIN_RISE = 3.0
+"""Rise, m, that no bench, gust or prop wash makes."""
+
+MAX_LEVEL_RISE = 0.7
+"""Rise, m, up to which the height speaks against a flight; barometers at rest stay within 0.3 m for minutes."""
+
+NOISE_RATIO = 4.0
+"""Rise of the barometer over its own scatter at rest from which on it is no noise."""
+
+CONTEXT_SECONDS = 3.0
+"""Seconds before the motors' power and after it that belong to the flight: there the ground is measured."""
+
+MEAN_SECONDS = 1.0
+"""Seconds over which heights are averaged."""
+
+
+@dataclass(frozen=True)
+class Flown:
+    """Whether a vehicle flew in one boot, and what shows it."""
+
+    answer: bool | None
+    """None if the witnesses are too few, or contradict each other."""
+    witnesses: Facts
+    """What speaks for a flight, and what speaks against it."""
+
+
+@cached_per_vehicle()
+def flown(signals: Signals, boot: int) -> Flown:
+    """Judges whether a vehicle flew while its motors could carry it.
+
+    A certain rise is enough. Otherwise two witnesses must agree: the rise of barometer or estimate, roll and pitch that
+    follow their setpoints, or do not, and rotation. A barometer that stays level is never outvoted, and against a
+    flight two witnesses must speak too.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+
+    Returns:
+        An unknown answer without witnesses where the motors were not recorded or never ran.
+    """
+    powered = powered_intervals(signals, boot)
+    if not powered:
+        return Flown(None, ())
+    support = []
+    objections = []
+    is_certain = False
+
+    # Height: by the barometer or, without a usable one, by the estimate, which may drift.
+    barometer = height_witnesses(signals, boot).barometer
+    height = barometer if barometer is not None else series_of_boot(signals.height, boot)
+    source = "barometer" if barometer is not None else "estimate"
+    rise = None if height is None else _rise(height, powered)
+    if rise is not None:
+        if rise > MIN_RISE:
+            support.append(for_it(Witness.ROSE, subject=source, height=rise))
+            is_certain = rise > MIN_CERTAIN_RISE
+        elif rise < MAX_LEVEL_RISE:
+            objections.append(against(Witness.STAYED_LEVEL, subject=source, height=rise))
+    is_level = bool(objections) and barometer is not None
+
+    # Attitude and motion.
+    rotation = rotation_witness(signals, boot)
+    if rotation is not None:
+        if rotation.answers is True:
+            support.append(for_it(Witness.ATTITUDE_ANSWERED, correlation=rotation.correlation))
+        elif rotation.answers is False:
+            error = rotation.median_error
+            objections.append(against(Witness.ATTITUDE_IGNORED, angle=error))
+        if rotation.is_held:
+            objections.append(against(Witness.DID_NOT_ROTATE, body_rate=rotation.largest_rate))
+
+    witnesses = (*support, *objections)
+    if is_certain:
+        return Flown(True, witnesses)
+    if len(objections) >= 2:
+        return Flown(False, witnesses)
+    if len(support) >= 2 and not is_level:
+        return Flown(True, witnesses)
+    return Flown(None, witnesses)
+
+
+def powered_intervals(signals: Signals, boot: int) -> Intervals:
+    """Returns when the motors of a boot could carry the vehicle, by their collective (mean output of all motors), s."""
+    collective = series_of_boot(signals.collective, boot)
+    if collective is None:
+        return []
+    least = min_airborne_collective(signals.telemetry.parameters)
+    return true_intervals(collective.time, moving_average(collective) > least)
+
+
+def _rise(height: TimeSeries, powered: Intervals) -> float | None:
+    """Returns the largest rise of the height, m, in a time under power, from before it or until after it.
+
+    A flight rises from the ground that it began on, or sinks to the ground that it ends on; a log may have only one
+    of both.
+
+    Args:
+        height: (N,) m, of one boot.
+        powered: intervals under power, s.
+    """
+    mean = windowed_mean(height.time, height.values, MEAN_SECONDS)
+    rises = []
+    for start, end in powered:
+        is_inside = in_intervals(height.time, [(start, end)])
+        if not is_inside.any():
+            continue
+        around = in_intervals(height.time, [(start - CONTEXT_SECONDS, end + CONTEXT_SECONDS)])
+        first, last = mean[around][[0, -1]]
+        # The lower of both ends is nearer to the ground.
+        rises.append(float(np.quantile(mean[is_inside], 0.95) - min(first, last)))
+    return max(rises, default=None)

@@ -1,0 +1,234 @@
+"""Height and climb by two witnesses: the barometer, and the autopilot's estimate, which may run away.
+
+The estimator integrates the accelerometer. A bias of that, or vibration that it rectifies, lets the estimated height
+fall or rise without end while the vehicle hovers, and in automatic height modes the vehicle then follows the error. The
+barometer does not integrate anything; what it measures wrongly, by wind or its own downwash, is bounded.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import Intervals, true_intervals
+from mavdem.dataset.phases import series_of_boot
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.witnesses.sensors import barometer_altitude
+
+SLOPE_SECONDS = 2.0
+"""Seconds over which a climb is measured by differences of the barometer's altitude; a choice between noise and lag."""
+
+MEAN_SECONDS = 1.0
+"""Seconds over which the barometer's altitude is averaged before that."""
+
+GRID_RATE = 5.0
+"""Rate, Hz, at which climb by barometer and by estimate are compared."""
+
+MAX_BAROMETER_NOISE = 3.0
+"""Robust RMS, m/s², of the second differences of the altitude's means over 1 s, above which a barometer is not usable.
+
+Of 240 real logs 95 % are below 0.7; one with a broken sensor has 45.
+"""
+
+MAX_CLIMB_DIFFERENCE = 2.5
+"""Difference, m/s, of climb by estimate and by barometer beyond which they contradict each other.
+
+On real logs the same events are found with any limit from 1.2 to 3.5 m/s.
+"""
+
+MIN_CONTRADICTION_SECONDS = 1.5
+"""Seconds that such a difference must last: gusts at the static port pass faster."""
+
+MIN_BAROMETER_RATE = 1.0
+"""Rate, Hz, below which a barometer shows no climb: half of ``SLOPE_SECONDS``."""
+
+MAX_HEIGHT_DIFFERENCE = 5.0
+"""Difference, m, of height by estimate and by barometer since take-off beyond which the estimate is not used.
+
+Weather moves a barometer by about 1 m in 10 minutes; wind and downwash by up to 3 m.
+"""
+
+NORMAL_MAD_RATIO = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeightWitnesses:
+    """What barometer and estimate show of height and climb in one boot; time is s since boot."""
+
+    barometer: TimeSeries | None
+    """Altitude (N,), m, averaged over ``MEAN_SECONDS``; None without a usable barometer."""
+    barometer_noise: float | None
+    """Robust RMS, m/s², of the second differences of 1 s means; None without a barometer."""
+    barometer_climb: TimeSeries | None
+    """Climb (M,) by the barometer, m/s upward, at ``GRID_RATE``; None without a usable barometer."""
+    estimated_climb: TimeSeries | None
+    """Climb (K,) by the autopilot's estimate, m/s upward, averaged over ``SLOPE_SECONDS``; None if not recorded."""
+    contradictions: Intervals
+    """When both climbs were known and differed by more than ``MAX_CLIMB_DIFFERENCE``, s."""
+
+    def sink_rates(self, interval: Interval) -> dict[str, float]:
+        """Returns the largest speed downward in an interval, m/s, by "barometer" and "estimate", as far as known.
+
+        A climb throughout is a negative speed.
+        """
+        rates = {}
+        for name, climb in (
+            ("barometer", self.barometer_climb),
+            ("estimate", self.estimated_climb),
+        ):
+            if climb is None:
+                continue
+            is_inside = (climb.time >= interval[0]) & (climb.time <= interval[1])
+            if is_inside.any():
+                rates[name] = float(-climb.values[is_inside].min())
+        return rates
+
+    def barometer_change(self, start: float, end: float) -> float | None:
+        """Returns by how much the barometer rose from one time to another, m; None without a usable barometer."""
+        if self.barometer is None:
+            return None
+        before, after = np.interp([start, end], self.barometer.time, self.barometer.values)
+        return float(after - before)
+
+
+@cached_per_vehicle()
+def height_witnesses(signals: Signals, boot: int) -> HeightWitnesses:
+    """Compares barometer and estimated climb in a boot.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+    """
+    altitude = series_of_boot(barometer_altitude(signals), boot)
+    noise = None if altitude is None else barometer_noise(altitude)
+    barometer, barometer_climb = None, None
+    if altitude is not None and noise is not None and noise <= MAX_BAROMETER_NOISE:
+        barometer = TimeSeries(
+            altitude.time,
+            altitude.boot,
+            windowed_mean(altitude.time, altitude.values, MEAN_SECONDS),
+        )
+        barometer_climb = _climb_by_barometer(barometer)
+    climb_rate = series_of_boot(signals.climb_rate, boot)
+    estimated_climb = None
+    if climb_rate is not None:
+        mean_climb = windowed_mean(climb_rate.time, climb_rate.values, SLOPE_SECONDS)
+        estimated_climb = TimeSeries(climb_rate.time, climb_rate.boot, mean_climb)
+    return HeightWitnesses(
+        barometer=barometer,
+        barometer_noise=noise,
+        barometer_climb=barometer_climb,
+        estimated_climb=estimated_climb,
+        contradictions=_contradictions(barometer_climb, estimated_climb),
+    )
+
+
+def barometer_noise(altitude: TimeSeries) -> float | None:
+    """Returns how noisy a barometer is: the robust RMS, m/s², of the second differences of its means over 1 s.
+
+    No multirotor accelerates that much for longer, so that this measures the sensor and not the flight.
+
+    Args:
+        altitude: (N,) m, of one boot.
+
+    Returns:
+        None where the samples are too few or too slow to tell.
+    """
+    duration = altitude.time[-1] - altitude.time[0]
+    if len(altitude.time) < MIN_BAROMETER_RATE * max(duration, SLOPE_SECONDS):
+        return None
+    seconds = np.floor(altitude.time).astype(np.int64)
+    distinct_seconds, rows, counts = np.unique(seconds, return_inverse=True, return_counts=True)
+    means = np.bincount(rows, altitude.values) / counts
+    # Only three seconds that follow each other make a second difference.
+    is_consecutive = distinct_seconds[2:] - distinct_seconds[:-2] == 2
+    second_differences = np.diff(means, n=2)[is_consecutive]
+    if not len(second_differences):
+        return None
+    deviations = abs(second_differences - np.median(second_differences))
+    return float(NORMAL_MAD_RATIO * np.median(deviations))
+
+
+def windowed_mean(time: Array, values: Array, width: float) -> Array:
+    """Returns the centred moving mean of samples.
+
+    Args:
+        time: (N,) s, ascending.
+        values: (N,) samples.
+        width: width of the window, s.
+
+    Returns:
+        (N,) the mean of all samples within half a width of each stamp.
+    """
+    # The sum over a window is the difference of two cumulative sums.
+    cumulative = np.concatenate([[0.0], np.cumsum(values)])
+    first_row = np.searchsorted(time, time - width / 2, side="left")
+    row_after = np.searchsorted(time, time + width / 2, side="right")
+    return (cumulative[row_after] - cumulative[first_row]) / (row_after - first_row)
+
+
+def _climb_by_barometer(barometer: TimeSeries) -> TimeSeries | None:
+    """Returns the slope of the barometer's altitude over ``SLOPE_SECONDS``, m/s upward, at ``GRID_RATE``."""
+    start, end = barometer.time[0] + SLOPE_SECONDS / 2, barometer.time[-1] - SLOPE_SECONDS / 2
+    if end <= start:
+        return None
+    time = np.arange(start, end, 1 / GRID_RATE)
+    later = np.interp(time + SLOPE_SECONDS / 2, barometer.time, barometer.values)
+    earlier = np.interp(time - SLOPE_SECONDS / 2, barometer.time, barometer.values)
+    boot = np.full(len(time), barometer.boot[0])
+    return TimeSeries(time, boot, (later - earlier) / SLOPE_SECONDS)
+
+
+def _contradictions(
+    barometer_climb: TimeSeries | None, estimated_climb: TimeSeries | None
+) -> Intervals:
+    """Returns when climb by estimate and by barometer differ by more than ``MAX_CLIMB_DIFFERENCE`` for long, s."""
+    if barometer_climb is None or estimated_climb is None or not len(barometer_climb.time):
+        return []
+    time = barometer_climb.time
+    estimate = np.interp(time, estimated_climb.time, estimated_climb.values)
+    is_covered = (time >= estimated_climb.time[0]) & (time <= estimated_climb.time[-1])
+    is_apart = is_covered & (abs(estimate - barometer_climb.values) > MAX_CLIMB_DIFFERENCE)
+    recorded = (float(time[0]), float(time[-1]))
+    long_intervals = []
+    for start, end in true_intervals(time, is_apart):
+        start, end = max(start, recorded[0]), min(end, recorded[1])
+        if end - start >= MIN_CONTRADICTION_SECONDS:
+            long_intervals.append((start, end))
+    return long_intervals
+
+
+def trusted_height(signals: Signals, boot: int, take_off: float) -> TimeSeries | None:
+    """Returns the height (N,), m, above where the vehicle was at take-off, by a source that can be trusted.
+
+    That is the autopilot's estimate, unless a usable barometer contradicts it by more than ``MAX_HEIGHT_DIFFERENCE`` at
+    any time; then it is the barometer.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        take_off: time of the take-off, s since boot; minus infinity where the log begins in the air.
+
+    Returns:
+        None where neither was recorded.
+    """
+    estimate = _above_take_off(series_of_boot(signals.height, boot), take_off)
+    barometer = _above_take_off(height_witnesses(signals, boot).barometer, take_off)
+    if estimate is None or barometer is None:
+        return estimate or barometer
+    difference = np.interp(barometer.time, estimate.time, estimate.values) - barometer.values
+    is_covered = (barometer.time >= estimate.time[0]) & (barometer.time <= estimate.time[-1])
+    is_apart = is_covered & (abs(difference) > MAX_HEIGHT_DIFFERENCE)
+    return barometer if is_apart.any() else estimate
+
+
+def _above_take_off(height: TimeSeries | None, take_off: float) -> TimeSeries | None:
+    """Returns a height less its value at take-off, m; None without a height."""
+    if height is None:
+        return None
+    start_height = np.interp(take_off, height.time, height.values)
+    return TimeSeries(height.time, height.boot, height.values - start_height)

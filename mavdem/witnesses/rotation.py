@@ -1,0 +1,244 @@
+"""Whether roll and pitch answer their setpoints, and whether gyro and attitude agree."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array, Flags
+from mavdem.dataset.phases import min_airborne_collective, moving_average, series_of_boot
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.steady_flight import attitude_tracking
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
+
+ANSWER_RATE = 10.0
+"""Rate, Hz, at which setpoint and angle are compared; all loops of attitude are slower."""
+
+MIN_SETPOINT_RANGE = np.radians(2.0)
+"""Standard deviation, rad, of a setpoint, above which an answer can be seen."""
+
+MIN_CORRELATION = 0.5
+"""Correlation of setpoint and angle from which on the vehicle answers."""
+
+MIN_SLOPE = 0.3
+"""Angle per angle of the setpoint from which on the vehicle answers."""
+
+MAX_IGNORED_CORRELATION = 0.2
+"""Correlation of setpoint and angle up to which the vehicle ignores a setpoint that varies much."""
+
+IGNORED_SETPOINT_RANGE = np.radians(5.0)
+"""Standard deviation, rad, of a setpoint that no free vehicle can ignore."""
+
+MAX_MEDIAN_ERROR = np.radians(12.0)
+"""Median error, rad, of roll or pitch under power above which the vehicle ignores its setpoint.
+
+The same logs are found with any limit from 9 to 30°.
+"""
+
+DELAY_SECONDS = 1.0
+"""Longest delay, s, of the answer that is tried."""
+
+MIN_SECONDS = 2.0
+"""Seconds under power that are needed for a judgement."""
+
+MAX_STILL_RATE = np.radians(1.0)
+"""Body rate, rad/s, that a vehicle under power stays below only where something holds it: free ones shake."""
+
+MIN_TURN = np.radians(2.0)
+"""RMS, rad, of the change of roll or pitch within ``TURN_SECONDS`` from which on gyro and attitude can be compared."""
+
+TURN_SECONDS = 0.5
+"""Seconds over which the change of the attitude and the integral of the gyro are compared."""
+
+MAX_AGREEING_RATIO = 0.5
+"""RMS difference of both, relative to the change of the attitude, up to which they agree; a choice below 1, at which
+the gyro explains nothing."""
+
+
+@dataclass(frozen=True)
+class RotationWitness:
+    """How the vehicle rotated under power in one boot."""
+
+    powered_seconds: float
+    """Time with motors that could carry the vehicle, s."""
+    answers: bool | None
+    """Whether roll and pitch follow their setpoints; None if the setpoints ask for too little to tell."""
+    correlation: float | None
+    """Largest correlation of a setpoint with its angle; None if no setpoint varies enough."""
+    median_error: float | None
+    """Larger median error of roll and pitch, rad; None without setpoints."""
+    largest_rate: float
+    """Body rate, rad/s, that 99 % of the samples under power stay below."""
+    gyro_agrees: bool | None
+    """Whether the integral of the gyro is the change of the attitude; None where the vehicle hardly turned."""
+
+    @property
+    def is_held(self) -> bool:
+        """Whether the vehicle did not rotate at all under power."""
+        return self.powered_seconds >= MIN_SECONDS and self.largest_rate < MAX_STILL_RATE
+
+
+@cached_per_vehicle()
+def rotation_witness(signals: Signals, boot: int) -> RotationWitness | None:
+    """Measures how a vehicle rotated under power; None without attitude or motors, or without time under power.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+    """
+    tracking = attitude_tracking(signals, boot)
+    collective = series_of_boot(signals.collective, boot)
+    if tracking is None or collective is None or len(tracking.time) < 2:
+        return None
+    time = tracking.time
+    least = min_airborne_collective(signals.telemetry.parameters)
+    is_powered = np.interp(time, collective.time, moving_average(collective)) > least
+    steps = np.diff(time, append=time[-1])
+    powered_seconds = float(steps[is_powered & (steps < 1)].sum())
+    if powered_seconds < MIN_SECONDS:
+        return None
+    rates = []
+    for attitude in signals.attitudes:
+        rate = series_of_boot(attitude.rate_series, boot)
+        if rate is not None:
+            rates.append(np.interp(time, rate.time, abs(rate.values)))
+    largest_rate = float(np.quantile(np.max(rates, axis=0)[is_powered], 0.99))
+    answer = _answer(time, tracking.angles[:, :2], tracking.setpoints, is_powered)
+    return RotationWitness(
+        powered_seconds=powered_seconds,
+        answers=answer.is_given,
+        correlation=answer.correlation,
+        median_error=answer.median_error,
+        largest_rate=largest_rate,
+        gyro_agrees=_gyro_agrees(signals, boot, time[is_powered]),
+    )
+
+
+class _Answer(NamedTuple):
+    """How roll and pitch follow their setpoints."""
+
+    is_given: bool | None = None
+    """Whether they do; None if the setpoints ask for too little to tell."""
+    correlation: float | None = None
+    """Largest correlation of a setpoint with its angle; None if no setpoint varies enough."""
+    median_error: float | None = None
+    """Larger median error of both axes, rad; None without setpoints."""
+
+
+def _answer(time: Array, angles: Array, setpoints: Array, is_powered: Flags) -> _Answer:
+    """Compares roll and pitch with their setpoints under power.
+
+    The setpoint is delayed by up to ``DELAY_SECONDS``, and the delay with the largest correlation counts.
+
+    Args:
+        time: (N,) s.
+        angles: (N, 2) roll and pitch, rad.
+        setpoints: (N, 2) their setpoints, rad; NaN where there is none.
+        is_powered: (N,) whether the motors could carry the vehicle.
+    """
+    grid = np.arange(time[0], time[-1], 1 / ANSWER_RATE)
+    on_grid = np.searchsorted(time, grid, side="right") - 1
+    correlations = []
+    slopes = []
+    errors = []
+    is_ignored = []
+    for angle, setpoint in zip(angles[on_grid].T, setpoints[on_grid].T, strict=True):
+        is_known = np.isfinite(setpoint) & np.isfinite(angle) & is_powered[on_grid]
+        if np.count_nonzero(is_known) < MIN_SECONDS * ANSWER_RATE:
+            continue
+        errors.append(float(np.median(abs(angle - setpoint)[is_known])))
+        deviation = float(np.std(setpoint[is_known]))
+        if deviation < MIN_SETPOINT_RANGE:
+            continue
+        correlation, slope = _best_fit(angle, setpoint, is_known)
+        correlations.append(correlation)
+        slopes.append(slope)
+        is_ignored.append(
+            deviation > IGNORED_SETPOINT_RANGE and correlation < MAX_IGNORED_CORRELATION
+        )
+    if not errors:
+        return _Answer()
+    median_error = max(errors)
+    if not correlations:
+        return _Answer(False if median_error > MAX_MEDIAN_ERROR else None, None, median_error)
+    best = int(np.argmax(correlations))
+    correlation = correlations[best]
+    is_given = None
+    # An axis that answers shows that nothing holds the vehicle, whatever the other one does.
+    if correlation > MIN_CORRELATION and slopes[best] > MIN_SLOPE:
+        is_given = True
+    elif all(is_ignored) or median_error > MAX_MEDIAN_ERROR:
+        is_given = False
+    return _Answer(is_given, correlation, median_error)
+
+
+class _Fit(NamedTuple):
+    """How well a delayed setpoint explains an angle."""
+
+    correlation: float
+    """Correlation coefficient at the best delay."""
+    slope: float
+    """Angle per angle of the setpoint at that delay."""
+
+
+def _best_fit(angle: Array, setpoint: Array, is_known: Flags) -> _Fit:
+    """Fits an angle by its setpoint, delayed by up to ``DELAY_SECONDS``.
+
+    Args:
+        angle: (M,) rad, at ``ANSWER_RATE``.
+        setpoint: (M,) rad; NaN where there is none.
+        is_known: (M,) which samples count.
+    """
+    best = _Fit(-1.0, 0.0)
+    for delay in range(round(DELAY_SECONDS * ANSWER_RATE) + 1):
+        rows = np.flatnonzero(is_known[delay:])
+        later_angle = angle[delay:][rows]
+        earlier_setpoint = setpoint[: len(setpoint) - delay][rows]
+        is_finite = np.isfinite(earlier_setpoint)
+        covariance = np.cov(earlier_setpoint[is_finite], later_angle[is_finite])
+        if not np.isfinite(covariance).all() or covariance[0, 0] <= 0 or covariance[1, 1] <= 0:
+            continue
+        correlation = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
+        if correlation > best.correlation:
+            best = _Fit(float(correlation), float(covariance[0, 1] / covariance[0, 0]))
+    return best
+
+
+def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
+    """Returns whether the change of roll and pitch is the integral of the gyro's rates.
+
+    A gyro with a bias agrees with the attitude that the estimator made of it, so that agreement only supports, and
+    disagreement condemns.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        times: (N,) times under power, s since boot, ascending.
+
+    Returns:
+        None where the vehicle hardly turned.
+    """
+    grid = np.arange(times[0], times[-1], TURN_SECONDS)
+    # Only windows that are under power throughout count.
+    nearest = np.searchsorted(times, grid)
+    is_inside = abs(times[np.minimum(nearest, len(times) - 1)] - grid) < TURN_SECONDS
+    changes = []
+    differences = []
+    for tilt in signals.tilts:
+        rows = tilt.boot == boot
+        time, angle, euler_rate = tilt.time[rows], tilt.angle[rows], tilt.euler_rate[rows]
+        if len(time) < 2:
+            return None
+        steps = np.diff(time)
+        means = (euler_rate[1:] + euler_rate[:-1]) / 2
+        integral = np.concatenate([[0.0], np.cumsum(steps * means)])
+        change = np.diff(np.interp(grid, time, angle))
+        expected = np.diff(np.interp(grid, time, integral))
+        is_used = is_inside[1:] & is_inside[:-1]
+        changes.append(change[is_used])
+        differences.append((change - expected)[is_used])
+    change_rms = float(np.sqrt(np.mean(np.square(np.concatenate(changes)))))
+    if not change_rms > MIN_TURN:
+        return None
+    difference_rms = float(np.sqrt(np.mean(np.square(np.concatenate(differences)))))
+    return difference_rms <= MAX_AGREEING_RATIO * change_rms

@@ -1,0 +1,138 @@
+"""Sensors as they measured, before any estimator: barometer, accelerometer and throttle stick.
+
+Each is a time series over all boots, or None where no message has it.
+"""
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import (
+    TimeSeries,
+    clean_series,
+    float_column,
+    float_columns,
+    recorded_series,
+)
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.ingest.telemetry import Parameters
+
+FORCE_FIELDS = {
+    "HIGHRES_IMU": (("xacc", "yacc", "zacc"), 1.0),
+    "RAW_IMU": (("xacc", "yacc", "zacc"), 9.80665e-3),
+    "ACCEL_BEFORE": (("x", "y", "z"), 1.0),
+}
+"""Messages with the specific force, the preferred first: the fields, and the factor that converts them to m/s²."""
+
+SEA_LEVEL_PRESSURE = 1013.25
+"""Pressure at sea level of the International Standard Atmosphere, hPa."""
+
+ATMOSPHERE_SCALE = 44330.8
+"""Temperature at sea level over the lapse rate of the International Standard Atmosphere, m."""
+
+ATMOSPHERE_EXPONENT = 0.190263
+"""Gas constant of air times the lapse rate, over gravity, of the International Standard Atmosphere."""
+
+POSSIBLE_PRESSURE = (100.0, 1200.0)
+"""Pressures, hPa, of air in which anything flies; others are damaged messages, or a sensor that does not work."""
+
+POSSIBLE_PULSE = (750.0, 2250.0)
+"""Pulse widths, µs, of a stick; receivers without a signal report 0 or 65535."""
+
+USUAL_PULSE_RANGE = (1000.0, 2000.0)
+"""Pulse widths, µs, of a closed and an open throttle, where RCn_MIN and RCn_MAX are not known."""
+
+
+@cached_per_vehicle()
+def barometer_altitude(signals: Signals) -> TimeSeries | None:
+    """Returns the altitude (N,) by the first barometer, m above an arbitrary level.
+
+    It is the autopilot's own altitude of SCALED_PRESSURE, where the log has that, else that of the pressure in the
+    International Standard Atmosphere (ISO 2533), or HIGHRES_IMU's pressure altitude.
+    """
+    columns = signals.telemetry.messages.get("SCALED_PRESSURE", {})
+    altitude = None
+    if "altitude" in columns:
+        altitude = clean_series(columns, float_column(columns, "altitude"))
+    elif "press_abs" in columns:
+        pressure = float_column(columns, "press_abs")
+        lowest, highest = POSSIBLE_PRESSURE
+        is_possible = (pressure > lowest) & (pressure < highest)
+        altitude = clean_series(columns, _standard_altitude(pressure), is_possible)
+    else:
+        altitude = recorded_series(signals.telemetry, "HIGHRES_IMU", "pressure_alt")
+    if altitude is None or not len(altitude.time) or not np.ptp(altitude.values):
+        # A sensor that always measures the same does not work.
+        return None
+    return altitude
+
+
+def _standard_altitude(pressure: Array) -> Array:
+    """Returns the altitude, m, at which the International Standard Atmosphere has a pressure (N,), hPa."""
+    ratio = pressure / SEA_LEVEL_PRESSURE
+    return ATMOSPHERE_SCALE * (1 - ratio**ATMOSPHERE_EXPONENT)
+
+
+@cached_per_vehicle()
+def specific_force(signals: Signals) -> TimeSeries | None:
+    """Returns what the first accelerometer measures (N, 3), m/s² along body x (forward), y (right) and z (down).
+
+    At rest it is the reaction to the weight: 9.8 m/s² upward, so that z is negative.
+    """
+    for message, (fields, factor) in FORCE_FIELDS.items():
+        columns = signals.telemetry.messages.get(message, {})
+        if all(field in columns for field in fields):
+            force = clean_series(columns, factor * float_columns(columns, fields))
+            if len(force.time) and force.values.any():
+                return force
+    return None
+
+
+@cached_per_vehicle()
+def throttle_stick(signals: Signals) -> TimeSeries | None:
+    """Returns the pilot's throttle stick (N,), from 0 (closed) to 1 (open), whatever the autopilot makes of it.
+
+    It comes from the remote control's channel (RC_CHANNELS, DataFlash's RCIN) or from MANUAL_CONTROL (PX4's
+    manual_control_setpoint). None without a stick.
+    """
+    messages = signals.telemetry.messages
+    parameters = signals.telemetry.parameters
+    channel = int(parameters.get("RCMAP_THROTTLE", 3))
+    field = f"chan{channel}_raw"
+    for message in ("RC_CHANNELS", "RC_CHANNELS_RAW"):
+        columns = messages.get(message, {})
+        if field not in columns:
+            continue
+        pulses = float_column(columns, field)
+        lowest, highest = POSSIBLE_PULSE
+        is_possible = (pulses > lowest) & (pulses < highest)
+        if is_possible.any():
+            return clean_series(columns, _stick_of_pulses(pulses, channel, parameters), is_possible)
+    columns = messages.get("MANUAL_CONTROL", {})
+    if "z" in columns:
+        stick = clean_series(columns, np.clip(float_column(columns, "z") / 1000, 0, 1))
+        return stick if len(stick.time) else None
+    return None
+
+
+def _stick_of_pulses(pulses: Array, channel: int, parameters: Parameters) -> Array:
+    """Converts pulse widths of the throttle's channel to its travel.
+
+    Args:
+        pulses: (N,) µs.
+        channel: number of the channel, from 1.
+        parameters: the autopilot's, of which RCn_MIN, RCn_MAX and the reversal of the channel are used.
+
+    Returns:
+        (N,) from 0 (closed) to 1 (open).
+    """
+    closed = parameters.get(f"RC{channel}_MIN", USUAL_PULSE_RANGE[0])
+    opened = parameters.get(f"RC{channel}_MAX", USUAL_PULSE_RANGE[1])
+    if not opened > closed:
+        closed, opened = USUAL_PULSE_RANGE
+    travel = np.clip((pulses - closed) / (opened - closed), 0, 1)
+    # RCn_REV is -1 for a reversed channel in older ArduPilot, RCn_REVERSED is 1 in newer, RCn_REV is -1 in PX4.
+    is_reversed = (
+        parameters.get(f"RC{channel}_REV", 1) < 0 or parameters.get(f"RC{channel}_REVERSED", 0) > 0
+    )
+    return 1 - travel if is_reversed else travel

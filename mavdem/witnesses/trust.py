@@ -1,0 +1,106 @@
+"""The record of what can be trusted in one boot: every sensor checked against another one."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mavdem.dataset.intervals import Intervals, in_intervals, true_intervals
+from mavdem.dataset.phases import series_of_boot
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import recorded_series
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.witnesses.accelerometer import AccelerometerWitness, accelerometer_witness
+from mavdem.witnesses.flown import Flown, flown, powered_intervals
+from mavdem.witnesses.height import HeightWitnesses, height_witnesses
+from mavdem.witnesses.rotation import RotationWitness, rotation_witness
+
+FIX_3D = 3
+"""GPS_FIX_TYPE of a position fix in three dimensions."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorTrust:
+    """What the sensors of one boot are worth; a question that the log cannot answer is None."""
+
+    boot: int
+    """Number of the boot."""
+    height: HeightWitnesses
+    """Barometer and estimated climb, and when they contradict each other."""
+    accelerometer: AccelerometerWitness | None
+    """Gravity at rest, and peaks."""
+    rotation: RotationWitness | None
+    """Whether roll and pitch answer their setpoints, and whether gyro and attitude agree."""
+    flown: Flown
+    """Whether the vehicle flew."""
+    fix_share: float | None
+    """Share of the time under power with a position fix of GPS; None if no receiver was recorded."""
+    without_fix: Intervals
+    """When the receiver had no fix, s since boot."""
+
+    @property
+    def is_barometer_usable(self) -> bool | None:
+        """Whether the barometer measures the height; None without one."""
+        if self.height.barometer_noise is None:
+            return None
+        return self.height.barometer is not None
+
+    @property
+    def is_climb_estimate_sound(self) -> bool | None:
+        """Whether the estimated climb never contradicts the barometer for long; None if one of them is not known."""
+        if self.height.barometer_climb is None or self.height.estimated_climb is None:
+            return None
+        return not self.height.contradictions
+
+    @property
+    def is_accelerometer_sound(self) -> bool | None:
+        """Whether the accelerometer measures gravity at rest; None if the vehicle never rested."""
+        return None if self.accelerometer is None else self.accelerometer.is_sound
+
+    @property
+    def has_position_fix(self) -> bool | None:
+        """Whether GPS had a fix at any time under power; None if no receiver was recorded."""
+        return None if self.fix_share is None else self.fix_share > 0
+
+    @property
+    def attitude_answers(self) -> bool | None:
+        """Whether roll and pitch follow their setpoints; None if the setpoints ask for too little to tell."""
+        return None if self.rotation is None else self.rotation.answers
+
+    @property
+    def gyro_agrees(self) -> bool | None:
+        """Whether gyro and attitude agree; None where the vehicle hardly turned."""
+        return None if self.rotation is None else self.rotation.gyro_agrees
+
+    @property
+    def flew(self) -> bool | None:
+        """Whether the vehicle flew; None if the witnesses do not decide it."""
+        return self.flown.answer
+
+
+@cached_per_vehicle()
+def sensor_trust(signals: Signals, boot: int) -> SensorTrust:
+    """Checks the sensors of a boot against each other.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+    """
+    powered = powered_intervals(signals, boot)
+    fix = series_of_boot(recorded_series(signals.telemetry, "GPS_RAW_INT", "fix_type"), boot)
+    fix_share = None
+    without_fix: Intervals = []
+    if fix is not None:
+        has_fix = fix.values >= FIX_3D
+        without_fix = true_intervals(fix.time, ~has_fix)
+        is_powered = in_intervals(fix.time, powered) if powered else np.ones(len(fix.time), bool)
+        if is_powered.any():
+            fix_share = float(has_fix[is_powered].mean())
+    return SensorTrust(
+        boot=boot,
+        height=height_witnesses(signals, boot),
+        accelerometer=accelerometer_witness(signals, boot),
+        rotation=rotation_witness(signals, boot),
+        flown=flown(signals, boot),
+        fix_share=fix_share,
+        without_fix=without_fix,
+    )

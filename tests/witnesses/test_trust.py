@@ -1,0 +1,185 @@
+"""Which sensors can be trusted, each on a made-up hover of which one sensor is made to lie."""
+
+import numpy as np
+from hover import Hover, asking, changed, columns, with_pulses
+from pytest import approx, mark
+
+from mavdem.dataset.signals import Signals
+from mavdem.facts.witnesses import Witness
+from mavdem.witnesses import sensor_trust
+from mavdem.witnesses.height import trusted_height
+from mavdem.witnesses.sensors import barometer_altitude, throttle_stick
+
+GROUND_PRESSURE = 1000.0
+TAKE_OFF = 6.0
+
+
+def stamps(made, message):
+    return made.messages[message]["time"]
+
+
+def height(made):
+    """The height of the hover, m, at the stamps of its position."""
+    place = made.messages["LOCAL_POSITION_NED"]
+    return np.cumsum(-place["vz"]) * 0.1
+
+
+def flight(noise=0.1, true_height=None):
+    """A hover at 10 m with barometer, accelerometer and position fix, whose estimates are all true."""
+    made = Hover(sway=0.2).telemetry(20.0, 20.0)
+    time = stamps(made, "LOCAL_POSITION_NED")
+    random = np.random.default_rng(1)
+    true_height = height(made) if true_height is None else true_height
+    altitude = 120.0 + true_height + noise * random.standard_normal(len(time))
+    made = changed(made, "LOCAL_POSITION_NED", x=0.0, y=0.0, vx=0.0, vy=0.0, z=-height(made))
+    made = changed(made, "SCALED_PRESSURE", **columns(time, altitude=altitude))
+    fast = stamps(made, "ATTITUDE")
+    made = changed(made, "HIGHRES_IMU", **columns(fast, xacc=0.0, yacc=0.0, zacc=-9.8))
+    # The vehicle sways in the air only.
+    rolls = made.messages["ATTITUDE"]
+    in_air = fast > TAKE_OFF
+    roll, rate = rolls["roll"] * in_air, rolls["rollspeed"] * in_air
+    made = changed(made, "ATTITUDE", roll=roll, rollspeed=rate)
+    return changed(made, "GPS_RAW_INT", **columns(time, fix_type=3))
+
+
+def trust(made):
+    return sensor_trust(Signals(made, inputs="motors"), 0)
+
+
+def bench(made):
+    """The same log of a vehicle that somebody bolted down: nothing rises, nothing rotates."""
+    time = stamps(made, "LOCAL_POSITION_NED")
+    random = np.random.default_rng(2)
+    made = changed(made, "SCALED_PRESSURE", altitude=120 + 0.1 * random.standard_normal(len(time)))
+    return changed(made, "ATTITUDE", roll=0.0, rollspeed=0.0)
+
+
+def test_all_sensors_of_a_sound_flight_are_trusted():
+    sound = trust(flight())
+    assert sound.is_barometer_usable
+    assert sound.is_climb_estimate_sound
+    assert sound.is_accelerometer_sound
+    assert sound.has_position_fix
+    assert sound.gyro_agrees
+    assert sound.flew
+
+
+def test_a_barometer_that_jumps_is_not_usable():
+    assert trust(flight(noise=10.0)).is_barometer_usable is False
+
+
+def test_without_a_barometer_nothing_is_known_of_it():
+    made = flight()
+    made = changed(made, "SCALED_PRESSURE", altitude=0.0)
+    unknown = trust(made)
+    assert unknown.is_barometer_usable is None
+    assert unknown.is_climb_estimate_sound is None
+
+
+@mark.parametrize("speed, contradicts", [(2.0, False), (3.0, True)])
+def test_an_estimate_that_falls_beside_the_barometer_contradicts_it(speed, contradicts):
+    made = flight()
+    place = made.messages["LOCAL_POSITION_NED"]
+    runs_away = (place["time"] > 30.0) & (place["time"] < 34.0)
+    made = changed(made, "LOCAL_POSITION_NED", vz=place["vz"] + speed * runs_away)
+    found = trust(made).height.contradictions
+    assert len(found) == contradicts
+    if contradicts:
+        assert found[0] == approx((30.4, 33.6), abs=0.8)
+
+
+def test_a_height_that_ran_away_gives_way_to_the_barometer():
+    made = flight()
+    z = np.where(stamps(made, "LOCAL_POSITION_NED") > 30.0, 3000.0, -height(made))
+    signals = Signals(changed(made, "LOCAL_POSITION_NED", z=z), inputs="motors")
+    trusted = trusted_height(signals, 0, TAKE_OFF)
+    assert trusted.values.max() == approx(10.0, abs=0.5)
+
+
+@mark.parametrize("gravity, is_sound", [(9.4, True), (8.2, False)])
+def test_an_accelerometer_must_measure_gravity_at_rest(gravity, is_sound):
+    made = changed(flight(), "HIGHRES_IMU", zacc=-gravity)
+    assert trust(made).accelerometer.gravity_at_rest == approx(gravity)
+    assert trust(made).is_accelerometer_sound is is_sound
+
+
+def test_a_receiver_without_satellites_gives_no_position():
+    made = changed(flight(), "GPS_RAW_INT", fix_type=1)
+    assert trust(made).has_position_fix is False
+    assert trust(made).fix_share == 0
+
+
+@mark.parametrize("gain, answers", [(0.9, True), (0.0, False)])
+def test_roll_answers_its_setpoint_or_not(gain, answers):
+    made = flight()
+    time = stamps(made, "ATTITUDE")
+    wanted = 0.3 * np.sin(0.7 * time)
+    made = asking(made, time, 7, None, wanted)
+    made = changed(made, "ATTITUDE", roll=gain * 0.3 * np.sin(0.7 * (time - 0.2)))
+    assert trust(made).attitude_answers is answers
+
+
+def test_two_witnesses_against_a_flight_make_a_bench_run():
+    never_flew = trust(bench(flight()))
+    assert never_flew.flew is False
+    codes = [fact.code for fact in never_flew.flown.witnesses]
+    assert codes == [Witness.STAYED_LEVEL, Witness.DID_NOT_ROTATE]
+    assert {fact.figures["side"] for fact in never_flew.flown.witnesses} == {"against"}
+
+
+def test_one_witness_against_a_flight_leaves_it_undecided():
+    made = flight()
+    made = changed(made, "SCALED_PRESSURE", **bench(made).messages["SCALED_PRESSURE"])
+    assert trust(made).flew is None
+
+
+def test_a_still_hover_that_rose_was_flown():
+    made = flight()
+    made = changed(made, "ATTITUDE", roll=0.0, rollspeed=0.0)
+    assert trust(made).flew
+
+
+def test_motors_that_never_ran_decide_nothing():
+    made = flight()
+    idle = np.full((4, len(stamps(made, "SERVO_OUTPUT_RAW"))), 1000.0)
+    assert trust(with_pulses(made, idle)).flew is None
+
+
+def test_pressure_becomes_altitude_by_the_standard_atmosphere():
+    made = flight()
+    time = stamps(made, "LOCAL_POSITION_NED")
+    pressure = np.linspace(GROUND_PRESSURE, 0.99 * GROUND_PRESSURE, len(time))
+    messages = {**made.messages, "SCALED_PRESSURE": columns(time, press_abs=pressure)}
+    altitude = barometer_altitude(Signals(type(made)(1, 1, "QUADROTOR", "PX4", messages)))
+    assert np.ptp(altitude.values) == approx(84.0, abs=1.0)
+
+
+@mark.parametrize(
+    "parameters, stick",
+    [
+        ({}, 0.6),
+        ({"RC3_MIN": 1100.0, "RC3_MAX": 2100.0}, 0.5),
+        ({"RC3_REVERSED": 1.0}, 0.4),
+        ({"RCMAP_THROTTLE": 1.0}, 0.2),
+    ],
+)
+def test_the_stick_is_the_travel_of_its_channel(parameters, stick):
+    made = Hover().telemetry(20.0, 20.0, parameters=parameters)
+    time = stamps(made, "ATTITUDE")
+    made = changed(made, "RC_CHANNELS", **columns(time, chan1_raw=1200, chan3_raw=1600))
+    assert throttle_stick(Signals(made)).values == approx(stick)
+
+
+def test_a_receiver_without_signal_has_no_stick():
+    made = Hover().telemetry(20.0, 20.0)
+    time = stamps(made, "ATTITUDE")
+    assert (
+        throttle_stick(Signals(changed(made, "RC_CHANNELS", **columns(time, chan3_raw=0)))) is None
+    )
+
+
+def test_the_stick_of_manual_control_counts_in_thousandths():
+    made = Hover().telemetry(20.0, 20.0)
+    made = changed(made, "MANUAL_CONTROL", **columns(stamps(made, "ATTITUDE"), z=250))
+    assert throttle_stick(Signals(made)).values == approx(0.25)
