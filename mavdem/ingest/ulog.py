@@ -1,18 +1,15 @@
 """PX4's own logs (.ulg): topics as ``pyulog`` reads them, on the boot clock, as MAVLink's messages.
 
-After damage pyulog goes on at the next message that it knows, or at the next mark of synchronisation, which PX4 writes
-twice a second. There are no checksums: a flipped value stays. ``px4_topics`` translates the topics.
+Damage is left out by ``ulog_records`` before pyulog reads the file. There are no checksums: a flipped value stays.
+``px4_topics`` translates the topics.
 Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
 """
 
 import io
 import os
-import re
 from collections.abc import Mapping
 from contextlib import redirect_stdout
-from functools import cache
 from math import isfinite
-from struct import calcsize
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +25,6 @@ from mavdem.ingest.mavlink.clocks import outlier_stamps
 from mavdem.ingest.px4_topics import TOPIC_FIELDS, Topics
 from mavdem.ingest.px4_translation import attitude_repairs, messages_of_topics
 from mavdem.ingest.telemetry import (
-    MAX_FIELDS,
     Columns,
     Log,
     Parameters,
@@ -38,17 +34,12 @@ from mavdem.ingest.telemetry import (
     repair_facts,
     selected_rows,
 )
+from mavdem.ingest.ulog_records import MICROSECONDS, RecordLoss, SoundRecords, sound_records
 from mavdem.ingest.vocabulary import version_text
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
 
 MAGIC = FORMAT_SIGNATURES[Format.ULOG].first_bytes
 """First bytes of a ULog file."""
-
-HEADER_BYTES = calcsize("<HB")
-"""Number of bytes of each message's header: its length (uint16) and its type (uint8)."""
-
-MICROSECONDS = 1e6
-"""Microseconds in a second."""
 
 DEFAULT_ID = 1
 """PX4's default of the parameters MAV_SYS_ID and MAV_COMP_ID."""
@@ -82,7 +73,9 @@ def read_ulog(path: PathName) -> Log:
     content = file_bytes(path)
     if not content.startswith(MAGIC):
         raise Unreadable(Source.FORMAT_UNKNOWN, path=source, name="ulog")
-    log = _parsed(content, source)
+    records = sound_records(content)
+    loss = records.loss
+    log = _parsed(records, source)
     initial_settings, changed_settings = _parameter_settings(log)
     settings = [*initial_settings, *changed_settings]
     parameters = {setting.name: setting.value for setting in settings if isfinite(setting.value)}
@@ -91,13 +84,13 @@ def read_ulog(path: PathName) -> Log:
         for setting in initial_settings
         if isfinite(setting.value) and setting.value != parameters[setting.name]
     }
-    topics, repairs = _topics(log)
+    topics, outlier_count = _topics(log)
     translation = messages_of_topics(topics, parameters)
     messages = translation.messages
     if not messages:
         topic_names = sorted({topic.name for topic in log.data_list})
         raise Unreadable(
-            Source.ULOG_WITHOUT_FLIGHT, path=source, names=topic_names, damaged=log.file_corruption
+            Source.ULOG_WITHOUT_FLIGHT, path=source, names=topic_names, damaged=loss.lost_bytes > 0
         )
     attitude_notes = attitude_repairs(topics, messages)
     if log.logged_messages:
@@ -112,7 +105,7 @@ def read_ulog(path: PathName) -> Log:
         messages=messages,
         parameters=parameters,
         source=source,
-        repairs=(*repairs, *attitude_notes),
+        repairs=(*_file_repairs(log, loss, outlier_count), *attitude_notes),
         translated_from="ULog",
         initial_parameters=initial_parameters,
         source_names=translation.topic_names,
@@ -171,53 +164,8 @@ def _mavlink_id(parameters: Parameters, name: str) -> int:
     return int(value) if 1 <= value <= MAX_ID else DEFAULT_ID
 
 
-UNWRITTEN_BYTES = re.compile(rb"\0{3,}|\xff{3,}")
-"""What a card holds where nothing was written: no header begins so, and the library would take it byte by byte."""
-
-
-class _Content(io.BytesIO):
-    """A ULog file for pyulog that skips unwritten bytes and ends its endless loops.
-
-    Where a damaged length goes beyond the end of the file, the library seeks back and reads the same message again, for
-    ever. Here it goes on at the byte after the beginning of that message.
-    """
-
-    _message_start = 0
-    """Offset of the header that was read last."""
-    _is_cut = False
-    """Whether the last read met the end of the file."""
-
-    def read(self, size: int | None = -1) -> bytes:
-        """Reads as a file does, but jumps over unwritten bytes.
-
-        The library reads a message's header with a read of exactly ``HEADER_BYTES``. If that begins in unwritten bytes,
-        the next read continues after them. Where the message began is noted for :meth:`seek`.
-        """
-        content = super().read(size)
-        if size == HEADER_BYTES:
-            header_start = self.tell() - len(content)
-            unwritten = UNWRITTEN_BYTES.match(self.getbuffer(), header_start)
-            if unwritten is not None:
-                super().seek(unwritten.end())
-            self._message_start = self.tell() - len(content)
-        self._is_cut = len(content) < (size or 0)
-        return content
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Moves as a file does, but not back to a message that was cut off by the end of the file.
-
-        Such a move is how the library's endless loop begins; it is turned into one to the byte after the beginning of
-        that message.
-        """
-        target = self.tell() + offset if whence == os.SEEK_CUR else offset
-        goes_back = whence == os.SEEK_CUR and target <= self._message_start
-        if self._is_cut and goes_back:
-            target = self._message_start + 1
-        return super().seek(target)
-
-
-def _parsed(content: bytes, source: str) -> ULog:
-    """Parses a file with pyulog.
+def _parsed(records: SoundRecords, source: str) -> ULog:
+    """Parses the sound records of a file with pyulog.
 
     Raises:
         Unreadable: The file is of a later version of the format, or its definitions are damaged or malicious.
@@ -225,42 +173,12 @@ def _parsed(content: bytes, source: str) -> ULog:
     try:
         # The library prints what is damaged.
         with redirect_stdout(io.StringIO()):
-            _raise_on_huge_formats(ULog(_Content(content), parse_header_only=True).message_formats)
-            return ULog(_Content(content))
+            return ULog(io.BytesIO(records.content))
     except ULogIncompatibleFlagException:
         raise Unreadable(Source.ULOG_OF_LATER_FORMAT, path=source) from None
     except Exception:
         # Of damaged definitions the library may raise anything.
         raise Unreadable(Source.ULOG_WITHOUT_FLIGHT, path=source, names=(), damaged=True) from None
-
-
-def _raise_on_huge_formats(formats: Mapping[str, ULog.MessageFormat]) -> None:
-    """Refuses definitions for which the library would allocate memory without end.
-
-    Messages may contain other messages and arrays of them, so that a short definition can announce any number of
-    numbers. These are counted through all levels.
-
-    Args:
-        formats: Definitions of messages by name.
-
-    Raises:
-        ValueError: A message has more than ``MAX_FIELDS`` numbers.
-        RecursionError: A message contains itself.
-    """
-
-    @cache
-    def number_count(kind: str) -> int:
-        """Returns how many numbers a field of this type has: a message's type, or that of a number."""
-        fields = formats[kind].fields if kind in formats else ()
-        count = 0
-        for field_kind, array_length, _ in fields:
-            # The array length of a field that is no array is 0.
-            count += max(array_length, 1) * number_count(field_kind)
-        return count or 1
-
-    for kind in formats:
-        if number_count(kind) > MAX_FIELDS:
-            raise ValueError(kind)
 
 
 def _parameter_settings(
@@ -281,7 +199,7 @@ def _parameter_settings(
     return initial, changed
 
 
-def _topics(log: ULog) -> tuple[Topics, Facts]:
+def _topics(log: ULog) -> tuple[Topics, int]:
     """Returns the topics that mavdem reads, sorted by time and without messages whose stamps are far from all others.
 
     A topic is a kind of message of PX4, such as ``vehicle_attitude``; it has several instances where, say, a vehicle
@@ -290,8 +208,8 @@ def _topics(log: ULog) -> tuple[Topics, Facts]:
     to the start of the log.
 
     Returns:
-        The topics by name and number of the instance, each with ``time``, s since boot; and what was left out of the
-        file.
+        The topics by name and number of the instance, each with ``time``, s since boot; and the number of messages
+        that were left out.
     """
     subscriptions: dict[tuple[str, int], list[Columns]] = {}
     for topic in log.data_list:
@@ -314,17 +232,23 @@ def _topics(log: ULog) -> tuple[Topics, Facts]:
         second_time = time[1:2].min(initial=np.inf)
         time[0] = np.clip(log.start_timestamp / MICROSECONDS, time[0], second_time)
         topics.setdefault(name, {})[instance] = fields | {"time": time}
-    return topics, _file_repairs(log, outlier_count)
+    return topics, outlier_count
 
 
-def _file_repairs(log: ULog, outlier_count: int) -> Facts:
+def _file_repairs(log: ULog, loss: RecordLoss, outlier_count: int) -> Facts:
     """Reports what is damaged or missing in a file.
 
     Args:
         log: The parsed file, with the interruptions of the logger, whose durations are in ms.
+        loss: What was left out of it.
         outlier_count: Number of messages that were left out because their stamps are far from all others.
     """
-    damage = repair_facts(Repair.ULOG_DAMAGED) if log.file_corruption else ()
+    damage = repair_facts(
+        Repair.ULOG_DAMAGED,
+        count=loss.lost_bytes,
+        places=loss.places,
+        duration=loss.lost_seconds,
+    )
     # How long the logger was interrupted, s; what it missed in that time is not known.
     durations = np.array([dropout.duration for dropout in log.dropouts]) / 1e3
     return (

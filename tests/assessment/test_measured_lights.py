@@ -36,6 +36,7 @@ from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.facts.log import LogLight, Simulator
 from mavdem.facts.power import PowerLight
+from mavdem.facts.sources import Repair
 from mavdem.wind_velocity.from_log import wind_evidence
 
 HOVER = Hover()
@@ -274,6 +275,17 @@ def test_the_log_is_judged_by_its_rates_and_gaps():
             assert fact.remedy
         else:
             assert not fact.remedy
+
+
+def test_the_light_of_the_log_states_what_was_lost_by_damage():
+    damage = Fact(Repair.ULOG_DAMAGED, Level.WATCH, count=640, places=10, duration=0.25)
+    slow = HOVER.telemetry(10.0, 50.0)
+    for telemetry in (HOVER.telemetry(50.0, 50.0), slow, replace(slow, dropouts=3)):
+        sound = log_light(evidence(telemetry))
+        damaged = log_light(evidence(replace(telemetry, repairs=(damage,))))
+        assert damaged.code is sound.code
+        assert str(damaged) == f"{sound} {damage}"
+        assert "640 bytes" in str(damaged) and "0.25 s" in str(damaged)
 
 
 def standing(change, rate=50.0):

@@ -1,10 +1,7 @@
 """PX4's logs: values as pyulog reads them, in MAVLink's words; and what is whole of a file that is not."""
 
 import lzma
-import os
-import random
 import struct
-from unittest.mock import Mock
 
 import numpy as np
 from numpy.testing import assert_allclose
@@ -36,7 +33,6 @@ from mavdem.ingest import contents as files
 from mavdem.ingest import read_log
 from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.telemetry import rate_without_gaps
-from mavdem.ingest.ulog import HEADER_BYTES, _Content
 from mavdem.ingest.vocabulary import Injection
 
 
@@ -251,15 +247,6 @@ def test_damaged_levels_of_texts_and_stamps_of_another_type_are_left_out(tmp_pat
     assert [fact.figures["severity"] for fact in reported_problems(vehicle)] == ["error"]
 
 
-def test_bytes_that_nobody_wrote_are_skipped_at_once(tmp_path, monkeypatch):
-    """As a card has them, for which the library took seconds a megabyte."""
-    headers = Mock(wraps=ULog._MessageHeader.initialize)
-    monkeypatch.setattr(ULog._MessageHeader, "initialize", lambda *given: headers(*given))
-    for fill in (b"\0", b"\xff"):
-        assert stamps_of(vehicle_in(tmp_path, *flight(TIMES), 100_000 * fill)) == INTACT
-    assert headers.call_count < 10_000
-
-
 WANTED = "HIL_ACTUATOR_CONTROLS"
 
 
@@ -268,19 +255,6 @@ def stamps_of(vehicle):
 
 
 INTACT = [round(time * 1e6) for time in TIMES.tolist()]
-
-
-@mark.parametrize("damage", [random.Random(1).randbytes(5000), bytes(999), b"\x42\xffD"])
-def test_damage_costs_no_more_than_one_message_can_hold(tmp_path, damage, capfd):
-    times = 20 + 0.01 * np.arange(1200)
-    pieces = flight(times)
-    lost = 300 * 0xFFFF // len(b"".join(pieces[: 5 * 300]))
-    pieces.insert(600, damage)
-    vehicle = vehicle_in(tmp_path, *pieces)
-    stamps = stamps_of(vehicle)
-    assert set(stamps) <= set(np.rint(times * 1e6)) and len(stamps) >= len(times) - lost - 50
-    assert Repair.ULOG_DAMAGED in [fact.code for fact in vehicle.repairs]
-    assert capfd.readouterr() == ("", "")
 
 
 @mark.slow
@@ -350,13 +324,3 @@ def test_an_archive_that_cannot_be_unpacked_is_refused(tmp_path, monkeypatch, sp
 
 def test_a_mode_of_px4_is_a_main_and_a_sub_mode():
     assert mode_name("PX4", "QUADROTOR", 4 << 16 | 5 << 24) == "Return"
-
-
-@mark.parametrize("size, place", [(50, 1), (5, 0)])
-def test_after_a_message_that_is_cut_none_is_read_again(size, place):
-    """Pyulog goes back to where a damaged message began, and would do so for ever at the end of the file."""
-    content = _Content(b"\1" * 20)
-    for length in (HEADER_BYTES, size):
-        content.read(length)
-    content.seek(-content.tell(), os.SEEK_CUR)
-    assert content.tell() == place

@@ -11,6 +11,7 @@ from mavdem.dataset.rate_advice import rate_advice
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, rate_between_outages
 from mavdem.facts import Fact
 from mavdem.facts.log import LogLight, Simulator
+from mavdem.facts.sources import Repair
 from mavdem.ingest.telemetry import Telemetry
 
 MAX_GAP = 1.0
@@ -49,6 +50,8 @@ def log_light(evidence: Evidence) -> Fact:
     3. If a gap of the attitude in flight is longer than ``MAX_GAP``, or the logger itself lost messages ("dropouts"),
        the log has gaps.
 
+    Whatever the rates are, the light also states how much of the file was damaged.
+
     Args:
         evidence: the signals of the vehicle, its flights, and whether a model can be learned.
 
@@ -80,8 +83,17 @@ def log_light(evidence: Evidence) -> Fact:
         longest_gap=longest_gap,
         dropouts=telemetry.dropouts,
         needed_rate=MIN_STREAM_RATE,
+        damage=_damage(telemetry),
         remedy=rate_advice(telemetry, components=evidence.log.components),
     )
+
+
+def _damage(telemetry: Telemetry) -> Fact | None:
+    """Returns how much of a damaged ULog could not be read; None for a sound log, and for one of another format."""
+    for repair in telemetry.repairs:
+        if repair.code is Repair.ULOG_DAMAGED:
+            return repair
+    return None
 
 
 def simulation_fact(signals: Signals) -> Fact | None:
