@@ -17,6 +17,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import recorded_series
 from mavdem.errors import NotLearnable
 from mavdem.immutable import ImmutableResult
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.loops.limit_cycles import Oscillation, detect_limit_cycle
 from mavdem.motors.hover import HoverFigures, hover_of
 from mavdem.vibration.vibration_message import reported_vibration
@@ -154,9 +155,12 @@ def _oscillation(signals: Signals, settled: Segments) -> Oscillation | None:
         settled: segments of settled flight.
 
     Returns:
-        The limit cycle, in settled flight if there is one; None if the vehicle does not oscillate.
+        The limit cycle, in settled flight if there is one; None if the vehicle does not oscillate, or is no multirotor.
     """
     tilts = dict(zip(TILT_AXES, signals.tilts, strict=False))
+    if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
+        # The outputs of other vehicles drive control surfaces, wheels or a rudder too.
+        return None
     in_settled_flight = detect_limit_cycle(signals.motors, tilts, settled)
     if in_settled_flight is not None:
         return in_settled_flight

@@ -20,13 +20,14 @@ from mavdem.assessment.flights import settled_flight
 from mavdem.dataset import phases
 from mavdem.dataset.intervals import Intervals, complement, in_intervals, intersection
 from mavdem.dataset.learnability import Learnability
-from mavdem.dataset.segments import Segment, Segments
+from mavdem.dataset.segments import Segment, Segments, recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Code, Fact, Facts, NamedFacts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.loops.advice import gain_reduction_advice
 from mavdem.loops.axis_loops import Loop
 from mavdem.wind_velocity.from_log import WindEvidence
@@ -55,6 +56,27 @@ class Evidence:
     """How the flight was lost, and what failed first; None if it was not lost."""
     loops: Mapping[str, Loop | Fact] = field(default_factory=dict)
     """The identified control loops of each axis, or why they are not known."""
+
+    @property
+    def other_vehicle(self) -> Fact | None:
+        """Why something is not judged that is judged of multirotors only; None of a vehicle that may be one.
+
+        What its sensors measure and its autopilot reports is judged of every vehicle.
+        """
+        kind = self.signals.telemetry.vehicle
+        if kind in POSSIBLE_MULTIROTORS:
+            return None
+        return Fact(Unjudged.MULTIROTORS_ONLY, kind=kind)
+
+    @cached_property
+    def has_operated(self) -> bool:
+        """Whether the vehicle flew or, if it is no multirotor, whether it operated (``phases.airborne_intervals``)."""
+        if self.other_vehicle is None:
+            return bool(self.learnability.figures.airborne)
+        for span in recorded_spans(self.signals):
+            if intersection([(span.start, span.end)], self.flights(span.boot)):
+                return True
+        return False
 
     @cached_property
     def margins(self) -> tuple[AxisMargins, ...]:
@@ -88,7 +110,10 @@ class Evidence:
         return gain_reduction_advice(oscillation, self.signals.telemetry.parameters)
 
     def flights(self, boot: int) -> Intervals:
-        """Returns the intervals of a boot in free flight, s, until the vehicle was lost."""
+        """Returns the intervals of a boot in free flight, s, until the vehicle was lost.
+
+        Of a vehicle that is no multirotor they are those in which it operates (``phases.airborne_intervals``).
+        """
         free_flight = phases.free_flight_intervals(self.signals, boot)
         return intersection(free_flight, self._intervals_before_loss(boot))
 

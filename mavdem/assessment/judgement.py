@@ -7,6 +7,7 @@ from mavdem.assessment.axis.findings import Finding, next_step_for_model
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights import OTHER_LIGHTS, REGISTRY, VEHICLE_LIGHTS
 from mavdem.assessment.motion import FAR_ANGLE
+from mavdem.dataset.learnability import NEVER_ARMED
 from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending
@@ -79,8 +80,8 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
         of_same_code = [fact for fact in bad if fact.code is bad[0].code]
         # Of several losses of thrust the one with the largest rise of the motor's command is named, not the earliest.
         return max(of_same_code, key=lambda fact: fact.figures.get("rise", 0.0))
-    if not evidence.learnability.figures.airborne:
-        return evidence.learnability.reason
+    if not evidence.has_operated:
+        return _reason_on_ground(evidence)
     # Attitudes far from their setpoint come first, and warnings of the autopilot last.
     far_attitudes = [
         event for event in evidence.events if event.figures.get("angle", 0.0) > FAR_ANGLE
@@ -90,6 +91,15 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
         if fact.level is Level.WATCH:
             return fact
     return _nothing_wrong(lights)
+
+
+def _reason_on_ground(evidence: Evidence) -> Fact:
+    """Returns why a log has no flight or, of a vehicle that is no multirotor, no operation."""
+    if evidence.other_vehicle is not None:
+        armed = evidence.signals.armed
+        if armed is not None and not armed.values.any():
+            return NEVER_ARMED
+    return evidence.learnability.reason
 
 
 def _nothing_wrong(lights: NamedFacts) -> Fact:
@@ -131,9 +141,15 @@ def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) ->
     """
     if headline.code is not Headline.NOTHING_WRONG:
         return _next_step_against(headline, lights)
+    is_other_vehicle = False
     for name in (Light.LOG, *VEHICLE_LIGHTS):
-        if not lights[name].is_good:
+        # No log of such a vehicle would show more.
+        if lights[name].code is Unjudged.MULTIROTORS_ONLY:
+            is_other_vehicle = True
+        elif not lights[name].is_good:
             return Fact(NextStep.DO_AS_ADVISED, because=lights[name])
+    if is_other_vehicle:
+        return Fact(NextStep.KEEP_LOG)
     return model_step or Fact(NextStep.KEEP_MODEL)
 
 

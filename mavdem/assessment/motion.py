@@ -66,16 +66,21 @@ FORCE_MESSAGES = {"HIGHRES_IMU": 1.0, "RAW_IMU": 9.80665e-3}
 
 
 def motion_events(signals: Signals) -> Facts:
-    """Returns the events that the motion shows, in order of boot and time; none for vehicles that are no multirotors.
+    """Returns the events that the motion shows, in order of boot and time.
 
     They are losses of attitude, falls, impacts, motors at their limit or off, clipping of the accelerometers, and a log
-    that ends in the air.
+    that ends in the air. Of vehicles that are no multirotors they are clipping alone: a plane banks and dives on
+    purpose.
     """
-    if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS or not signals.tilts:
+    if not signals.tilts:
         return ()
+    is_multirotor = signals.telemetry.vehicle in POSSIBLE_MULTIROTORS
     events: list[Fact] = []
     for boot in np.unique(signals.tilts[0].boot).tolist():
-        events += _events_of_boot(signals, boot)
+        if is_multirotor:
+            events += _events_of_boot(signals, boot)
+        else:
+            events += _clipping_events(signals, boot, flights_in_boot(signals, boot))
     return tuple(in_time_order(events))
 
 

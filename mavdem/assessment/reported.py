@@ -21,6 +21,7 @@ from mavdem.dataset.intervals import in_intervals, intersection, true_intervals
 from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
 from mavdem.dataset.phases import (
     AVERAGING_SECONDS,
+    SURFACE_VEHICLES,
     armed_intervals,
     series_of_boot,
     without_grounded,
@@ -29,6 +30,7 @@ from mavdem.dataset.segments import Segment, recorded_spans
 from mavdem.dataset.signals import BATTERY_MESSAGES, Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import Reported
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND, mavlink_constant
 
 LOW_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_LOW")
@@ -186,11 +188,16 @@ def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
 
     The flights are those that motor outputs and heights show, because a land detector may be mistaken. But their times
     are averages. So if the land detector reports a change within ``AVERAGING_SECONDS`` of one, the event has its time.
+    The outputs of other vehicles than multirotors show no flight: of those that can fly, only what the land detector
+    reports counts.
 
     Args:
         signals: signals of the vehicle.
         span: the recorded part of one boot.
     """
+    vehicle = signals.telemetry.vehicle
+    if vehicle in SURFACE_VEHICLES:
+        return
     detected_changes = np.zeros(0)
     landed_state = series_of_boot(signals.landed_state, span.boot)
     if landed_state is not None:
@@ -211,6 +218,8 @@ def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
             if np.any(distances <= AVERAGING_SECONDS):
                 message = "EXTENDED_SYS_STATE"
                 time = detected_changes[np.argmin(distances)]
+            elif vehicle not in POSSIBLE_MULTIROTORS:
+                continue
             yield _event(signals, span, message, code, time)
 
 

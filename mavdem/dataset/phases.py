@@ -26,6 +26,7 @@ from mavdem.dataset.setpoints import Setpoint, held_setpoint
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import IN_AIR, OFF_GROUND
 
@@ -104,6 +105,9 @@ Autopilots send EXTENDED_SYS_STATE at 0.2 Hz and faster. In a longer gap the col
 
 UNDEFINED_LANDED_STATE = 0
 """MAV_LANDED_STATE_UNDEFINED."""
+
+SURFACE_VEHICLES = ("GROUND_ROVER", "SURFACE_BOAT", "SUBMARINE")
+"""MAV_TYPEs of vehicles that never leave the ground or the water, whatever a land detector reports."""
 
 
 @cached_per_vehicle()
@@ -218,15 +222,52 @@ def _without_long_climbs(level: Intervals, climb_rate: TimeSeries) -> Intervals:
 
 @cached_per_vehicle()
 def free_flight_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns the intervals of a boot in which the vehicle is armed, airborne and not held by the ground."""
-    return without_grounded(airborne_intervals(signals, boot), signals, boot)
+    """Returns the intervals of a boot in which the vehicle is armed, airborne and not held by the ground.
+
+    Of a vehicle that is no multirotor they are those in which it operates.
+    """
+    airborne = airborne_intervals(signals, boot)
+    if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
+        return airborne
+    return without_grounded(airborne, signals, boot)
 
 
 def airborne_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns the intervals of a boot in which the vehicle is armed and off the ground, with take-off and landing."""
+    """Returns the intervals of a boot in which the vehicle is armed and off the ground, with take-off and landing.
+
+    Of a vehicle that is no multirotor they are those in which it operates.
+    """
+    if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
+        return _operating_intervals(signals, boot)
     return intersection(
         armed_intervals(signals, boot), landed_state_intervals(signals, boot, OFF_GROUND)
     )
+
+
+def _operating_intervals(signals: Signals, boot: int) -> Intervals:
+    """Returns when a vehicle that is no multirotor operates: while it is armed and, as far as is reported, in the air.
+
+    Its motor outputs do not show when it flies, as those of a multirotor do: a plane glides, and idles on the runway.
+    So a vehicle of the surface operates while it is armed, and so does one whose landed state is not reported.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+
+    Returns:
+        The intervals, s; none where nothing says when the vehicle was armed.
+    """
+    if series_of_boot(signals.armed, boot) is None:
+        return []
+    armed = armed_intervals(signals, boot)
+    reports = series_of_boot(signals.landed_state, boot)
+    if reports is None or signals.telemetry.vehicle in SURFACE_VEHICLES:
+        return armed
+    is_undefined = reports.values == UNDEFINED_LANDED_STATE
+    if is_undefined.all():
+        return armed
+    is_off_ground = np.isin(reports.values, OFF_GROUND) | is_undefined
+    return intersection(armed, true_intervals(reports.time, is_off_ground))
 
 
 def armed_intervals(signals: Signals, boot: int) -> Intervals:

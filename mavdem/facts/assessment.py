@@ -93,6 +93,7 @@ class NextStep(Code):
     FLY_LONGER = "fly_longer"
     KEEP_PARAMETERS = "keep_parameters"
     KEEP_MODEL = "keep_model"
+    KEEP_LOG = "keep_log"
     LOAD_GAINS = "load_gains"
     LAND_NOW = "land_now"
 

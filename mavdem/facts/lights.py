@@ -23,3 +23,4 @@ class Unjudged(Code):
 
     NOT_JUDGED = "not_judged"
     JUDGED_LATER = "judged_later"
+    MULTIROTORS_ONLY = "multirotors_only"

@@ -15,10 +15,12 @@ from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, recorded_series
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
+from mavdem.facts.lights import Unjudged
 from mavdem.facts.online import DragSource
 from mavdem.facts.wind import NoWind
 from mavdem.files import AnyPath
 from mavdem.ingest import read_log
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry, interpolated
 from mavdem.ingest.vocabulary import mavlink_constant
 from mavdem.wind_velocity.estimation import WindVelocity, estimate_wind
@@ -145,7 +147,15 @@ def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) ->
 
 
 def wind_evidence(signals: Signals) -> WindEvidence:
-    """Returns what the signals of a vehicle show of the wind, or why there is no estimate."""
+    """Returns what the signals of a vehicle show of the wind, or why there is no estimate.
+
+    Only a multirotor leans against the wind; of another vehicle only the autopilot's own estimate is known.
+    """
+    kind = signals.telemetry.vehicle
+    if kind not in POSSIBLE_MULTIROTORS:
+        return WindEvidence(
+            None, signals.autopilot_wind, Fact(Unjudged.MULTIROTORS_ONLY, kind=kind)
+        )
     try:
         return WindEvidence(wind_of_signals(signals), signals.autopilot_wind, None)
     except NotLearnable as error:

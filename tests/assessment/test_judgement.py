@@ -35,6 +35,7 @@ def headline(known, ending=None, events=(), airborne=60.0, oscillation=None):
         warnings_in_flight=lambda self, codes: events,
         learnability=learnability,
         condition=Condition(60.0, oscillation=oscillation),
+        other_vehicle=None,
     )
     return headline_of(evidence, known)
 

@@ -51,6 +51,7 @@ from mavdem.files import PathName
 from mavdem.flight import Flight, Flights
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.motors.loss_detection import MIN_SAMPLE_RATE, MotorLossDetector
 from mavdem.motors.motor_changes import MotorAlarm
 from mavdem.motors.trim_pattern import trim_of_signals
@@ -315,10 +316,10 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         signals: signals of the vehicle.
 
     Returns:
-        The alarms; none if the motors were not recorded, or at less than 6 Hz.
+        The alarms; none if the motors were not recorded, or at less than 6 Hz, or if the vehicle is no multirotor.
     """
     motors = signals.motors
-    if motors is None:
+    if motors is None or signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         return ()
     alarms = []
     for boot in np.unique(motors.boot).tolist():

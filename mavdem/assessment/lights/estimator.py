@@ -97,7 +97,7 @@ def estimator_light(evidence: Evidence) -> Fact:
     ]
     if facts:
         return worst_fact(facts)
-    airborne = evidence.learnability.figures.airborne
+    airborne = evidence.has_operated
     return Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=airborne)
 
 

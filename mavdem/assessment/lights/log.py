@@ -7,6 +7,7 @@ import numpy as np
 from mavdem.assessment.evidence import Evidence
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset import phases
+from mavdem.dataset.attitude import Attitude
 from mavdem.dataset.rate_advice import rate_advice
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, rate_between_outages
 from mavdem.facts import Fact
@@ -61,15 +62,15 @@ def log_light(evidence: Evidence) -> Fact:
     """
     signals = evidence.signals
     attitude = signals.attitude
+    if evidence.other_vehicle is not None:
+        return _log_of_other_vehicle(evidence)
     # The input of a model: the outputs of the motors or, where those are too slow, the controller's demand.
     drive = signals.model_inputs
     if attitude is None or drive is None:
         return Fact(LogLight.MOTION_NOT_RECORDED, because=evidence.learnability.reason)
     attitude_rate = rate_between_outages(attitude)
     motor_rate = rate_between_outages(drive)
-    longest_gap = 0.0
-    for flight in evidence.in_flight(attitude.angle_series):
-        longest_gap = max(longest_gap, np.diff(flight.time).max(initial=0.0))
+    longest_gap = _longest_gap(evidence, attitude)
     telemetry = signals.telemetry
     code = LogLight.RECORDED_FAST
     if min(attitude_rate, motor_rate) < MIN_STREAM_RATE:
@@ -94,6 +95,43 @@ def _damage(telemetry: Telemetry) -> Fact | None:
         if repair.code is Repair.ULOG_DAMAGED:
             return repair
     return None
+
+
+def _longest_gap(evidence: Evidence, attitude: Attitude) -> float:
+    """Returns the longest time without attitude in flight, s.
+
+    Args:
+        evidence: the flights of the vehicle.
+        attitude: its attitude.
+    """
+    longest_gap = 0.0
+    for flight in evidence.in_flight(attitude.angle_series):
+        longest_gap = max(longest_gap, np.diff(flight.time).max(initial=0.0))
+    return longest_gap
+
+
+def _log_of_other_vehicle(evidence: Evidence) -> Fact:
+    """Judges how well the log recorded a vehicle that is no multirotor, of which no model is learned.
+
+    So no rate is too slow, and the outputs of its motors do not count: only gaps of the attitude do, and dropouts of
+    the logger.
+
+    Args:
+        evidence: the signals of the vehicle, and when it operated.
+    """
+    attitude = evidence.signals.attitude
+    dropouts = evidence.signals.telemetry.dropouts
+    if attitude is None:
+        return Fact(LogLight.ATTITUDE_NOT_RECORDED)
+    longest_gap = _longest_gap(evidence, attitude)
+    has_gaps = longest_gap > MAX_GAP or dropouts
+    return Fact(
+        LogLight.RECORDED_WITH_GAPS if has_gaps else LogLight.RECORDED_OTHER_VEHICLE,
+        attitude_rate=rate_between_outages(attitude),
+        longest_gap=longest_gap,
+        dropouts=dropouts,
+        damage=_damage(evidence.signals.telemetry),
+    )
 
 
 def simulation_fact(signals: Signals) -> Fact | None:

@@ -24,6 +24,8 @@ def margins_light(evidence: Evidence) -> Fact:
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
+    if evidence.other_vehicle is not None:
+        return evidence.other_vehicle
     oscillation = evidence.condition.oscillation
     if oscillation is not None:
         advice = evidence.gain_reduction

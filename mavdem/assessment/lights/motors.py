@@ -31,6 +31,8 @@ def motors_light(evidence: Evidence) -> Fact:
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
+    if evidence.other_vehicle is not None:
+        return evidence.other_vehicle
     hover = evidence.condition.hover
     facts = _events_of_motors(evidence)
     oscillation = evidence.condition.oscillation

@@ -73,7 +73,7 @@ def power_light(evidence: Evidence) -> Fact:
     voltage = evidence.signals.voltage
     return Fact(
         PowerLight.POWER_UNMEASURED,
-        airborne=evidence.learnability.figures.airborne,
+        airborne=evidence.has_operated,
         voltage=None if voltage is None else voltage.values.max(initial=0.0),
     )
 

@@ -20,6 +20,8 @@ def tracking_light(evidence: Evidence) -> Fact:
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
+    if evidence.other_vehicle is not None:
+        return evidence.other_vehicle
     tracking = [evidence.tracking[axis] for axis in TILT_AXES]
     known = [fact for fact in tracking if fact.code is not TrackingLight.TRACKING_UNKNOWN]
     if not known:

@@ -32,6 +32,8 @@ def wind_light(evidence: Evidence) -> Fact:
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
+    if evidence.other_vehicle is not None:
+        return evidence.other_vehicle
     wind = evidence.wind.estimate
     if wind is None:
         return Fact(WindLight.WIND_NOT_KNOWN, because=evidence.wind.obstacle)
