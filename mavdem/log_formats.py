@@ -55,6 +55,19 @@ HEAD_BYTE2), https://docs.px4.io/main/en/dev_log/ulog_file_format.html (file hea
 """
 
 
+ZIP_ENDING = ".zip"
+"""Ending of a zip archive, in which logs are shared too."""
+
+PX4_LOG_ENDING = ".px4log"
+"""Ending of PX4's logs before ULog, which its module sdlog2 wrote."""
+
+UNREAD_LOG_ENDINGS = (".ulge", PX4_LOG_ENDING)
+"""Endings of logs that are recognised and not read, so that the refusal says what to do: the first are encrypted."""
+
+ENCRYPTED_ULOG_MAGIC = b"ULogEnc"
+"""First bytes of an encrypted ULog (https://docs.px4.io/main/en/dev_log/log_encryption)."""
+
+
 def _uncompressed_endings() -> Names:
     """Lists the endings of all formats, in the order of ``FORMAT_SIGNATURES``."""
     endings: list[str] = []

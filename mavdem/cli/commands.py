@@ -24,7 +24,12 @@ from mavdem.errors import NotLearnable, Unreadable, error_message
 from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
 from mavdem.facts.command import End
-from mavdem.log_formats import COMPRESSED_ENDING, UNCOMPRESSED_ENDINGS
+from mavdem.log_formats import (
+    COMPRESSED_ENDING,
+    UNCOMPRESSED_ENDINGS,
+    UNREAD_LOG_ENDINGS,
+    ZIP_ENDING,
+)
 
 COMMAND_SUMMARIES = {
     "review": "Reports all that a log says: what happened, lights, next step.",
@@ -130,7 +135,8 @@ def looks_like_log_name(argument: str) -> bool:
     """
     if os.path.exists(argument):
         return True
-    return argument.lower().removesuffix(COMPRESSED_ENDING).endswith(UNCOMPRESSED_ENDINGS)
+    endings = (*UNCOMPRESSED_ENDINGS, *UNREAD_LOG_ENDINGS, ZIP_ENDING)
+    return argument.lower().removesuffix(COMPRESSED_ENDING).endswith(endings)
 
 
 def _announce_review(args: Sequence[str]) -> None:

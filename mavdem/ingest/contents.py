@@ -1,7 +1,9 @@
-"""The bytes of a log file, unpacked if it is an xz archive, or the reason why they cannot be read."""
+"""The bytes of a log file, unpacked if it is an archive (xz, or zip), or the reason why they cannot be read."""
 
 import lzma
 import stat
+import zipfile
+import zlib
 from pathlib import Path
 
 from mavdem.errors import Unreadable, error_message
@@ -34,22 +36,31 @@ UNPACKING_MEMORY = 1 << 27
 XZ_MAGIC = b"\xfd7zXZ\x00"
 """First bytes of an xz archive (https://tukaani.org/xz/xz-file-format.txt, section 2.1.1.1)."""
 
+ZIP_MAGIC = b"PK\x03\x04"
+"""First bytes of a zip archive (PKWARE's APPNOTE.TXT, section 4.3.7)."""
+
+ENCRYPTION_FLAG = 1
+"""Bit in the flags of a zip archive's member that needs a password (section 4.4.4 there)."""
+
+MACOS_FOLDER = "__MACOSX/"
+"""Folder of the files that macOS adds to zip archives; they have the names of the others."""
+
 DATAFLASH_TEXT_DEFINITION = b"\nFMT,"
 """Beginning of a line that defines a message in a DataFlash log written as text."""
 
 
 def file_bytes(path: PathName) -> bytes:
-    """Returns the whole file, or the contents of an xz archive.
+    """Returns the whole file, the contents of an xz archive, or the one log in a zip archive.
 
     Raises:
         Unreadable: It is missing, no plain file, not permitted, empty, larger than ``MAX_LOG_BYTES`` or than the
-            memory, or a damaged archive.
+            memory, a damaged archive, or a zip archive of several logs or of none.
     """
     return _content(path)
 
 
 def file_beginning(path: PathName) -> bytes:
-    """Returns the first 4096 bytes of a file or of the contents of an xz archive; fewer where it is shorter.
+    """Returns the first 4096 bytes of a file or of what an archive contains; fewer where it is shorter.
 
     Raises:
         Unreadable: As ``file_bytes``, as far as these bytes show it.
@@ -66,7 +77,7 @@ def is_dataflash_text(content: bytes) -> bool:
 
 
 def _content(path: PathName, limit: int | None = None) -> bytes:
-    """Reads a file, and unpacks it if it is an xz archive.
+    """Reads a file, and unpacks it if it is an archive.
 
     Whatever goes wrong becomes an ``Unreadable`` with a fact that tells the user the cause: a folder, a device, a
     missing or empty file, too little memory.
@@ -86,12 +97,14 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
         if not stat.S_ISREG(status.st_mode):
             raise Unreadable(Source.SPECIAL_FILE, path=path)
         content = _packed_content(path, status.st_size, limit)
+        if content.startswith(ZIP_MAGIC):
+            content = _unzipped(path, limit)
         if content.startswith(XZ_MAGIC):
             content = _unpacked(content, path, limit)
     except FileNotFoundError:
         raise Unreadable(Source.FILE_MISSING, path=path) from None
     except MemoryError:
-        raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=None, archive=False) from None
+        raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=None, archive="") from None
     except Unreadable:
         raise
     except (OSError, ValueError) as error:
@@ -119,9 +132,7 @@ def _packed_content(path: Path, size: int, limit: int | None) -> bytes:
         size = min(size, limit)
     with path.open("rb") as file:
         if size > MAX_LOG_BYTES:
-            raise Unreadable(
-                Source.FILE_TOO_LARGE, path=path, size_limit=MAX_LOG_BYTES, archive=False
-            )
+            raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=MAX_LOG_BYTES, archive="")
         return file.read(size)
 
 
@@ -162,10 +173,58 @@ def _unpacked(content: bytes, path: Path, limit: int | None) -> bytes:
     try:
         unpacked = decompressor.decompress(content, max_size)
     except lzma.LZMAError as error:
-        raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=error) from None
+        raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=error, kind="xz") from None
     if limit is None and not decompressor.eof:
         # The archive has not ended: either its own bytes ran out, or the bound on the result was reached.
         if len(unpacked) < max_size:
-            raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=None)
-        raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=max_size, archive=True)
+            raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=None, kind="xz")
+        raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=max_size, archive="xz")
     return unpacked
+
+
+def _unzipped(path: Path, limit: int | None) -> bytes:
+    """Returns the log in a zip archive, bounded in size as that of an xz archive.
+
+    Args:
+        path: The archive.
+        limit: Number of bytes to read at most; None for the whole log.
+
+    Raises:
+        Unreadable: The archive is damaged or needs a password, contains several logs or none, or its log is too large.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            member = _only_log(archive, path)
+            bounded_size = MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * member.compress_size
+            max_size = min(MAX_LOG_BYTES, bounded_size)
+            with archive.open(member) as file:
+                content = file.read(max_size + 1 if limit is None else limit)
+    # The library raises a RuntimeError without a password, and a NotImplementedError for a rare way of packing.
+    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError) as error:
+        raise Unreadable(
+            Source.ARCHIVE_DAMAGED, path=path, because=error_message(error), kind="zip"
+        ) from None
+    if limit is None and len(content) > max_size:
+        raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=max_size, archive="zip")
+    return content
+
+
+def _only_log(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
+    """Returns the one log of a zip archive: the only file whose name ends as one of a log, or the only file at all.
+
+    Raises:
+        Unreadable: There are several logs, or none, or the log needs a password.
+    """
+    files = []
+    for member in archive.infolist():
+        if not member.is_dir() and not member.filename.startswith(MACOS_FOLDER):
+            files.append(member)
+    logs = [member for member in files if member.filename.lower().endswith(LOG_ENDINGS)]
+    if not logs and len(files) == 1:
+        logs = files
+    if len(logs) != 1:
+        names = [member.filename for member in logs]
+        raise Unreadable(Source.ARCHIVE_WITHOUT_ONE_LOG, path=path, names=names, count=len(names))
+    if logs[0].flag_bits & ENCRYPTION_FLAG:
+        raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because="password", kind="zip")
+    return logs[0]

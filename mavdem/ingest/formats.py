@@ -1,6 +1,7 @@
 """Reading a flight log of any format: the format is recognised by the file's first bytes, or else by its name."""
 
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,15 @@ from mavdem.ingest.mavlink.framing import MARKERS
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import Log
 from mavdem.ingest.tlog import STAMP_BYTES, tlog_stream
-from mavdem.log_formats import COMPRESSED_ENDING, FORMAT_OF_ENDING, FORMAT_SIGNATURES, Format
+from mavdem.log_formats import (
+    COMPRESSED_ENDING,
+    ENCRYPTED_ULOG_MAGIC,
+    FORMAT_OF_ENDING,
+    FORMAT_SIGNATURES,
+    PX4_LOG_ENDING,
+    UNREAD_LOG_ENDINGS,
+    Format,
+)
 
 
 # Damaged files hold numbers that overflow or are NaN. Whoever uses a message leaves them out, without a warning.
@@ -29,7 +38,8 @@ def read_log(path: AnyPath) -> Log:
 
     Args:
         path: a telemetry log (.tlog), an MCAP recording of MAVLink or ROS 2 (.mcap), an ArduPilot DataFlash log (.bin,
-            or as text .log) or a PX4 ULog (.ulg), whatever its name, or an xz archive of one; str, bytes or path-like.
+            or as text .log) or a PX4 ULog (.ulg), whatever its name, or an xz or zip archive of one; str, bytes or
+            path-like.
 
     Raises:
         Unreadable: the file cannot be opened, has another format, or contains no flight.
@@ -76,24 +86,32 @@ PLAUSIBLE_STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)
 def looks_like_log(path: AnyPath) -> bool:
     """Returns whether a file is a log, by its name or else by its first bytes; it need not be readable.
 
+    A zip archive of several logs counts as one, and so do logs of PX4 that are not read, so that they are reported.
+
     This is the quick test for files in a folder. A MAVLink marker alone proves little, so a telemetry log under another
     name must also begin with a plausible receive stamp.
     """
     name = os.fsdecode(path)
-    if _format_of_name(name) is not None:
+    if _format_of_name(name) is not None or name.lower().endswith(UNREAD_LOG_ENDINGS):
         return True
     try:
         beginning = file_beginning(name)
-    except Unreadable:
-        return False
+    except Unreadable as error:
+        figures = error.fact.figures
+        return error.fact.code is Source.ARCHIVE_WITHOUT_ONE_LOG and bool(figures["count"])
     stamp = int.from_bytes(beginning[:STAMP_BYTES], "big")
     if stamp in PLAUSIBLE_STAMPS and beginning.startswith(MARKERS, STAMP_BYTES):
         return True
-    return is_dataflash_text(beginning) or _format_of_first_bytes(beginning) is not None
+    if is_dataflash_text(beginning) or beginning.startswith(ENCRYPTED_ULOG_MAGIC):
+        return True
+    return _format_of_first_bytes(beginning) is not None
 
 
-OTHER_FORMATS = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"PAR1": "parquet", b"time_s,": "csv"}
+OTHER_FORMATS = {b"\x1f\x8b": "gzip", b"PAR1": "parquet", b"time_s,": "csv"}
 """First bytes of files that often contain a log, or a table of its flight, but are not read, and their names."""
+
+DATAFLASH_LINE = re.compile(rb"^(ATT|RATE|IMU|RCOU|CTUN|GPS|PARM|MODE), *\d", re.MULTILINE)
+"""Line of a DataFlash log as text, by which one is recognised that lacks its definitions."""
 
 GIT_LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 """First bytes of the text that stands for a file in a Git repository whose large files were not fetched."""
@@ -120,6 +138,10 @@ def detect_format(path: AnyPath) -> tuple[str, Format]:
         raise ValueError(f"path must name a file, not be {path!r}")
     name = os.fsdecode(path)
     beginning = file_beginning(name)
+    if beginning.startswith(ENCRYPTED_ULOG_MAGIC):
+        raise Unreadable(Source.ULOG_ENCRYPTED, path=name)
+    if name.lower().endswith(PX4_LOG_ENDING):
+        raise Unreadable(Source.PX4_LOG_BEFORE_ULOG, path=name)
     log_format = _format_of_first_bytes(beginning)
     if log_format is not None:
         return name, log_format
@@ -137,6 +159,8 @@ def detect_format(path: AnyPath) -> tuple[str, Format]:
         return name, log_format
     if _is_binary(beginning):
         return name, Format.TLOG
+    if DATAFLASH_LINE.search(beginning):
+        raise Unreadable(Source.DATAFLASH_WITHOUT_DEFINITIONS, path=name, count=0)
     raise Unreadable(Source.FORMAT_UNKNOWN, path=name, name="text")
 
 

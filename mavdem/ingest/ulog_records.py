@@ -127,8 +127,8 @@ def sound_records(content: bytes) -> SoundRecords:
     """Leaves out of a ULog file what does not fit its definitions.
 
     Also left out are records that parsers stumble over though they are sound: those of a topic without a time stamp,
-    repeated subscriptions, and types of records that this version of the format does not have. Data that was appended
-    after a crash follows the other data at once.
+    repeated subscriptions and definitions, and types of records that this version of the format does not have. Data
+    that was appended after a crash follows the other data at once.
 
     Args:
         content: A file that begins with the magic of ULog.
@@ -297,7 +297,7 @@ class _RecordScan:
             self._kept.append(slice(run_start, omitted.start))
             run_start = position = omitted.stop
             recent.clear()
-        if position > end:
+        if position > end and recent:
             # The last record is cut off.
             position = recent[-1]
         self._kept.append(slice(run_start, position))
@@ -327,7 +327,10 @@ class _RecordScan:
             return self._fit_of_data(body_start, length)
         body = self.content[body_start : body_start + length]
         if kind == FORMAT:
-            return _fit_if(_parsed_format(body) is not None)
+            parsed = _parsed_format(body)
+            # A second definition of the same name would replace the first.
+            is_repeated = parsed is not None and parsed.name in self._formats
+            return _Fit.UNUSED if is_repeated else _fit_if(parsed is not None)
         if kind == SUBSCRIPTION:
             return self._fit_of_subscription(body)
         if kind in (INFORMATION, PARAMETER):
@@ -388,7 +391,7 @@ class _RecordScan:
         if kind == FORMAT:
             parsed = _parsed_format(body)
             if parsed is not None:
-                self._formats.setdefault(parsed.name, parsed.fields)
+                self._formats[parsed.name] = parsed.fields
         elif kind == SUBSCRIPTION:
             number = int.from_bytes(body[1:3], "little")
             topic = self._topic_of_format(body[3:].decode())

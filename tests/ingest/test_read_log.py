@@ -184,9 +184,6 @@ LATER = (
     + ulog_files.message("B", bytes(8) + b"\x02" + bytes(31))
     + ulog_files.log()[16:]
 )
-NESTED = ulog_files.definitions("vehicle_attitude:vehicle_attitude[9] x;")
-VAST = ulog_files.definitions("a:b[999] x;", "b:c[999] x;", "c:bool[9] x;")
-TOPICS = b"".join([ulog_files.subscriptions(), *ulog_files.flight(ulog_files.TIMES[:9])])
 BEYOND = ulog_files.definitions() + struct.pack("<HB", 20_000, 1) + bytes(99)
 """Hostile definitions, one that holds itself and one of a million numbers; and a length beyond the end."""
 BEGUN = dataflash_logs.formats() + dataflash_logs.told()
@@ -221,8 +218,6 @@ WITHOUT_CLOCK = b"FMT, 129, 0, ATT, ccc, Roll,Pitch,Yaw\nATT, 1, 2, 3\n"
             Source.ULOG_WITHOUT_FLIGHT,
             {"names": ("cpuload",), "damaged": False},
         ),
-        ("a.ulg", ulog_files.HEADER + NESTED + TOPICS, Source.ULOG_WITHOUT_FLIGHT, {}),
-        ("a.ulg", ulog_files.HEADER + VAST + TOPICS, Source.ULOG_WITHOUT_FLIGHT, {}),
         ("a.ulg", ulog_files.HEADER + BEYOND, Source.ULOG_WITHOUT_FLIGHT, {}),
         ("a.ulg", bytes(range(256)) * 20, Source.FORMAT_UNKNOWN, {"name": "ulog"}),
         ("a.ulg", LATER, Source.ULOG_OF_LATER_FORMAT, {}),

@@ -154,6 +154,13 @@ def test_a_repeated_subscription_keeps_what_came_before(tmp_path):
     assert attitude_stamps(vehicle) == STAMPS
 
 
+def test_a_second_definition_of_a_topic_does_not_replace_the_first(tmp_path):
+    again = definitions("vehicle_attitude:vehicle_attitude[9] x;")
+    vehicle = vehicle_of(log(again, *UNMARKED), tmp_path)
+    assert attitude_stamps(vehicle) == STAMPS
+    assert vehicle.repairs == ()
+
+
 def test_types_of_records_of_later_versions_are_passed_over():
     later = message("Z", b"of 2030")
     records = sound_records(log(*UNMARKED[:700], later, *UNMARKED[700:], later))
@@ -167,11 +174,13 @@ def test_types_of_records_of_later_versions_are_passed_over():
         "big:uint64_t timestamp;float[60000] x;",
         "big:uint64_t timestamp;big inner;",
         "big:lost inner;",
+        "big:b[999] x;|b:c[999] x;|c:bool[9] x;",
+        "big:uint64_t timestamp;float timestamp;",
     ],
 )
 def test_a_topic_that_would_take_all_memory_is_left_out(definition, tmp_path):
     pieces = [*UNMARKED[:700], subscription("big", number=300), *UNMARKED[700:]]
-    vehicle = vehicle_of(log(*pieces, first=definitions(definition)), tmp_path)
+    vehicle = vehicle_of(log(*pieces, first=definitions(*definition.split("|"))), tmp_path)
     assert attitude_stamps(vehicle) == STAMPS
 
 

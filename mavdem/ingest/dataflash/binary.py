@@ -156,6 +156,8 @@ class DataflashRecording(NamedTuple):
     """Number of bytes that belong to no message."""
     repairs: Facts
     """What was odd or damaged."""
+    undefined_messages: int = 0
+    """Number of headers of messages in a binary log that belong to no message found: their definitions are missing."""
 
 
 def parse_definition(values: FormatFields) -> tuple[int, FormatDefinition] | None:
@@ -186,15 +188,20 @@ NON_NUMERIC_FIELDS = ("Message", "Name", "x", "y", "z")
 """Fields with a text or an array per message that are used: those of MSG, PARM and ISBD."""
 
 
+CODE_FIELDS = ("Subsys", "ECode", "Id", "Mode", "ModeNum", "Rsn", "ArmState")
+"""Fields with a number that stands for something: those of ERR, EV, MODE and ARM."""
+
+
 def usable_fields(table: MessageTable) -> MessageTable:
     """Returns a table with the fields that have one number per message, and with ``NON_NUMERIC_FIELDS``.
 
-    In a damaged definition any field may be a text or an array.
+    In a damaged definition any field may be a text or an array, and a code may be no integer.
     """
     columns = {}
     for name, values in table.columns.items():
         is_numeric = values.ndim == 1 and values.dtype.kind in "iuf"
-        if is_numeric or name in NON_NUMERIC_FIELDS:
+        is_broken_code = name in CODE_FIELDS and values.dtype.kind == "f"
+        if name in NON_NUMERIC_FIELDS or (is_numeric and not is_broken_code):
             columns[name] = values
     return MessageTable(table.position, columns)
 
@@ -228,7 +235,8 @@ def read_binary(content: bytes) -> DataflashRecording:
         return _decoded(data, definition_of_name[name], starts_of_name[name])
 
     counts = {name: len(starts) for name, starts in starts_of_name.items()}
-    return DataflashRecording(counts, decode, scan.skipped(), scan.repairs)
+    undefined_messages = max(content.count(MARKER) - len(starts), 0)
+    return DataflashRecording(counts, decode, scan.skipped(), scan.repairs, undefined_messages)
 
 
 DEFINITION_START = re.compile(

@@ -19,6 +19,7 @@ from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes, is_dataflash_text
 from mavdem.ingest.dataflash.binary import (
+    MAX_MESSAGE_BYTES,
     DataflashRecording,
     MessageTable,
     read_binary,
@@ -155,7 +156,14 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     logged = _logged_messages(recording)
     tables, clock_repairs = _on_boot_clock(logged)
     if not any(len(tables[name]["time"]) for name in FLIGHT_MESSAGES if name in tables):
+        if "StartTime" in recording.decode("TIME").columns:
+            raise Unreadable(Source.PX4_LOG_BEFORE_ULOG, path=source)
         names = sorted(recording.counts)
+        undefined = recording.undefined_messages
+        # Two bytes of random data are a header now and then, but not in every few hundred bytes.
+        if undefined * MAX_MESSAGE_BYTES > recording.bytes_skipped and undefined > len(names):
+            code = Source.DATAFLASH_WITHOUT_DEFINITIONS
+            raise Unreadable(code, path=source, count=undefined)
         code = Source.DATAFLASH_WITHOUT_FLIGHT if names else Source.DATAFLASH_WITHOUT_MESSAGES
         raise Unreadable(code, path=source, names=names)
     texts = field_texts(logged["MSG"].columns, "Message")

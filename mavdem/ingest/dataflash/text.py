@@ -21,13 +21,20 @@ from mavdem.ingest.dataflash.binary import (
     MessageTable,
     parse_definition,
 )
-from mavdem.ingest.telemetry import repair_facts
+from mavdem.ingest.telemetry import Columns, repair_facts, selected_rows
 
 _BYTE = re.compile(rb"\s*\d{1,3}\s*")
 """A number of one byte as text."""
 
 NON_NUMERIC_CHARACTERS = TEXT_CHARACTERS + "aM"
 """Format characters of fields that are kept as texts: texts, arrays, and the names of flight modes."""
+
+
+INTEGER_CHARACTERS = "bBhHiIqQ"
+"""Format characters of fields that are integers in the text too; others are written in their unit, with a fraction."""
+
+MAX_INTEGER = 2.0**63
+"""Bound of the integers that are kept: an integer of 64 bits has a sign."""
 
 
 class _Line(NamedTuple):
@@ -109,30 +116,93 @@ def _decoded(definition: FormatDefinition, lines: list[_Line]) -> MessageTable:
         lines: Its lines in the order of the file.
 
     Returns:
-        The messages; numbers as floats, all else as bytes in arrays of objects. Lines in which a numeric field holds no
-        number are left out. There are no messages where the definition is inconsistent.
+        The messages; numbers as integers or floats, all else as bytes in arrays of objects. Lines in which a numeric
+        field holds no number, or an integer is none, are left out. There are no messages where the definition is
+        inconsistent.
     """
-    field_count = len(definition.fields)
-    if definition.wire is None or not field_count:
+    if definition.wire is None or not definition.fields:
         return EMPTY_TABLE
     is_numeric = [character not in NON_NUMERIC_CHARACTERS for character in definition.characters]
     line_numbers = []
     rows = []
     for line in lines:
         # A text that is the last field may hold commas.
-        texts = [text.strip() for text in line.values.split(b",", field_count - 1)]
-        try:
-            row = [
-                float(text) if numeric else text
-                for text, numeric in zip(texts, is_numeric, strict=True)
-            ]
-        except ValueError:
-            continue
-        rows.append(row)
-        line_numbers.append(line.number)
-    columns = {}
+        texts = line.values.split(b",", len(is_numeric) - 1)
+        row = _parsed_values(texts, is_numeric)
+        if row is None:
+            row = _parsed_values(_texts_with_decimal_points(line.values, definition), is_numeric)
+        if row is not None:
+            rows.append(row)
+            line_numbers.append(line.number)
+    is_valid = np.ones(len(rows), dtype=np.bool_)
+    columns: Columns = {}
     for i, name in enumerate(definition.fields):
         # Texts are objects: an array of bytes would give each of them the room of the longest.
         column_type = np.float64 if is_numeric[i] else np.object_
-        columns[name] = np.array([row[i] for row in rows], dtype=column_type)
-    return MessageTable(np.array(line_numbers, dtype=np.int64), columns)
+        column = np.array([row[i] for row in rows], dtype=column_type)
+        if definition.characters[i] in INTEGER_CHARACTERS:
+            is_integer = (column == np.trunc(column)) & (abs(column) < MAX_INTEGER)
+            is_valid &= is_integer
+            column = np.where(is_integer, column, 0.0).astype(np.int64)
+        columns[name] = column
+    positions = np.array(line_numbers, dtype=np.int64)
+    return MessageTable(positions[is_valid], selected_rows(columns, is_valid))
+
+
+def _parsed_values(texts: list[bytes], is_numeric: list[bool]) -> list[float | bytes] | None:
+    """Parses the values of one line.
+
+    Args:
+        texts: The values as they are written.
+        is_numeric: For each field whether it is a number.
+
+    Returns:
+        Numbers, and texts without the spaces around them; None where there are fewer or more values than fields, or a
+        number is none.
+    """
+    if len(texts) != len(is_numeric):
+        return None
+    values: list[float | bytes] = []
+    try:
+        for text, numeric in zip(texts, is_numeric, strict=True):
+            values.append(float(text) if numeric else text.strip())
+    except ValueError:
+        return None
+    return values
+
+
+def _texts_with_decimal_points(values: bytes, definition: FormatDefinition) -> list[bytes]:
+    """Splits a line in which a ground station wrote decimal commas, as it does in many countries: "1000, 0,5, -1,25".
+
+    If there are spaces behind the commas between values, they show which comma is which. Without them, every number
+    that is no integer must have a decimal comma, or it is not known which have one.
+
+    Args:
+        values: The values of the line.
+        definition: The definition of the message.
+
+    Returns:
+        The values, with decimal points; none where they cannot be told apart.
+    """
+    field_count = len(definition.fields)
+    texts = values.strip().split(b", ", field_count - 1)
+    if len(texts) == field_count:
+        return [
+            text.replace(b",", b".") if character not in NON_NUMERIC_CHARACTERS else text
+            for text, character in zip(texts, definition.characters, strict=True)
+        ]
+    whole_characters = INTEGER_CHARACTERS + NON_NUMERIC_CHARACTERS
+    fraction_count = sum(character not in whole_characters for character in definition.characters)
+    pieces = values.split(b",")
+    if len(pieces) != field_count + fraction_count:
+        return []
+    texts = []
+    position = 0
+    for character in definition.characters:
+        if character in whole_characters:
+            texts.append(pieces[position])
+            position += 1
+        else:
+            texts.append(pieces[position].strip() + b"." + pieces[position + 1].strip())
+            position += 2
+    return texts

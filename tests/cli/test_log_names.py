@@ -1,0 +1,15 @@
+"""A log in the place of the command's name: its ending is enough."""
+
+from pytest import mark
+
+from mavdem.cli.commands import looks_like_log_name
+
+
+@mark.parametrize("name", ["a.zip", "a.BIN", "a.ulg.xz", "a.ulge", "a.px4log", "a.log", "a.mcap"])
+def test_the_ending_of_a_log_stands_for_its_review(name):
+    assert looks_like_log_name(name)
+
+
+@mark.parametrize("name", ["zip", "reviw", "a.csv", "a.params"])
+def test_another_word_is_no_log(name):
+    assert not looks_like_log_name(name)
