@@ -37,7 +37,7 @@ from mavdem.dataset.time_series import (
     recorded_series,
 )
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
-from mavdem.ingest.flight_modes import mode_name
+from mavdem.ingest.flight_modes import announced_names, mode_name
 from mavdem.ingest.mavlink.clocks import deviates_from_median
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected_rows
@@ -240,8 +240,9 @@ class VehicleSignals:
         numbers = columns["custom_mode"][rows].astype(int)
         changes = np.flatnonzero(np.diff(numbers, prepend=-1))
         times = columns["time"][rows[changes]].tolist()
+        announced = announced_names(self.telemetry.messages.get("AVAILABLE_MODES", {}))
         names = [
-            mode_name(self.telemetry.autopilot, self.telemetry.vehicle, int(number))
+            mode_name(self.telemetry.autopilot, self.telemetry.vehicle, int(number), announced)
             for number in numbers[changes]
         ]
         return list(zip(times, names, strict=True))

@@ -1,5 +1,8 @@
 """Flight modes of ArduPilot and PX4: their names, by the numbers that the autopilots send and log."""
 
+from collections.abc import Mapping
+from math import isfinite
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -8,28 +11,37 @@ from numpy.typing import NDArray
 from mavdem.arrays import Integers
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.mavlink.definitions import enum_name
+from mavdem.ingest.telemetry import Columns
 
 
 class Px4Mode(NamedTuple):
     """One flight mode of PX4, a row of ``flight_modes.toml``."""
 
     main_mode: int
-    """Main mode in HEARTBEAT.custom_mode (``px4_custom_mode.h``)."""
+    """Main mode in HEARTBEAT.custom_mode (``px4_custom_mode.h``); 0 for a mode that has none there."""
     sub_mode: int
     """Sub mode there; 0 for a main mode without any."""
     navigation_state: int
-    """Number of the mode in the topic vehicle_status, field nav_state."""
+    """Number of the mode in the topic vehicle_status, field nav_state; -1 for a mode that the topic does not have."""
     name: str
     """What the mode is called on screens."""
 
     @property
     def custom_mode(self) -> int:
-        """HEARTBEAT.custom_mode: the main mode in bits 16 to 23, the sub mode in bits 24 to 31."""
+        """HEARTBEAT.custom_mode: the main mode in bits 16 to 23, the sub mode in bits 24 to 31.
+
+        A mode without a main mode is numbered by its navigation state.
+        """
+        if self.main_mode == 0:
+            return self.navigation_state
         return self.main_mode << 16 | self.sub_mode << 24
 
 
-MAIN_MODE_MASK = 0xFFFFFF
-"""Bits of PX4's custom mode without the sub mode."""
+AUTO_MODE = 4
+"""PX4's main mode of all modes that fly by themselves; only the sub mode says which it is."""
+
+EXTERNAL_SUB_MODES = range(11, 19)
+"""Sub modes of PX4's AUTO for modes that run outside of PX4, such as those of ROS 2, which have names of their own."""
 
 _PX4_MODES = [Px4Mode(*row) for row in load_adjacent_toml(__file__, "flight_modes.toml")["px4"]]
 _CUSTOM_MODE_OF_STATE = {mode.navigation_state: mode.custom_mode for mode in _PX4_MODES}
@@ -44,30 +56,71 @@ ARDUPILOT_MODE_ENUMS = {
 
 
 def px4_custom_mode(states: NDArray[np.integer]) -> Integers:
-    """Converts vehicle_status.nav_state (N,) to HEARTBEAT.custom_mode (N,); 0 where PX4 has no such mode."""
-    custom_modes = [_CUSTOM_MODE_OF_STATE.get(int(state), 0) for state in states]
+    """Converts vehicle_status.nav_state (N,) to HEARTBEAT.custom_mode (N,).
+
+    A state without a custom mode keeps its number, which is smaller than any custom mode.
+    """
+    custom_modes = [_CUSTOM_MODE_OF_STATE.get(int(state), int(state)) for state in states]
     return np.array(custom_modes, dtype=np.int64)
 
 
-def mode_name(autopilot: str, vehicle: str, number: int) -> str:
+def announced_names(available_modes: Columns) -> dict[int, str]:
+    """Returns the names of flight modes in the messages AVAILABLE_MODES, by custom mode.
+
+    Args:
+        available_modes: Columns of AVAILABLE_MODES; they may be missing.
+    """
+    names: dict[int, str] = {}
+    if "mode_name" not in available_modes or "custom_mode" not in available_modes:
+        return names
+    numbers = available_modes["custom_mode"].tolist()
+    for number, text in zip(numbers, available_modes["mode_name"].tolist(), strict=True):
+        name = text.decode(errors="replace") if isinstance(text, bytes) else str(text)
+        name = name.partition("\0")[0].strip()
+        if name and isfinite(number):
+            names[int(number)] = name
+    return names
+
+
+def mode_name(
+    autopilot: str, vehicle: str, number: int, announced: Mapping[int, str] = MappingProxyType({})
+) -> str:
     """Returns the name of a flight mode.
 
     Args:
         autopilot: MAV_AUTOPILOT without its prefix.
         vehicle: MAV_TYPE without its prefix.
         number: HEARTBEAT.custom_mode.
+        announced: Names that the autopilot announced by custom mode; they count for PX4's external modes, and for
+            modes that are not known here.
 
     Returns:
-        The name ("Loiter"), or "mode 33" where the mode has none.
+        The name ("Loiter"), or "mode 33" where the mode has none; of PX4 "mode 4:19", by main and sub mode.
     """
     if autopilot == "PX4":
-        if number in _NAME_OF_CUSTOM_MODE:
-            return _NAME_OF_CUSTOM_MODE[number]
-        # A sub mode that is newer than the table belongs to a known main mode.
-        return _NAME_OF_CUSTOM_MODE.get(number & MAIN_MODE_MASK, f"mode {number}")
+        return _px4_mode_name(number, announced)
     name = str(number)
     if autopilot == "ARDUPILOTMEGA":
         name = enum_name(ARDUPILOT_MODE_ENUMS.get(vehicle, "COPTER_MODE"), number)
     if name.isdigit():
-        return f"mode {name}"
+        return announced.get(number, f"mode {name}")
     return name.replace("_", " ").capitalize().replace("Rtl", "RTL")
+
+
+def _px4_mode_name(number: int, announced: Mapping[int, str]) -> str:
+    """Returns the name of a flight mode of PX4; arguments and result as for :func:`mode_name`."""
+    main_mode = number >> 16 & 0xFF
+    sub_mode = number >> 24 & 0xFF
+    is_external = main_mode == AUTO_MODE and sub_mode in EXTERNAL_SUB_MODES
+    is_listed = number in _NAME_OF_CUSTOM_MODE
+    if number in announced and (is_external or not is_listed):
+        return announced[number]
+    if is_listed:
+        return _NAME_OF_CUSTOM_MODE[number]
+    if not main_mode:
+        return f"mode {number}"
+    # Sub modes of the other main modes are varieties of them.
+    name_of_main_mode = _NAME_OF_CUSTOM_MODE.get(main_mode << 16)
+    if name_of_main_mode is not None and main_mode != AUTO_MODE:
+        return name_of_main_mode
+    return f"mode {main_mode}:{sub_mode}"

@@ -37,6 +37,7 @@ STATUS_MESSAGES = (
     "POWER_STATUS",
     "VIBRATION",
     "GPS_RAW_INT",
+    "AVAILABLE_MODES",
 )
 """Slow messages about the autopilot itself. They get the time of the message before them: some have another clock."""
 

@@ -200,6 +200,8 @@ class Watchdog:
             settled: intervals of settled flight, s; None where they are not needed.
         """
         columns = self._recent.columns(STATUS_MESSAGES, start_time)
+        # The names of flight modes come once, when a ground station asks for them.
+        columns |= self._recent.columns(["AVAILABLE_MODES"])
         last_state = self._states[-1][1]
         times, states = zip(*self._states, (now, last_state), strict=True)
         boots = np.full(len(times), self._recent.boot)

@@ -130,6 +130,23 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
     assert {fact.subject for fact in made.stream.status().watch_facts} == {*Watched}
 
 
+def test_an_external_mode_of_px4_is_reported_by_its_announced_name():
+    beat = {"type": 2, "autopilot": 12, "base_mode": 209}
+    seconds = np.arange(3.0, 20.0, 0.5).tolist()
+    modes = {at: 4 << 16 | (3 if at < 8.0 else 12) << 24 for at in seconds}
+    made = told(
+        (
+            5.0,
+            "AVAILABLE_MODES",
+            {"custom_mode": 4 << 16 | 12 << 24, "mode_name": b"Wall follower"},
+        ),
+        *((at, "HEARTBEAT", {**beat, "custom_mode": modes[at]}) for at in seconds),
+    )
+    [*_, changed] = said(made, Reported.MODE_CHANGED)
+    assert changed.subject == "Wall follower"
+    assert changed.time == approx(8.0, abs=0.6)
+
+
 @mark.slow
 def test_what_is_watched_is_always_shown():
     flight = Flight(Hover(hovering=20.0))

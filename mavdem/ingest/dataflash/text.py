@@ -6,9 +6,10 @@ not know, so it is not used.
 """
 
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.binary import (
@@ -21,7 +22,7 @@ from mavdem.ingest.dataflash.binary import (
     MessageTable,
     parse_definition,
 )
-from mavdem.ingest.telemetry import Columns, repair_facts, selected_rows
+from mavdem.ingest.telemetry import repair_facts, selected_rows
 
 _BYTE = re.compile(rb"\s*\d{1,3}\s*")
 """A number of one byte as text."""
@@ -135,7 +136,7 @@ def _decoded(definition: FormatDefinition, lines: list[_Line]) -> MessageTable:
             rows.append(row)
             line_numbers.append(line.number)
     is_valid = np.ones(len(rows), dtype=np.bool_)
-    columns: Columns = {}
+    columns: dict[str, NDArray[Any]] = {}
     for i, name in enumerate(definition.fields):
         # Texts are objects: an array of bytes would give each of them the room of the longest.
         column_type = np.float64 if is_numeric[i] else np.object_
