@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -39,25 +40,28 @@ from mavdem.loops.margins import MAX_FREQUENCY_RATIO, FrequencyGrid, controller_
 ADVISED_GAINS = ("p", "i", "d", "angle_gain")
 """The gains of a controller that are free, by the names of its fields."""
 MAX_GAIN_STEP = 3.0
-"""Factor by which a gain grows or falls at most: with 2, wind leans simulated vehicles a tenth more."""
+"""Factor by which a gain grows or falls at most; with 2 instead, wind leans simulated vehicles a tenth more."""
 EFFECTIVENESS_FACTORS = (1.0, 0.8, 1.2)
-"""Times the flight's control effectiveness, with all of which gains must have their margins.
+"""Factors on the flight's control effectiveness, with each of which gains must have their margins.
 
 A full battery raises it by up to a fifth, an empty one or load lowers it.
 """
 MAX_ANGLE_GAIN = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}
 """Largest gain of the attitude controller, 1/s, that PX4 takes; ArduPilot recommends at most 12 for all axes."""
 MAX_NOISE_RATIO = 1.25
-"""Noise in the demand over that of the flight's gains, at most."""
+"""Largest noise in the demand, relative to that with the flight's gains: a choice."""
 MIN_BANDWIDTH_RATIO = 0.9
-"""Bandwidth of either loop over that with the flight's gains, at least; margins come first."""
+"""Least bandwidth of either loop, relative to that with the flight's gains: a choice. Margins come first."""
 
 SEARCH_DRAWS = 20
-"""Draws of the plant that the gains are searched with."""
+"""Number of draws of the plant that the gains are searched with: a choice, for speed."""
 SEARCH_GRID = FrequencyGrid(0.05, 100.0, 60)
-"""Frequencies that the gains are searched with."""
+"""Frequencies that the gains are searched with: coarser than those of the result, for speed."""
 SEARCH_MISS_SHARE = 0.035
-"""Fraction of the draws of the search that may lack the margins, so that at most 0.05 of the other draws lack them."""
+"""Fraction of the search's draws that may lack the margins.
+
+Gains fit the draws that chose them too well. With 0.035 of these, at most 0.05 of the other draws lack the margins.
+"""
 MARGIN_PENALTY = 30.0
 """Cost of margins that are too small, per relative shortfall, in units of the logarithm of the lean."""
 NOISE_PENALTY = 30.0
@@ -65,13 +69,13 @@ NOISE_PENALTY = 30.0
 BANDWIDTH_PENALTY = 1.0
 """Cost of each bandwidth that is too small, per relative shortfall."""
 START_STEPS = (-1.0, -0.4, 0.6)
-"""Logarithms of factors of each gain, all combinations of which the search starts from the best of."""
+"""Logarithms of the factors that each gain starts with: the search begins at the best of all combinations."""
 MIN_SCORE = -1.0
 """Least score of margins that the search distinguishes: unstable loops have minus infinity."""
 AIM_TOLERANCE = 0.99
-"""Fraction of the margins aimed at from which on a pass has reached them."""
+"""Fraction of its aim from which on a pass of the search counts as having reached it."""
 AIM_RESERVE = 1.005
-"""Margins, by those of the target, that the passes aim at in all draws."""
+"""Score of margins that the gains shall have in all draws that choose them: just above 1, the target itself."""
 
 
 class SearchPass(NamedTuple):
@@ -91,14 +95,17 @@ SEARCH_PASSES = (
 )
 """The runs of the search, each from where the last one ended."""
 
+SURE_SHARE = INTERVAL_QUANTILES[1]
+"""Fraction of the draws that must have the margins, 0.95, for gains to be set as the final ones."""
+
 GAIN_REDUCTION = 2 / 3
-"""Factor of the gains by which a vehicle oscillates: 3.5 dB less."""
+"""Factor on the gains that make a vehicle oscillate: 3.5 dB less."""
 MIN_NOISE_CROSSOVER_RATIO = 3.0
-"""Lowest frequency at which the gyro shows noise and no motion, by the crossover."""
+"""Lowest frequency at which the gyro shows noise and no motion, relative to the crossover."""
 MIN_NOISE_FREQUENCY = 10.0
-"""The same in Hz, where that is more."""
+"""Lowest such frequency of slow loops, Hz."""
 NOISE_WINDOW = 256
-"""Samples of a window of the noise's spectrum, at most."""
+"""Largest number of samples in a window of the noise's spectrum."""
 
 
 class Gain(NamedTuple):
@@ -132,21 +139,21 @@ class Advice(ImmutableResult):
     """Gains of one axis to set, and what to expect of them."""
 
     target: MarginTarget
-    """The margins asked for."""
+    """The margins to have."""
     rating: Fact
-    """Whether the loops of the flight have them."""
+    """Whether the loops of the flight have these margins."""
     refusals: Facts
     """Why no gains are advised; empty where they are."""
     before: Loop
     """The loops with the gains of the log."""
     after: Loop
-    """The loops with the gains to set, of draws that did not choose them."""
+    """The loops with the gains to set, for draws of the plant that did not choose them."""
     gains: dict[str, Gain]
     """Each gain by the autopilot's name, changed or not."""
     sure: float
-    """Fraction of the draws, each with all ``EFFECTIVENESS_FACTORS``, in which both loops have the margins."""
+    """Fraction of the draws and ``EFFECTIVENESS_FACTORS`` with which both loops have the margins, 0 to 1."""
     noise: DemandNoise | None
-    """Noise of the gyro in the demand; None where the log is too slow to show it."""
+    """Noise of the gyro in the demand; ``None`` where the log is too slow to show it."""
 
     @property
     def parameters(self) -> Parameters:
@@ -155,20 +162,20 @@ class Advice(ImmutableResult):
 
     @property
     def sentence(self) -> Fact:
-        """The fact that says what to do with the gains: set them, keep them, or why there is no advice.
+        """The fact that states what to do with the gains: set them, keep them, or why there is no advice.
 
-        New gains should be set as the final ones only if both loops have the margins with them in 95 % of the draws
-        from the plant's posterior. Else they are called a step towards the margins: set them, fly, and ask again.
+        New gains are to be set as the final ones only if both loops have the margins with them in ``SURE_SHARE`` of the
+        draws from the plant's posterior. Else they are called a step towards the margins: set them, fly, and ask again.
 
-        Figures of the fact: ``share`` is the fraction of these draws with the margins, ``has_room`` whether the logged
-        gains have the margins surely already, and the target's margins have their own names.
+        The figures of the fact are ``share``, the fraction of these draws with the margins; ``has_room``, whether the
+        logged gains surely have the margins already; and the margins of the target, each under its own name.
         """
         if self.refusals:
             return Fact(Gains.NO_GAINS_ADVISED, reasons=self.refusals)
         code = Gains.STEP_TOWARDS_MARGINS
         if not self.parameters:
             code = Gains.KEEP_GAINS
-        elif self.sure >= INTERVAL_QUANTILES[1]:
+        elif self.sure >= SURE_SHARE:
             code = Gains.SET_GAINS
         return Fact(
             code,
@@ -181,21 +188,27 @@ class Advice(ImmutableResult):
 def advise(
     loop: Loop, tune: str = "default", doubts: Sequence[Fact] = (), *, more: bool = False
 ) -> Advice:
-    """Returns gains with which a loop has the margins of ``MARGIN_TARGETS[tune]`` and wind moves it least.
+    """Returns PID gains of one axis with which both loops have given margins and wind moves the vehicle least.
 
-    A loop that has these margins, surely or perhaps, keeps its gains unless ``more`` is asked for. So do gains that
-    were advised and then flown.
+    A loop whose estimate has these margins keeps its gains unless ``more`` is true. So gains that were advised and then
+    flown are not changed again.
 
-    There is no advice where gains must not follow from this flight: for ``doubts`` about it, gains that changed, motors
-    at their limits, a loop that is unstable or that the flight contradicts. Neither is there where wind makes the
-    effectiveness seem low by more than ``EFFECTIVENESS_FACTORS`` allow, unless the loop surely lacks the least margins:
-    such a vehicle must not fly the movements that would show more.
+    There is no advice where gains must not follow from this flight: because of ``doubts`` about it, gains that changed,
+    motors at their limits, or a loop that is unstable or that the flight contradicts. Neither is there where wind makes
+    the effectiveness seem low by more than ``EFFECTIVENESS_FACTORS`` allow, unless the loop surely lacks the least
+    margins: such a vehicle must not fly the movements that would show more.
+
+    Half of the draws from the plant's posterior choose the gains. The other half judges them, because gains fit the
+    draws that chose them too well.
 
     Args:
-        loop: rate and attitude loop of one axis.
-        tune: name of the target.
-        doubts: about the flight, if any.
-        more: whether gains are changed though the loop has its margins.
+        loop: rate and attitude loop of one axis, with N draws of the plant.
+        tune: name of the margins to have, a key of ``MARGIN_TARGETS``.
+        doubts: reasons not to trust the flight; with any of them no gains are advised.
+        more: whether gains are changed even though the loop has its margins.
+
+    Returns:
+        The gains to set, or the reasons for none, with the loops before and after.
     """
     target = MARGIN_TARGETS[tune]
     rating = margin_rating(loop, target)
@@ -206,11 +219,11 @@ def advise(
         new_gains = _logged_gains(loop)
         if new_gains and may_change:
             new_gains |= _GainSearch(loop, target).best_gains()
-    # The first half of the draws chose the gains. They fit these draws too well, so the other half judges them.
-    second_half = slice(len(loop.effectiveness) // 2, None)
-    after = loop.with_draws(second_half).with_parameters(new_gains)
-    # Row 0 is the estimate, which `with_draws` has in any case.
-    judging = after.with_draws(slice(1, None), EFFECTIVENESS_FACTORS)
+    judging_draws = slice(len(loop.effectiveness) // 2, None)
+    after = loop.with_draws(judging_draws).with_parameters(new_gains)
+    # `with_draws` adds the estimated plant, row 0, by itself: so all rows but that are asked for.
+    all_draws = slice(1, None)
+    judging_loop = after.with_draws(all_draws, EFFECTIVENESS_FACTORS)
     return Advice(
         target=target,
         rating=rating,
@@ -220,17 +233,17 @@ def advise(
         gains={
             name: Gain(loop.controller.parameters[name], value) for name, value in new_gains.items()
         },
-        sure=judging.share_meeting(target),
+        sure=judging_loop.share_meeting(target),
         noise=_demand_noise(loop, after.controller),
     )
 
 
 @dataclass(frozen=True)
 class _GainSearch:
-    """A search of the gains with the least lean in wind or, if none has the margins, those that come closest.
+    """A search for the gains of least lean in wind that keep the margins or, if none do, come closest to them.
 
-    A set of gains is given by the logarithms of its factors to the logged gains, (G,). Their cost is the logarithm of
-    the lean plus an exact penalty for each limit that is exceeded: margins, noise in the demand, and two bandwidths.
+    A set of G gains is represented by the logarithms (G,) of its factors to the logged gains. Its cost is the logarithm
+    of the lean plus an exact penalty for each limit that is exceeded: margins, noise in the demand, and two bandwidths.
     """
 
     loop: Loop
@@ -240,14 +253,15 @@ class _GainSearch:
 
     @cached_property
     def logged_gains(self) -> dict[str, float]:
-        """G gains by the autopilot's name."""
+        """The G logged gains that may change, by the autopilot's name."""
         return _logged_gains(self.loop)
 
     @cached_property
     def upper_limits(self) -> list[float]:
-        """(G,) largest value of each gain, in its unit.
+        """Largest value that the search may give each of the G gains, in their units.
 
-        Only the gain of the attitude controller is bounded. A logged gain above its bound may stay, but not grow.
+        Only the gain of the attitude controller is bounded (``MAX_ANGLE_GAIN``). A logged gain above its bound may
+        stay, but not grow.
         """
         angle_gain_name = self.loop.controller.parameter_names["angle_gain"]
         limits = {angle_gain_name: MAX_ANGLE_GAIN[self.loop.axis]}
@@ -255,35 +269,40 @@ class _GainSearch:
 
     @cached_property
     def choosing_loop(self) -> Loop:
-        """The loops of all draws that choose gains, each with every one of ``EFFECTIVENESS_FACTORS``.
+        """The loops of all draws of the plant that choose gains, on a coarse grid of frequencies.
 
-        These are the first half of the posterior's draws; the second half judges the result. The grid of frequencies is
-        coarse, for speed.
+        These are the first half of the posterior's draws; the second half judges the result. Each draw appears once
+        for every factor of ``EFFECTIVENESS_FACTORS``.
         """
+        # Row 0 is the estimated plant and no draw; `with_draws` adds it by itself.
         half = len(self.loop.effectiveness) // 2
-        return self.loop.with_draws(slice(1, half), EFFECTIVENESS_FACTORS, SEARCH_GRID)
+        choosing_draws = slice(1, half)
+        return self.loop.with_draws(choosing_draws, EFFECTIVENESS_FACTORS, SEARCH_GRID)
 
     @cached_property
     def search_loop(self) -> Loop:
-        """The loops of about ``SEARCH_DRAWS`` of these draws, with which the cost is evaluated hundreds of times."""
+        """The loops of at most ``SEARCH_DRAWS`` of the draws that choose gains, evenly spread.
+
+        The cost is evaluated hundreds of times with these loops, and all draws would take too long.
+        """
         half = len(self.loop.effectiveness) // 2
-        # Rounded up, so that there are not more than SEARCH_DRAWS.
-        stride = -(-half // SEARCH_DRAWS)
-        return self.loop.with_draws(slice(1, half, stride), EFFECTIVENESS_FACTORS, SEARCH_GRID)
+        stride = ceil(half / SEARCH_DRAWS)
+        every_stride_th_draw = slice(1, half, stride)
+        return self.loop.with_draws(every_stride_th_draw, EFFECTIVENESS_FACTORS, SEARCH_GRID)
 
     @cached_property
     def gyro_noise(self) -> _GyroNoise:
-        """The noise of the gyro in flight."""
+        """Spectral density of the gyro's noise in flight."""
         return _gyro_noise(self.loop)
 
     @cached_property
     def max_demand_noise(self) -> float:
-        """Largest standard deviation of the demand by that noise."""
+        """Largest standard deviation that the gyro's noise may cause in the demand: a multiple of the present one."""
         return MAX_NOISE_RATIO * _demand_deviation(self.loop.controller, self.gyro_noise)
 
     @cached_property
     def min_bandwidths(self) -> list[float]:
-        """[rate loop, attitude loop]: least bandwidth of each, Hz, in relation to that with the logged gains."""
+        """Least bandwidths of the rate loop and of the attitude loop, Hz: a fraction of those with the logged gains."""
         loops = (self.search_loop.rate, self.search_loop.attitude)
         return [MIN_BANDWIDTH_RATIO * loop.bandwidth for loop in loops]
 
@@ -307,8 +326,8 @@ class _GainSearch:
     def margin_score(self, loop: Loop) -> float:
         """Returns the score of margins that all but ``SEARCH_MISS_SHARE`` of a loop's draws reach.
 
-        A score is the least ratio of a margin to that of the target (:func:`margin_scores`): 1 just has all margins.
-        Unstable loops, of score minus infinity, are set to ``MIN_SCORE``, so that the quantile stays finite.
+        The score of a draw is the least ratio of a margin to its target (:func:`margin_scores`): at 1 it just has all
+        margins. Unstable loops, of score minus infinity, are set to ``MIN_SCORE``, so that the quantile stays finite.
         """
         scores = margin_scores(self.target, loop.rate, loop.attitude)
         return np.quantile(scores.clip(MIN_SCORE), SEARCH_MISS_SHARE)
@@ -321,7 +340,7 @@ class _GainSearch:
 
         Args:
             log_factors: (G,) logarithms of the factors to the logged gains.
-            aim: the margins asked for, as a multiple of the target's.
+            aim: the score of margins to reach, 1 for those of the target.
         """
         loop = self.search_loop.with_parameters(self.gains(log_factors))
         noise_ratio = _demand_deviation(loop.controller, self.gyro_noise) / self.max_demand_noise
@@ -339,20 +358,21 @@ class _GainSearch:
         return np.log(lean) + np.maximum(excesses, 0.0) @ penalties
 
     def best_gains(self) -> dict[str, float]:
-        """Returns the gains of least cost, by name, found by the simplex method of Nelder and Mead.
+        """Returns the gains of least cost by the autopilot's name, found by the simplex method of Nelder and Mead.
 
         The search begins at the best of a grid of starts, and runs once for each of ``SEARCH_PASSES``. Each pass starts
         anew from the last result with another simplex, since a simplex may collapse before the minimum.
 
-        For speed, the search evaluates only about ``SEARCH_DRAWS`` draws of the plant, which by chance may be easier to
-        control than most. So each pass aims at a multiple of the target's margins, ``aim``, which is 1 at first. Where
-        a pass reaches its aim with the few draws, the score is computed with all draws that choose gains. If it is
-        below ``AIM_RESERVE``, the aim of the next pass is multiplied by ``AIM_RESERVE`` over that score.
+        For speed, a pass evaluates only about ``SEARCH_DRAWS`` draws of the plant, which by chance may be easier to
+        control than most. So each pass has an aim: the score of margins to reach with these few draws, 1 at first. If
+        a pass reaches its aim, the score is computed with all draws that choose gains. If that score is below
+        ``AIM_RESERVE``, the next aim is higher by the factor ``AIM_RESERVE`` over the score.
         """
-        # It takes half a second to import.
+        # Importing scipy.optimize takes half a second.
         from scipy.optimize import minimize
 
-        # There are several minima: less I, or more of it with less P.
+        # The cost has several minima, for example one with less I, and one with more I and less P. So the search starts
+        # from the best of a grid.
         count = len(self.logged_gains)
         starts = [np.array(start) for start in product(START_STEPS, repeat=count)]
         log_factors = min(starts, key=lambda start: self.cost(start, 1.0))
@@ -378,8 +398,8 @@ class _GainSearch:
 def _logged_gains(loop: Loop) -> dict[str, float]:
     """Returns the logged gains that advice may change, by the autopilot's name.
 
-    These are ``ADVISED_GAINS`` as far as they are known. A gain of 0 is left out: that term is switched off, and a
-    factor cannot change it.
+    These are ``ADVISED_GAINS`` as far as the log has them. A gain of 0 is left out: that term of the controller is
+    switched off, and no factor changes 0.
     """
     parameters = loop.controller.parameters
     gains = {}
@@ -391,11 +411,12 @@ def _logged_gains(loop: Loop) -> dict[str, float]:
 
 
 def _refusals(loop: Loop, may_change: bool) -> Facts:
-    """Returns why the loop and its flight allow no advice of gains; empty where they do.
+    """Returns why no gains can be advised for a loop, by its flight; empty where they can.
 
     Only the first reason is given: changed gains, motors at their limits, an unstable loop, a loop that the measured
     response contradicts, or a control effectiveness that may be estimated too low, so that gains would be raised too
-    far.
+    far. A loop that surely lacks even the least margins gets advice in spite of the last reason: it must not fly the
+    movements that would show the effectiveness.
 
     Args:
         loop: rate and attitude loop of one axis.
@@ -429,27 +450,27 @@ def _refusals(loop: Loop, may_change: bool) -> Facts:
 
 
 class _GyroNoise(NamedTuple):
-    """Noise of the gyro in flight, above the motion of the vehicle."""
+    """Noise of the gyro in flight, at frequencies above the motion of the vehicle."""
 
     frequency: Array
-    """(F,) Hz."""
+    """Frequencies (F,), Hz."""
     density: Array
-    """(F,) of the rate behind the gyro's filters, (rad/s)²/Hz."""
+    """Spectral density (F,) of the rate behind the gyro's filters, (rad/s)²/Hz."""
     is_measured: bool
-    """Whether the log shows it; where it is too slow for that, white noise is assumed."""
+    """Whether the log shows the noise; where it is too slow for that, white noise is assumed."""
 
 
 def _gyro_noise(loop: Loop) -> _GyroNoise:
-    """Returns the noise of the gyro in the flight of a ``loop``, by Welch's method.
+    """Estimates the spectral density of the gyro's noise in a flight, by Welch's method.
 
     Below about the crossover the rate is motion of the vehicle. So noise counts from ``MIN_NOISE_CROSSOVER_RATIO``
     times the crossover on. Where the log does not reach an octave beyond that, white noise of density 1 is assumed, up
     to the highest frequency of the loop: with it, the noise of two controllers can still be compared.
 
     Args:
-        loop: with the logged gains, and the record of the flight.
+        loop: the loops with the logged gains; its record has the measured rate.
     """
-    # It takes half a second to import.
+    # Importing scipy.signal takes half a second.
     from scipy.signal import welch
 
     record = loop.record
@@ -469,14 +490,14 @@ def _gyro_noise(loop: Loop) -> _GyroNoise:
 
 
 def _demand_noise(loop: Loop, new_controller: Controller) -> DemandNoise | None:
-    """Returns the noise of the gyro in the demand, with the logged gains and with new ones.
+    """Returns how much noise of the gyro reaches the demand, with the logged gains and with new ones.
 
     Args:
-        loop: with the logged gains, and the flight that shows the noise.
-        new_controller: with the gains to set.
+        loop: the loops with the logged gains, and the flight that shows the noise.
+        new_controller: the controller with the gains to set.
 
     Returns:
-        None where the log is too slow to show the noise.
+        The noise in the demand; ``None`` where the log is too slow to show that of the gyro.
     """
     noise = _gyro_noise(loop)
     if not noise.is_measured:
@@ -500,12 +521,15 @@ def _demand_noise(loop: Loop, new_controller: Controller) -> DemandNoise | None:
 def _demand_deviation(
     controller: Controller, noise: _GyroNoise, subtracted: Controller | None = None
 ) -> float:
-    """Returns the standard deviation of the demand by the gyro's noise: σ² = ∫ |C(jω)|² S df.
+    """Returns the standard deviation σ that the gyro's noise causes in the demand: σ² = ∫ |C(jω)|² S df.
+
+    C is the controller's response from the rate to the demand, and S the density of the noise. The integral is computed
+    by the trapezoidal rule.
 
     Args:
-        controller: C, from the rate, rad/s, to the demand.
-        noise: of the rate; its density is S, (rad/s)²/Hz.
-        subtracted: a controller whose response is taken off that of C, so that a part of it is left.
+        controller: the controller, with the response C.
+        noise: the noise of the rate, with its density S in (rad/s)²/Hz.
+        subtracted: a controller whose response is subtracted from C, so that σ is that of one term of the controller.
 
     Returns:
         σ, as a fraction of the largest demand that the mixer takes.
@@ -518,7 +542,7 @@ def _demand_deviation(
 
 
 def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> Fact:
-    """Returns which gains to lower by a third, of a vehicle that oscillates in a limit cycle.
+    """Returns which gains to lower by a third where a vehicle oscillates in a limit cycle.
 
     In a limit cycle, a loop oscillates with an amplitude that the motors' limits bound. A fast one comes from the rate
     controller's P and D. A slow one comes from what adds phase lag at low frequencies: the attitude controller's gain
@@ -527,15 +551,15 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
     there are none, P and D are.
 
     Args:
-        oscillation: of the axis that turns fastest, with all other axes that oscillate.
-        parameters: of the autopilot, by name; where they have no known controller, no values are advised.
+        oscillation: the oscillation of the axis that turns fastest, which also has those of all other axes.
+        parameters: parameters of the autopilot, by name; where they have no known controller, no values are advised.
 
     Returns:
         A fact with ``changes``: name, value and new value of each gain to lower.
     """
-    # Name, value and new value of each gain to lower.
     changes = []
     for cycle in (oscillation, *oscillation.other_axes):
+        # An axis without a known controller has no gains to lower.
         with suppress(NotLearnable):
             # Only gains are of interest, so the mixer of one motor stands for any.
             controller = controller_from_parameters(parameters, cycle.axis, (1.0,))
@@ -545,12 +569,12 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
                 "angle_gain": controller.angle_gain,
                 "i": controller.i / controller.p,
             }
-            slow_gains = [
+            lagging_gains = [
                 gain
                 for gain, corner in corner_frequencies.items()
                 if corner > angular_frequency / 2
             ]
-            for gain in slow_gains or ("p", "d"):
+            for gain in lagging_gains or ("p", "d"):
                 name = controller.parameter_names[gain]
                 value = parameters[name]
                 if value:

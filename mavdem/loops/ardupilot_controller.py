@@ -26,29 +26,29 @@ from mavdem.loops.autopilot_parameters import (
 )
 
 AXIS_ABBREVIATIONS = {"roll": "RLL", "pitch": "PIT", "yaw": "YAW"}
-"""How the parameters of the three axes are abbreviated, as in ``ATC_RAT_RLL_P``."""
+"""Abbreviations of the axes in names of parameters, as in ``ATC_RAT_RLL_P``."""
 GYRO_NOTCH_PREFIXES = ("INS_HNTCH_", "INS_HNTC2_", "INS_HNTC3_", "INS_NOTCH_")
-"""How the parameters of the gyro's notch filters begin; ``INS_NOTCH_`` was a single one, before ArduPilot 4.2."""
+"""Beginnings of the parameters of each notch filter of the gyro; ``INS_NOTCH_`` is from before ArduPilot 4.2."""
 
 QUAD_FRAME_CLASS = 1.0
 """``FRAME_CLASS`` of a quadrotor."""
 GAIN_SCALE_BEFORE_34 = 1.27
-"""What ArduCopter 3.4 multiplied older rate gains by (``convert_pid_parameters`` in its ``Parameters.cpp``).
+"""Factor from rate gains before ArduCopter 3.4 to those since (``convert_pid_parameters`` in its ``Parameters.cpp``).
 
-They were demands of which 4500 was full, per 0.01 °/s.
+The older gains were for rates in 0.01 °/s, and a full demand of 4500.
 """
 X_GAIN_SCALE_BEFORE_34 = 0.9
-"""The same for an X, V or H: its mixer gave a motor √2 times less of a demand than it does now."""
+"""The same for an X, V or H frame, whose mixer gave a motor √2 times less of a demand than it does now."""
 X_FRAMES_BEFORE_34 = (1.0, 2.0, 3.0)
-"""``FRAME`` of an X, V and H before ArduCopter 3.4."""
+"""Values of ``FRAME`` for an X, V and H frame before ArduCopter 3.4."""
 
 GYRO_RATE_BASE = 1000.0
-"""Hz at which gyro samples are filtered with ``INS_GYRO_RATE`` 0; each step of that parameter doubles it."""
+"""Rate at which gyro samples are filtered with ``INS_GYRO_RATE`` 0, Hz; each step of that parameter doubles it."""
 MAX_GYRO_RATE_EXPONENT = 3.0
 """The largest ``INS_GYRO_RATE``, for 8 kHz."""
 
 MIN_CENTER_PER_BANDWIDTH = 0.52
-"""Least centre of a harmonic notch, by its bandwidth (``bandwidth_limit`` in ``HarmonicNotchFilter::init``)."""
+"""Least centre of a harmonic notch over its bandwidth (``bandwidth_limit`` in ``HarmonicNotchFilter::init``)."""
 MULTI_SOURCE_OPTION = 1 << 1
 """Bit of ``INS_HNTCH_OPTS``: each motor, or each peak of the spectrum, has notches of its own."""
 SPECTRUM_PEAKS = 3
@@ -71,12 +71,12 @@ class NotchMode(IntEnum):
 
 @dataclass(frozen=True)
 class _RateParameters:
-    """The names of one axis's parameters, which depend on the version of the firmware."""
+    """Names of one axis' parameters, which depend on the version of the firmware."""
 
     prefix: str
-    """How the rate controller's begin."""
+    """Beginning of the parameters of the rate controller."""
     names: dict[str, str]
-    """The parameter of each field of :class:`mavdem.loops.controllers.Controller`."""
+    """Name of the parameter by the field of :class:`mavdem.loops.controllers.Controller` that it sets."""
     before_34: bool
     """Whether these are the names and units of before ArduCopter 3.4."""
 
@@ -84,13 +84,13 @@ class _RateParameters:
 def ardupilot_controller(
     parameters: Parameters, axis: str, motor_weights: Numbers
 ) -> ControllerFields:
-    """Returns the fields of a :class:`mavdem.loops.controllers.Controller` that flies ArduPilot's ``parameters``.
+    """Returns the fields of a :class:`mavdem.loops.controllers.Controller` with ArduPilot's parameters.
 
     Args:
-        parameters: by name; those in ``CONTROL_PARAMETERS``.
+        parameters: values by the autopilot's name; those in ``CONTROL_PARAMETERS``.
         axis: "roll", "pitch" or "yaw".
-        motor_weights: (4,) of the motors' thrusts in the torque about the axis, of any scale; or a single one, where
-            the outputs are the demand itself and no mixer counts.
+        motor_weights: weights of the motors' thrusts in the torque about the axis (4,), of any scale; or a single one,
+            where the outputs are the demand itself and no mixer is needed.
 
     Raises:
         NotLearnable: a parameter is missing, or the mixer is not that of a quadrotor.
@@ -106,6 +106,7 @@ def ardupilot_controller(
             scale = X_GAIN_SCALE_BEFORE_34
         for gain in ("p", "i", "d"):
             gains[gain] = scale * gains[gain]
+    # A corrupt exponent must not make an absurd rate.
     gyro_rate_exponent = np.clip(parameters.get("INS_GYRO_RATE", 0.0), 0.0, MAX_GYRO_RATE_EXPONENT)
     loop_rate = parameters.get(LOOP_RATE_PARAMETERS["ardupilot"], DEFAULT_LOOP_RATES["ardupilot"])
     fields: ControllerFields = {
@@ -138,10 +139,10 @@ def ardupilot_controller(
 def _rate_parameters(parameters: Parameters, axis: str) -> _RateParameters:
     """Returns the names of the parameters of one axis, as the firmware of the log calls them.
 
-    Gains had other names, and units, before ArduCopter 3.4, and one filter instead of three before 4.0.
+    Before ArduCopter 3.4 gains had other names and units; before 4.0 there was one filter instead of three.
 
     Args:
-        parameters: of the log, by name; they tell which firmware it is.
+        parameters: parameters of the log, by name, which tell the version of the firmware.
         axis: "roll", "pitch" or "yaw".
     """
     abbreviation = AXIS_ABBREVIATIONS[axis]
@@ -153,7 +154,7 @@ def _rate_parameters(parameters: Parameters, axis: str) -> _RateParameters:
         angle_gain = f"STB_{abbreviation}_P"
         filters = {"error_filter": "FILT_HZ"}
     elif f"{prefix}FILT" in parameters:
-        # Before ArduCopter 4.0 one filter, of the error, was for all.
+        # Before ArduCopter 4.0 there was one filter, that of the error.
         filters = {"error_filter": "FILT"}
     else:
         filters = {"target_filter": "FLTT", "error_filter": "FLTE", "derivative_filter": "FLTD"}
@@ -168,14 +169,14 @@ def _spin_range(parameters: Parameters, before_34: bool) -> tuple[float, float]:
     """Returns the fractions of the output's range at which thrust begins and ends.
 
     Args:
-        parameters: of the log, by name.
+        parameters: parameters of the log, by name.
         before_34: whether they are those of before ArduCopter 3.4.
 
     Raises:
         NotLearnable: a parameter is missing, or the frame is no quadrotor.
     """
     if before_34:
-        # That firmware was built for quadrotors. THR_MIN is in thousandths.
+        # This firmware had no FRAME_CLASS: it was built for quadrotors alone. THR_MIN is in thousandths.
         throttle_min, spin_max = required_parameters(parameters, "THR_MIN", "MOT_THST_MAX")
         return throttle_min / 1000, spin_max
     spin_min, spin_max, frame_class = required_parameters(
@@ -189,14 +190,15 @@ def _spin_range(parameters: Parameters, before_34: bool) -> tuple[float, float]:
 def _gyro_notches(parameters: Parameters, prefix: str) -> Iterator[Notch]:
     """Yields the notches of one harmonic notch filter of the gyro, if it is enabled (``HarmonicNotchFilter``).
 
-    Its centre is at ``FREQ``. One that follows the throttle is where it is in hover: at ``FREQ`` · max(``FM_RAT``,
-    √(hover throttle / ``REF``)). Others that move are taken at their least frequency, where they cost most phase. A
-    double or triple notch (``OPTS``) counts as a single one: at a quarter of the centre their phases differ by at most
-    3°. With ``MULTI_SOURCE_OPTION`` there is a notch for each motor, or each peak: all of them at one centre here.
+    The centre of the filter is at ``FREQ``. If it follows the throttle, it is taken where it is in hover, at ``FREQ`` ·
+    max(``FM_RAT``, √(hover throttle / ``REF``)). If it follows a measurement, it is taken at its least frequency, where
+    it costs most phase. A double or triple notch (``OPTS``) counts as a single one: at a quarter of the centre their
+    phases differ by at most 3°. With ``MULTI_SOURCE_OPTION`` there is a notch for each motor, or each peak of a
+    spectrum: all of them have one centre here.
 
     Args:
-        parameters: of the log, by name.
-        prefix: how the filter's parameters begin, one of ``GYRO_NOTCH_PREFIXES``.
+        parameters: parameters of the log, by name.
+        prefix: beginning of the filter's parameters, one of ``GYRO_NOTCH_PREFIXES``.
     """
     if not parameters.get(f"{prefix}ENABLE"):
         return
@@ -232,8 +234,8 @@ def _pid_notches(parameters: Parameters, name: str) -> Iterator[Notch]:
     would not switch on, without depth or with a quality of ``MIN_PID_NOTCH_QUALITY`` or less, has no notches.
 
     Args:
-        parameters: of the log, by name.
-        name: of the parameter with the number, such as ``ATC_RAT_RLL_NEF``; 0 is none.
+        parameters: parameters of the log, by name.
+        name: name of the parameter with the number, such as ``ATC_RAT_RLL_NEF``, which is 0 for no filter.
     """
     number = int(parameters.get(name, 0.0))
     prefix = f"FILT{number}_"
@@ -250,21 +252,24 @@ def _pid_notches(parameters: Parameters, name: str) -> Iterator[Notch]:
 def _harmonic_notches(
     center: float, relative_bandwidth: float, attenuation: float, harmonics: int
 ) -> Iterator[Notch]:
-    """Yields a notch at each harmonic of ``center``, Hz; none where frequency, width or depth is not positive.
+    """Yields the notches of a harmonic notch filter, one at each of the chosen multiples of its fundamental.
 
-    ``NotchFilter::calculate_A_and_Q`` makes 2 log₂(1 / (1 − b/2)) octaves of a relative bandwidth b, and of n octaves
-    1/Q = 2^(n/2) − 2^(−n/2), which together is 1/Q = b/2 (2 − b/2) / (1 − b/2).
+    All have the quality factor Q of the fundamental. In ``NotchFilter::calculate_A_and_Q`` a relative bandwidth b is
+    n = 2 log₂(1 / (1 − b/2)) octaves, and 1/Q = 2^(n/2) − 2^(−n/2). Together this is 1/Q = b/2 (2 − b/2) / (1 − b/2).
 
     Args:
-        center: of the fundamental, Hz.
-        relative_bandwidth: b, the bandwidth over the centre.
-        attenuation: at the centre, dB.
-        harmonics: a mask; its bit k − 1 stands for k times the centre.
+        center: centre of the fundamental, Hz.
+        relative_bandwidth: bandwidth over the centre, b.
+        attenuation: attenuation at the centre, dB.
+        harmonics: mask of the multiples; its bit k − 1 stands for k times the centre.
+
+    Yields:
+        Notches in ascending order; none where centre, bandwidth or attenuation is not positive.
     """
     if min(center, relative_bandwidth, attenuation) <= 0:
         return
-    half = relative_bandwidth / 2
-    inverse_quality = half * (2 - half) / (1 - half)
+    half_bandwidth = relative_bandwidth / 2
+    inverse_quality = half_bandwidth * (2 - half_bandwidth) / (1 - half_bandwidth)
     for multiple in range(1, MAX_HARMONICS + 1):
         is_in_mask = harmonics >> (multiple - 1) & 1
         if is_in_mask:

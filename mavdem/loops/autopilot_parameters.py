@@ -9,15 +9,15 @@ from mavdem.ingest.telemetry import Parameters
 ControllerFields = dict[str, Any]
 """Values of the fields of a :class:`mavdem.loops.controllers.Controller`, by name."""
 MOTOR_COUNT = 4
-"""Motors of the frames whose mixer is known: quadrotors."""
+"""Number of motors of the frames whose mixer is known: quadrotors."""
 MIN_LOOP_RATE = 50.0
-"""Hz. Parameters that ask for a slower rate loop are taken for this rate, as ArduCopter's ``SCHED_LOOP_RATE`` is."""
+"""Lowest rate of a rate loop, Hz: ArduCopter raises a lower ``SCHED_LOOP_RATE`` to it."""
 MAX_LOOP_RATE = 1000.0
-"""Hz of the fastest rate loop that the simulation flies."""
+"""Highest rate of a rate loop that the simulation flies, Hz."""
 LOOP_RATE_PARAMETERS = {"px4": "IMU_GYRO_RATEMAX", "ardupilot": "SCHED_LOOP_RATE"}
-"""The parameter with the frequency of the rate loop in Hz, by autopilot."""
+"""Name of the parameter with the rate of the rate loop, Hz, by autopilot."""
 DEFAULT_LOOP_RATES = {"px4": 250.0, "ardupilot": 400.0}
-"""Hz, by autopilot, where the parameter is not known: PX4's in its simulators, ArduCopter's by default."""
+"""Rate of the rate loop where the parameter is not known, Hz: PX4's in its simulators, ArduCopter's by default."""
 
 
 class Notch(NamedTuple):
@@ -29,17 +29,17 @@ class Notch(NamedTuple):
     frequency: float
     """Centre, Hz."""
     bandwidth: float
-    """Hz between the frequencies at which a deep notch halves the power."""
+    """Distance of the two frequencies at which a deep notch halves the power, Hz."""
     attenuation: float
-    """At the centre, dB; infinite for PX4's."""
+    """Attenuation at the centre, dB; infinite for PX4's notches."""
 
 
 def required_parameters(parameters: Parameters, *names: str) -> list[float]:
     """Returns the values of parameters without which a controller cannot be known.
 
     Args:
-        parameters: of the autopilot, by name.
-        names: of those that are needed.
+        parameters: parameters of the autopilot, by name.
+        names: names of the parameters that are needed.
 
     Returns:
         Values in the order of ``names``, in the autopilot's units.

@@ -60,9 +60,9 @@ Systems, 2nd ed., sec. 10.3).
 LOWEST_SCORE = -1.0
 """Least score of margins that a fact reports: unstable loops have minus infinity."""
 LARGEST_REPORTED_GAIN_MARGIN = 99.0
-"""dB, in the place of infinite ends of intervals."""
+"""Gain margin that is reported in the place of an infinite end of an interval, dB."""
 AXIS_PARAMETER_PREFIXES = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YAW")
-"""How the names of parameters begin that belong to one axis; others concern all axes."""
+"""Beginnings of the names of parameters that belong to one axis; others concern all axes."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,11 +81,11 @@ class Loop(Margins):
     controller: Controller
     """The autopilot's controller of the axis."""
     effectiveness: Array
-    """(N,) angular acceleration per demand, rad/s²: of the estimate, and then of draws."""
+    """Angular acceleration per demand (N,), rad/s²: that of the estimated plant first, then those of draws."""
     dynamics: Array
-    """(N, 3) damping, 1/s, motor lag and delay, s, without the gyro's filters: of the estimate, and then of draws."""
+    """Damping, 1/s, motor lag, s, and delay, s, of each plant (N, 3), without the gyro's filters, in the same order."""
     cautions: Facts = ()
-    """What the figures do not allow for."""
+    """Known errors that the intervals of the figures do not allow for."""
     measured: MeasuredResponse | None = None
     """The response of the rate in flight, where the log has setpoints."""
     grid: FrequencyGrid = FINE_GRID
@@ -112,7 +112,7 @@ class Loop(Margins):
 
     @property
     def figures(self) -> Mapping[str, Array]:
-        """(N,) values of each figure of the rate loop, by its name."""
+        """Values (N,) of each figure of the rate loop, such as "phase_margin", by its name."""
         return self.rate.figures
 
     def __repr__(self) -> str:
@@ -120,9 +120,12 @@ class Loop(Margins):
         return f"<Loop {self.axis}: crossover={self.crossover:.2f}, {margins}>"
 
     def with_parameters(self, parameters: Parameters) -> Loop:
-        """Returns the loop with other values of some of the autopilot's ``parameters``, by name.
+        """Returns the same plant in a loop whose controller has other values of some parameters.
 
-        What was measured in flight does not hold for it, and is left out.
+        The response that was measured in flight belongs to the old values, and is left out.
+
+        Args:
+            parameters: new values by the autopilot's name.
         """
         return replace(self, controller=self.controller.with_parameters(parameters), measured=None)
 
@@ -157,9 +160,9 @@ class Loop(Margins):
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the flight's response is the predicted one.
+        """Whether the response of the rate that was measured in flight is the one that the model of the loop predicts.
 
-        None where it is not known: without setpoints in the log, or where they explain too little of the rate.
+        ``None`` where that is not known: without setpoints in the log, or where they explain too little of the rate.
         """
         if self.measured is None:
             return None
@@ -170,18 +173,22 @@ class Loop(Margins):
 
     @property
     def disagreement(self) -> Fact | None:
-        """Why the flight's response is not the predicted one; None where it is, or where too little was measured."""
+        """How the measured response differs from the predicted one; ``None`` where it does not, or is not known."""
         if self.measured is None or self.agrees is not False:
             return None
         return self.measured.reason
 
     def share_meeting(self, target: MarginTarget) -> float:
-        """Returns the fraction of the plants, from 0 to 1, with which both loops have the margins of ``target``."""
+        """Returns the fraction of the plants, from 0 to 1, with which rate and attitude loop have the target's margins.
+
+        Args:
+            target: the margins to have.
+        """
         return float(np.mean(margin_scores(target, self.rate, self.attitude) >= 1))
 
     @cached_property
     def wind(self) -> Array:
-        """(F,) spectral density of the flight's wind torque at the loop's frequencies, (rad/s²)²/Hz."""
+        """Spectral density (F,) of the flight's wind torque at the frequencies of the loop, (rad/s²)²/Hz."""
         return wind_torque_density(self.plant, self.rate.frequency)
 
     @property
@@ -190,13 +197,15 @@ class Loop(Margins):
         return self.angle_deviation(self.wind)
 
     def angle_deviation(self, torque_density: Array) -> float:
-        """Returns the standard deviation σ of the angle in a wind, degrees.
+        """Returns the standard deviation σ of the angle that a wind torque causes, degrees.
 
-        σ² = ∫ |G(jω)|² S df, by the trapezoidal rule, of the response G from the torque to the angle.
+        It is σ² = ∫ |G(jω)|² S df by the trapezoidal rule, with the response G of the closed attitude loop from the
+        wind torque to the angle, by the estimated plant.
 
         Args:
-            torque_density: (F,) S, the density of the wind's torque at the loop's frequencies, (rad/s²)²/Hz.
+            torque_density: density S (F,) of the wind torque at the loop's frequencies, (rad/s²)²/Hz.
         """
+        # Row 0 is the estimated plant.
         power = np.abs(self.attitude.disturbance[0]) ** 2 * torque_density
         return float(np.degrees(np.sqrt(np.trapezoid(power, self.rate.frequency))))
 
@@ -206,7 +215,11 @@ LoopsByAxis = dict[str, Loop]
 
 
 def identified_loops(loops: Mapping[str, object]) -> LoopsByAxis:
-    """Returns those of the ``loops`` by axis that are known, without the facts that say why others are not."""
+    """Returns the loops of the axes on which they are known.
+
+    Args:
+        loops: by axis, the loops, or the fact that states why they are not known.
+    """
     return {axis: loop for axis, loop in loops.items() if isinstance(loop, Loop)}
 
 
@@ -223,9 +236,9 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
         target: the least phase margin and gain margin, and the largest maximum sensitivity Ms.
 
     Returns:
-        A fact with the margins and 90 % intervals of the weaker of the two loops, that with the lower score, which
-        ``subject`` names. ``lacking`` names its margin of least ratio, "phase_margin", "gain_margin" or "ms"; ``share``
-        is the lower score of both loops.
+        A fact with the margins and 90 % intervals of the weaker of the two loops. ``subject`` names that loop, "rate"
+        or "attitude"; ``lacking`` its margin of least ratio, "phase_margin", "gain_margin" or "ms"; ``share`` is the
+        lower score of both loops by the estimated plant.
     """
     loops = {"rate": loop.rate, "attitude": loop.attitude}
     # Row 0 of all scores and ratios is that of the estimated plant, by which the weaker loop is chosen.
@@ -233,8 +246,10 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
     weaker_loop = loops[weaker]
     scores = margin_scores(target, *loops.values())
     level = Level.BAD
-    # If the 5 % quantile of the scores reaches 1, then so do 95 % of the plants.
-    if np.quantile(scores, 1 - INTERVAL_QUANTILES[1], method="lower") >= 1:
+    # If the 5 % quantile of the scores reaches 1, then so do 95 % of the plants. The method "lower" takes a score as it
+    # is: interpolation with minus infinity, of an unstable loop, would give NaN.
+    low_probability = 1 - INTERVAL_QUANTILES[1]
+    if np.quantile(scores, low_probability, method="lower") >= 1:
         level = Level.GOOD
     elif scores[0] >= 1:
         level = Level.WATCH
@@ -268,24 +283,29 @@ def margin_scores(target: MarginTarget, *loops: OpenLoop) -> Array:
         loops: open loops of the same N plants, such as the rate loop and the attitude loop.
 
     Returns:
-        (N,) scores: at 1 or more, every loop has every margin. Minus infinity where a loop is unstable, since margins
-        mean nothing then.
+        Scores (N,), one for each plant. At 1 or more, every loop has every margin. The score is minus infinity where a
+        loop is unstable, since margins mean nothing then.
     """
     least_ratios = []
     for loop in loops:
-        least_ratio = np.min([*margin_ratios(target, loop).values()], axis=0)
+        ratios = list(margin_ratios(target, loop).values())
+        least_ratio = np.min(ratios, axis=0)
         least_ratios.append(np.where(loop.stable, least_ratio, -np.inf))
     return np.min(least_ratios, axis=0)
 
 
 def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
-    """Returns (N,) each margin of a ``loop`` in relation to the ``target``, by name of the figure.
+    """Returns each stability margin of an open loop relative to its target.
 
-    A ratio of 1 or more has the margin. A large Ms is bad, so its ratio is upside down.
+    A loop has a margin where its ratio is 1 or more. The maximum sensitivity Ms is a limit from above, so its ratio is
+    the target over the value.
 
     Args:
         target: the margins to have.
-        loop: of N plants.
+        loop: the open loop, of N plants.
+
+    Returns:
+        Ratios (N,) by the name of the figure: "phase_margin", "gain_margin" and "ms".
     """
     return {
         "phase_margin": loop.figures["phase_margin"] / target.phase_margin,
@@ -295,17 +315,20 @@ def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
 
 
 def parameters_changed_in_flight(record: Record, controller: Controller) -> Parameters:
-    """Returns the parameters of a ``controller`` that changed during the ``record``, with their earlier values.
+    """Returns the parameters of the axis' controller that changed during a flight, with their earlier values.
 
     A loop is computed with the last values. Where values changed in flight, it is not the loop that flew all the time.
-    Parameters that belong to other axes do not matter to it; those of all axes, such as the gyro's filters, do.
+    Parameters of other axes do not matter to it; those of all axes, such as the gyro's filters, do.
 
     Args:
-        record: of the flight, with the earlier value of each parameter that changed.
-        controller: of the axis.
+        record: the flight, with the earlier value of each parameter that changed.
+        controller: the controller of the axis.
+
+    Returns:
+        Earlier values by the autopilot's name.
     """
-    # "ATC_RAT_RLL_P" without its P: how all parameters of the axis's rate controller begin.
-    rate_prefix = controller.parameter_names["p"][:-1]
+    # All parameters of the axis' rate controller begin like its P gain, such as "ATC_RAT_RLL_P", without the P.
+    rate_prefix = controller.parameter_names["p"].removesuffix("P")
     earlier_values = {}
     for name, value in record.earlier.items():
         is_of_axis = name in controller.parameter_names.values() or name.startswith(rate_prefix)

@@ -30,13 +30,13 @@ from mavdem.plant.closed_loop.parameters import TYPICAL_VALUES
 MAX_GAIN = 1e3
 """Largest possible gain, in the units of :class:`Controller`."""
 MIN_ANGLE_GAIN = 1e-3
-"""1/s, the smallest possible gain of the attitude controller, which divides by it."""
+"""Smallest possible gain of the attitude controller, 1/s: it is divided by."""
 MAX_CUTOFF = 1e4
-"""Hz, the largest possible cut-off of a low-pass filter."""
+"""Largest possible cut-off of a low-pass filter, Hz."""
 MIN_CUTOFF = 0.1
-"""Hz, the smallest possible cut-off of a low-pass filter; 0 is none."""
+"""Smallest possible cut-off of a low-pass filter, Hz; 0 switches the filter off."""
 MIN_LOOP_PERIOD = 1e-5
-"""The shortest possible loop period, s."""
+"""Shortest possible loop period, s."""
 POSSIBLE_RANGES = {
     "p": (0.0, MAX_GAIN),
     "i": (0.0, MAX_GAIN),
@@ -62,7 +62,7 @@ With the whole of it, control effectiveness of motors at limits came out as much
 on half of the flights of ``tools/validation/loops.py``. Why it is half is not known.
 """
 MIN_THRUST_SLOPE = 0.1
-"""Least slope of the normalised thrust curve, by that of the straight one: flat curves are not divided by."""
+"""Least slope of the normalised thrust curve, relative to a straight one's: a flat curve would divide by 0."""
 LIMIT_TOLERANCE = 0.005
 """Fraction of the output's range within which a motor counts as at its limit."""
 
@@ -74,7 +74,7 @@ UNMODELLED_PARAMETERS = {
     "MC_BAT_SCALE_EN": Controllers.DEMAND_BY_VOLTAGE,
     "IMU_GYRO_DNF_EN": Controllers.NOTCHES_UNMODELLED,
 }
-"""Parameters that are not modelled, where they are not 0, with the caution that it needs.
+"""Parameters that switch on what is not modelled where they are not 0, each with its caution.
 
 A name without an underscore is the ending of a parameter that each axis has, as in ``ATC_RAT_RLL_SMAX``.
 """
@@ -118,7 +118,7 @@ class Controller(ImmutableResult):
     error_notches: tuple[Notch, ...] = ()
     """Notch filters of the rate's error, before its low-pass."""
     gyro_filter: float
-    """Second-order low-pass of the gyro. Rates are controlled and logged as it and ``notches`` leave them."""
+    """Second-order low-pass of the gyro. Rates are controlled and logged behind it and the ``notches``."""
     notches: tuple[Notch, ...] = ()
     """Notch filters of the gyro."""
     gyro_rate: float = 1000.0
@@ -128,20 +128,20 @@ class Controller(ImmutableResult):
     loop_period: float
     """Time between two runs of the rate controller, s."""
     mixer: Numbers
-    """(4,) thrust that a demand of 1 adds to each motor, as a fraction of its maximum; (1,) for the demand itself."""
+    """Thrust that a demand of 1 adds to each motor, as a fraction of its maximum (4,); (1,) for the demand itself."""
     thrust_expo: float
     """Quadratic fraction e of the thrust curve (1 − e) u + e u² that the autopilot compensates."""
     spin_range: tuple[float, float] = (0.0, 1.0)
     """Fractions of the output's range at which thrust begins and ends."""
     parameter_names: Mapping[str, str]
-    """The autopilot's parameter of a field, such as "p" or "angle_gain"."""
+    """Name of the autopilot's parameter by the name of the field that it sets, such as "p" or "angle_gain"."""
     parameters: Parameters
     """All parameters that the controller was made of, by the autopilot's name."""
     motor_weights: Numbers = ()
-    """(4,) weights of the motors in the torque about the axis, of any scale, as ArduPilot's mixer needs them."""
+    """Weights of the motors' thrusts in the torque about the axis (4,), of any scale, for ArduPilot's mixer."""
 
     def __post_init__(self) -> None:
-        """Checks that all fields are possible: parameters of a log may be corrupt.
+        """Checks that all fields are within physically possible ranges, since parameters of a log may be corrupt.
 
         Raises:
             NotLearnable: a field is outside ``POSSIBLE_RANGES``, or the cut-off of a filter is between 0, which
@@ -162,19 +162,19 @@ class Controller(ImmutableResult):
 
     @property
     def cautions(self) -> Facts:
-        """Cautions about what the parameters switch on that this model does not have.
+        """Cautions about features of the controller that its parameters switch on and this model lacks.
 
-        They are ``UNMODELLED_PARAMETERS`` that are not 0, and notch filters of the gyro that follow what no parameter
-        holds.
+        They are ``UNMODELLED_PARAMETERS`` that are not 0, and notch filters of the gyro whose frequency follows a
+        measurement.
         """
-        # "ATC_RAT_RLL_P" without its P: how all parameters of the axis's rate controller begin.
-        rate_prefix = self.parameter_names["p"][:-1]
+        # All parameters of the axis' rate controller begin like its P gain, such as "ATC_RAT_RLL_P", without the P.
+        rate_prefix = self.parameter_names["p"].removesuffix("P")
         codes = {}
         for ending, code in UNMODELLED_PARAMETERS.items():
             name = ending if "_" in ending else rate_prefix + ending
             codes[name] = code
         for prefix in GYRO_NOTCH_PREFIXES:
-            # Beyond the throttle's mode, a notch follows the motors' speeds or peaks of a spectrum.
+            # In modes above THROTTLE, a notch follows the measured speeds of the motors, or peaks of a spectrum.
             mode = self.parameters.get(f"{prefix}MODE", 0.0)
             if self.parameters.get(f"{prefix}ENABLE") and mode > NotchMode.THROTTLE:
                 codes[f"{prefix}MODE"] = Controllers.NOTCHES_MOVING
@@ -183,7 +183,10 @@ class Controller(ImmutableResult):
         )
 
     def with_parameters(self, parameters: Parameters) -> Controller:
-        """Returns this controller with other values of some of the autopilot's ``parameters``, by name.
+        """Returns this controller with other values of some of the autopilot's parameters.
+
+        Args:
+            parameters: new values by the autopilot's name.
 
         Raises:
             NotLearnable: a value is impossible.
@@ -194,13 +197,14 @@ class Controller(ImmutableResult):
     def outputs_per_demand(self, outputs: Sequence[float]) -> Numbers:
         """Returns how much each motor's output changes per unit of demand about the axis.
 
-        The thrust curve T(u) = (1 − e) u + e u² is linearised where the motors are: du = dT / (1 − e + 2 e u).
+        The mixer gives the change dT of each motor's thrust. The thrust curve T(u) = (1 − e) u + e u² is linearised
+        about the present outputs, which gives the change of the command: du = dT / (1 − e + 2 e u).
 
         Args:
-            outputs: (4,) of the motors, as fractions of their range.
+            outputs: present outputs of the four motors (4,), as fractions of their range.
 
         Returns:
-            (4,) slopes, as fractions of the range.
+            Change of each output per unit of demand (4,), as a fraction of the range.
         """
         spin_min, spin_max = self.spin_range
         thrust_command = self._thrust_command(np.asarray(outputs))
@@ -209,41 +213,44 @@ class Controller(ImmutableResult):
         return tuple((output_per_thrust * self.mixer).tolist())
 
     def demand_from_outputs(self, outputs: Array, step: float = 0.0) -> Array:
-        """Returns the demand that the motors' outputs result from, up to a constant.
+        """Reconstructs the demand of the rate controller from the motors' outputs, up to a constant.
 
-        It is the least-squares inverse of the mixer, of the thrusts by the thrust curve that the autopilot compensates.
-        (With a straight curve, demands about other axes would leak into this one.)
+        The outputs give thrusts by the thrust curve that the autopilot compensates, and the thrusts the demand by the
+        least-squares inverse of the mixer. With a straight curve, demands about other axes would leak into this one.
+
+        The loop's model has a linear lag of thrust. In truth rotor speeds lag, and thrust is their square. So where the
+        samples resolve the lag, thrusts are corrected to those that cause the same torque through a linear lag.
 
         Args:
-            outputs: (T, r) as fractions of their range; a single column is the demand itself, from 0 to 1.
-            step: time between samples, s. If it resolves the lag of rotors, the demand is that of the same torque by
-                thrusts that lag linearly; if 0, no lag is considered.
+            outputs: outputs of the motors (T, r), as fractions of their range; a single column is the demand itself,
+                from 0 to 1.
+            step: time between samples, s; with 0 the lag is not corrected.
 
         Returns:
-            (T,) demand.
+            Demand (T,), from -1 to 1 but for the constant.
         """
         if outputs.shape[1] == 1:
-            # The column goes from 0 to 1, a demand from -1 to 1: twice as far. The constant between does not count.
+            # The column goes from 0 to 1, a demand from -1 to 1, which is twice as far.
             return 2 * outputs[:, 0]
         thrust_command = self._thrust_command(outputs)
         thrust = (1 - self.thrust_expo + self.thrust_expo * thrust_command) * thrust_command
         if 0 < step < TYPICAL_ROTOR_LAG:
-            # Rotor speeds lag, not thrusts, and thrust is their square. Where a lagging speed x follows a command y,
-            # the thrust x² is the lagged one of y² − (y − x)².
+            # With a lag τ dx/dt = y − x of the speed x behind its command y, the thrust x² obeys
+            # (τ/2) d(x²)/dt = x y − x². Written as a linear lag of thrust, x² follows y² − (y − x)².
             speed_error = _rotor_speed_error(np.sqrt(thrust), step)
             thrust = thrust - ROTOR_LAG_CORRECTION * speed_error**2
         mixer = np.array(self.mixer)
         return thrust @ mixer / (mixer @ mixer)
 
     def outputs_at_limit(self, outputs: Array, upper_stop: float = 1.0) -> Flags:
-        """Returns when some output is at an end of its range, within ``LIMIT_TOLERANCE``.
+        """Returns whether at least one motor is at an end of its range, within ``LIMIT_TOLERANCE``, in each sample.
 
         Args:
-            outputs: (T, r) as fractions of their range; a single column is the demand itself.
-            upper_stop: the highest output that occurs, where that is less than the range.
+            outputs: outputs of the motors (T, r), as fractions of their range; a single column is the demand itself.
+            upper_stop: highest output that the autopilot sets, as a fraction of the range.
 
         Returns:
-            (T,) whether any output is at a limit.
+            Flags (T,).
         """
         lowest, highest = self.spin_range
         if outputs.shape[1] == 1:
@@ -253,13 +260,13 @@ class Controller(ImmutableResult):
         return np.asarray((is_low | is_high).any(axis=1))
 
     def _thrust_command(self, outputs: Array) -> Array:
-        """Returns the commands u that the thrust curve is applied to.
+        """Returns the commands u of the thrust curve: outputs scaled so that thrust begins at 0 and ends at 1.
 
         Args:
-            outputs: (T, r) or (r,) as fractions of the motors' range.
+            outputs: outputs of the motors, (T, r) or (r,), as fractions of their range.
 
         Returns:
-            The same shape: 0 where thrust begins, 1 where it ends.
+            Commands of the same shape, 0 to 1.
         """
         spin_min, spin_max = self.spin_range
         return np.clip((outputs - spin_min) / (spin_max - spin_min), 0.0, 1.0)
@@ -268,16 +275,16 @@ class Controller(ImmutableResult):
 def controller_from_parameters(
     parameters: Parameters, axis: str = "roll", motor_weights: Sequence[float] = ()
 ) -> Controller:
-    """Returns the controller of one axis that an autopilot's ``parameters`` describe.
+    """Builds the controller of one axis that an autopilot's parameters describe.
 
-    The autopilot is known by the names of the parameters: those of rate gains begin with ``ATC_RAT_`` (before
-    ArduCopter 3.4, ``RATE_RLL_``) in ArduPilot and with ``MC_`` in PX4.
+    The names of the parameters tell the autopilot: those of rate gains begin with ``ATC_RAT_`` (before ArduCopter 3.4,
+    ``RATE_RLL_``) in ArduPilot, and with ``MC_`` in PX4.
 
     Args:
-        parameters: values by name; those that match ``CONTROL_PARAMETERS`` count.
+        parameters: values by the autopilot's name, of which those that match ``CONTROL_PARAMETERS`` are used.
         axis: "roll", "pitch" or "yaw".
-        motor_weights: (4,) of the motors' thrusts in the torque about the axis, of any scale. PX4's parameters have
-            them. A single one says that outputs are the demand itself.
+        motor_weights: weights of the motors' thrusts in the torque about the axis (4,), of any scale, which only
+            ArduPilot needs: PX4's parameters have them. A single weight says that outputs are the demand itself.
 
     Raises:
         NotLearnable: a parameter is missing or impossible, or the firmware or the mixer is not known.
@@ -298,19 +305,18 @@ def controller_from_parameters(
 
 
 def _rotor_speed_error(speed_commands: Array, step: float) -> Array:
-    """Returns by how much rotor speeds are behind their commands, with a first-order lag of ``TYPICAL_ROTOR_LAG``.
+    """Returns the difference of commanded and true rotor speed, with a first-order lag of ``TYPICAL_ROTOR_LAG``.
 
-    The lag is discrete, with the command held over a step h: x_t = a x_{t−1} + (1 − a) y_{t−1} of speed x and command
-    y, where a = e^(−h / lag).
+    With the command y held over a step h, the speed x is x_t = a x_{t−1} + (1 − a) y_{t−1}, a = e^(−h / lag).
 
     Args:
-        speed_commands: (T, r), from a steady state at the first.
+        speed_commands: commanded speeds (T, r), in any unit. Before the first sample the rotors are in steady state.
         step: time between samples, s.
 
     Returns:
-        (T, r) command less speed, in the unit of the commands.
+        Command less speed (T, r), in the unit of the commands.
     """
-    # It takes half a second to import.
+    # Importing scipy.signal takes half a second.
     from scipy.signal import lfilter
 
     decay = np.exp(-step / TYPICAL_ROTOR_LAG)

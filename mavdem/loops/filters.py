@@ -16,11 +16,14 @@ from mavdem.loops.autopilot_parameters import Notch
 from mavdem.loops.controllers import Controller
 
 MAX_NOTCH_FREQUENCY_RATIO = 0.48
-"""Of the rate it runs at: a notch filter is off from there on (``HARMONIC_NYQUIST_CUTOFF`` of ArduPilot)."""
+"""Centre of a notch filter, relative to the rate it runs at, from which on it is off.
+
+It is ArduPilot's ``HARMONIC_NYQUIST_CUTOFF``.
+"""
 DELAY_FREQUENCY = 0.1
-"""Hz at which the delay of the gyro's filters is taken: far below all cut-offs."""
+"""Frequency at which the delay of the gyro's filters is computed, Hz: far below all cut-offs."""
 PHASE_STEPS = 100
-"""Frequencies between 0 and a given one over which phase is unwrapped."""
+"""Number of frequencies between 0 and a given one over which phase is unwrapped."""
 
 
 class GyroFilters(NamedTuple):
@@ -31,20 +34,21 @@ class GyroFilters(NamedTuple):
     notches: tuple[Notch, ...]
     """The notch filters."""
     phase_lag: float
-    """Phase lag of all together at a frequency that was asked for, degrees."""
+    """Phase lag of all filters together at a given frequency, degrees."""
 
 
 def gyro_response(controller: Controller, frequency: Array) -> NDArray[np.complex128]:
     """Returns the response of the gyro's filters: the rate that is controlled and logged, per true rate.
 
-    The low-pass is a Butterworth filter, 1 / (1 + √2 jx − x²), with x the ratio of the warped frequencies.
+    The low-pass is a Butterworth filter, 1 / (1 + √2 jx − x²). Here x is the frequency over the cut-off, both warped by
+    the bilinear transform.
 
     Args:
-        controller: whose filters these are.
-        frequency: (…) Hz.
+        controller: controller with the parameters of the filters.
+        frequency: frequencies of any shape, Hz.
 
     Returns:
-        (…) complex response.
+        Complex response, of the same shape.
     """
     rate = controller.gyro_rate
     response = notch_response(controller.notches, rate, frequency)
@@ -64,15 +68,15 @@ def notch_response(
 
         N = (1 − x² + a jx / Q) / (1 − x² + jx / Q)
 
-    with x the ratio of the warped frequencies and a the gain that is left at the centre.
+    with the frequency over the centre x, both warped by the bilinear transform, and the gain a at the centre.
 
     Args:
         notches: the filters.
-        rate: at which they run, Hz.
-        frequency: (…) Hz.
+        rate: rate at which they run, Hz.
+        frequency: frequencies of any shape, Hz.
 
     Returns:
-        (…) complex response.
+        Complex response, of the same shape.
     """
     warped = np.tan(np.pi * frequency / rate)
     response = np.ones(np.shape(frequency), complex)
@@ -97,8 +101,8 @@ def gyro_filters(controller: Controller, frequency: float) -> GyroFilters:
     """Returns the gyro's filters with their phase lag at one frequency.
 
     Args:
-        controller: whose filters these are.
-        frequency: Hz; at the crossover, the phase lag is what the filters take from the phase margin.
+        controller: controller with the parameters of the filters.
+        frequency: the frequency, Hz. At the crossover, the phase lag is what the filters take from the phase margin.
     """
     # The phase is followed from low frequencies on, since it may be more than half a turn.
     frequencies = np.linspace(0.0, frequency, PHASE_STEPS)

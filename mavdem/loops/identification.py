@@ -45,65 +45,76 @@ from mavdem.plant.closed_loop.spectra import (
 )
 from mavdem.plant.estimation import MOTION_BAND_HZ
 from mavdem.plant.identifiability import PARAMETERS
-from mavdem.plant.parameters import PLANT_MINIMUM, wind_torque_density
+from mavdem.plant.parameters import (
+    DYNAMICS,
+    EFFECTS,
+    LAG_AND_DELAY,
+    PLANT_MINIMUM,
+    wind_torque_density,
+)
 from mavdem.plant.sampled_plant import FIRST_ORDER, GAUSSIAN_KERNEL, WindComponent
 
 MIN_WINDOWS = 4
-"""Fewest windows of ``SPECTRUM_SECONDS``, half over each other."""
+"""Least number of windows of ``SPECTRUM_SECONDS``, which overlap by half: a choice."""
 MAX_MESSAGE_GAP = 1.0
 """Longest time without a message in a window, s."""
 MAX_ROUNDING_SHARE = 0.2
-"""Variance of rounding by that of the outputs, at most.
+"""Largest variance of rounding, relative to that of the outputs.
 
-The loop of ArduCopter's simulator, hardly moving at 20 Hz, had a phase margin of 66° for 19° beyond.
+Beyond it, ArduCopter's simulator, hardly moving at 20 Hz, got a phase margin of 66° in place of 19°.
 """
 MIN_REFERENCE_SHARE = 0.6
-"""Fraction of the rate's variance that follows pilot or navigation, at least.
+"""Least fraction of the rate's variance that follows pilot or navigation.
 
-With less, wind that the controller answers is half of what there is to learn from, and on half of the flights of
-``tools/validation/loops.py`` phase margins erred by 14°; above, by 3°.
+With less, much of the outputs is the controller's answer to wind, which shows little of the plant. On half of the
+flights of ``tools/validation/loops.py`` phase margins then erred by 14°; above, by 3°.
 """
 MAX_EXPLAINED_FREQUENCY = 4.0
-"""Hz up to which the controller must explain the output by the setpoint."""
+"""Highest frequency at which the output is compared with what the controller makes of the setpoint, Hz: a choice."""
 MAX_PHASE_MARGIN_HALF_WIDTH = 15.0
-"""Half width of the phase margin's 90 % interval, degrees, at most."""
+"""Largest half width of the phase margin's 90 % interval, degrees: a choice."""
 MARGIN_DRAWS = 100
-"""Draws of the plant for that interval."""
+"""Number of draws of the plant for that interval."""
 
 LOG_MODEL_DEVIATIONS = {"effect": 0.02, "damping": 0.1, "lag": 0.0, "delay": 0.03}
-"""Standard deviations of the logarithm of each parameter, besides the likelihood's.
+"""Standard deviation of the model's error of the logarithm of each parameter, besides that of the likelihood.
 
-What is sampled does not change evenly between its stamps. Chosen on half of the flights of
+Signals do not change evenly between their samples, as the model assumes. Chosen on half of the flights of
 ``tools/validation/loops.py``, as are the next four.
 """
 SATURATION_EFFECT_DEVIATION = 0.1
-"""The same of the effect, times the fraction that limits cut off: rotors spin up faster than they slow down."""
+"""The same for the effect, where limits cut off all of the output: rotors spin up faster than they slow down."""
 UNSEEN_EFFECT_DEVIATION = 1.5
-"""The same of the effect, per second between messages beyond a control cycle: what moves the vehicle is not seen."""
+"""The same for the effect, per second between messages beyond a control cycle: commands between messages are unseen."""
 LAG_DELAY_DEVIATION = 1 / 24
-"""Standard deviation of lag and delay against each other, by the time between messages beyond a control cycle.
+"""Standard deviation by which the lag is too long and the delay too short, relative to the surplus interval.
 
-Messages hardly tell them apart there. It triples where limits cut off all of the output, which then jumps unseen.
+The surplus interval is the time between messages beyond a control cycle. Messages hardly separate lag from delay within
+it. The deviation triples where limits cut off all of the output, which then jumps unseen.
 """
 DELAY_PER_EFFECT = 0.2
-"""Lags by which the delay is too short, where the effect is too large by one in its logarithm and the lag too long by
-one lag: a flight shows best the response to quick changes, which stays the same."""
+"""Error of the delay that comes with an error of the effect, in motor lags per unit of the effect's logarithm.
+
+An effect that is too large comes with a lag that is too long and a delay that is too short: the response to quick
+changes, which a flight shows best, then stays the same.
+"""
 
 
 def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
-    """Returns the plant of one axis, identified in closed loop with the controller that flew it.
+    """Identifies the plant of one axis in closed loop, with the known controller that flew it.
 
-    Its delay includes that of the gyro's filters. Of several boots, that of the longest flight counts.
+    The plant has a control effectiveness for each input, rate damping, motor lag and delay. The delay includes that of
+    the gyro's filters. Only the boot with the longest flight is used, because messages must share a clock.
 
     Args:
-        signals: of the vehicle and the axis.
-        flights: settled flight.
+        signals: signals of the vehicle, for the axis.
+        flights: settled flight of the vehicle.
 
     Raises:
         NotLearnable: there is no known controller, or no setpoint of the rate that changes several times a second; the
             flight is too short; too little of the motion follows setpoints; or the phase margin stays unknown.
     """
-    # The spectra are cached per axis. What follows is quick, and depends on them alone.
+    # The fit takes seconds and is cached. What follows is quick.
     identified = _identified_loop(signals, tuple(flights_of_longest_boot(flights)))
     with one_thread(), np.errstate(all="ignore"):
         plant = _physical_plant(identified.fit, identified.inputs_per_demand)
@@ -122,37 +133,39 @@ class _IdentifiedLoop(NamedTuple):
     controller: Controller
     """The controller of the logged parameters."""
     inputs_per_demand: Array
-    """(r,) how much each input changes per unit of demand."""
+    """Change of each of the r inputs per unit of demand (r,)."""
 
 
 @cached_per_vehicle("axis", "inputs")
 def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _IdentifiedLoop:
-    """Returns the identified parameters of the axis of ``signals`` in ``flights`` of one boot.
+    """Identifies the parameters of one axis in closed loop, from the flights of one boot.
 
-    Messages become cross-spectra of rate, output, setpoint and reference, and the spectra a maximum of the likelihood.
-    Before and after the fit, flights are refused that cannot support it: with too few windows, outputs that are mostly
-    rounding, or too little motion by setpoints.
+    Cross-spectra of rate, output, setpoint and reference are estimated from the messages, and the posterior of the
+    parameters is maximised on them. Flights that cannot support the fit are refused: before it those with too few
+    windows, with outputs that are mostly rounding, or with too little motion by setpoints; after it those in which the
+    fitted model says that too little followed setpoints, or that the controller has another gain than its parameters.
 
     Args:
-        signals: of the vehicle and the axis.
-        flights: of one boot, whose clock all messages share.
+        signals: signals of the vehicle, for the axis.
+        flights: flights of one boot, whose clock all messages share.
 
     Raises:
         NotLearnable: as :func:`identify_plant_in_loop`.
     """
     record = Record.from_flights(flights)
     assert signals.model_inputs is not None
-    # Assumed positions of motors give no weights: then the autopilot's parameters must have the mixer.
+    # Where the positions of the motors are only assumed, the mixer must come from the autopilot's parameters.
     geometry = signals.model_inputs.geometry
-    weights = None if geometry.positions_assumed else geometry.mixer_row(signals.axis)
-    controller = logged_controller(record.parameters, signals.axis, weights)
+    mixer_row = None if geometry.positions_assumed else geometry.mixer_row(signals.axis)
+    controller = logged_controller(record.parameters, signals.axis, mixer_row)
     per_demand = inputs_per_demand(controller, record)
     messages = _loop_messages(signals, boot_number(flights[0]), controller, per_demand)
-    starts = np.array(list(_window_starts(flights, messages.streams)))
-    if len(starts) < MIN_WINDOWS:
+    window_starts = np.array(list(_window_starts(flights, messages.streams)))
+    if len(window_starts) < MIN_WINDOWS:
+        # Windows overlap by half, so n of them take n + 1 half windows.
         least_duration = (MIN_WINDOWS + 1) * SPECTRUM_SECONDS / 2
         raise NotLearnable(Loops.LOOP_TOO_SHORT, least_duration=least_duration)
-    saturated_share = _saturated_share(messages, starts)
+    saturated_share = _saturated_share(messages, window_starts)
     known_controller = KnownController(
         partial(controller_response, controller),
         partial(gyro_response, controller),
@@ -160,13 +173,14 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
         controller.loop_period,
     )
     with one_thread(), np.errstate(all="ignore"):
-        spectra = cross_spectra(messages.streams, starts)
+        spectra = cross_spectra(messages.streams, window_starts)
         if spectra.message_rate < MIN_SLOW_MOTION_RATE:
             raise NotLearnable(Loops.NO_RATE_SETPOINT)
         _require_resolution(signals, spectra, messages.rounding)
         spectra = _with_best_setpoint(spectra, known_controller)
-        # A first, cheap look before the fit: aliases take up to half from what is coherent with the reference, so half
-        # of the limit is asked for. An output at a limit is not expected to follow anything.
+        # A cheap check before the fit. Aliasing may halve the share that is coherent with the reference, so half of the
+        # limit is enough here. An output at a limit follows nothing, so its share is not held against the flight. The
+        # comparisons are negated so that a share of NaN is refused.
         coherent_share = _coherent_share(spectra)
         if not coherent_share + saturated_share >= MIN_REFERENCE_SHARE / 2:
             raise NotLearnable(Loops.NOT_STEERED, share=coherent_share)
@@ -176,10 +190,10 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
             reference_share = fit.reference_share
         except np.linalg.LinAlgError:
             raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
-    # An output at a limit answers no wind.
+    # The same check with the fitted model, which takes aliasing into account.
     if not reference_share + fit.saturation_loss >= MIN_REFERENCE_SHARE:
         raise NotLearnable(Loops.NOT_STEERED, share=reference_share)
-    # With a controller of another gain than its parameters', the model makes up for something else.
+    # If the fitted gain of the controller differs from that of its parameters, the model of the controller is wrong.
     if not fit.controller_consistent:
         raise NotLearnable(Loops.LOOP_NOT_FOUND)
     return _IdentifiedLoop(fit, controller, per_demand)
@@ -189,29 +203,31 @@ class _LoopMessages(NamedTuple):
     """The quantities of a loop at the stamps of their messages."""
 
     streams: list[Messages]
-    """Rate, output as a demand, and then a pair for each candidate of the rate's setpoint.
+    """Rate, rad/s, output as a demand, and then a pair for each candidate of the rate setpoint.
 
-    The pair is the setpoint and the reference, which is the setpoint plus what the attitude controller feeds back.
+    The pair is the setpoint and its reference, both in rad/s: the reference is the setpoint without the feedback of the
+    angle.
     """
     at_limit: Messages
-    """1 where an output is at a limit, else 0, at the stamps of the output."""
+    """1 where an output of a motor is at a limit, else 0, at the stamps of the output."""
     rounding: float
-    """Step of the output, as a demand."""
+    """Resolution of the logged output, as a demand."""
 
 
 def _loop_messages(
     signals: Signals, boot: int, controller: Controller, per_demand: Array
 ) -> _LoopMessages:
-    """Returns the quantities of the loop of ``signals`` in one boot.
+    """Returns the logged quantities of one axis' loop in one boot, each at the stamps of its own messages.
 
-    ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate, its log message RATE has it:
-    both are candidates of the setpoint.
+    The attitude controller adds angle gain × error of the angle to the rate setpoint. ArduPilot's ATTITUDE_TARGET lacks
+    this correction, its log message RATE has it, and a log does not say which it is. So there is a candidate of the
+    setpoint as logged, and for ArduPilot another with the correction added; :func:`_with_best_setpoint` chooses.
 
     Args:
-        signals: of the vehicle and the axis.
-        boot: whose messages count.
-        controller: of the axis.
-        per_demand: (r,) how much each input changes per unit of demand.
+        signals: signals of the vehicle, for the axis.
+        boot: number of the boot whose messages are used.
+        controller: controller of the axis.
+        per_demand: change of each input per unit of demand (r,).
 
     Raises:
         NotLearnable: there is no setpoint of the rate that moves.
@@ -227,7 +243,7 @@ def _loop_messages(
             setpoints[setpoint.unit] = messages
     if "rad/s" not in setpoints:
         raise NotLearnable(Loops.NO_RATE_SETPOINT)
-    # The reference of each candidate is its setpoint plus angle gain × angle: what would be asked for at angle 0.
+    # The reference of each candidate is its setpoint plus angle gain × angle: the rate setpoint at an angle of 0.
     rate_setpoint = setpoints["rad/s"]
     time = rate_setpoint.time
     angle_feedback = controller.angle_gain * np.interp(time, angle.time, angle.values)
@@ -253,56 +269,66 @@ def _loop_messages(
 
 
 def _messages_of_boot(stream: Attitude | TimeSeries, values: Array, boot: int) -> Messages:
-    """Returns ``values`` (N,) of a ``stream`` in one boot, at their stamps."""
-    rows = stream.boot == boot
-    return Messages(stream.time[rows], values[rows])
+    """Returns the values of one boot at their stamps.
+
+    Args:
+        stream: times and boots of N samples.
+        values: value of each sample (N,).
+        boot: number of the boot.
+    """
+    is_of_boot = stream.boot == boot
+    return Messages(stream.time[is_of_boot], values[is_of_boot])
 
 
 def _window_starts(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator[float]:
-    """Yields where windows of ``SPECTRUM_SECONDS`` begin, s, half over each other, in which all messages come.
+    """Yields the times, s, at which windows of ``SPECTRUM_SECONDS`` begin that have no gap in any stream.
 
-    A spectrum of a window with a gap would be that of the interpolation across it.
+    Windows begin every half window, so they overlap by half. A window is left out if a stream has a gap of
+    ``MAX_MESSAGE_GAP`` in it, since its spectrum would be wrong.
 
     Args:
-        flights: of one boot.
-        streams: messages of all quantities. Each must come in a window without a gap of ``MAX_MESSAGE_GAP``.
+        flights: flights of one boot; each window lies within one of them.
+        streams: messages of all quantities.
     """
     first_common = max(stream.time[0] for stream in streams)
     last_common = min(stream.time[-1] for stream in streams)
     for flight in flights:
         first = max(flight.time[0], first_common)
         last = min(flight.time[-1], last_common) - SPECTRUM_SECONDS
-        # A stamp may be rounded: so the last window may end 1 µs late.
+        # Stamps are rounded to 1 µs, so the last window may end that much late.
         for start in np.arange(first, last + 1e-6, SPECTRUM_SECONDS / 2):
             if all(_longest_gap(stream, start) < MAX_MESSAGE_GAP for stream in streams):
                 yield start
 
 
 def _longest_gap(stream: Messages, start: float) -> float:
-    """Returns the longest time without a message, s, in the window that begins at ``start``."""
+    """Returns the longest time without a message, s, in the window of ``SPECTRUM_SECONDS`` from ``start`` (s) on.
+
+    The edges of the window count like messages, so that a gap at its beginning or end is seen too.
+    """
     stamps = stream.time[_rows_of_window(stream, start)]
     return np.diff(stamps, prepend=start, append=start + SPECTRUM_SECONDS).max()
 
 
 def _rows_of_window(stream: Messages, start: float) -> slice:
-    """Returns the rows of a ``stream`` in the window of ``SPECTRUM_SECONDS`` that begins at ``start``, s."""
+    """Returns the rows of a stream in the window of ``SPECTRUM_SECONDS`` that begins at ``start``, s."""
     first, end = np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS]).tolist()
     return slice(first, end)
 
 
-def _saturated_share(messages: _LoopMessages, starts: Array) -> float:
-    """Returns the fraction of the output's power that came while an output was at a limit, from 0 to 1.
+def _saturated_share(messages: _LoopMessages, window_starts: Array) -> float:
+    """Returns the fraction of the output's power that came while a motor was at a limit, from 0 to 1.
 
-    While an output is at its limit, the loop is open: it answers neither wind nor setpoint. Power is that of the demand
-    about its mean in each window.
+    While an output is at its limit, the loop is open: it answers neither wind nor setpoint. The power is the sum of
+    squares of the demand about its mean in each window.
 
     Args:
-        messages: with the output, as a demand, and whether an output was at a limit.
-        starts: (W,) where the windows begin, s.
+        messages: messages of the loop, with the output as a demand, and whether a motor was at a limit.
+        window_starts: times (W,) at which the windows begin, s.
     """
     output = messages.streams[Quantity.OUTPUT]
     power = power_at_limit = 0.0
-    for start in starts:
+    for start in window_starts:
         rows = _rows_of_window(output, start)
         squares = np.square(output.values[rows] - output.values[rows].mean())
         power += squares.sum()
@@ -316,12 +342,12 @@ def _saturated_share(messages: _LoopMessages, starts: Array) -> float:
 def _require_resolution(signals: Signals, spectra: CrossSpectra, rounding: float) -> None:
     """Raises ``NotLearnable`` if the outputs hardly move by more than their resolution.
 
-    A uniformly distributed rounding error has a variance of rounding² / 12. It is compared with the variance of the
-    output, which is its spectral density, averaged over frequencies, times the rate of the samples.
+    A uniformly distributed rounding error has a variance of rounding² / 12. It may be at most ``MAX_ROUNDING_SHARE`` of
+    the variance of the output, which is its two-sided density, averaged over frequencies, times the message rate.
 
     Args:
-        signals: with the scale of the outputs.
-        spectra: of the loop.
+        signals: signals of the vehicle, with the scale of the outputs for the message to the user.
+        spectra: cross-spectra of the loop.
         rounding: resolution of the outputs, as a demand.
     """
     density = spectra.mean_density[:, Quantity.OUTPUT, Quantity.OUTPUT].real
@@ -340,17 +366,20 @@ def _require_resolution(signals: Signals, spectra: CrossSpectra, rounding: float
 
 
 def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> CrossSpectra:
-    """Returns the spectra of rate, output, setpoint and reference, with the setpoint that explains the output best.
+    """Chooses the candidate of the rate setpoint that explains the output best.
 
-    A setpoint of the rate may be logged with or without the attitude controller's correction, and the log does not say
-    which. The rate controller makes the output u of setpoint r and rate p: u = C_r r − C_p p. So the true setpoint is
-    the one of the candidates that leaves the least power of u − C_r r + C_p p, below
-    ``MAX_EXPLAINED_FREQUENCY``. With the coefficients a = (C_p, 1, −C_r) of (p, u, r) and their spectral density S,
-    that power is Σ aᵀ S ā over frequencies, weighted by the number of independent values in each band.
+    A rate setpoint may be logged with or without the attitude controller's correction, and the log does not say which.
+    The rate controller makes the output u from the setpoint r and the rate p: u = C_r r − C_p p. So the true setpoint
+    is the candidate that leaves the least power of u − C_r r + C_p p, below ``MAX_EXPLAINED_FREQUENCY``. With the
+    coefficients a = (C_p, 1, −C_r) of (p, u, r) and their cross-spectral density S, that power is Σ aᵀ S ā over
+    frequencies, weighted by the number of independent values in each band.
 
     Args:
-        spectra: of rate, output, and pairs of setpoint and reference.
-        controller: C_r from the setpoint, C_p from the rate.
+        spectra: cross-spectra of rate, output, and a pair of setpoint and reference for each candidate.
+        controller: the controller, with C_r from the setpoint and C_p from the rate.
+
+    Returns:
+        Cross-spectra of rate, output, and the chosen setpoint with its reference.
     """
     is_slow = spectra.frequency < MAX_EXPLAINED_FREQUENCY
     from_setpoint, from_rate = controller.transfer(spectra.frequency[is_slow])
@@ -358,6 +387,7 @@ def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> C
     weights = spectra.effective_samples[is_slow]
 
     def unexplained_power(setpoint: int) -> float:
+        """Returns the power of the output that the controller does not explain by this candidate's index."""
         # Indices: j is the frequency, a and b are the three quantities.
         quantities = (Quantity.RATE, Quantity.OUTPUT, setpoint)
         density = spectra.select(quantities).mean_density[is_slow]
@@ -373,47 +403,52 @@ def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> C
 def _coherent_share(spectra: CrossSpectra) -> float:
     """Returns the fraction of the rate's variance that is coherent with the reference, from 0 to 1.
 
-    The reference is what pilot or navigation ask for. The rest of the rate is by wind and noise. At each frequency the
-    coherent part of the density is |S_pq|² / S_qq, of rate p and reference q; both densities are then summed over
-    frequency, Hz.
+    The reference is what pilot or navigation ask for. The rest of the rate is caused by wind and noise. At each
+    frequency the coherent part of the density is |S_pq|² / S_qq, with rate p and reference q. Both densities are then
+    integrated over frequency.
+
+    Args:
+        spectra: cross-spectra of rate, output, setpoint and reference.
     """
     density = spectra.mean_density
     rate_density = density[:, Quantity.RATE, Quantity.RATE].real
     reference_density = density[:, Quantity.REFERENCE, Quantity.REFERENCE].real
     cross_density = density[:, Quantity.RATE, Quantity.REFERENCE]
     coherent_density = np.abs(cross_density) ** 2 / reference_density
-    width = np.gradient(spectra.frequency)
-    return float((width @ coherent_density) / (width @ rate_density))
+    bandwidth = np.gradient(spectra.frequency)
+    return float((bandwidth @ coherent_density) / (bandwidth @ rate_density))
 
 
 def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -> Physical:
-    """Returns the ``plant``, whose parameters are marked as biased where its loop rings; refuses an uncertain one.
+    """Checks an identified plant by the phase margin of the loop that it makes with its controller.
 
-    The rate loop is computed of the estimated plant and of draws from its posterior, with the controller that flew. If
-    the 90 % interval of its phase margin over the draws is wide, the flight did not show the plant.
+    The rate loop is computed for the estimated plant and for draws from its posterior. If the 90 % interval of its
+    phase margin over the draws is wide, the flight did not determine the plant, and it is refused.
 
-    A loop rings if its phase margin is less than half of the usual one. If it also crosses over beyond the corner
-    frequency of the motors, 1 / lag, most of the motion is at frequencies where the plant is k / (lag s) · 1 / s. Then
-    the motion depends on the ratio of effect k and lag only, and neither is known by itself.
+    The parameters are marked as biased if the loop rings, that is if its phase margin is less than half of the usual
+    one, and if it also crosses over beyond the corner frequency of the motors, 1 / lag. Then most of the motion is at
+    frequencies where the plant is about k / (lag s) · 1 / s. It depends only on the ratio of effect k and lag, so
+    neither is known by itself.
 
     Args:
-        plant: without the gyro's filters.
-        per_demand: (r,) how much each input changes per unit of demand.
-        controller: of the axis.
+        plant: the identified plant, without the gyro's filters.
+        per_demand: change of each input per unit of demand (r,).
+        controller: controller of the axis.
+
+    Returns:
+        The plant, with its parameters marked as biased where its loop rings.
 
     Raises:
-        NotLearnable: the phase margin stays unknown, or the loop is unstable, though it flew settled.
+        NotLearnable: the phase margin is too uncertain, or the loop is unstable by the estimate, though it flew.
     """
-    # Columns of the draws: r effects, then damping, lag and delay.
     draws = plant.draws(MARGIN_DRAWS)
-    effects, dynamics = draws[:, :-3], draws[:, -3:]
-    effectiveness = effects @ per_demand
-    dynamics = np.maximum(dynamics, PLANT_MINIMUM)
+    effectiveness = draws[:, EFFECTS] @ per_demand
+    dynamics = np.maximum(draws[:, DYNAMICS], PLANT_MINIMUM)
     rate = rate_loop(controller, effectiveness, dynamics)
     low, high = rate.phase_margin_interval
     is_certain = high - low <= 2 * MAX_PHASE_MARGIN_HALF_WIDTH
     if not (is_certain and rate.stable[0]):
-        # The margin is infinite where nothing crosses over.
+        # The margin is infinite where the gain never crosses 1.
         interval = np.clip([low, high], -180.0, 180.0)
         raise NotLearnable(Loops.MARGIN_UNCERTAIN, phase_margin_interval=interval)
     # The corner frequency of a first-order lag is at ω · lag = 1.
@@ -426,18 +461,18 @@ def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -
 
 
 def _physical_plant(fit: IdentifiedAxis, per_demand: Array) -> Physical:
-    """Returns the physical parameters of a fit, without the gyro's filters, with the errors of the model added.
+    """Converts the fitted parameters of a loop to physical parameters, without the gyro's filters.
 
-    The fit has one effect, of the demand, and logarithms of all parameters. A plant has an effect of each input. So the
-    effect is spread over the inputs in proportion to what a demand moves them by, and the covariance is carried over
-    by the derivatives of the parameters by the logarithms.
+    The fit has logarithms, and one effect, that of the demand. A plant has an effect for each input. So the effect is
+    spread over the inputs in proportion to how much a demand moves each of them, and the covariance is propagated by
+    the derivatives of the parameters by their logarithms. The errors of the model are added to it.
 
     Args:
         fit: posterior of the logarithms of the parameters.
-        per_demand: (r,) how much each input changes per unit of demand.
+        per_demand: change of each input per unit of demand (r,).
     """
     values = LoopParameters.from_logarithms(fit.theta)
-    # Each input's effect, of which a demand has the identified one.
+    # The effects of all inputs, weighted by how much a demand moves them, add up to the identified effect of a demand.
     effect = values.effect * per_demand / (per_demand @ per_demand)
     # Derivatives of effect, damping, lag and delay by the four logarithms, (r + 3, 4).
     jacobian = block_diag(effect[:, None], [values.damping], [values.lag], [values.delay])
@@ -469,54 +504,60 @@ def _physical_plant(fit: IdentifiedAxis, per_demand: Array) -> Physical:
 
 
 def _wind_share(plant: Physical, values: LoopParameters, spectra: CrossSpectra) -> float:
-    """Returns the fraction of the torque's variance that is by the wind, in the band of the vehicle's motion.
+    """Returns the share of the wind in the variance of all torque, in the band of the vehicle's motion.
 
-    The rest is by the motors. Their torque has the density |effect / (1 + jω lag)|² S_u, of the output u. Integrals are
-    sums over the bands of the spectra, up to the highest frequency of ``MOTION_BAND_HZ``.
+    The rest is the torque of the motors, with the density |effect / (1 + jω lag)|² S_u for an output u of density S_u.
+    Integrals are sums over the bands of the spectra, up to the highest frequency of ``MOTION_BAND_HZ``.
 
     Args:
-        plant: with the wind's components.
-        values: with the effect of a demand, rad/s², and the motors' lag, s.
-        spectra: of the loop.
+        plant: the plant, with the components of the wind torque.
+        values: parameters of the loop, with the effect of a demand, rad/s², and the motors' lag, s.
+        spectra: cross-spectra of the loop, with the density of the output.
 
     Returns:
-        From 0, no wind, to 1.
+        Variance of the wind torque over that of all torque, 0 to 1.
     """
-    frequency = spectra.frequency[spectra.frequency <= MOTION_BAND_HZ[1]]
+    _, highest = MOTION_BAND_HZ
+    frequency = spectra.frequency[spectra.frequency <= highest]
     torque_per_demand = values.effect / (1 + 2j * np.pi * frequency * values.lag)
     output_density = spectra.mean_density[: len(frequency), Quantity.OUTPUT, Quantity.OUTPUT].real
-    width = np.gradient(frequency)
-    by_wind = width @ wind_torque_density(plant, frequency)
-    # The densities of the output are two-sided, that of the wind is one-sided.
-    by_motors = 2 * width @ (np.abs(torque_per_demand) ** 2 * output_density)
-    return float(by_wind / (by_wind + by_motors))
+    bandwidth = np.gradient(frequency)
+    wind_variance = bandwidth @ wind_torque_density(plant, frequency)
+    # The density of the output is two-sided, that of the wind is one-sided.
+    motor_variance = 2 * bandwidth @ (np.abs(torque_per_demand) ** 2 * output_density)
+    return float(wind_variance / (wind_variance + motor_variance))
 
 
 def _model_error_covariance(
     fit: IdentifiedAxis, effect: Array, values: LoopParameters, jacobian: Array
 ) -> Array:
-    """Returns the covariance (r + 3, r + 3) of effect, damping, lag and delay by what the model does not have.
+    """Returns the covariance of effects, damping, lag and delay by errors of the model.
 
-    The likelihood's covariance takes the model for exact. This one is for what samples between messages and limits of
-    the outputs do. It has four independent errors, of the logarithms of effect, damping, lag and delay, with the
-    standard deviations of ``LOG_MODEL_DEVIATIONS`` and those that grow with slow messages and limits.
+    The likelihood's covariance takes the model for exact. But commands between messages are unseen, and limits of the
+    outputs are not modelled. This covariance has four independent errors, of the logarithms of effect, damping, lag and
+    delay. Their standard deviations are those of ``LOG_MODEL_DEVIATIONS``, and others that grow with the time between
+    messages and with the share of the output that limits cut off.
 
-    A flight shows best the response to quick changes, so errors leave that response as it is: an error of the effect or
-    the lag comes with errors of the others that make up for it. Each column of ``directions`` is one such error.
+    A flight shows the response to quick changes best, so errors leave that response nearly as it is: an error of the
+    effect or the lag comes with errors of the others that compensate for it. Each column of ``directions`` is one such
+    combination, for an error of 1 of the logarithm.
 
     Args:
         fit: posterior, with the time between messages beyond a control cycle and the fraction that limits cut off.
-        effect: (r,) of each input.
+        effect: effect of each input (r,).
         values: parameters of the axis.
-        jacobian: (r + 3, 4) of the parameters by their logarithms.
+        jacobian: derivatives of effects, damping, lag and delay by their four logarithms (r + 3, 4).
+
+    Returns:
+        Covariance (r + 3, r + 3), in the order effects, damping, lag, delay.
     """
     lag, delay = values.lag, values.delay
     effect_column, lag_column = 0, 2
-    lag_and_delay_rows = slice(-2, None)
     directions = jacobian.copy()
     # With more effect by one in its logarithm, the lag is longer by one lag and the delay shorter by a part of it.
-    directions[lag_and_delay_rows, effect_column] = lag, -DELAY_PER_EFFECT * lag
-    # A longer lag with a shorter delay is made up for by more effect.
+    directions[LAG_AND_DELAY, effect_column] = lag, -DELAY_PER_EFFECT * lag
+    # A lag that is longer by itself comes with a delay that is shorter by half as much, and half the relative change of
+    # the effect.
     directions[:, lag_column] += np.concatenate([effect, [0.0, 0.0, -lag]]) / 2
     surplus_interval = fit.posterior.densities.surplus_interval
     lag_against_delay = LAG_DELAY_DEVIATION * (1 + 2 * fit.saturation_loss) * surplus_interval

@@ -13,6 +13,7 @@ instrument is not r itself but the part of r that follows x, what pilot or navig
 """
 
 from collections.abc import Sequence
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -23,60 +24,67 @@ from mavdem.arrays import Array
 from mavdem.dem.engine.linalg import SMALLEST_POSITIVE, one_thread
 
 MAX_WINDOWS = 300
-"""Most windows of a fit: of more, every second, third … is taken."""
+"""Largest number of windows of a fit; of more, only every second, third … is used. A choice, for speed."""
 FIT_PASSES = 4
-"""How often noise, weights of windows and instrument are estimated from the last fit."""
+"""Number of times that noise, weights of windows and instrument are estimated from the last fit: a choice."""
 AUTOREGRESSION_ORDER = 12
 """Order of the autoregression that whitens residuals."""
 MAX_WINDOW_WEIGHT_RATIO = 1e3
-"""Largest spread of residuals of a window over the least that counts. A window of nothing but repeated samples leaves
-no residuals, and would outweigh all the others."""
+"""Largest ratio of the residuals' standard deviations of two windows.
+
+A window of nothing but repeated samples leaves no residuals, and would outweigh all the others.
+"""
 STEADY_STATE_ERROR = 0.03
 """Standard deviation of the sum of the weights, T at 0 Hz, about 1: a controller with an integrator settles there."""
 INITIAL_DECAY = 5.0
-"""How many times the weights of the first pass fall by a factor e over the response."""
+"""Decay of the weights that the first pass begins with, as exponent over the duration of the response: a choice."""
 
 PRIOR_LENGTH = 0.04
-"""Time over which the weights are alike in the prior, by the duration of the response."""
+"""Length scale of the prior, over which weights are alike, relative to the duration of the response: a choice."""
 PRIOR_DECAYS = np.geomspace(0.06, 2.0, 6)
-"""Times over which the prior decays by a factor e, by the duration of the response."""
+"""Decay times of the prior's amplitude that are averaged over, relative to the duration of the response."""
 PRIOR_VARIANCES = np.geomspace(0.1, 1e5, 13)
-"""Variances of the prior, in units of the step over the duration of the response, squared."""
+"""Variances of the prior that are averaged over, in units of (step / duration of the response)²."""
 TAIL_LENGTH = 0.2
-"""Time over which the slow tail that an integrator leaves is alike, by the duration of the response."""
+"""Length scale of the slow tail that an integrator leaves, relative to the duration of the response: a choice."""
 TAIL_DECAY = 2.0
-"""Time over which this tail decays, likewise."""
+"""Decay time of this tail, relative to the duration of the response: a choice."""
 TAIL_VARIANCE_RATIO = 0.03
-"""Variance of this tail by that of the rest."""
+"""Variance of this tail, relative to that of the rest of the prior: a choice."""
 JITTER = 1e-8
-"""Added to the diagonal of a covariance, by its mean, so that it has a Cholesky factor."""
+"""White noise added to a covariance, relative to its mean variance, so that rounding leaves it a Cholesky factor."""
+WHITE_NOISE_SHARE = 1e-6
+"""White noise added to an autocovariance, relative to its variance, to keep the Yule-Walker equations regular."""
+MIN_FREEDOM_SHARE = 0.25
+"""Least degrees of freedom of the scatter between windows, relative to the number of windows: a choice."""
 
 
 class ImpulseResponse(NamedTuple):
     """An estimated impulse response, and its covariance."""
 
     weights: Array
-    """(K,) of the last K setpoints, the last first; their sum is T at 0 Hz."""
+    """Weights of the last K setpoints (K,), the latest first; their sum is T at 0 Hz."""
     covariance: Array
-    """(K, K) of the weights."""
+    """Covariance of the weights (K, K)."""
     windows: int
-    """How many windows of flight they were estimated from."""
+    """Number of windows of flight that they were estimated from."""
 
 
 def estimate_impulse_response(
     sampling_rate: float, pieces: Sequence[Array], angle_gain: float, seconds: float
 ) -> ImpulseResponse:
-    """Returns the impulse response of a signal to its setpoint, in ``FIT_PASSES`` passes.
+    """Estimates the impulse response of a signal to its setpoint, such as that of a body rate.
 
-    Noise, weights of windows and instrument depend on the response, which is what is looked for. So each pass takes
-    them from the response of the pass before; the first one from an exponential decay.
+    It is a regression of the signal on past setpoints. The filter that whitens its residuals, the weights of the
+    windows and the instrument depend on the impulse response itself. So the fit is repeated ``FIT_PASSES`` times, each
+    with these from the response of the pass before; the first pass begins with an exponential decay.
 
     Args:
-        sampling_rate: of the pieces, Hz.
-        pieces: (k, N) each: setpoint, signal and, if ``angle_gain`` is not 0, the angle.
-        angle_gain: of the attitude controller that feeds the angle back to the setpoint, 1/s; 0 if none does.
-        seconds: duration of the response, s. A window is as long as three of them: two to explain, after one whose
-            setpoints the first samples follow from.
+        sampling_rate: rate of the samples, Hz.
+        pieces: pieces of flight, (k, N) each, with setpoint, signal and, if ``angle_gain`` is not 0, the angle in rows.
+        angle_gain: gain of the attitude controller that feeds the angle back to the setpoint, 1/s; 0 if none does.
+        seconds: duration of the response, s. A window is three times as long: the setpoints of its first third, and
+            two thirds whose samples are explained.
     """
     taps = round(seconds * sampling_rate)
     size = 3 * taps
@@ -93,13 +101,13 @@ def estimate_impulse_response(
                     for piece in pieces
                 ]
                 instrument = _overlapping_windows(undisturbed, taps, size)
-            # Residuals are whitened, and then scaled to a variance of 1 in each window.
+            # All signals are filtered so that the residuals are white, and scaled so that these have a standard
+            # deviation of 1 in each window: so windows with more wind count less.
             residuals = signal[:, taps:] - _past_values(setpoint, taps) @ weights
             whitening = _whitening_filter(residuals)
-            spread = _filtered(residuals, whitening).std(axis=1)
-            scale = np.maximum(spread, spread.max() / MAX_WINDOW_WEIGHT_RATIO + SMALLEST_POSITIVE)[
-                :, None
-            ]
+            deviation = _filtered(residuals, whitening).std(axis=1)
+            least_deviation = deviation.max() / MAX_WINDOW_WEIGHT_RATIO + SMALLEST_POSITIVE
+            scale = np.maximum(deviation, least_deviation)[:, None]
             estimate = _regularised_estimate(
                 _filtered(setpoint, whitening) / scale,
                 _filtered(signal, whitening) / scale,
@@ -113,54 +121,60 @@ def estimate_impulse_response(
 def _setpoint_without_wind(
     piece: Array, angle_gain: float, weights: Array, sampling_rate: float
 ) -> Array:
-    """Returns the part of a rate's setpoint that follows what pilot or navigation ask for: x / (1 + G T / s).
+    """Returns the part of a rate setpoint that follows pilot or navigation, and not the wind: x / (1 + G T / s).
 
-    Here x = r + G φ is what they ask for, and 1 / (1 + G T / s) the closed loop of the attitude, from x to r. It is
-    applied in the frequency domain. What is left out is what wind does to the setpoint through the angle.
+    With the rate setpoint r and the angle φ, x = r + G φ is what pilot or navigation ask for, and 1 / (1 + G T / s) the
+    closed attitude loop from x to r. It is applied in the frequency domain. The rest of r comes from wind, through the
+    feedback of the angle.
 
     Args:
-        piece: (3, N) setpoint r, rate and angle φ, of which x = r + G φ is made.
-        angle_gain: G, 1/s.
-        weights: (K,) impulse response of T.
-        sampling_rate: Hz.
+        piece: setpoint r, rate, and angle φ (3, N).
+        angle_gain: gain G of the attitude controller, 1/s.
+        weights: impulse response of T, from rate setpoint to rate (K,).
+        sampling_rate: rate of the samples, Hz.
 
     Returns:
-        (N,) setpoint.
+        Setpoint without the effect of wind (N,).
     """
     size = piece.shape[1]
-    outer_setpoint = piece[0] + angle_gain * piece[2]
+    rate_setpoint, _, angle = piece[:3]
+    outer_setpoint = rate_setpoint + angle_gain * angle
     # The Fourier transform is periodic: mirrored, the series has no step from its end to its beginning.
     mirrored = np.append(outer_setpoint, outer_setpoint[::-1])
     transform = np.fft.rfft(mirrored)
     frequency = np.fft.rfftfreq(2 * size, 1 / sampling_rate)
-    # The integral divides by s, which must not be 0.
-    positive = np.maximum(frequency, frequency[1] / 100)
-    s = 2j * np.pi * positive
-    closed = np.fft.rfft(np.append(0.0, weights), 2 * size)
-    undisturbed = transform / (1 + angle_gain * closed / s)
+    # The integral divides by s, so the frequency 0 is replaced by a small one.
+    positive_frequency = np.maximum(frequency, frequency[1] / 100)
+    s = 2j * np.pi * positive_frequency
+    # The response begins one sample after the setpoint.
+    closed_rate_loop = np.fft.rfft(np.append(0.0, weights), 2 * size)
+    undisturbed = transform / (1 + angle_gain * closed_rate_loop / s)
     return np.fft.irfft(undisturbed, 2 * size)[:size]
 
 
 def _overlapping_windows(series: Sequence[Array], taps: int, size: int) -> Array:
-    """Returns windows (W, size) of several series, at most ``MAX_WINDOWS``, each overlapping the last by ``taps``.
+    """Cuts several series into windows that overlap by the length of the impulse response.
 
-    A sample is explained by the ``taps`` setpoints before it. So the first ``taps`` samples of a window only explain
-    later ones, and windows overlap by as many, so that no sample between them is left out. The first ``2 taps`` samples
-    of each series are left out: there, a response may come from before its beginning.
+    A sample is explained by the ``taps`` setpoints before it. So the first ``taps`` samples of a window only serve to
+    explain the later ones, and windows overlap by as many, so that every sample between is explained once. The first
+    ``2 taps`` samples of each series are left out, since responses there may come from before its beginning.
 
     Args:
-        series: (N,) each; those too short for a window have none.
-        taps: K, samples of overlap: a window's first K samples only precede those that are explained.
-        size: samples of a window.
+        series: values of each piece of flight (N,); pieces too short for a window have none.
+        taps: number of samples of the impulse response, by which windows overlap.
+        size: number of samples of a window.
+
+    Returns:
+        Windows (W, size), evenly thinned to at most ``MAX_WINDOWS``.
     """
     views = [
         np.lib.stride_tricks.sliding_window_view(values[2 * taps :], size)[:: size - taps]
         for values in series
         if len(values) >= 2 * taps + size
     ]
-    # An empty window makes the table two-dimensional where no series is long enough.
+    # The empty array gives the table two dimensions where no series is long enough.
     windows = np.concatenate([*views, np.zeros((0, size))])
-    stride = max(-(-len(windows) // MAX_WINDOWS), 1)
+    stride = max(ceil(len(windows) / MAX_WINDOWS), 1)
     return windows[::stride]
 
 
@@ -168,42 +182,41 @@ def _past_values(windows: Array, taps: int) -> Array:
     """Returns the values before each sample: the regressors of a finite impulse response.
 
     Args:
-        windows: (W, B + taps) samples of each window.
-        taps: how many values before a sample.
+        windows: samples of each window (W, B + taps).
+        taps: number of values before a sample.
 
     Returns:
-        (W, B, taps) the last value first. The first ``taps`` samples of a window, before which too few are known, have
-        none.
+        For each of the last B samples of a window, the ``taps`` values before it, the latest first (W, B, taps).
     """
-    # The last view ends with the last sample, and precedes none. Views are reversed in time.
+    # The last view contains the last sample and comes before none, so it is dropped. Views are reversed in time.
     return np.lib.stride_tricks.sliding_window_view(windows, taps, axis=1)[:, :-1, ::-1]
 
 
 def _filtered(windows: Array, coefficients: Array) -> Array:
-    """Returns each window through a finite-impulse-response filter, without the filter's transient.
+    """Filters each window by a finite impulse response, and leaves out the filter's transient.
 
     Args:
-        windows: (W, B) samples.
-        coefficients: (P,) of the filter, that of the latest sample first.
+        windows: samples of each window (W, B).
+        coefficients: coefficients of the filter (P,), that of the latest sample first.
 
     Returns:
-        (W, B − P + 1).
+        Filtered samples (W, B − P + 1).
     """
     views = np.lib.stride_tricks.sliding_window_view(windows, len(coefficients), axis=1)
     return views @ coefficients[::-1]
 
 
 def _whitening_filter(residuals: Array) -> Array:
-    """Returns the filter that makes residuals white, as least squares takes them to be.
+    """Returns the filter that makes residuals white, as least squares assumes them to be.
 
-    It is a difference, which removes their mean, followed by the prediction error of an autoregression of order
-    ``AUTOREGRESSION_ORDER``, fitted by the Yule-Walker equations. Both filters in series are one, by convolution.
+    The filter takes differences, which removes the mean, and then the prediction error of an autoregression of order
+    ``AUTOREGRESSION_ORDER``, fitted by the Yule-Walker equations. The convolution of both is one filter.
 
     Args:
-        residuals: (W, B) of all windows, which share one filter.
+        residuals: residuals of all windows (W, B), which share one filter.
 
     Returns:
-        (P,) coefficients, that of the latest sample first.
+        Coefficients (P,), that of the latest sample first.
     """
     differences = np.diff(residuals, axis=1)
     size = differences.shape[1]
@@ -211,8 +224,7 @@ def _whitening_filter(residuals: Array) -> Array:
         np.mean(differences[:, : size - lag] * differences[:, lag:])
         for lag in range(AUTOREGRESSION_ORDER + 1)
     ]
-    # A little white noise keeps the equations regular.
-    autocovariance[0] *= 1 + 1e-6
+    autocovariance[0] *= 1 + WHITE_NOISE_SHARE
     coefficients = solve_toeplitz(autocovariance[:-1], autocovariance[1:])
     prediction_error = np.append(1.0, -coefficients)
     return np.convolve(prediction_error, [1.0, -1.0])
@@ -221,20 +233,26 @@ def _whitening_filter(residuals: Array) -> Array:
 def _regularised_estimate(
     setpoint: Array, signal: Array, instrument: Array, taps: int
 ) -> ImpulseResponse:
-    """Returns the weights of the past setpoints that explain a signal, by a regularised instrumental-variable estimate.
+    """Estimates the weights of the past setpoints that explain a signal, by regularised instrumental variables.
 
-    With regressors X of the setpoint, Z of the instrument, target y, prior covariance Q and the observation that the
-    weights add up to 1 ± ``STEADY_STATE_ERROR``, sᵀ w = 1 / error with s = 1 / error:
+    X are the past values of the setpoint, Z those of the instrument, y the signal, and Q the prior covariance of the
+    weights w. That the weights add up to 1 ± ``STEADY_STATE_ERROR`` counts as one more observation, sᵀ w = 1 / error,
+    in which all entries of s are 1 / error. The estimate is
 
         w = (I + Q (Zᵀ X + s sᵀ))⁻¹ Q (Zᵀ y + s / error)
 
-    The covariance has three parts. The windows' scores Zᵀ residual, one of each window, show how the estimate scatters
-    with noise, whatever the noise is like (as of a jackknife). The prior pulls weights that the flight does not show.
-    The steady state is uncertain by its error.
+    Its covariance has three parts. The scores Zᵀ (y − X w) of the windows show how the estimate scatters with noise,
+    whatever the noise is like (a sandwich covariance, as of a jackknife over windows). The prior shrinks weights that
+    the flight does not determine. And the steady state is uncertain by its error.
 
     Args:
-        setpoint, signal, instrument: (W, B) windows, whitened, with residuals of variance 1.
-        taps: K, number of weights.
+        setpoint: windows of the setpoint (W, B), whitened and scaled so that residuals have a variance of 1.
+        signal: windows of the signal (W, B), whitened and scaled likewise.
+        instrument: windows of the instrument (W, B), likewise.
+        taps: number of weights, K.
+
+    Returns:
+        The weights with their covariance.
     """
     regressors = _past_values(setpoint, taps)
     instruments = _past_values(instrument, taps)
@@ -258,29 +276,31 @@ def _regularised_estimate(
     scores = np.einsum("wbk,wb->wk", instruments, residuals) @ inverse.T
     effective_parameters = np.trace(inverse @ regressor_products)
     windows = len(signal)
-    # As of a jackknife: each window draws the estimate towards itself.
-    degrees_of_freedom = max(windows - effective_parameters, windows / 4)
+    # Each window pulls the estimate towards itself, so the scores are too small. The degrees of freedom correct that.
+    degrees_of_freedom = max(windows - effective_parameters, windows * MIN_FREEDOM_SHARE)
     sampling_covariance = scores.T @ scores * windows / degrees_of_freedom
     shrinkage = identity - inverse @ information
     shrinkage_covariance = shrinkage @ prior @ shrinkage.T
-    by_steady_state = inverse @ steady_state
-    steady_state_covariance = np.outer(by_steady_state, by_steady_state)
+    steady_state_error = inverse @ steady_state
+    steady_state_covariance = np.outer(steady_state_error, steady_state_error)
     covariance = sampling_covariance + shrinkage_covariance + steady_state_covariance
     return ImpulseResponse(weights, covariance, windows)
 
 
 def _prior_covariance(precision: Array, moment: Array) -> Array:
-    """Returns the prior covariance (K, K) of the weights: the mean over variances and decays by their evidence.
+    """Returns the prior covariance of the weights of an impulse response, averaged over priors by their evidence.
 
-    A prior is λ Q of a variance λ and a shape Q = R Rᵀ that depends on the decay. With the eigenvalues v and vectors U
-    of Rᵀ precision R, its log evidence is ½ Σ (λ (Uᵀ Rᵀ moment)² / (1 + λ v) − log(1 + λ v)).
-
-    How smooth and how long a response is, is not known beforehand. So priors of several variances and decays are tried,
-    and each counts by how well it explains the flight (Bayesian model averaging).
+    How large and how long a response is, is not known beforehand. So priors of several variances λ and decays are
+    tried, and each counts by how well it explains the flight (Bayesian model averaging). A prior has the covariance
+    λ Q, with a shape Q = R Rᵀ that depends on the decay. With the eigenvalues v and eigenvectors U of Rᵀ precision R,
+    its log evidence is ½ Σ (λ (Uᵀ Rᵀ moment)² / (1 + λ v) − log(1 + λ v)).
 
     Args:
-        precision: (K, K) of the weights by the flight.
-        moment: (K,) precision times the weights that the flight alone would give.
+        precision: precision of the K weights by the flight alone (K, K).
+        moment: precision times the weights that the flight alone would give (K,).
+
+    Returns:
+        Covariance (K, K).
     """
     taps = len(moment)
     # From 0 to 1, with the duration of the response as the unit.
@@ -290,7 +310,7 @@ def _prior_covariance(precision: Array, moment: Array) -> Array:
     log_evidence = []
     for decay in PRIOR_DECAYS:
         process = _decaying_matern(time, PRIOR_LENGTH, decay) + tail
-        # The response begins at 0: the process is conditioned on that.
+        # The response is 0 at time 0: the Gaussian process is conditioned on that.
         from_zero = process - np.outer(process[0], process[0]) / process[0, 0]
         shape = from_zero[1:, 1:] / taps**2
         jitter = JITTER * np.trace(shape) / taps * np.eye(taps)
@@ -313,12 +333,12 @@ def _decaying_matern(time: Array, length: float, decay: float) -> Array:
         k(t, t') = (1 + d + d² / 3) e^(−d) e^(−(t + t') / decay),    d = √5 |t − t'| / length
 
     Args:
-        time: (K,) instants.
-        length: over which values are alike, in the unit of time.
-        decay: over which the variance falls by e², in the unit of time.
+        time: times (K,), in any unit.
+        length: length scale, over which values are alike, in the unit of the times.
+        decay: time over which the amplitude falls by a factor e, in the unit of the times.
 
     Returns:
-        (K, K) covariance.
+        Covariance (K, K).
     """
     difference = np.abs(np.subtract.outer(time, time))
     distance = difference * 5**0.5 / length

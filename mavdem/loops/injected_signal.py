@@ -21,21 +21,25 @@ from mavdem.loops.resonance import MIN_RESPONSE_FREQUENCY, controller_if_known
 from mavdem.loops.welch import MIN_COHERENCE, welch_spectra
 
 MIN_FREQUENCIES = 2
-"""Fewest frequencies at which the rate must be coherent with the signal: a crossover lies between two."""
+"""Least number of frequencies at which the rate must be coherent with the signal: a crossover lies between two."""
 
 
 def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
-    """Returns the rate loop of one axis, measured where a signal was injected in flight.
+    """Measures the open rate loop of one axis by a signal that was injected in flight (system identification mode).
+
+    The injected signal depends on neither wind nor noise. So the plant, from demand to rate, is the ratio of the
+    cross-spectra of rate and demand with it. The known controller times the plant is the open loop.
 
     Args:
-        signals: of the vehicle and the axis, with the injected signal, the rate and the demand.
-        segments: of the flight.
+        signals: signals of the vehicle, for the axis, with the injected signal, the rate and the demand.
+        segments: segments of the flight to use.
 
     Returns:
-        One loop (N = 1) at the frequencies at which the rate is coherent with the injected signal. Its response to
-        torques of wind is not measured, and 0. None without a signal or the autopilot's gains, or where the loop does
-        not cross over at these frequencies.
+        One loop (N = 1) at the frequencies at which the rate is coherent with the injected signal. Its response to wind
+        torque is not measured, and set to 0. ``None`` if no signal was injected, if the autopilot's gains are not
+        known, or if the gain does not cross 1 at these frequencies.
     """
+    injection_index, rate_index, demand_index = 0, 1, 2
     demand = signals.demand
     controller = controller_if_known(signals)
     if (
@@ -46,7 +50,7 @@ def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
     ):
         return None
     injected_signals = [injection.signal for injection in signals.injected_signals]
-    # Signals may have been injected at several points of the loop: the one with most samples counts.
+    # Signals may have been injected at several points of the loop: the one with most samples is used.
     injected = max(injected_signals, key=lambda series: len(series.time))
     demand_series = replace(
         injected, time=demand.time, boot=demand.boot, values=demand.outputs[:, 0]
@@ -60,10 +64,9 @@ def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
     if np.count_nonzero(is_measured) < MIN_FREQUENCIES:
         return None
     frequency = spectra.frequency[is_measured]
-    # The plant is the response from demand to rate. Wind and noise move both, but are not coherent with the injected
-    # signal: so the plant is the ratio of the cross-spectra with that signal (index 0), of the rate (1) and the demand
-    # (2).
-    to_rate, to_demand = spectra.power[0, 1], spectra.power[0, 2]
+    # Wind and noise move rate and demand, but are not coherent with the injected signal, so they drop out of the ratio.
+    to_rate = spectra.power[injection_index, rate_index]
+    to_demand = spectra.power[injection_index, demand_index]
     plant = (to_rate / to_demand)[is_measured]
     from_setpoint, from_rate = controller_response(controller, frequency)
     response = from_rate * plant

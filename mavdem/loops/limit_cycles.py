@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from math import radians
+from math import ceil, radians
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -27,45 +27,45 @@ from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
 from mavdem.loops.welch import half_overlapping_windows, resampled_signals, windowed_transforms
 
 WINDOW_LENGTHS = (4.0, 8.0)
-"""Lengths of the windows of a flight, s: with long ones, slow oscillations are distinguished from steering."""
+"""Lengths of the windows of a flight, s: short ones show brief oscillations, long ones tell slow ones from steering."""
 MIN_WINDOW_SAMPLES = 32
-"""Fewest samples of a window."""
+"""Least number of samples of a window: a choice."""
 MIN_PERIODS = 8
-"""Periods of the slowest oscillation in a window: fewer are not distinguished from slow motion."""
+"""Least number of periods of an oscillation in a window: fewer cannot be distinguished from slow motion."""
 MIN_LINE_WIDTH_BINS = 2.01
-"""Least half width of a line, in bins: Hann's window blurs a line over two to each side."""
+"""Least half width of a line, in frequency bins: Hann's window blurs a line over two bins to each side."""
 LINE_WIDTH = 0.1
-"""Half width of a line, as a fraction of its frequency."""
+"""Half width of a line, relative to its frequency: a choice."""
 MIN_LINE_SHARE = 0.6
-"""Fraction of the variance of the rate, and of the motors', in the line of a limit cycle.
+"""Least share of the variance of the rate, and of that of the motors, in the line of a limit cycle.
 
 In two successive windows of sound flights it is at most 0.55.
 """
 SURE_LINE_SHARE = 0.8
-"""The same fraction where there are fewer than three windows, or fewer than twice ``MIN_PERIODS`` in each."""
+"""The same share where there are fewer than three windows, or fewer than twice ``MIN_PERIODS`` in each."""
 MIN_DURATION = 6.0
-"""Shortest limit cycle that counts, s."""
+"""Shortest duration of a limit cycle, s: a choice."""
 MIN_RATE = 2.0
-"""Least body rate of a limit cycle, deg/s, standard deviation: less may be rounding."""
+"""Least standard deviation of the body rate in a limit cycle, deg/s: less may be rounding."""
 MIN_DANGEROUS_RATE = 10.0
-"""Body rate, deg/s, standard deviation: less is no danger while motors do not reach their limits."""
+"""Standard deviation of the body rate, deg/s, below which an oscillation is harmless if no motor reaches a limit."""
 MIN_AT_LIMIT_SHARE = 0.05
-"""Fraction of the time with a motor at a limit, from which on an oscillation is a limit cycle."""
+"""Share of the time with a motor at a limit, from which on an oscillation is a limit cycle: a choice."""
 MIN_GROWTH = 2.0
-"""Rate in the last third of an oscillation over that in the first, from which on it grows."""
+"""Ratio of the rates in the last and the first third of an oscillation, from which on it grows: a choice."""
 LASTING_SHARE = 0.5
-"""Fraction of the flight from which on an oscillation lasts; and of a window in which motors go from stop to stop."""
+"""Share of a flight from which on an oscillation lasts, and of a window from which on motors go from stop to stop."""
 MAX_DRIFT = 0.3
-"""Deviation of the frequency from its median, as a fraction, at most: what wanders more is a sweep to identify."""
+"""Largest deviation of the frequency from its median, relative to it: a sweep for identification wanders more."""
 MIN_LASTING_FREQUENCY = 3.5
-"""Hz, below which a lasting oscillation that reaches no limit may be steered."""
+"""Frequency below which a lasting oscillation that reaches no limit may be steered by the pilot, Hz."""
 
 STARTING_WINDOWS = (0.5, 1.0, 2.0)
 """Lengths of the windows in which a limit cycle that has just started is looked for, s."""
 STARTING_SPAN = 2.2
-"""Window lengths of recent flight in which it is looked for: three windows, half over each other, and some slack."""
+"""Length of recent flight in which it is looked for, in window lengths: three half-overlapping windows and slack."""
 STARTING_DURATION = 1.9
-"""Window lengths that it must have lasted."""
+"""Least duration of such a limit cycle, in window lengths: three half-overlapping windows have two."""
 
 
 class Oscillation(NamedTuple):
@@ -74,7 +74,7 @@ class Oscillation(NamedTuple):
     axis: str
     """"roll" or "pitch": the one that turns faster."""
     frequency: float | None
-    """Hz; None where messages come so slowly that it may be an alias."""
+    """Frequency, Hz; ``None`` where messages come so slowly that it may be an alias."""
     rate: float
     """Standard deviation of the body rate while it oscillates, deg/s."""
     at_limit: float
@@ -82,7 +82,7 @@ class Oscillation(NamedTuple):
     growing: bool
     """Whether the amplitude grew."""
     seconds: float
-    """How long it oscillates, s."""
+    """Duration, s."""
     other_axes: tuple[Oscillation, ...] = ()
     """The limit cycles of other axes, which turn more slowly."""
 
@@ -107,18 +107,19 @@ class Oscillation(NamedTuple):
 def detect_limit_cycle(
     motors: MotorOutputs | None, tilts: Mapping[str, Attitude], segments: Segments
 ) -> Oscillation | None:
-    """Returns the limit cycle in ``segments`` of a flight.
+    """Detects a limit cycle in a flight: an oscillation that the vehicle's own controller keeps up.
 
-    Each axis is looked at with short and with long windows: short ones show a brief oscillation, long ones tell a slow
+    Each axis is analysed with short and with long windows: short ones show a brief oscillation, long ones tell a slow
     oscillation from steering.
 
     Args:
-        motors: the motors' outputs.
-        tilts: the attitude by axis.
-        segments: of the flight.
+        motors: outputs of the motors; ``None`` where the log has none.
+        tilts: attitude by axis, "roll" and "pitch".
+        segments: segments of the flight to use.
 
     Returns:
-        The limit cycle of the axis that turns fastest; None where there is none, or no motor outputs.
+        The limit cycle of the axis that turns fastest, which also has those of other axes; ``None`` where there is
+        none, or no motor outputs.
     """
     if motors is None:
         return None
@@ -135,26 +136,35 @@ def detect_limit_cycle(
 def detect_starting_limit_cycle(
     motors: MotorOutputs, tilts: Mapping[str, Attitude], boot: int, start_time: float, now: float
 ) -> Oscillation | None:
-    """Returns the limit cycle that reached the motors' limits in the last seconds; None without one.
+    """Detects a limit cycle that has just started, for a warning in flight.
 
-    For a warning in flight, there is no time to see whether an oscillation lasts. So it counts only if it turns the
-    vehicle fast (``MIN_DANGEROUS_RATE``) and motors reach their limits.
+    There is no time to see whether an oscillation lasts. So it is reported only if it turns the vehicle fast
+    (``MIN_DANGEROUS_RATE``) and motors reach their limits.
 
     Args:
-        motors: the motors' outputs so far.
-        tilts: the attitude by axis.
-        boot: whose clock counts.
-        start_time: nothing before it is looked at, s.
-        now: the end of the data, s.
+        motors: outputs of the motors so far.
+        tilts: attitude by axis, "roll" and "pitch".
+        boot: number of the boot, whose clock the times are on.
+        start_time: time before which nothing is used, s.
+        now: time of the latest data, s.
+
+    Returns:
+        The limit cycle; ``None`` where there is none.
     """
     cycles = list[Oscillation]()
     for window_seconds in STARTING_WINDOWS:
         segment = Segment(boot, max(start_time, now - STARTING_SPAN * window_seconds), now)
         min_duration = STARTING_DURATION * window_seconds
         for axis, tilt in tilts.items():
-            # In a flight of infinite duration, nothing lasts: only limits and growth count.
             cycles += _limit_cycles(
-                axis, tilt, motors, [segment], window_seconds, np.inf, min_duration
+                axis,
+                tilt,
+                motors,
+                [segment],
+                window_seconds,
+                # No oscillation lasts for a good part of an infinite flight: only limits and growth count.
+                flight_duration=np.inf,
+                min_duration=min_duration,
             )
     dangerous = [
         cycle
@@ -165,10 +175,16 @@ def detect_starting_limit_cycle(
 
 
 def _strongest(cycles: Iterable[Oscillation]) -> Oscillation | None:
-    """Returns the limit cycle with the highest body rate, with the strongest of each other axis in ``other_axes``.
+    """Combines limit cycles into one: that with the highest body rate, with the strongest of each other axis.
 
-    One oscillation may be found with several lengths of windows, and often shows in roll and pitch: it is reported
-    once. None where ``cycles`` is empty.
+    One oscillation may be detected with several lengths of windows, and often shows in roll and pitch: it is reported
+    once.
+
+    Args:
+        cycles: limit cycles of any axis.
+
+    Returns:
+        The strongest, with the others in ``other_axes``; ``None`` where there is none.
     """
     strongest_by_axis = dict[str, Oscillation]()
     for cycle in sorted(cycles, key=attrgetter("rate"), reverse=True):
@@ -197,28 +213,28 @@ def _limit_cycles(
 
     Args:
         axis: "roll" or "pitch".
-        tilt: its attitude.
-        motors: the motors' outputs.
-        segments: of the flight.
+        tilt: attitude of the axis.
+        motors: outputs of the k motors, N samples.
+        segments: segments of the flight to use.
         window_seconds: length of the half-overlapping windows, s.
-        flight_duration: of all segments, s.
-        min_duration: shortest limit cycle, s.
+        flight_duration: duration of the whole flight, s.
+        min_duration: shortest duration of a limit cycle, s.
     """
-    # (N, k) outputs as fractions of the range, and (N,) whether any motor is at its upper or lower limit.
-    shares = motors.scale.fraction(motors.outputs)
+    range_fractions = motors.scale.fraction(motors.outputs)
+    # Whether any motor is at its upper or its lower limit, (N,) each.
     at_upper, at_lower = (
-        is_at_limit.any(axis=1) for is_at_limit in samples_at_limits(shares, motors.scale)
+        is_at_limit.any(axis=1) for is_at_limit in samples_at_limits(range_fractions, motors.scale)
     )
-    # What all motors do together is thrust, and turns nothing.
-    differential = shares - shares.mean(axis=1, keepdims=True)
+    # The mean of all motors is thrust, which turns nothing.
+    differential = range_fractions - range_fractions.mean(axis=1, keepdims=True)
     # Booleans are resampled like the outputs, as 0 and 1: their means are fractions of time.
     columns = [*differential.T, at_upper & at_lower, at_upper | at_lower]
     motor_series = [TimeSeries(motors.time, motors.boot, column) for column in columns]
     resampled = resampled_signals(
         [tilt.rate_series, *motor_series],
         segments,
-        window_seconds,
-        MIN_WINDOW_SAMPLES / window_seconds,
+        min_seconds=window_seconds,
+        min_rate=MIN_WINDOW_SAMPLES / window_seconds,
     )
     if resampled is None:
         return
@@ -229,7 +245,7 @@ def _limit_cycles(
             cycle = _oscillation_in_run(lines, run, window_seconds, min_duration)
             if cycle is None:
                 continue
-            # An alias may have any frequency, so that slow messages do not show whether it is steered.
+            # Below this frequency a pilot may steer. Slow messages alias frequencies, so theirs say nothing.
             may_be_steered = is_fast and cycle.frequency < MIN_LASTING_FREQUENCY
             # A limit cycle reaches the motors' limits, or turns the vehicle fast while it grows or lasts.
             lasts = cycle.duration >= LASTING_SHARE * flight_duration and not may_be_steered
@@ -247,59 +263,62 @@ def _limit_cycles(
 
 @dataclass(frozen=True)
 class _Lines:
-    """The strongest line in each of W windows, shared by the body rate and the motors."""
+    """The strongest spectral line in each of W windows, shared by the body rate and the motors."""
 
     frequency: Array
-    """(W,) Hz."""
+    """Frequencies (W,), Hz."""
     share: Array
-    """(W,) fraction of the variance that is in the line: the lesser of the rate's and the motors'."""
+    """Fraction of the variance that is in the line (W,): the lesser of the rate's and the motors'."""
     rate: Array
-    """(W,) standard deviation of the body rate, deg/s."""
+    """Standard deviation of the body rate (W,), deg/s."""
     at_limit: Array
-    """(W,) fraction of the window with a motor at a limit."""
+    """Fraction of the window with a motor at a limit (W,)."""
     is_clear: Flags
-    """(W,) whether the line has enough of the variance, and the vehicle turns fast enough, for a limit cycle."""
+    """Whether the line has enough of the variance, and the vehicle turns fast enough, for a limit cycle (W,)."""
 
 
 def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float) -> _Lines:
-    """Returns the strongest spectral line in each window, and how much of the variance of rate and motors is in it.
+    """Finds the strongest spectral line in each window, and how much of the variance of rate and motors is in it.
 
-    A line is a narrow band about one frequency. It is where the power of the body rate is highest; its share is the
-    fraction of the variance in the band, the lesser of the rate's and the motors', since in a limit cycle both
-    oscillate. But where motors are at both limits at once for ``LASTING_SHARE`` of a window, they no longer control the
-    rate, and other motion adds to it: there the line is where the motors' power is highest, its share is theirs, and
-    of the rate only the part in the band counts.
+    A line is a narrow band about one frequency, that at which the power of the body rate is highest. Its share is the
+    fraction of the variance that is in the band, the lesser of the rate's and the motors', since in a limit cycle both
+    oscillate.
+
+    Windows in which motors are at both limits at once for ``LASTING_SHARE`` of the time are different: there motors go
+    from stop to stop and no longer control the rate, to which other motion adds. The line is then where the motors'
+    power is highest, its share is that of the motors, and only the part of the rate in the band counts.
 
     Args:
-        piece: (k + 3, N) the body rate, rad/s, k motors' outputs without their mean, whether motors are at both limits
-            at once, and whether one is at a limit.
-        sampling_rate: Hz.
-        window_seconds: length of the windows, s.
+        piece: samples of k + 3 signals (k + 3, N): the body rate, rad/s; the outputs of the k motors without their
+            mean; whether motors are at both limits at once; and whether any is at a limit, both as 0 or 1.
+        sampling_rate: rate of the samples, Hz.
+        window_seconds: length of a window, s.
     """
-    # The first signal is the body rate, the others are the motors.
-    signals, at_both_limits, at_a_limit = piece[:-2], piece[-2], piece[-1]
-    body_rate = signals[0]
+    rate_and_motors, at_both_limits, at_a_limit = piece[:-2], piece[-2], piece[-1]
+    body_rate = rate_and_motors[0]
     size = round(window_seconds * sampling_rate)
     frequency = np.fft.rfftfreq(size, 1 / sampling_rate)
     resolution = frequency[1]
-    signal_power = np.square(abs(windowed_transforms(signals, size)))
-    # Power of the rate, and of all motors together: (2, W, F).
-    power = np.array([signal_power[0], signal_power[1:].sum(axis=0)])
-    is_slammed = half_overlapping_windows(at_both_limits, size).mean(axis=1) >= LASTING_SHARE
-    searched_power = np.where(is_slammed[:, None], power[1], power[0])
+    signal_power = np.square(abs(windowed_transforms(rate_and_motors, size)))
+    # Power (W, F) of the rate, and of all motors together.
+    rate_power = signal_power[0]
+    motor_power = signal_power[1:].sum(axis=0)
+    is_stop_to_stop = half_overlapping_windows(at_both_limits, size).mean(axis=1) >= LASTING_SHARE
+    searched_power = np.where(is_stop_to_stop[:, None], motor_power, rate_power)
     is_fast_enough = frequency >= MIN_PERIODS * resolution
     searched_power = np.where(is_fast_enough, searched_power, 0.0)
     line_frequency = frequency[np.argmax(searched_power, axis=1)]
     # A window resolves no line narrower than a few of its frequency steps.
     half_width = np.maximum(MIN_LINE_WIDTH_BINS * resolution, LINE_WIDTH * line_frequency)
     is_in_line = abs(frequency - line_frequency[:, None]) <= half_width[:, None]
+    power = np.array([rate_power, motor_power])
     total_power = np.maximum(power.sum(axis=-1), SMALLEST_POSITIVE)
     rate_share, motor_share = (power * is_in_line).sum(axis=-1) / total_power
-    share = np.where(is_slammed, motor_share, np.minimum(rate_share, motor_share))
+    share = np.where(is_stop_to_stop, motor_share, np.minimum(rate_share, motor_share))
     rate = np.degrees(half_overlapping_windows(body_rate, size).std(axis=1))
-    # The standard deviation of a part of the variance is its root.
-    rate *= np.where(is_slammed, np.sqrt(rate_share), 1.0)
-    # A line of few periods per window may look like one by chance, so that it needs more of the variance.
+    # The standard deviation of the part in the band is smaller by the root of its share of the variance.
+    rate *= np.where(is_stop_to_stop, np.sqrt(rate_share), 1.0)
+    # Slow motion may look like a line of few periods by chance, so such a line needs more of the variance.
     has_few_periods = line_frequency < 2 * MIN_PERIODS * resolution
     needed_share = np.where(has_few_periods, SURE_LINE_SHARE, MIN_LINE_SHARE)
     return _Lines(
@@ -312,7 +331,7 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
 
 
 def _runs_at_one_frequency(lines: _Lines) -> list[Indices]:
-    """Returns the runs of successive windows that have a clear line of nearly the same frequency.
+    """Groups successive windows that have a clear line of nearly the same frequency.
 
     Two lines have the same frequency if they overlap: each reaches ``LINE_WIDTH`` to both sides.
 
@@ -320,9 +339,9 @@ def _runs_at_one_frequency(lines: _Lines) -> list[Indices]:
         lines: the line of each of W windows.
 
     Returns:
-        The indices of the windows of each run, one or more.
+        The indices of the windows of each group, one or more.
     """
-    # Windows are split wherever one does not continue the one before. An unclear window is then alone, and left out.
+    # A group ends wherever a window does not continue the one before. An unclear window is then alone, and left out.
     steps = abs(np.diff(lines.frequency))
     is_same_frequency = steps <= 2 * LINE_WIDTH * lines.frequency[1:]
     continues = lines.is_clear[1:] & lines.is_clear[:-1] & is_same_frequency
@@ -332,10 +351,10 @@ def _runs_at_one_frequency(lines: _Lines) -> list[Indices]:
 
 
 class _RunOscillation(NamedTuple):
-    """A limit cycle, or a steered or damped oscillation, in a run of windows."""
+    """An oscillation in a run of windows, which may be a limit cycle, or steered or damped."""
 
     frequency: float
-    """Median of the windows, Hz."""
+    """Median frequency of the windows' lines, Hz."""
     rate: float
     """Standard deviation of the body rate, deg/s."""
     at_limit: float
@@ -343,21 +362,24 @@ class _RunOscillation(NamedTuple):
     grows: bool
     """Whether the rate of the last third is ``MIN_GROWTH`` times that of the first."""
     duration: float
-    """Seconds."""
+    """Duration, s."""
 
 
 def _oscillation_in_run(
     lines: _Lines, run: Indices, window_seconds: float, min_duration: float
 ) -> _RunOscillation | None:
-    """Returns the oscillation in a run of windows; None where it is short, unsure, or drifts like a sweep.
+    """Describes the oscillation in a run of windows by its figures.
 
     Args:
         lines: the line of each window.
-        run: indices of successive windows, half over each other, with one line.
+        run: indices of successive half-overlapping windows with one line.
         window_seconds: length of a window, s.
-        min_duration: shortest oscillation, s.
+        min_duration: shortest duration of an oscillation, s.
+
+    Returns:
+        The oscillation; ``None`` where it is too short, may be chance, or drifts in frequency like a sweep.
     """
-    # Each further window, half over the one before, adds half of its length.
+    # n half-overlapping windows last n + 1 half windows.
     duration = (len(run) + 1) / 2 * window_seconds
     frequency = np.median(lines.frequency[run])
     drift = abs(lines.frequency[run] - frequency).max()
@@ -366,8 +388,8 @@ def _oscillation_in_run(
     if duration < min_duration or not is_sure or drift > MAX_DRIFT * frequency:
         return None
     rate = lines.rate[run]
-    # Rounded up, so that one window is a third of itself.
-    third = -(-len(run) // 3)
+    # A single window is first and last third at once.
+    third = ceil(len(run) / 3)
     growth = rate[-third:].mean() / rate[:third].mean()
     return _RunOscillation(
         frequency=frequency,

@@ -21,16 +21,24 @@ from mavdem.loops.filters import gyro_delay
 from mavdem.loops.measured_response import measured_rate_response
 from mavdem.plant import Physical
 from mavdem.plant.likelihood import DELAY_PRIOR
-from mavdem.plant.parameters import PLANT_MINIMUM, parameter_vector
+from mavdem.plant.parameters import (
+    DELAY,
+    DYNAMICS,
+    EFFECTS,
+    LAG,
+    LAG_AND_DELAY,
+    PLANT_MINIMUM,
+    parameter_vector,
+)
 
 POSTERIOR_DRAWS = 400
-"""Draws from the posterior of the plant."""
+"""Number of draws from the posterior of the plant: a choice."""
 DRAWS_SEED = 31
 """Seed of these draws, so that the same flight has the same figures."""
 DELAY_SEED = 32
 """Seed of the draws of a delay that the flight leaves open."""
 SAMPLING_DELAY_DEVIATION = 0.25
-"""Standard deviation of a delay, in steps of the stream, by the times of events between its samples."""
+"""Standard deviation of a delay, in time steps of the stream: events between two samples have no exact time."""
 BUTTERWORTH_AT_HALF_CUTOFF = np.polyval([1.0, np.sqrt(2.0), 1.0], 0.5j)
 """Denominator s² + √2 s + 1 of a second-order Butterworth filter at half of its cut-off frequency, s = 0.5 j.
 
@@ -39,11 +47,11 @@ The delay of the filter is √2 / ω_c, so that the imaginary part √2 / 2 is h
 
 
 def loop_from_learned(learned: Learned, controller: Controller | None = None) -> Loop:
-    """Returns rate and attitude loop of the plant that was ``learned``.
+    """Builds rate and attitude loop of the plant of a learned model.
 
     Args:
         learned: a model with an identifiable plant.
-        controller: the autopilot's; that of the log's parameters unless given.
+        controller: controller of the axis; ``None`` for that of the log's parameters.
 
     Raises:
         NotLearnable: the plant is not identifiable, or the controller is not known.
@@ -52,15 +60,15 @@ def loop_from_learned(learned: Learned, controller: Controller | None = None) ->
 
 
 def loop_from_plant(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
-    """Returns rate and attitude loop of an identified plant, with the cautions that its figures need.
+    """Builds rate and attitude loop of an identified plant, with the cautions that its figures need.
 
-    Where the log has setpoints, the measured response of the rate is compared with the loop's. That makes no sense
-    where gains changed in flight, since the response is then of several loops.
+    Where the log has setpoints, the measured response of the rate is compared with that of the loop. It is not where
+    gains changed in flight, since the measured response then mixes several loops.
 
     Args:
-        plant: identified from the ``record``.
+        plant: plant that was identified from the record.
         record: the flight.
-        controller: the autopilot's; that of the record's parameters unless given.
+        controller: controller of the axis; ``None`` for that of the record's parameters.
 
     Raises:
         NotLearnable: the plant is doubtful, the controller is not known or has no proportional gain, the mixer acts
@@ -77,7 +85,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
     draws = _plant_draws(plant, gyro_delay(controller), record.dt)
     per_demand = inputs_per_demand(controller, record)
     effectiveness = draws.effect @ per_demand
-    # Row 0 is the estimate.
+    # Row 0 is the estimate. Negated, the comparison also refuses NaN.
     if not effectiveness[0] > 0:
         raise NotLearnable(Loops.MIXER_REVERSED)
     loop = Loop(axis, plant, record, controller, effectiveness, draws.dynamics)
@@ -98,15 +106,16 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
 def _cautions(loop: Loop) -> list[Fact]:
     """Returns cautions about a biased plant and about a gain margin at frequencies that the record does not show.
 
-    A record shows frequencies up to half of its sampling rate (Nyquist). Beyond, the loop is a model's extrapolation.
+    A record shows frequencies up to its Nyquist frequency, half of the sampling rate. Beyond, the loop is a model's
+    extrapolation.
 
     Args:
-        loop: of the estimated plant and draws.
+        loop: rate and attitude loop of the estimated plant and of draws.
 
     Raises:
-        NotLearnable: a plant with the gyro's filters in it crosses over at more than half of these frequencies.
-            (The loop of ArduCopter's simulator, with a margin of 19° at a crossover of 20 Hz, had 44° by messages at 50
-            Hz.)
+        NotLearnable: the loop crosses over above half of the Nyquist frequency, by a plant whose lag contains that of
+            the gyro's filters. (The loop of ArduCopter's simulator, with a margin of 19° at a crossover of 20 Hz, had
+            44° by messages at 50 Hz.)
     """
     plant, record, rate = loop.plant, loop.record, loop.rate
     cautions = []
@@ -117,29 +126,29 @@ def _cautions(loop: Loop) -> list[Fact]:
         if rate.crossover > nyquist_frequency / 2:
             raise NotLearnable(Loops.CROSSOVER_UNSEEN, crossover=rate.crossover, rate=1 / record.dt)
     elif np.isfinite(rate.gain_margin):
-        # The gain margin GM, dB, is read where L crosses the negative real axis at −10^(−GM / 20): the frequency at
-        # which L is nearest to that point.
-        point = -(10 ** (-rate.gain_margin / 20))
-        nearest = np.argmin(np.abs(rate.response[0] - point))
+        # With a gain margin of GM dB, L crosses the negative real axis at −10^(−GM / 20). The frequency of the crossing
+        # is the one at which L is nearest to that point.
+        crossing = -(10 ** (-rate.gain_margin / 20))
+        nearest = np.argmin(np.abs(rate.response[0] - crossing))
         if rate.frequency[nearest] >= nyquist_frequency:
             cautions.append(Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
     return cautions
 
 
 def record_axis(record: Record) -> str:
-    """Returns the axis of a ``record``, by the name of its rate; "roll" where its outputs have no names."""
+    """Returns the axis of a record, by the name of its last output, the rate; "roll" where outputs have no names."""
     if not record.output_names:
         return "roll"
     return record.output_names[-1].removesuffix(" rate")
 
 
 def logged_controller(parameters: Parameters, axis: str, motor_weights: Array | None) -> Controller:
-    """Returns the controller of the ``parameters`` of a log.
+    """Returns the controller of one axis by the parameters of a log.
 
     Args:
-        parameters: of the autopilot, by name.
+        parameters: parameters of the autopilot, by name.
         axis: "roll", "pitch" or "yaw".
-        motor_weights: (r,) of the inputs in the torque about the axis; None where they are not known.
+        motor_weights: weights of the r inputs in the torque about the axis (r,); ``None`` where they are not known.
 
     Raises:
         NotLearnable: there are no parameters, or they do not describe a known controller.
@@ -153,15 +162,15 @@ def logged_controller(parameters: Parameters, axis: str, motor_weights: Array | 
 def inputs_per_demand(controller: Controller, record: Record) -> Array:
     """Returns how much each input changes per unit of demand.
 
-    For motors, it is the mixer over the slope of the thrust curve, which depends on the output: it is taken at the mean
-    of the flight. An input that is the demand itself, from -1 to 1, changes by 1.
+    For a motor, it is its element of the mixer over the slope of the thrust curve at the motor's mean output. An input
+    that is the demand itself, from -1 to 1, changes by 1.
 
     Args:
-        controller: of the axis, with its mixer and thrust curve.
-        record: of the flight, with r inputs.
+        controller: controller of the axis, with its mixer and thrust curve.
+        record: the flight, with r inputs.
 
     Returns:
-        (r,) in the record's unit of the inputs.
+        Changes (r,), in the record's unit of the inputs.
 
     Raises:
         NotLearnable: the inputs are neither the demand nor those of a quadrotor.
@@ -177,82 +186,80 @@ def inputs_per_demand(controller: Controller, record: Record) -> Array:
 
 
 class _PlantDraws(NamedTuple):
-    """N plants without the gyro's filters: the estimate, and then draws from the posterior."""
+    """N plants without the gyro's filters: the estimate in row 0, then draws from its posterior."""
 
     effect: Array
-    """(N, r) angular acceleration per input, rad/s² per unit of the input."""
+    """Angular acceleration per input (N, r), rad/s² per unit of the input."""
     dynamics: Array
-    """(N, 3) damping, 1/s, motor lag and delay, s, at least ``PLANT_MINIMUM``."""
+    """Damping, 1/s, motor lag, s, and delay, s (N, 3), each at least ``PLANT_MINIMUM``."""
 
 
 def _plant_draws(plant: Physical, filter_delay: float, dt: float) -> _PlantDraws:
-    """Returns draws from the posterior of a ``plant``, without the gyro's filters.
+    """Draws plants from the posterior of an identified plant, without the gyro's filters.
 
-    The loop's model has the filters by their parameters. In the identified plant, they are a part of the delay, or of
-    lag and delay: so this part is taken out, or it would count twice.
+    The loop's model has the filters by their parameters. The identified plant contains them as well, as a part of its
+    delay, or of its lag and delay. So this part is removed, or the filters would count twice.
 
     Args:
-        plant: whose delay has that of the gyro's filters or, where it is ``filtered``, whose lag and delay have.
-        filter_delay: of the gyro's filters at low frequencies, s.
-        dt: step of the record, s.
+        plant: identified plant. Its delay contains that of the gyro's filters; if it is ``filtered``, its lag and delay
+            contain them together.
+        filter_delay: delay of the gyro's filters at low frequencies, s.
+        dt: time step of the record, s.
     """
     if plant.filtered:
         draws = _draws_without_filters(plant, filter_delay, dt)
     else:
         draws = plant.draws(POSTERIOR_DRAWS, seed=DRAWS_SEED)
-        draws[:, -1] -= filter_delay
-    # Columns of the draws: r effects, then damping, lag and delay.
-    effect, dynamics = draws[:, :-3], draws[:, -3:]
-    return _PlantDraws(effect, dynamics=np.maximum(dynamics, PLANT_MINIMUM))
+        draws[:, DELAY] -= filter_delay
+    return _PlantDraws(draws[:, EFFECTS], np.maximum(draws[:, DYNAMICS], PLANT_MINIMUM))
 
 
 def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> Array:
-    """Returns draws of a plant without the gyro's filters, whose delay was identified as part of its lag and delay.
+    """Draws plants without the gyro's filters, where the filters were identified as part of lag and delay together.
 
-    1. Take the filters out. Where their delay at low frequencies is less than half of lag and delay together, it is
-       subtracted from their sum. Else that is too coarse: what remains is chosen so that, with a Butterworth filter of
-       this delay, it has the gain and phase of the identified lag at half of the filter's cut-off.
-    2. Divide the remaining sum into lag and delay. The flight shows the sum better than either. So the delay is drawn
-       from its posterior, with the delay of common autopilots as the prior, and the lag is the rest.
+    1. The filters are removed. Where their delay at low frequencies is less than half of lag and delay together, it is
+       subtracted from their sum. Otherwise that is too coarse. Then the remaining lag and delay, in series with a
+       Butterworth filter of this delay, get the gain and phase of the identified lag at half of the filter's cut-off.
+    2. The remaining sum is divided into lag and delay. The flight shows the sum better than either. So the delay is
+       drawn from its posterior, with the delay of common autopilots as prior, and the lag is the rest.
 
     Args:
-        plant: the posterior.
-        filter_delay: of the gyro's filters at low frequencies, s.
-        dt: step of the record, s.
+        plant: the identified plant with its covariance.
+        filter_delay: delay of the gyro's filters at low frequencies, s.
+        dt: time step of the record, s.
 
     Returns:
-        (N, r + 3) effect, damping, lag and delay: of the estimate, and then of draws.
+        Effects, damping, lag and delay (N, r + 3): those of the estimate in row 0, then those of draws.
     """
-    # Columns of all vectors: r effects, then damping, lag (-2) and delay (-1).
     estimate = parameter_vector(plant)
     covariance = plant.covariance.copy()
     typical_delay, delay_deviation = DELAY_PRIOR
-    delay_variance = covariance[-1, -1] + (SAMPLING_DELAY_DEVIATION * dt) ** 2
-    if covariance[-1, -1] > delay_deviation**2:
-        # The flight says less of the delay than what is known beforehand: it is drawn from that alone, below.
-        covariance[-1] = 0.0
-        covariance[:, -1] = 0.0
+    delay_variance = covariance[DELAY, DELAY] + (SAMPLING_DELAY_DEVIATION * dt) ** 2
+    if covariance[DELAY, DELAY] > delay_deviation**2:
+        # The flight determines the delay worse than its prior does, so the prior alone draws it, below.
+        covariance[DELAY] = 0.0
+        covariance[:, DELAY] = 0.0
     draws = np.vstack(
         [estimate, normal_draws(estimate, covariance, POSTERIOR_DRAWS, seed=DRAWS_SEED)]
     )
-    lag_and_delay = draws[:, -2:].sum(axis=1)
+    lag_and_delay = draws[:, LAG_AND_DELAY].sum(axis=1)
     remaining = np.maximum(lag_and_delay - filter_delay, 0.0)
     if filter_delay > lag_and_delay[0] / 2:
-        # A Butterworth filter with this delay has its phase and attenuation at half of its cut-off, ω = half_cutoff.
-        # What remains of lag and delay has the phase of the identified lag less that of the filter there. The effect is
-        # multiplied by the ratio of the attenuations, so that the gain stays the same.
+        # The angular frequency of half of the cut-off of a Butterworth filter with this delay, rad/s. There, the phase
+        # of the remaining lag and delay is that of the identified lag less that of the filter. The effect is multiplied
+        # by the ratio of the attenuations, so that the gain stays the same.
         half_cutoff = BUTTERWORTH_AT_HALF_CUTOFF.imag / filter_delay
-        lag_phase = np.arctan(half_cutoff * draws[:, -2])
+        lag_phase = np.arctan(half_cutoff * draws[:, LAG])
         remaining_phase = lag_phase - np.angle(BUTTERWORTH_AT_HALF_CUTOFF)
-        remaining = np.maximum(remaining_phase / half_cutoff + draws[:, -1], 0.0)
-        lag_attenuation = np.hypot(1.0, half_cutoff * draws[:, -2])
-        draws[:, :-3] *= (abs(BUTTERWORTH_AT_HALF_CUTOFF) / lag_attenuation)[:, None]
-    # The delay's posterior, by its prior and what the flight shows of it.
+        remaining = np.maximum(remaining_phase / half_cutoff + draws[:, DELAY], 0.0)
+        lag_attenuation = np.hypot(1.0, half_cutoff * draws[:, LAG])
+        draws[:, EFFECTS] *= (abs(BUTTERWORTH_AT_HALF_CUTOFF) / lag_attenuation)[:, None]
+    # The posterior of the delay is the mean of prior and flight, weighted by their precisions. Row 0 is its mean.
     prior_weight = delay_variance / (delay_variance + delay_deviation**2)
     normals = np.append(0.0, default_rng(DELAY_SEED).standard_normal(POSTERIOR_DRAWS))
     errors = delay_deviation * np.sqrt(prior_weight) * normals
     flight_delay = max(plant.delay - filter_delay, 0.0)
     delay = (1 - prior_weight) * flight_delay + prior_weight * typical_delay + errors
     delay = np.clip(delay, 0.0, remaining / 2)
-    draws[:, -2:] = np.column_stack([remaining - delay, delay])
+    draws[:, LAG_AND_DELAY] = np.column_stack([remaining - delay, delay])
     return draws

@@ -56,7 +56,8 @@ class FigureEstimate:
     name: str
     """The key in ``Margins.figures``."""
 
-    def __get__(self, loop: Any, kind: type | None = None) -> float:
+    def __get__(self, loop: Any, owner: type | None = None) -> float:
+        """Returns the figure of the estimated plant."""
         return float(loop.figures[self.name][0])
 
 
@@ -67,7 +68,8 @@ class FigureInterval:
     name: str
     """The key in ``Margins.figures``."""
 
-    def __get__(self, loop: Any, kind: type | None = None) -> Interval:
+    def __get__(self, loop: Any, owner: type | None = None) -> Interval:
+        """Returns the lower and upper end of the figure's 90 % interval."""
         # The method "nearest" takes values as they are: interpolation between infinite margins would give NaN.
         values = loop.figures[self.name]
         low, high = np.quantile(values, INTERVAL_QUANTILES, method="nearest").tolist()
@@ -75,9 +77,10 @@ class FigureInterval:
 
 
 class Margins(ImmutableResult):
-    """The figures of a loop, each with its 90 % interval; of several crossings the smallest margin counts.
+    """Stability margins and other figures of a loop, each with its 90 % interval.
 
-    A subclass has ``figures``: (N,) values of each by name, of the estimated plant and then of draws.
+    Where the response crosses a limit several times, the smallest margin counts. A subclass has ``figures``: by name,
+    the values (N,) of each figure, that of the estimated plant first, then those of draws from its posterior.
     """
 
     crossover = FigureEstimate("crossover")
@@ -111,17 +114,17 @@ class OpenLoop(Margins):
     """
 
     frequency: Array
-    """(F,) Hz, ascending."""
+    """Frequencies (F,), Hz, ascending."""
     response: Complex
-    """(N, F) open loop L; the minus sign of the feedback is not in it."""
+    """Response L of the open loop (N, F), without the minus sign of the feedback."""
     closed: Complex
-    """(N, F) closed loop, from the setpoint to the rate or the angle."""
+    """Response of the closed loop (N, F), from the setpoint to the rate or the angle."""
     disturbance: Complex
-    """(N, F) from the torque of the wind, rad/s², to the rate, rad/s, or the angle, rad."""
+    """Response (N, F) from the wind torque, rad/s², to the rate, rad/s, or the angle, rad, in the closed loop."""
 
     @cached_property
     def stable(self) -> Flags:
-        """(N,) whether the closed loops are stable, by Nyquist's criterion.
+        """Whether each of the N closed loops is stable, by Nyquist's criterion (N,).
 
         Open loops may have poles at 0 but none in the right half plane. As the frequency rises from 0 to infinity,
         1 + L then turns by a quarter turn for each pole at 0 if the closed loop is stable, and by a half turn or more
@@ -129,14 +132,14 @@ class OpenLoop(Margins):
         """
         # The turn of 1 + L, rad, is the sum of small turns from each frequency to the next.
         phase_steps = wrapped_angle(np.diff(np.angle(1 + self.response), axis=1))
-        # Each pole at 0 adds −90° to the phase of L there.
+        # At the lowest frequency, each pole at 0 adds −90° to the phase of L. A loop here has at most two.
         poles_at_zero = np.round(-np.angle(self.response[:, 0]) / (np.pi / 2)).clip(0, 2)
         further_turn = phase_steps.sum(axis=1) - poles_at_zero * np.pi / 2
         return freeze(np.abs(further_turn) < np.pi)
 
     @cached_property
     def figures(self) -> Mapping[str, Array]:
-        """(N,) values of each figure of :class:`Margins` by its name.
+        """Values (N,) of each figure of :class:`Margins`, by its name.
 
         Each margin is read where the response crosses something: the unit circle (phase and delay margin), the negative
         real axis (gain margin), or −3 dB (bandwidth). Crossings are interpolated linearly between frequencies, of the
@@ -146,29 +149,33 @@ class OpenLoop(Margins):
         response = self.response
         log_gain = np.log(np.abs(response))
 
-        gain_crossings = _ZeroCrossings.of(log_gain)
+        gain_crossings = _ZeroCrossings.of_rows(log_gain)
         crossover = np.exp(gain_crossings.interpolate(log_frequency))
-        # The angle of −L is the phase above −180°. It is interpolated on the circle.
+        # Phase margin: the angle of −L where |L| = 1, which is the phase above −180°. It is interpolated on the circle.
         phase_before = np.angle(-response[gain_crossings.rows, gain_crossings.columns])
         phase_after = np.angle(-response[gain_crossings.rows, gain_crossings.columns + 1])
         phase_step = wrapped_angle(phase_after - phase_before)
         phase_margin = wrapped_angle(phase_before + gain_crossings.fraction * phase_step)
 
-        real_axis_crossings = _ZeroCrossings.of(response.imag)
+        # Gain margin: the gain by which L would reach −1 where it crosses the negative real axis.
+        real_axis_crossings = _ZeroCrossings.of_rows(response.imag)
         is_negative = real_axis_crossings.interpolate(response.real) < 0
         log_gain_margin = np.where(is_negative, -real_axis_crossings.interpolate(log_gain), np.nan)
         # A loop may become unstable by less gain too. The crossing nearest to −1 counts, with its sign.
         nearest = real_axis_crossings.minimum_by_row(np.abs(log_gain_margin))
         # The least distance has no sign: where it is that of a crossing with a negative margin, it is made negative.
         rows = real_axis_crossings.rows
-        nearest[rows[log_gain_margin == -nearest[rows]]] *= -1
+        is_negative_margin = log_gain_margin == -nearest[rows]
+        nearest[rows[is_negative_margin]] *= -1
 
-        half_power_crossings = _ZeroCrossings.of(np.abs(self.closed) - HALF_POWER_GAIN)
+        # Bandwidth: the lowest frequency at which the closed loop falls to −3 dB.
+        half_power_crossings = _ZeroCrossings.of_rows(np.abs(self.closed) - HALF_POWER_GAIN)
         log_bandwidth = half_power_crossings.minimum_by_row(
             half_power_crossings.interpolate(log_frequency)
         )
         delay_margin = phase_margin / (2 * np.pi * crossover)
         figures = {
+            # The highest frequency: the least of the negative ones.
             "crossover": -gain_crossings.minimum_by_row(-crossover),
             "phase_margin": np.degrees(
                 _infinite_if_nan(gain_crossings.minimum_by_row(phase_margin))
@@ -186,20 +193,20 @@ class _ZeroCrossings(NamedTuple):
     """Where the rows of values (N, F) change sign between two neighbouring columns, K crossings in all."""
 
     row_count: int
-    """N."""
+    """Number N of rows."""
     rows: Indices
-    """(K,) row of each crossing."""
+    """Row of each crossing (K,)."""
     columns: Indices
-    """(K,) column before each crossing."""
+    """Column before each crossing (K,)."""
     fraction: Array
-    """(K,) of the step to the next column at which the linearly interpolated value is 0."""
+    """Position of each crossing between that column and the next, 0 to 1 (K,)."""
 
     @classmethod
-    def of(cls, values: Array) -> _ZeroCrossings:
-        """Finds the crossings of N functions with 0.
+    def of_rows(cls, values: Array) -> _ZeroCrossings:
+        """Finds where N functions cross 0, by linear interpolation between points of different sign.
 
         Args:
-            values: (N, F) each function at F points.
+            values: each function in a row, at F points (N, F).
         """
         is_negative = np.signbit(values)
         rows, columns = np.nonzero(is_negative[:, :-1] != is_negative[:, 1:])
@@ -211,10 +218,10 @@ class _ZeroCrossings(NamedTuple):
         """Returns the values of other functions at the crossings, linearly interpolated.
 
         Args:
-            values: (N, F) each function at the same points, or (F,) one for all rows.
+            values: each function at the same points (N, F), or one function for all rows (F,).
 
         Returns:
-            (K,) value at each crossing.
+            Value at each crossing (K,).
         """
         values = np.broadcast_to(values, (self.row_count, values.shape[-1]))
         before = values[self.rows, self.columns]
@@ -225,10 +232,10 @@ class _ZeroCrossings(NamedTuple):
         """Returns the least value among the crossings of each row.
 
         Args:
-            values: (K,) at the crossings; NaN values are passed over.
+            values: values at the crossings (K,); NaN values are passed over.
 
         Returns:
-            (N,) the least of each row; NaN where it has no crossing.
+            Least value of each row (N,); NaN where the row has no crossing.
         """
         minimum = np.full(self.row_count, np.nan)
         np.fmin.at(minimum, self.rows, values)
@@ -236,6 +243,7 @@ class _ZeroCrossings(NamedTuple):
 
 
 def _infinite_if_nan(values: Array) -> Array:
+    """Returns values of any shape with infinity in the place of NaN: a loop without a crossing has all the margin."""
     return np.where(np.isnan(values), np.inf, values)
 
 
@@ -245,17 +253,17 @@ def rate_loop(
     dynamics: Array,
     grid: FrequencyGrid = FINE_GRID,
 ) -> OpenLoop:
-    """Returns the loop of the body rate, for N plants at once.
+    """Returns the open and closed loop of the body rate, for N plants at once.
 
     The plant is a motor lag with a delay, then the rotation of the body with damping, then the gyro's filters:
 
         P = k e^(−s delay) / (lag s + 1) · 1 / (s + damping) · gyro filters,    L = C P
 
     Args:
-        controller: C.
-        effectiveness: (N,) k, angular acceleration per demand, rad/s², of N plants.
-        dynamics: (N, 3) damping, 1/s, motor lag and delay, s, of each plant, without the gyro's filters.
-        grid: frequencies of the responses.
+        controller: the controller C, with the gyro's filters.
+        effectiveness: control effectiveness k of each plant (N,): angular acceleration per demand, rad/s².
+        dynamics: damping, 1/s, motor lag, s, and delay, s, of each plant (N, 3), without the gyro's filters.
+        grid: frequencies of the responses, at most up to ``MAX_FREQUENCY_RATIO`` of the controller's rate.
     """
     highest = min(grid.highest, MAX_FREQUENCY_RATIO / controller.loop_period)
     frequency = np.geomspace(grid.lowest, highest, grid.points)
@@ -273,17 +281,17 @@ def rate_loop(
 
 
 def attitude_loop(controller: Controller, rate: OpenLoop) -> OpenLoop:
-    """Returns the loop of the attitude around the closed loop of the rate: L = angle gain / s · T_rate.
+    """Returns the loop of the attitude around the closed loop of the rate: L = angle gain / s · T_rate / filters.
 
-    The closed loop of the rate ends at the gyro's filters, behind which rates are controlled. The angle is not
-    filtered: so their response is divided out.
+    T_rate is the response of the filtered rate to its setpoint. The angle is the integral of the unfiltered rate, so
+    the response of the gyro's filters is divided out.
 
     Args:
-        controller: of the axis, with the gain of the attitude controller and the gyro's filters.
+        controller: controller of the axis, with the gain of the attitude controller and the gyro's filters.
         rate: the rate loop of N plants, at the frequencies of the result.
 
     Returns:
-        The loop with responses to the setpoint of the angle, and to torques: rad per rad/s².
+        The loop, with the response of the angle to its setpoint, and to a wind torque, rad per rad/s².
     """
     s = 2j * np.pi * rate.frequency
     filters = gyro_response(controller, rate.frequency)
@@ -297,9 +305,9 @@ class ControllerResponse(NamedTuple):
     """Frequency responses of a rate controller."""
 
     from_setpoint: Complex
-    """(…) demand per rad/s of the rate's setpoint."""
+    """Demand per rate setpoint, s/rad, of the shape of the frequencies."""
     from_rate: Complex
-    """(…) demand per rad/s of the gyro's rate; the minus sign of the feedback is not in it."""
+    """Demand per gyro rate, s/rad, of the same shape, without the minus sign of the feedback."""
 
 
 def controller_response(controller: Controller, frequency: Array) -> ControllerResponse:
@@ -310,15 +318,15 @@ def controller_response(controller: Controller, frequency: Array) -> ControllerR
     setpoint; PX4's ``RateControl`` differentiates the rate, and integrates the error after it has been used.
 
     Args:
-        controller: of one axis.
-        frequency: (…) Hz.
+        controller: the rate controller of one axis.
+        frequency: frequencies of any shape, Hz.
     """
     period = controller.loop_period
-    # z⁻¹
+    # z⁻¹, the response of a delay by one loop period.
     previous = np.exp(-2j * np.pi * frequency * period)
 
     def low_pass(cutoff: float) -> Any:
-        # A cut-off of 0 is no filter.
+        """Returns the response of a first-order low-pass with this cut-off, Hz; 1 where it is 0, which means none."""
         weight = period / (period + 1 / (2 * np.pi * cutoff)) if cutoff else 1.0
         return weight / (1 - (1 - weight) * previous)
 

@@ -19,37 +19,37 @@ from mavdem.plant.identifiability import MIN_RESOLVED_RATE
 from mavdem.plant.windows import rate_column
 
 MIN_COMPARED_FREQUENCY = 0.3
-"""Lowest frequency at which responses are compared, Hz."""
+"""Lowest frequency at which responses are compared, Hz: a choice."""
 MIN_COMPARED_COHERENCE = 0.8
-"""Coherence of setpoint and rate up to whose first loss responses are compared."""
+"""Least coherence of setpoint and rate: responses are compared up to the first frequency with less. A choice."""
 MIN_COMPARED_BAND = 1.0
-"""Hz up to which responses must be compared, at least, for a judgement."""
+"""Least upper end of the compared band for a judgement, Hz: a choice."""
 MIN_RESPONSE_FIT = 80.0
-"""Fit, 100 (1 − NRMSE) %, from which on prediction and measurement agree."""
+"""Fit, 100 (1 − NRMSE) %, from which on prediction and measurement agree: a choice."""
 
 MIN_DEMAND_COHERENCE = 0.9
-"""Coherence of the logged demand with the one that the parameters give, from which on their ratio is taken."""
+"""Least coherence of logged and expected demand at the frequencies from which their ratio is taken: a choice."""
 MIN_DEMAND_FREQUENCIES = 6
-"""Fewest frequencies with that coherence."""
+"""Least number of such frequencies: a choice."""
 MAX_DEMAND_FREQUENCY_RATIO = 0.25
-"""Highest of these frequencies, by the sampling rate."""
+"""Highest of these frequencies, relative to the sampling rate: a choice."""
 MAX_LOG_GAIN_ERROR = 0.3
-"""Natural logarithm of the ratio of both demands beyond which the autopilot flew other gains than its parameters."""
+"""Largest natural logarithm of the ratio of both demands: beyond, other gains flew than those of the parameters."""
 
 
 class MeasuredResponse(NamedTuple):
-    """How well the response of the rate to its setpoint, measured in flight, is the one that the loop predicts."""
+    """Comparison of the measured response of the rate to its setpoint with the one that the loop predicts."""
 
     band: Interval
-    """Hz from and to which the setpoint explains enough of the rate's power to compare."""
+    """Lowest and highest frequency at which the setpoint explains enough of the rate's power to compare, Hz."""
     fit: float
     """Fit of the predicted rate to the measured one in the band, 100 (1 − NRMSE) %."""
     agreement: float
-    """The same fit to what the setpoint explains of the rate: what it lacks is the error of the loop."""
+    """The same fit to that part of the rate that the setpoint explains: what it lacks to 100 % is the loop's error."""
     controller_gain: float
     """Gain of the logged demand over the one that the parameters give; NaN where it is not known."""
     reason: Fact | None
-    """Why the two do not agree; None where they do."""
+    """Why the two do not agree; ``None`` where they do."""
 
 
 def measured_rate_response(
@@ -59,20 +59,20 @@ def measured_rate_response(
     frequency: Array,
     closed: Complex,
 ) -> MeasuredResponse | None:
-    """Returns how well the response that a ``record`` shows is the predicted one.
+    """Measures the response of the rate to its setpoint in a flight, and compares it with the predicted one.
 
     ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate, its log message RATE has it.
-    Both are tried, and the setpoint counts that predicts the rate better.
+    Both are tried, and the setpoint that predicts the rate better is used.
 
     Args:
         record: the flight, with setpoints.
-        controller: of the axis.
-        outputs_per_demand: (r,) how much a demand of 1 moves the inputs.
-        frequency: (F,) Hz of the prediction.
-        closed: (F,) predicted response from setpoint to rate.
+        controller: controller of the axis.
+        outputs_per_demand: change of each of the r inputs per unit of demand (r,).
+        frequency: frequencies of the prediction (F,), Hz.
+        closed: predicted response from setpoint to rate (F,).
 
     Returns:
-        None where the record has no setpoint of the rate, or too few windows.
+        The comparison; ``None`` where the record has no rate setpoint, or too few windows.
     """
     # The demand is the least-squares fit of the inputs that it moves.
     demand = record.inputs @ outputs_per_demand / (outputs_per_demand @ outputs_per_demand)
@@ -87,11 +87,11 @@ def measured_rate_response(
         angle_setpoint = setpoints.get(f"{controller.axis} setpoint")
     if angle_setpoint is not None:
         signals += [angle_setpoint, record.outputs[:, 0]]
-    # The same pieces twice: with the rate setpoint as it was logged, and with the attitude controller's correction.
+    # Two versions of the pieces: with the rate setpoint as logged, and with the attitude controller's correction.
     as_logged = []
     with_correction = []
     for piece in _finite_pieces(np.array(signals), record):
-        # A held setpoint has steps that the controller never flew: it is made linear between messages.
+        # The record holds a setpoint until the next message. These steps never were, so it is interpolated.
         setpoint = interpolated_setpoint(piece[0])
         rate_and_demand = piece[1:3]
         as_logged.append(np.vstack([setpoint, rate_and_demand]))
@@ -109,24 +109,24 @@ def measured_rate_response(
 
 
 def _setpoints_by_name(record: Record) -> dict[str, Array]:
-    """Returns (T,) each setpoint of a ``record`` by its name."""
+    """Returns each setpoint of a record (T,) by its name; none where the record has no setpoints."""
     if record.setpoints is None:
         return {}
     return dict(zip(record.setpoint_names, record.setpoints.T, strict=False))
 
 
 def _finite_pieces(signals: Array, record: Record) -> list[Array]:
-    """Returns pieces of signals without gaps, in each of which the first signal, the setpoint, moves.
+    """Cuts signals into pieces without gaps, and keeps those in which the setpoint, the first signal, moves.
 
     Pieces end at the ends of the record's segments and wherever a signal begins or ceases to be finite. A setpoint that
-    does not move, as that of a heading that is held, shows nothing of the response to it.
+    does not move, such as that of a heading that is held, shows nothing of the response to it.
 
     Args:
-        signals: (k, T) in the rows of the record.
-        record: the flight, with T samples in several segments.
+        signals: k signals at the T samples of the record (k, T).
+        record: the flight, with its segments.
 
     Returns:
-        (k, N) each, N as long as the piece.
+        Pieces (k, N), of different lengths N.
     """
     is_finite = np.isfinite(signals).all(axis=0)
     changes = np.flatnonzero(np.diff(is_finite)) + 1
@@ -141,31 +141,35 @@ def _finite_pieces(signals: Array, record: Record) -> list[Array]:
 def _compared(
     spectra: WelchSpectra, dt: float, controller: Controller, frequency: Array, closed: Complex
 ) -> MeasuredResponse:
-    """Returns the comparison of one estimate of the response with the predicted one.
+    """Compares one measured response of the rate to its setpoint with the predicted one.
 
-    They are compared from ``MIN_COMPARED_FREQUENCY`` to where the coherence of setpoint and rate is first lost: beyond,
-    wind and noise hide the response. The error of the predicted rate has two parts: (1 − γ²) S_pp, which the setpoint
-    does not explain, and |T_measured − T_predicted|² S_rr, by which the responses differ. The fit counts both, the
-    agreement only the second, since wind is no error of the loop.
+    They are compared from ``MIN_COMPARED_FREQUENCY`` to where the coherence γ² of setpoint r and rate p is first lost:
+    beyond, wind and noise hide the response. The error of the predicted rate has two parts: (1 − γ²) S_pp, which the
+    setpoint does not explain, and |T_measured − T_predicted|² S_rr, by which the responses differ. The fit counts both,
+    the agreement only the second, since wind is no error of the loop.
 
     Args:
-        spectra: of setpoint, rate and demand.
-        dt: time between samples of these, s.
-        controller: of the axis.
-        frequency: (F,) of the prediction, Hz.
-        closed: (F,) predicted response from setpoint to rate.
+        spectra: cross-spectra of setpoint, rate and demand, in this order.
+        dt: time step of the samples, s.
+        controller: controller of the axis.
+        frequency: frequencies of the prediction (F,), Hz.
+        closed: predicted response from setpoint to rate (F,).
     """
-    # The signals of the spectra are setpoint 0, rate 1 and demand 2.
-    hertz = spectra.frequency
+    measured_frequency = spectra.frequency
     coherence = spectra.coherence
-    is_incoherent = (hertz > MIN_COMPARED_FREQUENCY) & ~(coherence >= MIN_COMPARED_COHERENCE)
-    highest = min([*hertz[is_incoherent], frequency[-1], hertz[-1]])
-    is_in_band = (hertz >= MIN_COMPARED_FREQUENCY) & (hertz < highest)
-    rate_power = spectra.power[1, 1].real
-    predicted = np.interp(hertz, frequency, closed)
+    # Negated, so that a coherence of NaN counts as incoherent.
+    is_incoherent = ~(coherence >= MIN_COMPARED_COHERENCE)
+    is_incoherent &= measured_frequency > MIN_COMPARED_FREQUENCY
+    incoherent_frequencies = measured_frequency[is_incoherent].tolist()
+    highest = min([*incoherent_frequencies, frequency[-1], measured_frequency[-1]])
+    is_in_band = measured_frequency >= MIN_COMPARED_FREQUENCY
+    is_in_band &= measured_frequency < highest
+    rate_index = 1
+    rate_power = spectra.power[rate_index, rate_index].real
+    predicted = np.interp(measured_frequency, frequency, closed)
     prediction_error = np.abs(spectra.response - predicted) ** 2 * spectra.driver_power
     unexplained = (1 - coherence) * rate_power
-    # The fit is 100 (1 − NRMSE) %: the root of the error's power over the rate's.
+    # The NRMSE is the root of the error's power over that of the rate.
     fit = agreement = 0.0
     if is_in_band.any():
         power = rate_power[is_in_band].sum()
@@ -173,7 +177,8 @@ def _compared(
         fit = 100 * (1 - (total_error[is_in_band].sum() / power) ** 0.5)
         agreement = 100 * (1 - (prediction_error[is_in_band].sum() / power) ** 0.5)
     controller_gain = _controller_gain(spectra, dt, controller)
-    # The first reason counts: with other gains than the parameters', the prediction is of another loop.
+    # Only the first reason is given. With other gains than those of the parameters, the prediction is of another loop,
+    # and nothing else matters.
     reason = None
     if abs(np.log(controller_gain)) > MAX_LOG_GAIN_ERROR:
         reason = Fact(Responses.CONTROLLER_GAIN_DIFFERS, ratio=controller_gain)
@@ -189,7 +194,7 @@ def _compared(
 
 
 def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -> float:
-    """Returns the gain of the logged demand over that expected of the controller, 1 if the gains are those that flew.
+    """Returns the gain of the logged demand over the expected one: 1 if the logged gains are those that flew.
 
     The demand u is the controller's torque command. Setpoint r and rate p are logged too, and the controller's
     responses to them, C_r and C_p, follow from the parameters. So the demand to be expected is û = C_r r − C_p p. The
@@ -206,10 +211,11 @@ def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -
     """
     setpoint_and_rate = slice(0, 2)
     demand = 2
-    # The controller's integral divides by the frequency, which must not be 0.
-    hertz = np.maximum(spectra.frequency, spectra.frequency[1])
-    from_setpoint, from_rate = controller_response(controller, hertz)
-    # S_ûu and S_ûû follow from the logged spectra: û is the sum of responses × signals. Indices: i, j the signal, f Hz.
+    # The controller's integral divides by the frequency, so the frequency 0 is replaced by the next one.
+    positive_frequency = np.maximum(spectra.frequency, spectra.frequency[1])
+    from_setpoint, from_rate = controller_response(controller, positive_frequency)
+    # û is the sum of responses × signals, so S_ûu and S_ûû follow from the logged spectra. Indices: i and j are the
+    # signals, setpoint and rate; f is the frequency.
     responses = np.stack([from_setpoint, -from_rate])
     inputs_to_demand = spectra.power[setpoint_and_rate, demand]
     expected_to_demand = (responses.conj() * inputs_to_demand).sum(axis=0)
@@ -228,17 +234,17 @@ def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -
 
 
 def interpolated_setpoint(setpoint: Array) -> Array:
-    """Returns a setpoint, which the record holds until the next message, linear between its messages.
+    """Interpolates a setpoint linearly between its messages.
 
-    A record samples the last message, so the setpoint looks like stairs. The true one moved smoothly. A message shows
-    as a change of value. A setpoint that stays the same for longer than usual did not move meanwhile: this plateau ends
-    one usual step before the next change.
+    A record holds the value of the last message, so the setpoint looks like stairs, while the true one moved smoothly.
+    A message shows as a change of value. Where the value stays the same for longer than the usual time between
+    messages, the setpoint did not move: this plateau ends one usual step before the next change.
 
     Args:
-        setpoint: (T,) held samples, of any unit.
+        setpoint: samples of the held setpoint (T,), in any unit.
 
     Returns:
-        (T,) interpolated samples, in the same unit.
+        Interpolated samples (T,), in the same unit.
     """
     changes = np.flatnonzero(np.diff(setpoint, prepend=np.nan))
     usual_step = int(np.median(np.diff(changes))) if len(changes) > 1 else 1

@@ -23,9 +23,9 @@ from mavdem.loops.autopilot_parameters import (
 )
 
 UNSET_LOOP_RATE = 400.0
-"""Hz of the rate loop where the log lacks ``IMU_GYRO_RATEMAX``: that parameter's default."""
+"""Rate of the rate loop where the log lacks ``IMU_GYRO_RATEMAX``, Hz: that parameter's default."""
 GYRO_FILTER_RATE = 8000.0
-"""Hz at which the gyro is filtered: its drivers filter every sample of the sensor's own buffer."""
+"""Rate at which the gyro is filtered, Hz: its drivers filter every sample of the sensor's own buffer."""
 GYRO_NOTCH_PARAMETERS = (
     ("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF0_BW"),
     ("IMU_GYRO_NF1_FRQ", "IMU_GYRO_NF1_BW"),
@@ -33,18 +33,18 @@ GYRO_NOTCH_PARAMETERS = (
 )
 """Centre and bandwidth of each static notch of the gyro, Hz; the last is that of older versions, which had one."""
 MAX_CONDITION_NUMBER = 1e6
-"""Of the matrix of the motors' effects: beyond, its motors control no torque by themselves."""
+"""Largest condition number of the matrix of the motors' effects: beyond, motors cannot control each torque alone."""
 MIN_RELATIVE_EFFECT = 1e-3
-"""Of the largest element of the mixer: smaller ones are rounding of 0."""
+"""Least element of the mixer that is not 0, relative to the largest: smaller ones are rounding errors."""
 
 
 def px4_controller(parameters: Parameters, axis: str, is_demand: bool) -> ControllerFields:
-    """Returns the fields of a :class:`mavdem.loops.controllers.Controller` that flies PX4's ``parameters``.
+    """Returns the fields of a :class:`mavdem.loops.controllers.Controller` with PX4's parameters.
 
     Args:
-        parameters: by name; those in ``CONTROL_PARAMETERS``.
+        parameters: values by the autopilot's name; those in ``CONTROL_PARAMETERS``.
         axis: "roll", "pitch" or "yaw".
-        is_demand: whether outputs are the demand itself, so that no mixer counts.
+        is_demand: whether outputs are the demand itself, so that no mixer is needed.
 
     Raises:
         NotLearnable: a parameter is missing, or the mixer is not that of a quadrotor.
@@ -84,18 +84,21 @@ def px4_controller(parameters: Parameters, axis: str, is_demand: bool) -> Contro
 
 
 def _mixer(parameters: Parameters) -> dict[str, Numbers]:
-    """Returns PX4's mixer: (4,) by axis, the thrust of each motor by a torque demand of 1.
+    """Returns PX4's mixer: the thrust of each motor for a torque demand of 1 about each axis.
 
     It is the inverse of the matrix of the motors' effects, normalised as in
-    ``ControlAllocationPseudoInverse::updateControlAllocationMatrixScale``: the columns of roll and pitch both by the
-    larger of their norms per pair of motors, that of yaw by its largest element.
+    ``ControlAllocationPseudoInverse::updateControlAllocationMatrixScale``: the columns of roll and pitch by the larger
+    of their two norms √(Σ thrust² / pairs of motors that act on the axis), that of yaw by its largest element.
 
     Args:
-        parameters: of the log, by name, with the positions of the motors.
+        parameters: parameters of the log, by name, with the positions of the motors.
+
+    Returns:
+        Thrusts of the motors (4,) by axis, as fractions of their maximum.
 
     Raises:
-        NotLearnable: a parameter is missing, or it is no quadrotor with upright motors of one size that controls roll
-            and pitch.
+        NotLearnable: a parameter is missing, or the vehicle is no quadrotor with upright motors of one size that
+            controls roll and pitch.
     """
     unknown_mixer = NotLearnable(Controllers.MIXER_UNKNOWN, autopilot="px4")
     effects = _motor_effects(parameters)
@@ -103,13 +106,13 @@ def _mixer(parameters: Parameters) -> dict[str, Numbers]:
         raise unknown_mixer
     if np.linalg.cond(effects) > MAX_CONDITION_NUMBER:
         raise unknown_mixer
-    # The inverse has a row for each motor, and a column for roll, pitch and yaw torque and thrust.
+    # The inverse has a row for each motor, and columns for roll, pitch and yaw torque, and for total thrust.
     thrust_by_torque = np.linalg.inv(effects)[:, :3]
+    # Roll and pitch.
     thrust_by_tilt = thrust_by_torque[:, :2]
     acts_on_tilt = np.abs(thrust_by_tilt) > MIN_RELATIVE_EFFECT * np.abs(thrust_by_torque).max()
     if not acts_on_tilt.any(axis=0).all():
         raise unknown_mixer
-    # Two columns, roll and pitch: the norm counts per pair of motors that act on the axis.
     squared_norms = (thrust_by_tilt**2).sum(axis=0)
     motor_pairs = acts_on_tilt.sum(axis=0) / 2
     tilt_scale = np.sqrt(squared_norms / motor_pairs).max()
@@ -120,16 +123,16 @@ def _mixer(parameters: Parameters) -> dict[str, Numbers]:
 
 
 def _motor_effects(parameters: Parameters) -> Array:
-    """Returns the effect of each motor's thrust on the vehicle, by the positions in PX4's parameters.
+    """Returns the torques and the thrust that each motor's thrust causes, by the positions in PX4's parameters.
 
-    ``CA_ROTORn_PX`` and ``PY`` are forward and right of the centre of mass, ``KM`` is the yaw moment per thrust. Thrust
-    on the right rolls to the left, thrust in front lifts the nose.
+    ``CA_ROTORn_PX`` and ``PY`` are the distances forward and right of the centre of mass, m, and ``KM`` is the yaw
+    moment per thrust. Thrust on the right rolls the vehicle to the left, thrust in front lifts the nose.
 
     Args:
-        parameters: of the log, by name.
+        parameters: parameters of the log, by name.
 
     Returns:
-        (4, 4) motors in columns; roll, pitch and yaw torque and thrust in rows.
+        Effects (4, 4), with a column for each motor, and rows for roll, pitch and yaw torque, and for total thrust.
 
     Raises:
         NotLearnable: a parameter is missing.
@@ -144,8 +147,11 @@ def _motor_effects(parameters: Parameters) -> Array:
 def _has_equal_upright_motors(parameters: Parameters) -> bool:
     """Returns whether the airframe is a quadrotor whose motors point upwards and have one thrust coefficient.
 
-    Only then does the matrix of ``_motor_effects`` hold. ``CA_ROTORn_AX`` and ``AY`` tilt a motor's axis, ``CT`` is its
-    thrust coefficient, and ``CA_AIRFRAME`` 0 is a multirotor.
+    The matrix of ``_motor_effects`` is valid only then. ``CA_ROTORn_AX`` and ``AY`` tilt a motor's axis, ``CT`` is its
+    thrust coefficient, and a ``CA_AIRFRAME`` of 0 is a multirotor.
+
+    Args:
+        parameters: parameters of the log, by name.
     """
     rotors = [f"CA_ROTOR{number}_" for number in range(MOTOR_COUNT)]
     is_tilted = any(

@@ -24,27 +24,33 @@ from mavdem.loops.margins import HALF_POWER_GAIN, Complex, controller_response
 from mavdem.loops.welch import MIN_COHERENCE, WelchSpectra, welch_spectra
 
 MAX_LOOP_FREQUENCY = 40.0
-"""Hz. Rate loops of multirotors cross over below it, most at several Hz to half of it; rotors turn above it."""
+"""Frequency that separates loops and rotors, Hz.
+
+Rate loops of multirotors cross over below it, most at several Hz to half of it; rotors turn faster.
+"""
 MAX_FREQUENCY_RATIO = 0.8
-"""Of half the sampling rate: above, interpolation between messages has lost a fifth of the power."""
+"""Highest frequency, relative to half the sampling rate: above, interpolation has lost a fifth of the power."""
 
 DEFAULT_ANGLE_GAIN = 4.5
-"""1/s, gain of the attitude controller where the log has none: ArduCopter's default. PX4's is 6.5."""
+"""Gain of the attitude controller where the log has none, 1/s: ArduCopter's default. PX4's is 6.5."""
 MIN_RESPONSE_FREQUENCY = 1.0
-"""Hz, lowest frequency of the response: below, the vehicle is moved from place to place."""
+"""Lowest frequency of the response, Hz: below it, the vehicle is moved from place to place."""
 MIN_BAND_RATIO = 2.0
-"""Highest over lowest frequency of the response, at least, without a gap between."""
+"""Least ratio of the highest and the lowest frequency of the response, without a gap between them: a choice."""
 MIN_SETPOINT_SHARE = 0.5
-"""Least power of what pilot or navigation ask for, by that of the setpoint."""
+"""Least power of what pilot or navigation ask for, relative to that of the setpoint: a choice."""
 MAX_LOWEST_GAIN = 2.0
-"""|T| at the lowest frequency beyond which the setpoint does not move the rate, as that of a heading that is held."""
+"""|T| at the lowest frequency beyond which something else than the setpoint moves the rate.
+
+An example is the setpoint of a heading that is only held.
+"""
 
 MIN_PEAK_FREQUENCY = 6.0
-"""Hz, for peaks of the rate's own spectrum: below, vehicles are steered, also by sines, and moved by the wind."""
+"""Lowest frequency of peaks of the rate's own spectrum, Hz: below it, pilots steer, also by sines, and wind pushes."""
 MIN_PEAK_RATIO = 3.0
 """Least ratio of a peak to its background. A maximum sensitivity of 2.3 makes at most 2.5, one of 4.9 at least 5."""
 BACKGROUND_RATIO = 1.5
-"""The background is the straight line between the frequencies so many times lower and higher."""
+"""The background of a peak is a straight line between frequencies so many times lower and higher: a choice."""
 
 
 @dataclass(frozen=True)
@@ -56,25 +62,30 @@ class Resonance:
     peak: float
     """The largest |T|; or, without a setpoint, the peak of the spectrum over its background, about the sensitivity."""
     frequency: float
-    """Of the peak, Hz."""
+    """Frequency of the peak, Hz."""
     coherence: float
-    """Of the rate with its setpoint, or with the motors, at the peak."""
+    """Coherence of the rate with its setpoint, or with the motors, at the peak."""
     max_frequency: float
-    """Hz up to which a peak was looked for."""
+    """Highest frequency at which a peak was looked for, Hz."""
     ms_interval: Interval | None = None
-    """The 90 % interval of the maximum sensitivity; None without setpoint."""
+    """The 90 % interval of the maximum sensitivity; ``None`` without setpoint."""
     rolls_off: bool = False
     """Whether the response falls below −3 dB at the highest frequency, after it was above."""
 
 
 def controller_if_known(signals: Signals) -> Controller | None:
-    """Returns the controller of the axis of ``signals``, by the parameters in the log.
+    """Returns the controller of an axis by the parameters in the log, without the mixer.
 
-    Its output is the demand itself, a mixer of one motor, so that gains are enough and no mixer must be known. None
-    where the log lacks parameters, or they are of no known autopilot.
+    Args:
+        signals: signals of the vehicle, for the axis.
+
+    Returns:
+        The controller, whose output is the demand; ``None`` where the log lacks its parameters, or they are of no known
+        autopilot.
     """
+    no_mixer = (1.0,)
     try:
-        return controller_from_parameters(signals.telemetry.parameters, signals.axis, (1.0,))
+        return controller_from_parameters(signals.telemetry.parameters, signals.axis, no_mixer)
     except NotLearnable:
         return None
 
@@ -87,12 +98,12 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
     controller, T is taken for the complementary sensitivity.
 
     Args:
-        signals: of the vehicle and the axis.
-        segments: of the flight.
+        signals: signals of the vehicle, for the axis.
+        segments: segments of the flight to use.
 
     Returns:
-        None where there are no setpoints, messages are slower than ``MIN_STREAM_RATE``, or too little of the rate
-        follows the setpoint.
+        The resonance; ``None`` where there are no setpoints, messages are slower than ``MIN_STREAM_RATE``, or too
+        little of the rate follows the setpoint.
     """
     if signals.rate_and_setpoint is None:
         return None
@@ -113,7 +124,7 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
     gain = abs(spectra.response[rows])
     if len(rows) == 0 or frequency[rows[-1]] < MIN_BAND_RATIO * frequency[rows[0]]:
         return None
-    # At low frequencies a rate follows its setpoint. One that moves much more is moved by something else.
+    # At low frequencies a rate follows its setpoint. A rate that moves much more is moved by something else.
     if gain[0] > MAX_LOWEST_GAIN:
         return None
     peak_row = rows[np.argmax(gain)]
@@ -130,27 +141,27 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
 
 
 def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) -> Indices:
-    """Returns the longest run of frequencies, in octaves, at which setpoints of pilot or navigation move the rate.
+    """Returns the widest band of frequencies at which pilot or navigation, and not the wind, move the rate.
 
-    The attitude controller makes the rate setpoint r of the angle setpoint and the angle p / s: r = x − K p / s. So r
-    moves with wind too, which turns the vehicle; only x = r + K p / s is asked for by pilot or navigation. The power of
-    x over that of r tells how much of r is. With T the response from r to the rate p, the part of p that follows r
-    gives |1 + K T / s|², and the rest of p gives |K / s|² times its power over that of r.
+    The attitude controller makes the rate setpoint r = x − K p / s from what pilot or navigation ask for, x, and the
+    angle p / s. So r also moves with the wind, which turns the vehicle. The power of x = r + K p / s over that of r
+    shows how much of r was asked for. With the response T from r to the rate p, the part of p that follows r adds
+    |1 + K T / s|² to this ratio, and the rest of p adds |K / s|² times its power over that of r.
 
     Args:
         spectra: cross-spectra of the setpoint r (index 0) and the rate p (index 1).
-        frequency: (F,) Hz, positive.
-        angle_gain: K, gain of the attitude controller, 1/s.
+        frequency: frequencies (F,), Hz, all positive.
+        angle_gain: gain K of the attitude controller, 1/s.
 
     Returns:
-        Consecutive rows of the spectra; empty where there are none.
+        Indices of consecutive frequencies, those of the band that spans most octaves; empty where there is none.
     """
     angle_feedback = angle_gain / (2j * np.pi * frequency)
     steered_share = abs(1 + angle_feedback * spectra.response) ** 2
-    # S_pp / S_rr, of which |T|² follows r.
+    # Of the ratio of powers S_pp / S_rr, |T|² follows the setpoint.
     rate_per_setpoint_power = spectra.power[1, 1].real / spectra.driver_power
-    incoherent = rate_per_setpoint_power - abs(spectra.response) ** 2
-    steered_share += abs(angle_feedback) ** 2 * incoherent
+    incoherent_power = rate_per_setpoint_power - abs(spectra.response) ** 2
+    steered_share += abs(angle_feedback) ** 2 * incoherent_power
     is_steered = (spectra.coherence >= MIN_COHERENCE) & (steered_share >= MIN_SETPOINT_SHARE)
     is_steered &= frequency >= MIN_RESPONSE_FREQUENCY
     is_steered &= frequency <= MAX_FREQUENCY_RATIO * frequency[-1]
@@ -163,15 +174,18 @@ def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
 def _max_sensitivity_interval(
     spectra: WelchSpectra, complementary: Complex, rows: Indices
 ) -> Interval:
-    """Returns the 90 % interval of Ms = max |1 − T| over some ``rows``, by the error of the gain |T| at each.
+    """Returns the 90 % interval of the maximum sensitivity Ms = max |1 − T| over some frequencies.
 
-    A gain averaged over n windows has the relative error √((1 − γ²) / (2 γ² n)) (Bendat and Piersol, see ``welch``).
-    The sensitivity 1 − T errs by no more than T does.
+    A gain |T| averaged over n windows has the relative error √((1 − γ²) / (2 γ² n)) with coherence γ² (Bendat and
+    Piersol, see ``welch``). The error of the sensitivity 1 − T is at most that of T.
 
     Args:
-        spectra: of setpoint and rate, for coherence γ² and number of windows n.
-        complementary: (F,) T, the complementary sensitivity.
-        rows: of the frequencies.
+        spectra: cross-spectra of setpoint and rate, for their coherence and the number of windows.
+        complementary: complementary sensitivity T at the F frequencies of the spectra (F,).
+        rows: indices of the frequencies that are used.
+
+    Returns:
+        Lower and upper end of the interval.
     """
     coherence = spectra.coherence[rows]
     relative_error = np.sqrt((1 - coherence) / (2 * coherence * spectra.windows))
@@ -181,21 +195,21 @@ def _max_sensitivity_interval(
 
 
 def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None:
-    """Returns the highest peak of the rate's own spectrum over its background, if the motors share it.
+    """Returns the highest peak of the rate's own spectrum over its background, if the motors' command has it too.
 
     On logarithmic scales, wind, noise and plant make a nearly straight spectrum, and the loop multiplies it by its
-    sensitivity: so a peak over a straight line is about the maximum sensitivity.
+    sensitivity. So the height of a peak over a straight line is about the maximum sensitivity.
 
-    The background at each frequency is the mean of the logarithms at 1.5 times (``BACKGROUND_RATIO``) that frequency
-    and below it by as much. Medians over windows keep steering out.
+    The background at a frequency f is the mean of the logarithms at f · ``BACKGROUND_RATIO`` and f /
+    ``BACKGROUND_RATIO``, which is a straight line on these scales. Medians over windows keep steering out.
 
     Args:
-        signals: of the vehicle and the axis.
-        segments: of the flight.
+        signals: signals of the vehicle, for the axis.
+        segments: segments of the flight to use.
 
     Returns:
-        None where messages are slower than ``MIN_STREAM_RATE``, nothing exceeds the line by ``MIN_PEAK_RATIO``, or the
-        motors' command is not coherent with it.
+        The resonance; ``None`` where messages are slower than ``MIN_STREAM_RATE``, nothing exceeds the background by
+        ``MIN_PEAK_RATIO``, or the rate is not coherent with the motors' command at the peak.
     """
     attitude = signals.attitude
     inputs = signals.model_inputs
@@ -214,7 +228,7 @@ def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None
     rows = np.flatnonzero(is_in_band)
     if len(rows) == 0:
         return None
-    # Half of the logarithm of a power is that of an amplitude, as a sensitivity is.
+    # A sensitivity is a ratio of amplitudes: the logarithm of an amplitude is half of that of its power.
     log_amplitude = np.log(spectra.median_power) / 2
     above = np.interp(frequency[rows] * BACKGROUND_RATIO, frequency, log_amplitude)
     below = np.interp(frequency[rows] / BACKGROUND_RATIO, frequency, log_amplitude)

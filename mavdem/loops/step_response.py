@@ -42,26 +42,30 @@ from mavdem.loops.welch import (
 RESPONSE_SECONDS = {"rate": 0.5, "attitude": 2.0}
 """Duration of a step response until it has settled, s, by loop."""
 MAX_TAPS = 100
-"""Weights of an impulse response at most: of rates up to 200 Hz, for resonances of up to half of that."""
+"""Largest number of weights of an impulse response: enough for 200 Hz, and resonances of up to half of that."""
 MIN_CORRECTION = 0.5
-"""Fraction of the attitude controller's correction in a rate setpoint, from which on it is taken to be in it."""
+"""Least regression coefficient of the attitude controller's correction for a rate setpoint to contain it."""
 RESPONSE_DRAWS = 300
-"""Draws of the weights that intervals are made of."""
+"""Number of draws of the weights from which intervals are computed."""
 
 MIN_FREQUENCY = 0.5
-"""Lowest frequency of a response, Hz."""
+"""Lowest frequency of a response, Hz: a choice."""
 MIN_DRIVER_POWER_RATIO = 1e-4
-"""Least power of the setpoint at a frequency, by its largest: interpolation between samples leaves as much."""
+"""Least power of the setpoint at a frequency, relative to the largest: errors of interpolation have as much."""
 MAX_GAIN_DEVIATION = 0.25
-"""Standard deviation of |T| beyond which it is not known."""
+"""Largest standard deviation of |T| with which it counts as known: a choice."""
 MAX_STEP_HALF_WIDTH = 1.0
-"""Half width of the band of a step from which on nothing is known: it holds no response, and twice the step."""
+"""Half width of a step's band from which on nothing is known: both no response and twice the step lie within it."""
 SETTLING_BAND = 0.05
-"""Distance from 1 within which a step has settled."""
+"""Distance from 1 within which a step has settled: the usual 5 %."""
 FREQUENCY_STEP = 0.05
 """Step of the integral over a predicted frequency response, Hz."""
 MAX_DISAGREEING_SHARE = 0.3
-"""Fraction of the frequencies at which prediction and band may lie apart; a tenth does by chance alone."""
+"""Largest share of the frequencies at which a right prediction lies outside the band; by chance, a tenth does."""
+MIN_PIECE_RESPONSES = 4
+"""Least length of a piece of flight, in durations of the response."""
+DRAWS_SEED = 31
+"""Seed of the draws of the weights, so that the same flight has the same figures."""
 
 FIGURES = ("overshoot", "rise_time", "settling", "delay", "peak", "peak_frequency")
 """Figures of a :class:`StepResponse`, by the names of its attributes."""
@@ -85,30 +89,30 @@ class IntervalEstimate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StepResponse(ImmutableResult):
-    """The closed loop of one axis as measured: after a step of 1 of its setpoint, and by frequency."""
+    """The measured response of one axis' closed loop to its setpoint: after a step of 1, and by frequency."""
 
     axis: str
     """"roll", "pitch" or "yaw"."""
     loop: str
     """"rate" or "attitude"."""
     time: Array
-    """(K,) s after the step."""
+    """Times after the step (K,), s."""
     step: Array
-    """(K,) response to the step."""
+    """Response to the step (K,)."""
     step_half: Array
-    """(K,) half widths of its 90 % band."""
+    """Half widths of its 90 % band (K,)."""
     frequency: Array
-    """(F,) Hz up to ``max_frequency``."""
+    """Frequencies (F,), Hz, up to ``max_frequency``."""
     response: Complex
-    """(F,) T, the frequency response."""
+    """Frequency response T (F,)."""
     gain_half: Array
-    """(F,) half widths of the 90 % band of |T|."""
+    """Half widths of the 90 % band of |T| (F,)."""
     max_frequency: float
-    """Hz up to which the flight shows the response."""
+    """Highest frequency at which the flight shows the response, Hz."""
     windows: int
-    """How many windows of flight it was estimated from."""
+    """Number of windows of flight that it was estimated from."""
     overshoot: IntervalEstimate
-    """The largest value of the step less 1, and less what noise adds to it."""
+    """Largest value of the step less 1, corrected for what noise adds to a largest value."""
     rise_time: IntervalEstimate
     """Time from 10 to 90 % of the step, s."""
     settling: IntervalEstimate
@@ -124,7 +128,7 @@ class StepResponse(ImmutableResult):
 
     @property
     def gain(self) -> Array:
-        """(F,) |T|."""
+        """Gain |T| of the frequency response (F,)."""
         return np.abs(self.response)
 
     @property
@@ -142,15 +146,18 @@ class StepResponse(ImmutableResult):
         )
 
     def comparison(self, frequency: Array, closed: Complex) -> Fact:
-        """Returns whether a predicted closed loop agrees with the measured one, by gain.
+        """Compares a predicted closed loop with the measured one, by their gains.
 
-        The two disagree at a frequency if the predicted |T| is outside the band of the measured one. Where that is so
+        The two disagree at a frequency if the predicted |T| is outside the band of the measured one. If they disagree
         at more than ``MAX_DISAGREEING_SHARE`` of the frequencies, one of them is wrong. It is the prediction, unless it
         peaks beyond the frequencies that the flight shows: then the measurement may have missed the peak.
 
         Args:
-            frequency: (F′,) of the prediction, Hz.
-            closed: (F′,) predicted response.
+            frequency: frequencies of the prediction (F′,), Hz.
+            closed: predicted response of the closed loop (F′,).
+
+        Returns:
+            The fact that they agree, or that the prediction or the measurement is in doubt.
         """
         subject = f"{self.axis} {self.loop}"
         predicted_gain = abs(closed)
@@ -177,14 +184,14 @@ class StepResponse(ImmutableResult):
 
 
 def rate_step_response(signals: Signals, segments: Segments) -> StepResponse | Fact:
-    """Returns the response of the body rate to its setpoint in ``segments`` of a flight, or why it is not known.
+    """Measures the response of the body rate to its setpoint in flight.
 
-    ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate. It is added where it is missing,
-    for which the angle and its setpoint are needed.
+    ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate setpoint. It is added where it is
+    missing, for which the angle and its setpoint are needed.
 
     Args:
-        signals: of the vehicle and the axis.
-        segments: of the flight.
+        signals: signals of the vehicle, for the axis.
+        segments: segments of the flight to use.
 
     Returns:
         The step response, or a fact with the reason.
@@ -194,7 +201,7 @@ def rate_step_response(signals: Signals, segments: Segments) -> StepResponse | F
     rate, setpoint = signals.rate_and_setpoint
     series = [setpoint, rate]
     attitude = signals.attitude
-    # Angles help only if they come with the rates, at the same times.
+    # Angles can be used only if they come with the rates, at the same times.
     if attitude is not None and rate.time is attitude.time:
         for angle_series in (attitude.angle_series, signals.angle_setpoint):
             if angle_series is not None:
@@ -203,13 +210,13 @@ def rate_step_response(signals: Signals, segments: Segments) -> StepResponse | F
 
 
 def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse | Fact:
-    """Returns the response of the angle to its setpoint in ``segments`` of a flight, or why it is not known.
+    """Measures the response of the angle to its setpoint in flight.
 
     Angles move more slowly than rates, so slower messages are enough.
 
     Args:
-        signals: of the vehicle and the axis.
-        segments: of the flight.
+        signals: signals of the vehicle, for the axis.
+        segments: segments of the flight to use.
 
     Returns:
         The step response, or a fact with the reason.
@@ -227,28 +234,32 @@ def _measured(
     segments: Segments,
     min_rate: float,
 ) -> StepResponse | Fact:
-    """Returns a step response; or the fact that messages are too slow or too few, or that the setpoint hardly moves.
+    """Measures the step response of the rate or the attitude loop of one axis.
 
     Messages are resampled to one even rate in pieces without gaps, the impulse response is estimated from these, and
-    step and frequency response follow from it. The checks before it save the estimate where nothing can come of it.
+    step and frequency response follow from it. Checks come first, since the estimate takes long.
 
     Args:
-        signals: of the axis.
+        signals: signals of the vehicle, for the axis.
         loop: "rate" or "attitude".
-        series: setpoint, response and, of the rate, perhaps the angle and its setpoint.
-        segments: of the flight.
-        min_rate: slowest rate of messages, Hz.
+        series: setpoint, response and, for the rate loop, the angle and its setpoint as far as they were recorded.
+        segments: segments of the flight to use.
+        min_rate: lowest accepted rate of messages, Hz.
+
+    Returns:
+        The step response; or the fact that messages are too slow or too few, or that the setpoint hardly moves.
     """
     subject = f"{signals.axis} {loop}"
     seconds = RESPONSE_SECONDS[loop]
-    min_duration = 4 * seconds
+    min_duration = MIN_PIECE_RESPONSES * seconds
     if min(map(rate_between_outages, series)) < min_rate:
         return Fact(StepResponses.TOO_SLOW, subject=subject, least_rate=min_rate)
     resampled = resampled_signals(series, segments, min_duration, min_rate, MAX_TAPS / seconds)
     if resampled is None:
         return Fact(StepResponses.TOO_LITTLE_FLIGHT, subject=subject, least_duration=min_duration)
     sampling_rate = resampled.rate
-    # Pieces whose setpoint, the first row, never moves show no response to it.
+    # Pieces whose setpoint, the first row, never moves show no response to it. The others must have samples for
+    # MIN_WINDOWS windows, each of two durations of the response.
     pieces = [piece for piece in resampled.pieces if np.ptp(piece[0])]
     samples = sum(piece.shape[1] for piece in pieces)
     if samples < 2 * MIN_WINDOWS * seconds * sampling_rate:
@@ -268,20 +279,20 @@ def _measured(
 def _with_angle_and_correction(
     sampling_rate: float, pieces: Sequence[Array], angle_gain: float
 ) -> list[Array]:
-    """Returns pieces of a rate's setpoint, with the attitude controller's correction in it, the rate and the angle.
+    """Completes pieces of rate setpoint and rate by the angle, and by the attitude controller's correction.
 
-    The correction is angle gain × error of the angle. Some messages have it in the setpoint, others leave it out; the
-    controller follows the setpoint with it. An angle that was not recorded is the integral of the rate. Without a
-    setpoint of the angle, the rate's is taken to have the correction.
+    The correction is angle gain × error of the angle. The rate controller follows the setpoint with it, but some
+    messages leave it out. Then it is added; without a recorded angle setpoint, the rate setpoint is assumed to have it.
+    An angle that was not recorded is replaced by the integral of the rate.
 
     Args:
-        sampling_rate: Hz.
-        pieces: (2 to 4, N) setpoint of the rate, rate and, as far as recorded, angle and setpoint of the angle. The
-            correction is added in place.
-        angle_gain: of the attitude controller, 1/s.
+        sampling_rate: rate of the samples, Hz.
+        pieces: rate setpoint, rate and, as far as they were recorded, angle and angle setpoint in the rows of each
+            piece (2 to 4, N). The correction is added in place.
+        angle_gain: gain of the attitude controller, 1/s.
 
     Returns:
-        (3 or 4, N) each: setpoint of the rate, rad/s, rate, angle, rad, and its setpoint if it was recorded.
+        Rate setpoint, rad/s, rate, rad/s, angle, rad, and angle setpoint if it was recorded (3 or 4, N).
     """
     rows = len(pieces[0])
     has_angle = rows >= 3
@@ -296,14 +307,15 @@ def _with_angle_and_correction(
 
 
 def _is_corrected(sampling_rate: float, pieces: Sequence[Array], angle_gain: float) -> bool:
-    """Returns whether a rate's setpoint has the attitude controller's correction in it, by a regression on both terms.
+    """Returns whether a logged rate setpoint contains the attitude controller's correction, by a regression.
 
-    Setpoint = a · slope of the angle's setpoint + b · angle gain · error of the angle: it is in it where b is near 1.
+    It is regressed on two terms: setpoint = a · derivative of the angle setpoint + b · angle gain · error of the angle.
+    The second is the correction, so the setpoint contains it if b is nearer to 1 than to 0.
 
     Args:
-        sampling_rate: Hz.
-        pieces: (4, N) each: setpoint of the rate, rate, angle and setpoint of the angle.
-        angle_gain: 1/s.
+        sampling_rate: rate of the samples, Hz.
+        pieces: rate setpoint, rate, angle and angle setpoint in the rows of each piece (4, N).
+        angle_gain: gain of the attitude controller, 1/s.
     """
     rate_setpoint, _, angle, angle_setpoint = np.concatenate(pieces, axis=1)
     slope = sampling_rate * np.gradient(angle_setpoint)
@@ -316,33 +328,36 @@ class _Responses(NamedTuple):
     """Step and frequency responses of N impulse responses: of the estimate, and then of draws."""
 
     time: Array
-    """(K,) s after the step."""
+    """Times after the step (K,), s."""
     steps: Array
-    """(N, K) responses to a step of 1."""
+    """Responses to a step of 1 (N, K)."""
     frequency: Array
-    """(F,) Hz."""
+    """Frequencies (F,), Hz."""
     responses: Complex
-    """(N, F) frequency responses."""
+    """Frequency responses (N, F)."""
 
 
 def _responses(estimate: ImpulseResponse, sampling_rate: float, max_frequency: float) -> _Responses:
-    """Returns the responses of an ``estimate`` and of ``RESPONSE_DRAWS`` draws of its weights.
+    """Computes step and frequency responses of an estimated impulse response, and of draws of its weights.
 
-    A step response is the integral of the impulse response by the trapezoidal rule with the end correction of Euler and
-    Maclaurin, since between two weights it is not straight.
+    A step response is the integral of the impulse response, by the trapezoidal rule with the end correction of Euler
+    and Maclaurin, since the impulse response is not straight between two weights.
 
     Args:
-        estimate: K weights, and their covariance.
-        sampling_rate: Hz.
-        max_frequency: of the frequency responses, Hz.
+        estimate: the K weights of the impulse response, and their covariance.
+        sampling_rate: rate of the samples, Hz.
+        max_frequency: highest frequency of the frequency responses, Hz.
+
+    Returns:
+        Responses in rows: that of the estimate first, then those of ``RESPONSE_DRAWS`` draws.
     """
     taps = len(estimate.weights)
     time = np.arange(1, taps + 1) / sampling_rate
     frequency = np.linspace(MIN_FREQUENCY, max_frequency, 2 * taps)
-    draws = normal_draws(estimate.weights, estimate.covariance, RESPONSE_DRAWS, seed=31)
+    draws = normal_draws(estimate.weights, estimate.covariance, RESPONSE_DRAWS, DRAWS_SEED)
     weights = np.vstack([estimate.weights, draws])
-    # Steps are sums of the weights before, half of the last weight (trapezoidal rule), and the end correction, by the
-    # slope of the impulse response, as half of a central difference, over 12.
+    # By the trapezoidal rule, a step is the sum of all weights so far, less half of the last one. The end correction is
+    # the slope of the impulse response over 12, and the slope half of a central difference.
     central_difference = np.eye(taps, k=-1) - np.eye(taps, k=1)
     end_correction = weights @ central_difference / 24
     steps = np.cumsum(weights, axis=1) - weights / 2 - end_correction
@@ -354,24 +369,27 @@ def _responses(estimate: ImpulseResponse, sampling_rate: float, max_frequency: f
 def _described(
     axis: str, loop: str, sampling_rate: float, estimate: ImpulseResponse, spectra: WelchSpectra
 ) -> StepResponse | Fact:
-    """Returns the step response that follows from an impulse response, with its figures; or that it is too uncertain.
+    """Describes an estimated impulse response by its step and frequency response, with figures and 90 % intervals.
 
-    Step and frequency responses are computed of the estimated impulse response, and of random draws from its normal
-    distribution. The spread of the draws shows the error: a 90 % interval is ± their standard deviation times a factor.
-    The frequency response is cut off where it is not known any more, since the setpoint does not move so fast. If fewer
-    than two frequencies are left, or the interval of the step is too wide, the result is the fact that setpoints moved
-    too little.
+    Step and frequency responses are computed for the estimate and for random draws from its normal distribution. The
+    spread of the draws shows the error: a half width is their standard deviation times a factor. The frequency response
+    ends where the setpoint does not move fast enough to show more of it.
 
     Args:
         axis: "roll", "pitch" or "yaw".
         loop: "rate" or "attitude".
-        sampling_rate: of the impulse response, Hz.
+        sampling_rate: rate of the samples of the impulse response, Hz.
         estimate: the impulse response.
-        spectra: of setpoint and response, for their coherence.
+        spectra: cross-spectra of setpoint and response, for their coherence.
+
+    Returns:
+        The step response; or the fact that setpoints moved too little, where fewer than two frequencies are known or
+        the interval of the step is too wide.
     """
-    # Setpoints of the angle may come without stamps of their own, so only half of the usual band is trusted for them.
-    nyquist_frequency = sampling_rate / (2 if loop == "rate" else 4)
-    responses = _responses(estimate, sampling_rate, MAX_FREQUENCY_RATIO * nyquist_frequency)
+    # Angle setpoints may come without time stamps of their own, so only half of the usual band is trusted for them.
+    nyquist_frequency = sampling_rate / 2
+    usable_frequency = nyquist_frequency if loop == "rate" else nyquist_frequency / 2
+    responses = _responses(estimate, sampling_rate, MAX_FREQUENCY_RATIO * usable_frequency)
     gains = np.abs(responses.responses)
     coherence = _coherence_where_driven(spectra)
     # Row 0 of all responses is the estimate, the others are draws.
@@ -399,9 +417,12 @@ def _described(
 
 
 def _coherence_where_driven(spectra: WelchSpectra) -> Array:
-    """Returns (F,) the coherence of setpoint and response, 0 where the setpoint has hardly any power.
+    """Returns the coherence of setpoint and response (F,), with 0 where the setpoint has hardly any power.
 
-    There, what is left of both signals by interpolation may be coherent without being a response.
+    At such frequencies, errors of interpolation in both signals may be coherent without being a response.
+
+    Args:
+        spectra: cross-spectra of setpoint and response at F frequencies.
     """
     power = spectra.driver_power
     is_driven = power >= MIN_DRIVER_POWER_RATIO * power.max()
@@ -411,45 +432,50 @@ def _coherence_where_driven(spectra: WelchSpectra) -> Array:
 def _known_frequencies(
     frequency: Array, gains: Array, spectrum_frequency: Array, coherence: Array
 ) -> int:
-    """Returns how many of the first frequencies of a response are known.
+    """Returns up to which frequency a response is known, as the number of its leading frequencies.
 
-    They end where the deviation of |T| exceeds ``MAX_GAIN_DEVIATION``, and at the highest frequency at which setpoint
-    and response are coherent.
+    They end where the standard deviation of |T| first exceeds ``MAX_GAIN_DEVIATION``, and at the highest frequency at
+    which setpoint and response are coherent.
 
     Args:
-        frequency: (F,) of the response, Hz.
-        gains: (N, F) |T| of the estimate, and then of draws.
-        spectrum_frequency: (F′,) of the coherence, Hz.
-        coherence: (F′,) of setpoint and response.
+        frequency: frequencies of the response (F,), Hz, ascending.
+        gains: |T| (N, F), that of the estimate in row 0, then those of draws.
+        spectrum_frequency: frequencies of the coherence (F′,), Hz.
+        coherence: coherence of setpoint and response (F′,).
     """
-    # Row 0 is the estimate.
     deviation = gains[1:].std(axis=0)
     uncertain = np.flatnonzero(deviation > MAX_GAIN_DEVIATION)
     # The first uncertain frequency, or the number of all if there is none.
-    certain = np.append(uncertain, len(frequency))[0]
+    certain_count = np.append(uncertain, len(frequency))[0]
     highest_coherent = spectrum_frequency[coherence >= MIN_COHERENCE].max(initial=0.0)
-    return min(certain, np.searchsorted(frequency, highest_coherent))
+    return min(certain_count, np.searchsorted(frequency, highest_coherent))
 
 
 def _figures(
     time: Array, steps: Array, frequency: Array, gains: Array
 ) -> dict[str, IntervalEstimate]:
-    """Returns each of ``FIGURES`` with its 90 % interval, from the figures of the estimate and of the draws.
+    """Computes each of ``FIGURES`` with its 90 % interval.
+
+    A figure is computed for the estimate and for each draw, and the interval follows from the draws.
 
     Args:
-        time: (K,) s after the step.
-        steps: (N, K) responses to a step, of the estimate and then of draws.
-        frequency: (F,) Hz.
-        gains: (N, F) |T|, likewise.
+        time: times after the step (K,), s.
+        steps: responses to a step (N, K), that of the estimate in row 0, then those of draws.
+        frequency: frequencies (F,), Hz.
+        gains: gains |T| (N, F), in the same order.
+
+    Returns:
+        Figures by name; times in s, frequencies in Hz.
     """
     to_tenth = _first_times(time, steps, 0.1)
     to_half = _first_times(time, steps, 0.5)
     to_nine_tenths = _first_times(time, steps, 0.9)
-    # A step that never reaches 90 % rises for all the time there is.
+    # A step that never reaches 90 % has no rise time: the whole duration stands for it.
     has_risen = to_nine_tenths < time[-1]
     is_unsettled = abs(steps - 1) > SETTLING_BAND
     overshoot = np.maximum(steps.max(axis=1) - 1, 0.0)
-    # Noise adds to the highest value of a step: as much as each draw adds to it again.
+    # Noise raises the highest value of a step. The estimate contains noise once and a draw twice, so the bias is what
+    # the draws have more than the estimate.
     added_by_noise = overshoot - overshoot[0]
     added_by_noise[0] = added_by_noise[1:].mean()
     values = {
@@ -465,19 +491,20 @@ def _figures(
 
 
 def _first_times(time: Array, steps: Array, level: float) -> Array:
-    """Returns the times at which responses to a step first exceed a ``level``, linearly interpolated.
+    """Returns the times at which responses to a step first exceed a level, linearly interpolated.
 
     Args:
-        time: (K,) s after the step.
-        steps: (N, K) responses, which are 0 at time 0.
-        level: to be exceeded.
+        time: times after the step (K,), s.
+        steps: responses (N, K), which are 0 at time 0.
+        level: level to be exceeded, as a fraction of the step.
 
     Returns:
-        (N,) s; the last of ``time`` where a response never exceeds the level.
+        Times (N,), s; the last of ``time`` where a response never exceeds the level.
     """
+    # The running maximum never falls, so it exceeds the level once.
     running_maximum = np.maximum.accumulate(steps, axis=1)
     is_below = running_maximum <= level
-    # The values between which the level is exceeded; the first is that at time 0 if no sample is below.
+    # The values before and after the level is exceeded; the one before is 0, at time 0, if no sample is below.
     value_before = running_maximum.max(axis=1, where=is_below, initial=0.0)
     value_after = running_maximum.min(axis=1, where=~is_below, initial=np.inf)
     samples_before = is_below.sum(axis=1)
@@ -490,8 +517,8 @@ def _with_interval(values: Array) -> IntervalEstimate:
     """Returns a figure with its 90 % interval.
 
     Args:
-        values: (N,) the figure of the estimate, then those of draws. The interval has 5 % of the draws below and above
-            it, and is widened to hold the estimate.
+        values: figures (N,), that of the estimate first, then those of draws. 5 % of the draws lie below the interval
+            and 5 % above it; it is widened to hold the estimate.
     """
     low, high = np.quantile(values[1:], INTERVAL_QUANTILES).tolist()
     value = values[0]
@@ -505,15 +532,15 @@ def step_from_frequency_response(frequency: Array, closed: Complex, time: Array)
     midpoints of even steps of ``FREQUENCY_STEP``, up to the highest frequency.
 
     Args:
-        frequency: (F,) Hz.
-        closed: (F,) frequency response T.
-        time: (K,) s after the step.
+        frequency: frequencies (F,), Hz, ascending.
+        closed: frequency response T of the closed loop (F,).
+        time: times after the step (K,), s.
 
     Returns:
-        (K,) step response.
+        Step response (K,).
     """
-    uniform = np.arange(FREQUENCY_STEP / 2, frequency[-1], FREQUENCY_STEP)
-    real_part = np.interp(uniform, frequency, closed.real)
-    phases = 2 * np.pi * np.outer(time, uniform)
-    kernel = np.sin(phases) / uniform
+    midpoints = np.arange(FREQUENCY_STEP / 2, frequency[-1], FREQUENCY_STEP)
+    real_part = np.interp(midpoints, frequency, closed.real)
+    phases = 2 * np.pi * np.outer(time, midpoints)
+    kernel = np.sin(phases) / midpoints
     return kernel @ real_part * FREQUENCY_STEP * 2 / np.pi

@@ -42,14 +42,14 @@ Yaw's is 1 for a propeller that turns counterclockwise, seen from above.
 TYPICAL_MASS = 1.5
 """Mass that is assumed where none is given, kg."""
 ARM_PER_ROOT_MASS = 0.15
-"""Distance of the motors forward, and right, of the centre of mass by the cube root of the mass, m kg^(−1/3).
+"""Distance of the motors forward, and right, of the centre of mass over the cube root of the mass, m kg^(−1/3).
 
-That of a 3DR Iris: vehicles of one shape and density are longer by the cube root.
+It is that of a 3DR Iris: the lengths of vehicles of one shape and density grow with the cube root of the mass.
 """
 TYPICAL_MOMENT_RATIO = 0.1
-"""Torque of a common propeller by its thrust, over the arm."""
+"""Torque over thrust of a common propeller, relative to the distance of the motors to the right."""
 MIN_HOVER = 0.1
-"""Share of the motors' range in hover, at least: with less, it is no hover."""
+"""Least share of the motors' range in hover: with less, the flight is no hover. A choice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,31 +61,31 @@ class Twin(ImmutableResult):
     mass: float
     """Mass, kg."""
     inertia: Numbers
-    """(3,) moments of inertia about forward, right and down, kg m²."""
+    """Moments of inertia about forward, right and down (3,), kg m²."""
     arm: Position
-    """How far forward, and right, of the centre of mass its motors are, m."""
+    """Distances of the motors forward, and to the right, of the centre of mass, m."""
     hover: float
-    """Share of the motors' range in hover."""
+    """Mean output of the motors in hover, as a share of their range."""
     spin: Interval
-    """Shares of that range at which thrust begins and ends."""
+    """Outputs, as shares of that range, at which thrust begins and ends."""
     expo: float
     """Quadratic fraction e of the thrust curve (1 − e) u + e u²."""
     moment: float
-    """Torque of a propeller by its thrust, m."""
+    """Torque of a propeller over its thrust, m."""
     damping: Numbers
-    """(3,) damping of the rates of roll, pitch and yaw, 1/s."""
+    """Damping of the rates of roll, pitch and yaw (3,), 1/s."""
     lag: float
     """Time constant of the motors, s."""
     delay: float
-    """From the motion to the motors' command, without the hold over a control cycle, s."""
+    """Delay from the motion to the motors' command, without the hold over a control cycle, s."""
     noise: float
     """Standard deviation of a measured rate, rad/s."""
     drag: Drag
-    """Drag; by its source that of typical vehicles, where the flight does not show it."""
+    """Drag of the vehicle; that of typical vehicles where the flight does not show it, as its ``source`` states."""
     wind_speed: float | None
-    """Mean of the flight, m/s; None where it is not known."""
+    """Speed of the mean wind in the flight, m/s; ``None`` where it is not known."""
     wind_direction: float | None
-    """Where that wind comes from, degrees; None where it is not known."""
+    """Direction that the mean wind comes from, degrees; ``None`` where it is not known."""
     parameters: Parameters
     """Parameters of the autopilot's rate and attitude control, by name."""
     notes: NamedFacts
@@ -93,22 +93,23 @@ class Twin(ImmutableResult):
 
     @property
     def command(self) -> float:
-        """Command u of the thrust curve in hover: the share of what is between where thrust begins and ends."""
+        """Command u of the thrust curve in hover: 0 where thrust begins, 1 where it ends."""
         spin_min, spin_max = self.spin
         return (self.hover - spin_min) / (spin_max - spin_min)
 
     @property
     def slope(self) -> float:
-        """Slope of one motor's thrust by the share of its range, in hover, N.
+        """Derivative of one motor's thrust by its output, in hover, N per unit of output.
 
-        In hover, each of four motors carries T = m g / 4. By the thrust curve c u (1 − e + e u) of command u, its slope
-        is dT/du = T (1 − e + 2 e u) / (u (1 − e + e u)). The command goes from 0 to 1 over a part of the range only,
-        so that the slope by the share of the range is larger by 1 / (spin_max − spin_min).
+        In hover, each of four motors carries T = m g / 4. By the thrust curve c u (1 − e + e u) of command u, the slope
+        is dT/du = T (1 − e + 2 e u) / (u (1 − e + e u)). The command goes from 0 to 1 over a part of the output's range
+        only, so that the slope by the output is larger by 1 / (spin_max − spin_min).
         """
         spin_min, spin_max = self.spin
         relative_thrust = self.command * (1 - self.expo + self.expo * self.command)
-        thrust = relative_thrust * (spin_max - spin_min)
-        return self.mass * GRAVITY / 4 / thrust * (1 - self.expo + 2 * self.expo * self.command)
+        scaled_thrust = relative_thrust * (spin_max - spin_min)
+        relative_slope = 1 - self.expo + 2 * self.expo * self.command
+        return self.mass * GRAVITY / MOTOR_COUNT / scaled_thrust * relative_slope
 
 
 def build_twin(
@@ -119,20 +120,21 @@ def build_twin(
     drag: Drag,
     mass: float | None,
 ) -> Twin:
-    """Returns the twin of a vehicle from its identified loops.
+    """Builds the twin of a vehicle from its identified loops.
 
-    Pitch is taken to be like roll, and yaw like that of common propellers, where their loops are not known.
+    Where the loop of pitch is not known, pitch is like roll. Where that of yaw is not known, the propellers have the
+    usual torque, and yaw has no damping.
 
     Args:
-        loops: by axis; roll must be there.
-        px4: whether the autopilot is PX4, and not ArduPilot.
-        hover: share of the motors' range in hover.
-        air: the wind of the flight, if it is known.
-        drag: of the vehicle, or of typical ones.
-        mass: kg, where it is known.
+        loops: identified loops by axis, "roll" among them.
+        px4: whether the autopilot is PX4; else it is ArduPilot.
+        hover: mean output of the motors in hover, as a share of their range.
+        air: the wind of the flight; ``None`` where it is not known.
+        drag: drag of the vehicle, or of typical ones.
+        mass: mass, kg; ``None`` for an assumed one.
 
     Raises:
-        NotLearnable: the motors' share of their range is not that of a hover.
+        NotLearnable: the motors' output is not that of a hover.
     """
     roll = loops["roll"]
     controller = roll.controller
@@ -145,10 +147,12 @@ def build_twin(
     known_mass = mass or TYPICAL_MASS
     arm = _arm(controller.parameters, known_mass)
     control = _control_parameters(controller.parameters, "px4" if px4 else "ardupilot")
-    # Columns of the dynamics are damping, lag and delay, and row 0 is the estimate.
+    # Row 0 of the dynamics is the estimate; its columns are damping, lag and delay. Yaw does not count.
     lags_and_delays = [loop.dynamics[0, 1:] for axis, loop in loops.items() if axis != "yaw"]
-    # The simulator holds its output over a cycle: half of that is in the identified delay.
-    lag, delay = (np.mean(lags_and_delays, axis=0) - [0.0, control.loop_period / 2]).tolist()
+    # The simulator holds its output over a control cycle. That delays it by half a cycle, which the identified delay
+    # contains already.
+    hold_delay = control.loop_period / 2
+    lag, delay = (np.mean(lags_and_delays, axis=0) - [0.0, hold_delay]).tolist()
     # Where no loop of pitch is known, it is like roll; without one of yaw, yaw is undamped.
     damping = {"pitch": roll.plant.damping, "yaw": 0.0}
     for axis, loop in loops.items():
@@ -163,7 +167,7 @@ def build_twin(
         expo=min(max(controller.thrust_expo, 0.0), 1.0),
         moment=TYPICAL_MOMENT_RATIO * arm.position[1],
         damping=tuple(damping[axis] for axis in TORQUE_SIGNS),
-        # A delay shorter than the hold shortens the lag instead.
+        # Where the identified delay is shorter than that of the hold, the lag is shortened instead.
         lag=max(lag + min(delay, 0.0), 0.0),
         delay=max(delay, 0.0),
         noise=roll.plant.noise,
@@ -177,23 +181,24 @@ def build_twin(
 
 
 class _Arm(NamedTuple):
-    """Where the motors are."""
+    """Position of the motors of an X quadrotor relative to its centre of mass."""
 
     position: Position
-    """How far forward and right of the centre of mass, m."""
+    """Distance forward and to the right, m."""
     is_measured: bool
-    """Whether the parameters have it; else it is assumed by the mass."""
+    """Whether the autopilot's parameters have the position; else it is assumed from the mass."""
 
 
 def _arm(parameters: Parameters, mass: float) -> _Arm:
-    """Returns where the motors of a quadrotor are, by PX4's ``CA_ROTORn_PX`` and ``PY``, or else by its mass.
+    """Returns how far the motors of a quadrotor are from its centre of mass.
 
-    Positions count only if all are there. Those whose largest is exactly 1 are normalised and no metres: they do not
-    count either.
+    PX4's parameters ``CA_ROTORn_PX`` and ``PY`` have the positions. They are used only if all are set and are in
+    metres: positions whose largest is exactly 1 are normalised. Otherwise the arm is assumed from the mass
+    (``ARM_PER_ROOT_MASS``).
 
     Args:
-        parameters: of the autopilot, by name.
-        mass: kg, by which the arm is assumed (``ARM_PER_ROOT_MASS``) where the parameters do not have it.
+        parameters: parameters of the autopilot, by name.
+        mass: mass, kg.
     """
     motors = range(MOTOR_COUNT)
     forward = [parameters.get(f"CA_ROTOR{motor}_PX", 0.0) for motor in motors]
@@ -202,8 +207,8 @@ def _arm(parameters: Parameters, mass: float) -> _Arm:
     if positions.all() and np.abs(positions).max() != 1.0:
         mean_forward, mean_right = np.abs(positions).mean(axis=1).tolist()
         return _Arm((mean_forward, mean_right), is_measured=True)
-    assumed = ARM_PER_ROOT_MASS * mass ** (1 / 3)
-    return _Arm((assumed, assumed), is_measured=False)
+    assumed_arm = ARM_PER_ROOT_MASS * mass ** (1 / 3)
+    return _Arm((assumed_arm, assumed_arm), is_measured=False)
 
 
 class _ControlParameters(NamedTuple):
@@ -218,10 +223,10 @@ class _ControlParameters(NamedTuple):
 
 
 def _control_parameters(logged: Parameters, autopilot: str) -> _ControlParameters:
-    """Returns the control of the logged parameters, as the simulation can fly it.
+    """Returns the parameters of the autopilot's control with which the simulator flies the twin.
 
-    A rate loop that is faster than ``MAX_LOOP_RATE`` is slowed down to that. The mixer's geometry (``CA_*``) is left
-    out, since the twin's own takes its place.
+    They are those of the log with two changes. A rate loop that is faster than ``MAX_LOOP_RATE`` is slowed down to
+    that, to save time. The mixer's geometry (``CA_*``) is left out, since the twin has its own.
 
     Args:
         logged: parameters of the log, by name.
@@ -236,73 +241,78 @@ def _control_parameters(logged: Parameters, autopilot: str) -> _ControlParameter
 
 
 def _with_inertia(twin: Twin, loops: LoopsByAxis) -> Twin:
-    """Returns the ``twin`` with moments of inertia, and the propellers' moment, from the effectiveness of its loops.
+    """Computes the moments of inertia of a twin, and the moment of its propellers, from the loops' effectiveness.
 
-    A multirotor is flat, so that its moment of inertia about down is the sum of the two others (perpendicular axis
-    theorem). The loop of yaw shows the ratio of that inertia to the propellers' moment (torque over thrust): so the
-    moment follows from the inertia.
-
-    Args:
-        twin: with mass, arm, hover and thrust curve; its inertia is not set yet.
-        loops: by axis; roll must be there. Pitch is like roll where its loop is not known.
-    """
-    inertia = {axis: _inertia(twin, axis, loop) for axis, loop in loops.items()}
-    roll = inertia["roll"]
-    pitch = inertia.get("pitch", roll)
-    yaw = roll + pitch
-    moment = twin.moment
-    if "yaw" in inertia:
-        inertia_per_moment = inertia["yaw"]
-        moment = yaw / inertia_per_moment
-    return replace(twin, inertia=(roll, pitch, yaw), moment=moment)
-
-
-def _inertia(twin: Twin, axis: str, loop: Loop) -> float:
-    """Returns the moment of inertia about roll or pitch, kg m²; about yaw, that over the propellers' moment, kg m.
-
-    A demand is the torque command of the rate controller, from -1 to 1. By Newton's second law, J = M / α: the torque M
-    that a demand of 1 makes, over the angular acceleration α that it makes. The flight shows α, the control
-    effectiveness of the identified plant. M follows from the twin: the mixer says by how much the demand changes the
-    output of each motor, the slope of the thrust curve turns outputs into newtons, and the lever of the motors turns
-    newtons into torque: M = lever · slope · Σ |output per demand|.
+    The inertia about roll and pitch is the torque of a demand over the angular acceleration that the flight shows. A
+    multirotor is flat, so its moment of inertia about yaw is the sum of the two others (perpendicular axis theorem).
+    The loop of yaw then gives the propellers' moment, which is their torque over their thrust.
 
     Args:
-        twin: an X quadrotor; its arm (forward, right), m, its output in hover, 0 to 1, and the slope of its thrust
-            curve, N per unit of output, are used.
-        axis: "roll", "pitch" or "yaw".
-        loop: of the axis; row 0 of its control effectiveness is the estimate, rad/s² per demand.
+        twin: twin with mass, arm, output in hover and thrust curve, whose inertia is not set yet.
+        loops: identified loops by axis, "roll" among them. Pitch is like roll where its loop is not known.
+
+    Returns:
+        The twin with its inertia, kg m², and moment, m.
     """
     forward_arm, right_arm = twin.arm
-    # PX4's parameters of an X quadrotor with this arm; ArduPilot takes the frame's class and the weights instead.
+    inertia_roll = _inertia(twin, "roll", loops["roll"], lever=right_arm)
+    inertia_pitch = inertia_roll
+    if "pitch" in loops:
+        inertia_pitch = _inertia(twin, "pitch", loops["pitch"], lever=forward_arm)
+    inertia_yaw = inertia_roll + inertia_pitch
+    moment = twin.moment
+    if "yaw" in loops:
+        # About yaw, the lever of a motor is the moment of its propeller, which is not known yet. The inertia is in
+        # proportion to the lever, so that with a lever of 1 m the result is the inertia over the moment.
+        inertia_per_moment = _inertia(twin, "yaw", loops["yaw"], lever=1.0)
+        moment = inertia_yaw / inertia_per_moment
+    return replace(twin, inertia=(inertia_roll, inertia_pitch, inertia_yaw), moment=moment)
+
+
+def _inertia(twin: Twin, axis: str, loop: Loop, lever: float) -> float:
+    """Returns the moment of inertia about an axis, kg m², from the control effectiveness of its loop.
+
+    By Newton's second law it is M / α, with the torque M and the angular acceleration α of a demand of 1, the largest
+    torque command of the rate controller. The flight shows α, the control effectiveness of the identified plant. M
+    follows from the twin: the mixer gives the change of each motor's output, the slope of the thrust curve that of its
+    thrust, and the lever that of its torque. So M = lever · slope · Σ |output per demand|.
+
+    Args:
+        twin: an X quadrotor, with its arm, its output in hover, and the slope of its thrust curve.
+        axis: "roll", "pitch" or "yaw".
+        loop: loop of the axis, with its control effectiveness, rad/s² per demand.
+        lever: torque of a motor about the axis over its thrust, m.
+    """
+    forward_arm, right_arm = twin.arm
+    # PX4 reads the mixer from the motors' positions; ArduPilot from the class of the frame, and here the signs.
     x_frame = {"CA_ROTOR_COUNT": float(MOTOR_COUNT), "FRAME_CLASS": 1.0}
-    # For each motor, the signs (1 or -1) of the torques about roll, pitch and yaw that its thrust makes.
+    # For each motor, the signs (1 or -1) of its torques about roll, pitch and yaw.
     motor_signs = zip(*TORQUE_SIGNS.values(), strict=True)
-    for motor, (left_sign, front_sign, spin_sign) in enumerate(motor_signs):
-        x_frame[f"CA_ROTOR{motor}_PX"] = forward_arm * front_sign
-        x_frame[f"CA_ROTOR{motor}_PY"] = -right_arm * left_sign
-        x_frame[f"CA_ROTOR{motor}_KM"] = spin_sign
+    for motor, (roll_sign, pitch_sign, yaw_sign) in enumerate(motor_signs):
+        # A motor in front raises the nose, a motor on the right rolls to the left.
+        x_frame[f"CA_ROTOR{motor}_PX"] = forward_arm * pitch_sign
+        x_frame[f"CA_ROTOR{motor}_PY"] = -right_arm * roll_sign
+        x_frame[f"CA_ROTOR{motor}_KM"] = yaw_sign
     controller = controller_from_parameters(
         {**twin.parameters, **x_frame}, axis, TORQUE_SIGNS[axis]
     )
     # Some controllers linearise the thrust curve, so that outputs per demand depend on the output: that in hover.
     outputs_per_demand = controller.outputs_per_demand([twin.hover] * MOTOR_COUNT)
     total_output = np.abs(outputs_per_demand).sum()
-    # About yaw, the lever of a motor is the propellers' moment (torque over thrust, m), which is not known yet: 1
-    # stands for it, so that the result is the inertia over that moment.
-    lever = {"roll": right_arm, "pitch": forward_arm, "yaw": 1.0}[axis]
+    # Row 0 of the effectiveness is the estimate.
     return lever * twin.slope * total_output / loop.effectiveness[0]
 
 
 def _notes(
     loops: LoopsByAxis, is_mass_given: bool, is_arm_measured: bool, drag: Drag
 ) -> dict[str, Fact]:
-    """Returns how certain the attributes of a twin are, by their names.
+    """Returns how certain the attributes of a twin are, by the names of the attributes.
 
     Args:
-        loops: by axis.
-        is_mass_given: whether the mass is known and not assumed.
-        is_arm_measured: whether the parameters have the arm.
-        drag: of the vehicle, or of typical ones.
+        loops: identified loops by axis.
+        is_mass_given: whether the mass is known; else it is assumed.
+        is_arm_measured: whether the parameters have the arm; else it is assumed.
+        drag: drag of the vehicle, or of typical ones.
     """
     effects = {axis: _effect_note(loop) for axis, loop in loops.items()}
     notes = {
@@ -314,7 +324,7 @@ def _notes(
         "lag": Fact(Twins.LAG_NOTE, lag=_half_width(loops["roll"], "lag")),
     }
     for name in ("linear", "quadratic"):
-        # The note of each coefficient has the intervals of both: (2,) mean over both axes of the lower and upper end.
+        # The note of each coefficient states the intervals of both: lower and upper end, each the mean over both axes.
         notes[f"drag_{name}"] = Fact(
             Twins.DRAG_NOTE,
             subject=name,
@@ -328,9 +338,10 @@ def _notes(
 def _effect_note(loop: Loop) -> Fact:
     """Returns the note on how certain a loop's control effectiveness is.
 
-    Its ``share`` is the half width of the 90 % interval over the estimate. It is biased where the identification of the
-    plant says so.
+    Its figure ``share`` is the half width of the 90 % interval over the estimate, and ``is_biased`` whether the
+    identification of the plant calls the effectiveness biased.
     """
+    # Row 0 of the effectiveness is the estimate, the others are draws from its posterior.
     half_width = coverage_factor() * np.std(loop.effectiveness)
     return Fact(
         Twins.EFFECT_NOTE,
@@ -340,7 +351,7 @@ def _effect_note(loop: Loop) -> Fact:
 
 
 def _half_width(loop: Loop, parameter: str) -> float | None:
-    """Returns the half width of the 90 % interval of "damping" or "lag"; None where it is not identifiable."""
+    """Returns the half width of the 90 % interval of "damping", 1/s, or "lag", s; ``None`` if not identifiable."""
     if loop.plant.status[parameter] is Status.NOT_IDENTIFIABLE:
         return None
     half_width: float = getattr(loop.plant.interval(), parameter)

@@ -17,21 +17,21 @@ from mavdem.loops.twin import Twin
 from mavdem.plant.parameters import wind_torque_density
 
 MAX_REPLAY_SECONDS = 120.0
-"""Longest segment that is flown, s: it takes the simulator a few seconds."""
+"""Longest segment that is flown, s: it takes the simulator a few seconds. A choice."""
 MIN_SETPOINT_SHARE = 0.5
-"""Fraction of a segment with setpoints, from which on it can be flown."""
+"""Least fraction of a segment with setpoints for the twin to fly it: a choice."""
 MIN_YAW_SETPOINT_RATIO = 0.8
-"""Standard deviation of yaw's rate setpoint over that of the rate, from which on yaw is steered.
+"""Standard deviation of yaw's rate setpoint relative to that of the yaw rate, from which on yaw is steered: a choice.
 
-A heading that is only held is turned by roll and pitch of a leaned vehicle.
+While the heading is only held, most of the yaw rate comes from roll and pitch of a leaned vehicle.
 """
 TWIN_FLIGHTS = 3
-"""Flights of the twin, each in other wind of the same spectrum."""
+"""Number of flights of the twin, each in other wind of the same spectrum: a choice."""
 
 SETTLING_SECONDS = 3.0
-"""Beginning of a flight that is left out of its figures, s."""
+"""Beginning of a flight that is left out of its figures, s, while the twin settles: a choice."""
 RATE_BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)
-"""Edges of the bands in which spectra of the rate are compared, Hz: octaves, and most of one."""
+"""Edges of the bands in which spectra of the rate are compared, Hz: octaves, but for the last."""
 SPECTRUM_WINDOW_SECONDS = 20.0
 """Length of the windows of these spectra, s, at most half of the flight."""
 
@@ -40,27 +40,27 @@ class ReplaySegment(NamedTuple):
     """Setpoints and motion of one axis in the part of a recorded flight that the simulated twin flies again."""
 
     outputs: Array
-    """(T, 2) recorded angle, rad, and rate, rad/s; (T, 1) the rate alone, of yaw."""
+    """Recorded angle, rad, and rate, rad/s (T, 2); for yaw the rate alone (T, 1)."""
     setpoints: Array
-    """(T, 2) setpoints of angle, rad, and rate, rad/s.
+    """Setpoints of angle, rad, and rate, rad/s (T, 2).
 
-    That of the rate is without what the attitude controller makes of the angle's error. Of yaw it is all, and that of
-    the angle is 0.
+    The rate setpoint is without the correction that the attitude controller adds for the error of the angle. For yaw it
+    is the whole setpoint, and that of the angle is 0.
     """
 
 
 def replay_segments(loops: LoopsByAxis) -> dict[str, ReplaySegment]:
-    """Returns by axis the longest segment of a flight, where its setpoints were recorded.
+    """Returns the part of a recorded flight that the twin can fly again: setpoints and motion of each axis.
 
-    The twin flies all axes at once, so they must be of the same time. That is roll's longest segment, cut at
-    ``MAX_REPLAY_SECONDS``. Pitch and yaw are there where they were learned from the same segments as roll; yaw only
-    where it was steered.
+    The twin flies all axes at once, so the segments of all axes must cover the same time. That is the longest segment
+    of roll, cut at ``MAX_REPLAY_SECONDS``. Pitch and yaw are included if they were identified from the same segments as
+    roll, and yaw only if it was steered.
 
     Args:
-        loops: by axis; roll must be there.
+        loops: identified loops by axis, "roll" among them.
 
     Returns:
-        The segment of each axis; empty without setpoints of roll.
+        The segment of each axis, by its name; empty if no setpoints of roll were recorded.
     """
     roll = loops["roll"].record
     longest = np.argmax(roll.lengths)
@@ -78,58 +78,61 @@ def replay_segments(loops: LoopsByAxis) -> dict[str, ReplaySegment]:
 
 
 def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
-    """Returns what the vehicle did in some rows of a record, and the setpoints with which the twin can fly the same.
+    """Returns the motion of one axis in some rows of a record, and the setpoints with which the twin can fly the same.
 
-    An attitude controller adds a correction, angle gain × error of the angle, to the setpoint of the rate. The twin has
-    such a controller too, so the logged correction must be taken off. ArduPilot's ATTITUDE_TARGET leaves it out, its
-    other messages and PX4's have it. Which it is shows in what the logged setpoint of the rate is nearest to: the slope
-    of the angle's setpoint (no correction), that and the correction, or the correction alone.
+    An attitude controller adds a correction, angle gain × error of the angle, to the rate setpoint. The twin has such a
+    controller too, so the correction must be subtracted from the logged setpoint where it is in it. ArduPilot's
+    ATTITUDE_TARGET leaves it out, ArduPilot's other messages and PX4's have it. To find out, the logged rate setpoint
+    is compared with three signals: the derivative of the angle setpoint (no correction), the sum of that and the
+    correction, and the correction alone.
 
     Args:
-        loop: of the axis, with its record.
-        rows: of the record.
+        loop: loop of the axis, with its record.
+        rows: rows of the record.
 
     Returns:
-        None where too few setpoints were recorded, or yaw was not steered.
+        Motion and setpoints; ``None`` where too few setpoints were recorded, or yaw was not steered.
     """
-    # Outputs are angle and rate of roll and pitch, and the rate alone of yaw.
+    # The outputs of roll and pitch are angle and rate, that of yaw is the rate alone.
     record = loop.record
     outputs = record.outputs[rows]
     if loop.axis == "yaw":
         columns = _setpoints(loop, rows, ["yaw rate setpoint"])
         if columns is None:
             return None
-        # Yaw is steered by its rate, so the setpoint of its angle is 0. One that hardly moves was not steered.
-        (yaw_rate,) = columns
-        if not yaw_rate.std() > MIN_YAW_SETPOINT_RATIO * outputs.std():
+        # Yaw is steered by its rate, so the setpoint of its angle is 0. If the rate setpoint hardly moves, the heading
+        # was only held.
+        (yaw_rate_setpoint,) = columns
+        if not yaw_rate_setpoint.std() > MIN_YAW_SETPOINT_RATIO * outputs.std():
             return None
-        return ReplaySegment(outputs, np.column_stack([0 * yaw_rate, yaw_rate]))
+        angle_setpoint = np.zeros_like(yaw_rate_setpoint)
+        return ReplaySegment(outputs, np.column_stack([angle_setpoint, yaw_rate_setpoint]))
     columns = _setpoints(loop, rows, [f"{loop.axis} setpoint", f"{loop.axis} rate setpoint"])
     if columns is None:
         return None
-    angle, rate = columns
-    correction = loop.controller.angle_gain * (angle - outputs[:, 0])
-    feed_forward = np.gradient(angle, record.dt)
-    # The nearest has the least standard deviation from the recorded setpoint.
+    angle_setpoint, rate_setpoint = columns
+    correction = loop.controller.angle_gain * (angle_setpoint - outputs[:, 0])
+    feed_forward = np.gradient(angle_setpoint, record.dt)
+    # The candidate without the correction comes first.
     candidates = (feed_forward, correction + feed_forward, correction)
-    distances = [np.std(rate - candidate) for candidate in candidates]
+    distances = [np.std(rate_setpoint - candidate) for candidate in candidates]
     lacks_correction = loop.controller.is_ardupilot and np.argmin(distances) == 0
     if not lacks_correction:
-        rate = rate - correction
-    return ReplaySegment(outputs, np.column_stack([angle, rate]))
+        rate_setpoint = rate_setpoint - correction
+    return ReplaySegment(outputs, np.column_stack([angle_setpoint, rate_setpoint]))
 
 
 def _setpoints(loop: Loop, rows: slice, names: Sequence[str]) -> list[Array] | None:
     """Returns setpoints of a record in some of its rows, interpolated between messages.
 
     Args:
-        loop: with the record.
-        rows: of the record, T of them.
-        names: of the setpoints, as "roll setpoint".
+        loop: loop of an axis, with its record.
+        rows: the T rows of the record.
+        names: names of the setpoints, such as "roll setpoint".
 
     Returns:
-        (T,) each; None where one of them does not exist, or all together were recorded in less than
-        ``MIN_SETPOINT_SHARE`` of the rows.
+        Each setpoint (T,), in the order of the names. ``None`` where the record lacks one of them, or all of them
+        together were recorded in less than ``MIN_SETPOINT_SHARE`` of the rows.
     """
     record = loop.record
     if record.setpoints is None or not set(names) <= set(record.setpoint_names):
@@ -147,17 +150,17 @@ def _setpoints(loop: Loop, rows: slice, names: Sequence[str]) -> list[Array] | N
 
 
 def compare_twin_with_flight(twin: Twin, loops: LoopsByAxis) -> dict[str, dict[str, list[float]]]:
-    """Returns by axis the figures of the recorded flight and of its twin's, as :func:`motion_figures`.
+    """Flies the twin on the setpoints of the recorded flight, and compares the two motions by figures.
 
     The wind of the recorded flight is not known in time, only its spectrum. So the twin flies ``TWIN_FLIGHTS`` times in
-    other wind of that spectrum, and figures are compared instead of time series.
+    other wind of that spectrum, and figures such as standard deviations are compared instead of time series.
 
     Args:
-        twin: of the vehicle.
-        loops: by axis, with the records of the flight.
+        twin: the twin of the vehicle.
+        loops: identified loops by axis, with the records of the flight.
 
     Returns:
-        By axis; empty without setpoints of roll.
+        By axis, the figures of :func:`motion_figures` by name; empty if no setpoints of roll were recorded.
 
     Raises:
         NotLearnable: the twin cannot fly.
@@ -176,18 +179,18 @@ def compare_twin_with_flight(twin: Twin, loops: LoopsByAxis) -> dict[str, dict[s
 def fly_twin(
     twin: Twin, loops: LoopsByAxis, segments: Mapping[str, ReplaySegment], seed: int = 0
 ) -> Array:
-    """Flies the ``twin`` on the setpoints of a flight, in wind torque of the spectra that its loops were learned with.
+    """Flies the twin on the setpoints of a recorded flight, in random wind torque with the spectra of that flight.
 
-    Axes without a segment keep a setpoint of 0, in still air.
+    Axes without a segment keep a setpoint of 0, without wind torque.
 
     Args:
-        twin: of the vehicle.
-        loops: by axis.
-        segments: of the flight, by axis; roll must be there.
-        seed: of the wind and the sensors' noise.
+        twin: the twin of the vehicle.
+        loops: identified loops by axis, with the spectra of the wind torque.
+        segments: setpoints by axis, "roll" among them, at T samples each.
+        seed: seed of the wind and of the sensors' noise.
 
     Returns:
-        (T, 3, 2) angles, rad, and rates, rad/s, of roll, pitch and yaw.
+        Angles, rad, and rates, rad/s, of roll, pitch and yaw (T, 3, 2).
 
     Raises:
         NotLearnable: the twin cannot fly.
@@ -207,17 +210,20 @@ def fly_twin(
 
 
 def _simulated(twin: Twin, dt: float, setpoints: Array, torque: Array, seed: int) -> Array:
-    """Returns how the simulator flies a ``twin``, read from its vehicle file (``sitl_scenarios.replay.replayed``).
+    """Flies the twin in the simulator (``sitl_scenarios.replay.replayed``).
+
+    The twin is passed as the text of the vehicle file that users get, so that this flight is the one that they would
+    simulate.
 
     Args:
-        twin: the vehicle.
+        twin: the twin of the vehicle.
         dt: time between samples, s.
-        setpoints: (T, 3, 2) of angle, rad, and rate, rad/s, of roll, pitch and yaw.
-        torque: (T, 3) of the wind, rad/s².
-        seed: of the sensors' noise.
+        setpoints: setpoints of angle, rad, and rate, rad/s, of roll, pitch and yaw (T, 3, 2).
+        torque: wind torque per moment of inertia about the three axes (T, 3), rad/s².
+        seed: seed of the sensors' noise.
 
     Returns:
-        (T, 3, 2) angles, rad, and rates, rad/s.
+        Angles, rad, and rates, rad/s (T, 3, 2).
 
     Raises:
         ValueError: the simulator cannot fly it.
@@ -231,18 +237,18 @@ def _simulated(twin: Twin, dt: float, setpoints: Array, torque: Array, seed: int
 
 
 def wind_torque_realisation(loop: Loop, samples: int, rng: np.random.Generator) -> Array:
-    """Returns a Gaussian wind torque with the spectral density that was learned with a ``loop``.
+    """Draws a random Gaussian wind torque with the spectral density that was identified with a loop.
 
-    Independent normal Fourier coefficients of the right variance are transformed back to time. With n samples of step
-    dt, a one-sided density S asks for real and imaginary parts of variance S n / (4 dt) each.
+    Independent normal Fourier coefficients of the right variance are transformed back to time. For n samples of step dt
+    and a one-sided density S, real and imaginary part have the variance S n / (4 dt) each.
 
     Args:
-        loop: with plant and time step.
-        samples: how many of the record's time steps.
+        loop: loop of an axis, with its plant and the time step of its record.
+        samples: number n of samples.
         rng: source of the random numbers.
 
     Returns:
-        (samples,) angular acceleration, rad/s², of mean 0.
+        Wind torque per moment of inertia (n,), rad/s², with mean 0.
     """
     dt = loop.record.dt
     frequency = np.fft.rfftfreq(samples, dt).astype(np.float64)
@@ -255,30 +261,33 @@ def wind_torque_realisation(loop: Loop, samples: int, rng: np.random.Generator) 
 def motion_figures(
     loop: Loop, recorded: Array, simulated: Sequence[Array]
 ) -> dict[str, list[float]]:
-    """Returns figures by which a recorded motion and simulated ones of an axis can be compared.
+    """Returns figures by which the recorded motion of an axis and simulated ones can be compared.
 
     Args:
-        loop: of the axis, with the time step.
-        recorded: (T, 2) angle, rad, and rate, rad/s; (T, 1) the rate alone.
-        simulated: (T, 2) each, likewise.
+        loop: loop of the axis, with the time step of its record.
+        recorded: recorded angle, rad, and rate, rad/s (T, 2); for yaw the rate alone (T, 1).
+        simulated: simulated angles and rates, (T, 2) each, from flights in different wind.
 
     Returns:
-        "levels": power of the rate in each of ``RATE_BANDS``, simulated over recorded, dB. "rate": standard deviation
-        of the rate, deg/s, recorded and mean of the simulated; and, but for yaw, "lean" and "sway": mean and standard
-        deviation of the angle, degrees, likewise.
+        Figures by name. "levels" has the power of the rate in each of the ``RATE_BANDS``, simulated over recorded, in
+        dB. The others have two values, that of the recorded motion and the mean of the simulated ones: "rate" is the
+        standard deviation of the rate, deg/s. For roll and pitch, "lean" and "sway" are the mean and the standard
+        deviation of the angle, degrees.
     """
-    # It takes half a second to import.
+    # Importing scipy.signal takes half a second.
     from scipy.signal import detrend, welch
 
     dt = loop.record.dt
     outputs = recorded.shape[1]
-    # Shape (M, T, 2 or 1): the recorded motion first. Of yaw, only the rate of the simulated ones is taken.
-    motions = np.array([recorded, *(motion[:, -outputs:] for motion in simulated)])
+    # Recorded and simulated motions have one shape, (M, T, 2), with the recorded one first; for yaw the rate alone.
+    same_outputs = [motion[:, -outputs:] for motion in simulated]
+    motions = np.array([recorded, *same_outputs])
     motions = motions[:, round(SETTLING_SECONDS / dt) :]
     angles, rates = motions[..., 0], motions[..., -1]
     window = int(min(SPECTRUM_WINDOW_SECONDS / dt, motions.shape[1] / 2))
     frequency, density = welch(rates, 1 / dt, nperseg=window, detrend=detrend)
-    # Band 0 is below the first edge, and the last one above the last edge: both are left out.
+    # Number of each frequency's band. Band 0 is below the first edge, and the last one above the last edge: both are
+    # left out.
     bands = np.digitize(frequency, RATE_BANDS)
     level_by_band = np.array(
         [density[:, bands == band].mean(axis=1) for band in range(1, len(RATE_BANDS))]
@@ -291,7 +300,7 @@ def motion_figures(
         figures["lean"] = degrees.mean(axis=1)
         figures["sway"] = degrees.std(axis=1)
     result = {"levels": (10 * np.log10(level_ratio)).tolist()}
-    # Of each figure, that of the recorded motion and the mean of the simulated ones.
+    # Row 0 of the values is that of the recorded motion, the others are those of the simulated ones.
     for name, values in figures.items():
         result[name] = [values[0], values[1:].mean()]
     return result

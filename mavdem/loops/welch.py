@@ -19,9 +19,9 @@ from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
 from mavdem.loops.margins import Complex
 
 WELCH_SECONDS = 2.0
-"""Length of a window, s, unless another is asked for."""
+"""Usual length of a window, s: a choice."""
 MIN_WINDOWS = 10
-"""Fewest windows of an average: the error of a response with a coherence of a half is then a fifth."""
+"""Least number of windows of an average: a response with a coherence of a half then has an error of a fifth."""
 MIN_COHERENCE = 0.5
 """Coherence below which a response counts as not measured."""
 MAX_GAP_STEPS = 4.0
@@ -32,27 +32,27 @@ class WelchSpectra(NamedTuple):
     """Averaged cross-spectra of k signals: the first, r, drives the second, p, and there may be more."""
 
     frequency: Array
-    """(F,) Hz, from 0 to half of the sampling rate."""
+    """Frequencies (F,), Hz, from 0 to half of the sampling rate."""
     windows: int
-    """How many windows were summed."""
+    """Number of windows that were summed."""
     power: Complex
-    """(k, k, F) sums over windows of conj(X_i) X_j, of the Fourier transforms X of signals i and j."""
+    """Sums over windows of conj(X_i) X_j, with the Fourier transforms X of signals i and j (k, k, F)."""
     median_power: Array
-    """(F,) median over windows of |P|², which hardly counts the moments at which the vehicle is steered."""
+    """Median over windows of |P|² (F,), which moments of steering hardly change."""
 
     @property
     def driver_power(self) -> Array:
-        """(F,) |R|² summed over windows, at least ``SMALLEST_POSITIVE`` to divide by."""
+        """Power |R|² of the first signal, summed over windows (F,); never 0, since it is divided by."""
         return np.maximum(self.power[0, 0].real, SMALLEST_POSITIVE)
 
     @property
     def response(self) -> Complex:
-        """(F,) response of p to r, S_rp / S_rr."""
+        """Response of the second signal p to the first r, S_rp / S_rr (F,)."""
         return self.power[0, 1] / self.driver_power
 
     @property
     def coherence(self) -> Array:
-        """(F,) magnitude-squared coherence of r and p, from 0 to 1."""
+        """Magnitude-squared coherence of the first two signals, r and p, from 0 to 1 (F,)."""
         product = self.driver_power * self.power[1, 1].real
         return abs(self.power[0, 1]) ** 2 / np.maximum(product, SMALLEST_POSITIVE)
 
@@ -61,9 +61,9 @@ class ResampledSignals(NamedTuple):
     """Signals at one rate, in pieces of a flight without gaps."""
 
     rate: float
-    """Samples per second, Hz."""
+    """Rate of the samples, Hz."""
     pieces: list[Array]
-    """(k, N) samples of k signals in each piece."""
+    """Samples of the k signals in each piece (k, N)."""
 
 
 def welch_spectra(
@@ -72,16 +72,17 @@ def welch_spectra(
     window_seconds: float = WELCH_SECONDS,
     min_rate: float = MIN_STREAM_RATE,
 ) -> WelchSpectra | None:
-    """Returns the cross-spectra of ``signals`` in ``segments`` of a flight.
+    """Estimates the cross-spectra of several signals of a flight by Welch's method.
 
     Args:
-        signals: k series of numbers; the first is the driver, the second what follows it.
-        segments: of the flight.
+        signals: k signals, such as setpoint and rate; the first drives the second.
+        segments: segments of the flight to use.
         window_seconds: length of a window, s.
-        min_rate: the slowest rate of a signal, Hz.
+        min_rate: lowest accepted rate of a signal, Hz.
 
     Returns:
-        None where a signal is slower than ``min_rate``, or there are fewer than ``MIN_WINDOWS`` windows without gaps.
+        The spectra; ``None`` where a signal is slower than ``min_rate``, or there are fewer than ``MIN_WINDOWS``
+        windows without gaps.
     """
     resampled = resampled_signals(signals, segments, window_seconds, min_rate)
     if resampled is None:
@@ -92,15 +93,15 @@ def welch_spectra(
 def welch_spectra_of_pieces(
     rate: float, pieces: Sequence[Array], window_seconds: float = WELCH_SECONDS
 ) -> WelchSpectra | None:
-    """Returns the cross-spectra of signals that are sampled evenly already.
+    """Estimates the cross-spectra of evenly sampled signals by Welch's method.
 
     Args:
-        rate: of the samples, Hz.
-        pieces: (k, N) samples of k signals in each piece without gaps; those shorter than a window do not count.
+        rate: rate of the samples, Hz.
+        pieces: samples of the k signals (k, N) in each piece without gaps; pieces shorter than a window are left out.
         window_seconds: length of a window, s.
 
     Returns:
-        None where there are fewer than ``MIN_WINDOWS`` windows.
+        The spectra; ``None`` where there are fewer than ``MIN_WINDOWS`` windows.
     """
     size = round(window_seconds * rate)
     transforms_of_pieces = [
@@ -124,19 +125,20 @@ def resampled_signals(
     min_rate: float,
     max_rate: float = np.inf,
 ) -> ResampledSignals | None:
-    """Returns ``signals``, linearly interpolated at the rate of the slowest, where none of them has a gap.
+    """Interpolates several signals linearly at the same even times, in pieces of a flight in which none has a gap.
+
+    The common rate is that of the slowest signal. A piece is the intersection of the gapless intervals of all signals.
 
     Args:
-        signals: k series of numbers.
-        segments: of the flight.
-        min_seconds: length of the shortest piece, s.
-        min_rate: the slowest rate of a signal, Hz.
-        max_rate: the fastest rate of the result, Hz.
+        signals: k signals, each with its own time stamps.
+        segments: segments of the flight to use.
+        min_seconds: shortest length of a piece, s.
+        min_rate: lowest accepted rate of a signal, Hz.
+        max_rate: highest rate of the result, Hz.
 
     Returns:
-        None where a signal is slower than ``min_rate``, or there is no piece of ``min_seconds``.
+        The pieces; ``None`` where a signal is slower than ``min_rate``, or there is no piece of ``min_seconds``.
     """
-    # A piece is an interval in which no signal has a gap: the intersection of the intervals of all of them.
     rate = min(max_rate, *map(rate_between_outages, signals))
     if rate < min_rate:
         return None
@@ -160,14 +162,14 @@ def resampled_signals(
 
 
 def half_overlapping_windows(values: Array, size: int) -> Array:
-    """Returns windows of ``values``, each beginning half a window after the last.
+    """Cuts samples into W windows, each of which begins half a window after the one before.
 
     Args:
-        values: (…, N) samples, N at least ``size``.
-        size: samples of a window.
+        values: samples (…, N), at least ``size`` of them.
+        size: number of samples of a window.
 
     Returns:
-        (…, W, size) views of the values, not copies.
+        Windows (…, W, size), which are views of the values and not copies.
     """
     windows = np.lib.stride_tricks.sliding_window_view(values, size, axis=-1)
     return windows[..., :: size // 2, :]
@@ -180,11 +182,11 @@ def windowed_transforms(values: Array, size: int) -> Complex:
     leak into other frequencies.
 
     Args:
-        values: (…, N) samples, N at least ``size``.
-        size: samples of a window.
+        values: samples (…, N), at least ``size`` of them.
+        size: number of samples of a window.
 
     Returns:
-        (…, W, F) complex transforms at F = size // 2 + 1 frequencies.
+        Complex transforms (…, W, F) of W windows, at F = size // 2 + 1 frequencies.
     """
     windows = half_overlapping_windows(values, size)
     centred = windows - windows.mean(axis=-1, keepdims=True)

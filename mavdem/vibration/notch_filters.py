@@ -23,17 +23,17 @@ from mavdem.vibration.spectra import Spectrum
 from mavdem.vibration.spectral_lines import LineKind, SpectralLine
 
 RELATIVE_BANDWIDTHS = (1 / 4, 1 / 3, 1 / 2)
-"""Bandwidths of a notch over the frequency of its line, in the order in which they are tried; the last is usual."""
+"""Bandwidths of a notch relative to the frequency of its line, in the order in which they are tried; 1/2 is usual."""
 MIN_REMOVED_SHARE = 0.9
-"""Fraction of a line's power that a notch must remove, unless none does."""
+"""Least fraction of a line's power that a notch removes, unless the widest one removes less: a choice."""
 MIN_NOISE_SHARE = 0.2
-"""Fraction of the noise above the loop, behind the filters, from which on a line is worth a notch."""
+"""Share of a line in the noise above the loop, behind the filters, from which on it is worth a notch: a choice."""
 ARDUPILOT_ATTENUATION = 40.0
 """Attenuation of a notch, dB: the default of ``INS_HNTCH_ATT``."""
 DEFAULT_HOVER_THROTTLE = 0.35
 """``MOT_THST_HOVER`` where the log has none: ArduCopter's default."""
 LINE_BAND = (0.75, 1.35)
-"""Lowest and highest frequency of what counts as a line's power, by its frequency."""
+"""Lowest and highest frequency whose power counts as the line's, relative to the line's frequency: a choice."""
 
 
 def notch_advice(
@@ -43,22 +43,23 @@ def notch_advice(
     filtered: Spectrum | None,
     crossover: float | None,
 ) -> Fact:
-    """Returns the notch filter to set on the strongest line of motors or frame, or why there is none.
+    """Advises a notch filter on the strongest line of motors or frame in the gyro's spectrum, or says why not.
 
-    A notch costs phase, and with it stability margin. So one is advised only for a line that makes at least
-    ``MIN_NOISE_SHARE`` of the noise that passes the filters which are set. Noise counts above all frequencies at which
-    rate loops work (``MAX_LOOP_FREQUENCY``).
+    A notch adds phase lag, which takes from the phase margin. So one is advised only for a line that makes at least
+    ``MIN_NOISE_SHARE`` of the noise behind the present filters. Noise is what lies above all frequencies at which rate
+    loops work (``MAX_LOOP_FREQUENCY``).
 
     Args:
-        controller: with the filters of the gyro that are set.
-        lines: of the gyro's spectrum.
-        unfiltered: spectrum of the gyro before its filters, if it was logged; it is preferred.
-        filtered: the same behind them, if it was logged.
-        crossover: frequency of the rate loop, Hz, at which the phase lag of the notch is given; None where it is not
-            known.
+        controller: controller with the present filters of the gyro.
+        lines: lines of the gyro's spectrum.
+        unfiltered: spectrum of the gyro before its filters, which is preferred; ``None`` where it was not logged.
+        filtered: spectrum of the gyro behind its filters; ``None`` where it was not logged.
+        crossover: crossover frequency of the rate loop, Hz, at which the phase lag of the notch is stated; ``None``
+            where it is not known.
 
     Returns:
-        A fact: the parameters to set, the fraction of the line that they remove and their phase lag; or why not.
+        A fact: the parameters to set, the fraction of the line that they remove and their phase lag; or the reason for
+        no notch.
     """
     spectrum = unfiltered or filtered
     named = [line for line in lines if line.kind in (LineKind.MOTOR, LineKind.FRAME)]
@@ -69,7 +70,7 @@ def notch_advice(
     if any(abs(notch.frequency - frequency) < notch.bandwidth / 2 for notch in controller.notches):
         return Fact(NotchAdvice.NOTCH_IN_PLACE, frequency=frequency)
     filtered_density = spectrum.total_density.mean(axis=0)
-    # An unfiltered spectrum becomes that behind the filters by the square of their gain.
+    # The spectrum behind the filters is the unfiltered one times the square of their gain.
     if unfiltered is not None:
         gain = abs(gyro_response(controller, spectrum.frequency))
         filtered_density = filtered_density * gain**2
@@ -93,15 +94,15 @@ def notch_advice(
 def _phase_cost(
     controller: Controller, with_notch: Controller, crossover: float | None
 ) -> float | None:
-    """Returns the phase lag that a notch adds at the crossover of the rate loop: what it takes from the phase margin.
+    """Returns the phase lag that a notch adds at the crossover of the rate loop, which it takes from the phase margin.
 
     Args:
-        controller: with the filters of the gyro that are set.
-        with_notch: the same with the notch.
-        crossover: Hz; None where it is not known.
+        controller: controller with the present filters of the gyro.
+        with_notch: the same controller with the notch.
+        crossover: crossover frequency of the rate loop, Hz; ``None`` where it is not known.
 
     Returns:
-        Degrees; None where the crossover is not known.
+        Phase lag, degrees; ``None`` where the crossover is not known.
     """
     if crossover is None:
         return None
@@ -116,7 +117,7 @@ class _NotchSettings(NamedTuple):
     settings: Parameters
     """The parameters to set, by name."""
     controller: Controller
-    """The controller with this notch, where it is at the median of the motors' drive."""
+    """The controller with this notch, whose centre is that at the median of the motors' speed or throttle."""
     removed_share: float
     """Fraction of the line's power that the notch removes."""
 
@@ -124,22 +125,22 @@ class _NotchSettings(NamedTuple):
 def _narrowest_notch(
     controller: Controller, line: SpectralLine, spectrum: Spectrum, is_line: Flags
 ) -> _NotchSettings:
-    """Returns the notch of the least bandwidth that removes ``MIN_REMOVED_SHARE`` of a line's power, or the widest.
+    """Returns the narrowest notch that removes ``MIN_REMOVED_SHARE`` of a line's power, or else the widest one.
 
-    A notch is a filter that removes a narrow band. Narrow ones cost less phase margin, but a line wanders. So
-    ``RELATIVE_BANDWIDTHS`` are tried from narrow to wide, each with the power that it would have removed over all W
-    windows of the flight. A notch that follows the motors is where it would have been in each: instead of the notch,
-    the frequencies of the window are moved the other way.
+    A narrow notch costs less phase margin, but the frequency of a line varies in flight. So ``RELATIVE_BANDWIDTHS`` are
+    tried from narrow to wide, each with the power that it would have removed over all W windows of the flight. A notch
+    that follows the motors has another centre in each window. Instead of moving the notch, the frequencies of the
+    window are divided by the relative centre.
 
     Args:
-        controller: with the filters that are set.
-        line: to remove.
-        spectrum: with the line.
-        is_line: (F,) which frequencies count as the line.
+        controller: controller with the present filters.
+        line: line to remove.
+        spectrum: spectrum with the line.
+        is_line: whether each frequency of the spectrum belongs to the line (F,).
     """
     power = spectrum.total_density[:, is_line]
     relative_center = _relative_notch_frequency(controller, line, spectrum)
-    # Shape (W, F): frequencies of each window relative to a notch that stays.
+    # Frequencies of the line in each window, relative to a notch that stays: W windows in rows.
     frequency = spectrum.frequency[is_line] / relative_center[:, None]
     for relative_bandwidth in RELATIVE_BANDWIDTHS:
         # Rounded to two digits, as somebody would type it.
@@ -147,7 +148,7 @@ def _narrowest_notch(
         settings = _notch_parameters(controller, line, bandwidth)
         static_settings = settings
         if "IMU_GYRO_DNF_EN" in settings:
-            # The dynamic notch is not modelled, and acts as the static one where the motors' speed is the median.
+            # PX4's dynamic notch is not modelled. At the median of the motors' speed it acts like a static one.
             static_settings = _px4_static_notch(line, settings["IMU_GYRO_DNF_BW"])
         changed = controller.with_parameters(static_settings)
         # The gain of the notch alone is that of all filters with it over that without it.
@@ -161,18 +162,18 @@ def _narrowest_notch(
 def _relative_notch_frequency(
     controller: Controller, line: SpectralLine, spectrum: Spectrum
 ) -> Array:
-    """Returns where the centre of a notch on a line would have been in each window, relative to that at the median.
+    """Returns how the centre of a notch would have moved in flight, relative to its centre at the median drive.
 
-    It follows the motors' speed where ESCs report it, and so the line has an ``order``; else, in ArduPilot, the root of
-    the throttle. All other notches stay.
+    A notch on a line of motors follows the motors' speed where ESCs report it, so that the line has an ``order``. Else,
+    ArduPilot's notch follows the root of the throttle. All other notches stay.
 
     Args:
-        controller: tells which autopilot it is.
-        line: that the notch is to remove.
-        spectrum: with motor speed and throttle of each of W windows.
+        controller: controller, which tells the autopilot.
+        line: line that the notch is to remove.
+        spectrum: spectrum with motor speed and throttle of each of W windows.
 
     Returns:
-        (W,) centre over the centre at the median of speed or throttle; 1 for a notch that stays.
+        Centre over the centre at the median of speed or throttle (W,); 1 for a notch that stays.
     """
     if line.kind is LineKind.MOTOR and line.order is not None:
         return spectrum.motor_speed / np.median(spectrum.motor_speed)
@@ -183,15 +184,15 @@ def _relative_notch_frequency(
 
 
 def _notch_parameters(controller: Controller, line: SpectralLine, bandwidth: float) -> Parameters:
-    """Returns the parameters of a notch on a line, of the kind of filter that the autopilot has for it.
+    """Returns the parameters that set a notch on a line, in the kind of filter that the autopilot has for it.
 
     ArduPilot has one harmonic notch for all cases. PX4's dynamic notch (``IMU_GYRO_DNF_*``) follows the speed that ESCs
     report; ``HMC`` is its number of harmonics. Without that speed, PX4 has static notches only.
 
     Args:
-        controller: tells which autopilot it is.
-        line: to remove.
-        bandwidth: of the notch, Hz.
+        controller: controller, which tells the autopilot.
+        line: line to remove.
+        bandwidth: bandwidth of the notch, Hz.
 
     Returns:
         Values by the autopilot's name.
@@ -210,16 +211,16 @@ def _notch_parameters(controller: Controller, line: SpectralLine, bandwidth: flo
 def _ardupilot_harmonic_notch(
     controller: Controller, line: SpectralLine, bandwidth: float
 ) -> Parameters:
-    """Returns the parameters of ArduPilot's harmonic notch on a line.
+    """Returns the parameters that set ArduPilot's harmonic notch on a line.
 
-    A line of the frame gets a fixed notch. One of the motors gets a notch that follows their speed if ESCs report it,
-    so that the line has an ``order``, and else the throttle. ``INS_HNTCH_REF`` is the throttle at which the notch is at
-    ``FREQ``, or a factor of the motors' speed. Bit k − 1 of the mask ``HMNCS`` stands for k times the frequency.
+    A line of the frame gets a fixed notch. A line of motors gets a notch that follows their speed if ESCs report it, so
+    that the line has an ``order``, and else the throttle. ``INS_HNTCH_REF`` is the throttle at which the notch is at
+    ``FREQ``, or a factor on the motors' speed. Bit k − 1 of the mask ``HMNCS`` stands for k times the frequency.
 
     Args:
-        controller: with the logged throttle in hover.
-        line: to remove.
-        bandwidth: of the notch, Hz.
+        controller: controller with the logged hover throttle.
+        line: line to remove.
+        bandwidth: bandwidth of the notch, Hz.
 
     Returns:
         Values by the autopilot's name.
@@ -245,5 +246,5 @@ def _ardupilot_harmonic_notch(
 
 
 def _px4_static_notch(line: SpectralLine, bandwidth: float) -> Parameters:
-    """Returns the parameters of PX4's first static notch on a ``line`` with this ``bandwidth``, Hz."""
+    """Returns the parameters that set PX4's first static notch on a line, with a bandwidth in Hz."""
     return {"IMU_GYRO_NF0_FRQ": float(f"{line.frequency:.3g}"), "IMU_GYRO_NF0_BW": bandwidth}

@@ -8,6 +8,7 @@ or so. Vibration above that appears below it, as an alias.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -21,22 +22,22 @@ from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import interpolated
 
 WINDOW_SECONDS = 1.0
-"""Length of a window, s; it has the nearest power of two of samples."""
+"""Length of a window, s; it is rounded to a power of two of samples."""
 MIN_WINDOWS = 6
-"""Fewest windows of a spectrum."""
+"""Least number of windows of a spectrum: a choice."""
 MIN_SAMPLING_RATE = 20.0
-"""Hz. Slower samples show nothing that is no steering."""
+"""Lowest accepted rate of samples, Hz: slower ones show nothing but steering."""
 MAX_GAP_STEPS = 3.0
-"""Longest gap within a window, in usual steps of the samples."""
+"""Longest gap within a window, in usual time steps of the samples: a choice."""
 THROTTLE_LEVELS = 12
-"""Levels of the throttle by which spectra are averaged, with as many windows each."""
+"""Largest number of levels of the throttle by which spectra are averaged, with as many windows each: a choice."""
 
 
 class SensorMessage(NamedTuple):
     """A message with samples of a sensor, or of a term of the controllers, about three axes."""
 
     spectrum: str
-    """Name of the spectrum that is made of it."""
+    """Name of the spectrum that is computed from it."""
     message: str
     """Name of the message in ``Telemetry``."""
     fields: tuple[str, str, str]
@@ -63,21 +64,21 @@ class Spectrum(ImmutableResult):
     """Power spectral density of one sensor, of the rate controllers' D term, or of their demand, in W windows."""
 
     name: str
-    """One of those in ``SENSOR_MESSAGES``, or "demand"."""
+    """Name of the sensor or signal, one of those in ``SENSOR_MESSAGES``, or "demand"."""
     unit: str
     """Unit of what was measured: "rad/s", "m/s²" or "1"."""
     source: str
-    """What the log calls the message."""
+    """Name of the message in the log."""
     frequency: Array
-    """(F,) Hz, from 0 on."""
+    """Frequencies (F,), Hz, from 0 on in even steps."""
     time: Array
-    """(W,) middle of each window, s."""
+    """Middle of each window (W,), s."""
     density: Array
-    """(W, k, F) one-sided density of roll, pitch and yaw, or of forward, right and down; unit²/Hz."""
+    """One-sided density (W, k, F) about roll, pitch and yaw, or along forward, right and down, unit²/Hz."""
     throttle: Array
-    """(W,) mean output of the motors, 0 to 1; NaN where it is not known."""
+    """Mean output of the motors in each window (W,), 0 to 1; NaN where it is not known."""
     motor_speed: Array
-    """(W,) mean speed of the motors, turns per second; NaN where the log has none."""
+    """Mean speed of the motors in each window (W,), turns per second; NaN where the log has none."""
 
     @property
     def nyquist_frequency(self) -> float:
@@ -86,12 +87,12 @@ class Spectrum(ImmutableResult):
 
     @property
     def mean_density(self) -> Array:
-        """(k, F) density of each axis, the mean over windows."""
+        """Density of each axis, averaged over windows (k, F), unit²/Hz."""
         return self.density.mean(axis=0)
 
     @cached_property
     def total_density(self) -> Array:
-        """(W, F) density of all axes together."""
+        """Density of all axes together, in each window (W, F), unit²/Hz."""
         return self.density.sum(axis=1)
 
     @cached_property
@@ -102,7 +103,7 @@ class Spectrum(ImmutableResult):
         of windows.
 
         Returns:
-            (L,) mean throttle of each level, 0 to 1, and (L, F) its mean density of all axes, unit²/Hz. Both are empty
+            Mean throttle of each level (L,), 0 to 1, and its mean density of all axes (L, F), unit²/Hz. Both are empty
             where the throttle is not known.
         """
         known_windows = int(np.count_nonzero(np.isfinite(self.throttle)))
@@ -120,10 +121,10 @@ class Spectrum(ImmutableResult):
 
         Args:
             low: lower end of the band, Hz.
-            high: upper end, Hz.
+            high: upper end of the band, Hz.
 
         Returns:
-            Mean over windows, in unit².
+            Power, averaged over windows, in unit².
         """
         is_between = (self.frequency >= low) & (self.frequency <= high)
         density_sum = self.total_density[:, is_between].mean(axis=0).sum()
@@ -133,18 +134,18 @@ class Spectrum(ImmutableResult):
 
 
 def max_decimated(frequency: Array, density: Array, max_points: int) -> ArrayPair:
-    """Returns a spectrum with fewer frequencies, each with the largest density of its neighbours, so that lines stay.
+    """Thins a spectrum for plotting: neighbouring frequencies become one with the largest density, so that lines stay.
 
     Args:
-        frequency: (F,) Hz.
-        density: (…, F).
-        max_points: most frequencies of the result; what is left over at the end is cut off.
+        frequency: frequencies (F,), Hz.
+        density: densities of any kind (…, F).
+        max_points: largest number of frequencies of the result.
 
     Returns:
-        (P,) mean frequency and (…, P) largest density of each group of neighbours.
+        Mean frequency (P,) and largest density (…, P) of each group of neighbours. Frequencies at the end that do not
+        fill a group are left out.
     """
-    # Rounded up, so that there are not more groups than points.
-    group_size = -(-len(frequency) // max_points)
+    group_size = ceil(len(frequency) / max_points)
     points = len(frequency) // group_size
     used = points * group_size
     grouped_density = density[..., :used].reshape(*density.shape[:-1], points, group_size)
@@ -155,11 +156,11 @@ def max_decimated(frequency: Array, density: Array, max_points: int) -> ArrayPai
 def vibration_spectra(signals: Signals, segments: Segments) -> dict[str, Spectrum]:
     """Returns the spectra of a flight by name, such as "gyro" or "gyro_before" (``SENSOR_MESSAGES``).
 
-    Several messages may have the same quantity, at different rates. The one that shows the highest frequency counts.
+    Several messages may have the same quantity, at different rates. The one that shows the highest frequency is used.
 
     Args:
-        signals: of the vehicle.
-        segments: of the flight.
+        signals: signals of the vehicle.
+        segments: segments of the flight to use.
     """
     spectra = dict[str, Spectrum]()
     for samples in _recorded_samples(signals):
@@ -173,25 +174,25 @@ def vibration_spectra(signals: Signals, segments: Segments) -> dict[str, Spectru
 
 
 class _Samples(NamedTuple):
-    """Samples that a spectrum can be made of."""
+    """Samples that a spectrum can be computed from."""
 
     name: str
     """Name of the spectrum."""
     message: str
     """Name of the message in ``Telemetry``."""
     series: TimeSeries
-    """Values (N, 3) about roll, pitch and yaw, or along forward, right and down."""
+    """The N samples (N, 3), about roll, pitch and yaw, or along forward, right and down."""
 
 
 def _recorded_samples(signals: Signals) -> Iterator[_Samples]:
-    """Yields all samples of sensors, body rates and demand that were recorded; of one name there may be several.
+    """Yields all recorded samples of sensors, body rates and demand; there may be several of one name.
 
     The same quantity may come in several messages at different rates, of which the fastest is chosen later. Body rates
     are those behind the gyro's filters. They come with their setpoints, in messages of the rate controllers, or with
-    the attitude; they count where all three axes have the same number of samples.
+    the attitude; they are used where all three axes have the same number of samples.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
     """
     for name, message, fields in SENSOR_MESSAGES:
         series = recorded_series(signals.telemetry, message, *fields)
@@ -200,12 +201,12 @@ def _recorded_samples(signals: Signals) -> Iterator[_Samples]:
     controller_rates = []
     attitude_rates = []
     for axis in AXES:
-        of_axis = signals.for_axis(axis)
-        if of_axis.rate_and_setpoint is not None:
-            rate, _ = of_axis.rate_and_setpoint
+        axis_signals = signals.for_axis(axis)
+        if axis_signals.rate_and_setpoint is not None:
+            rate, _ = axis_signals.rate_and_setpoint
             controller_rates.append(rate)
-        if of_axis.attitude is not None:
-            attitude_rates.append(of_axis.attitude.rate_series)
+        if axis_signals.attitude is not None:
+            attitude_rates.append(axis_signals.attitude.rate_series)
     for rates in (controller_rates, attitude_rates):
         lengths = {len(rate.time) for rate in rates}
         if len(rates) == len(AXES) and len(lengths) == 1:
@@ -219,21 +220,22 @@ def _recorded_samples(signals: Signals) -> Iterator[_Samples]:
 
 
 def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectrum | None:
-    """Returns the spectrum of ``samples`` in ``segments`` of a flight, by windows without gaps.
+    """Estimates the spectrum of one sensor in each window of a flight, by periodograms with Hann's taper.
 
-    The method is Welch's, without the mean over windows, which are needed one by one: spectral lines move with the
-    throttle. Samples are interpolated at even times first, since stamps are rounded. Throttle and motor speed are
-    averaged over each window.
+    Windows overlap by half and have no gaps. Their spectra are not averaged, since spectral lines move with the
+    throttle. Samples are interpolated at even times first, because their stamps are rounded. Throttle and motor speed
+    are averaged over each window.
 
     Args:
-        samples: of one sensor, about or along three axes.
-        signals: of the vehicle, for throttle and motor speed.
-        segments: of the flight.
+        samples: samples of one sensor, about or along three axes.
+        signals: signals of the vehicle, for throttle and motor speed.
+        segments: segments of the flight to use.
 
     Returns:
-        None where the samples are slower than ``MIN_SAMPLING_RATE``, or there are fewer than ``MIN_WINDOWS`` windows.
+        The spectrum; ``None`` where the samples are slower than ``MIN_SAMPLING_RATE``, or there are fewer than
+        ``MIN_WINDOWS`` windows.
     """
-    # It takes half a second to import.
+    # Importing scipy.signal takes half a second.
     from scipy.signal import spectrogram
 
     series = samples.series
@@ -242,7 +244,7 @@ def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectr
     duration = len(series.time) * usual_step
     if usual_step > 1 / MIN_SAMPLING_RATE or duration < WINDOW_SECONDS / 2:
         return None
-    # The nearest power of two, for the fast Fourier transform.
+    # The number of samples of a window is the nearest power of two, for the fast Fourier transform.
     window_octaves = np.log2(WINDOW_SECONDS / usual_step)
     size = int(2 ** np.round(window_octaves))
     times = []
@@ -274,7 +276,7 @@ def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectr
 
 
 def _unit(name: str) -> str:
-    """Returns the unit of the samples of the spectrum of this ``name``; D term and demand have none, "1"."""
+    """Returns the unit of the samples of a spectrum by its name; D term and demand are numbers, with the unit "1"."""
     if "gyro" in name:
         return "rad/s"
     if "accelerometer" in name:
@@ -283,7 +285,13 @@ def _unit(name: str) -> str:
 
 
 def _rows_without_gaps(series: TimeSeries, segments: Segments, max_gap: float) -> Iterator[Indices]:
-    """Yields the rows of a ``series`` in each of the ``segments``, split at gaps longer than ``max_gap``, s."""
+    """Yields the rows of a series in runs without gaps.
+
+    Args:
+        series: samples with their times.
+        segments: segments of the flight, none of which a run reaches beyond.
+        max_gap: longest time between two samples of a run, s.
+    """
     for segment in segments:
         rows = np.flatnonzero(in_segments(series, segment, slack=0))
         is_gap = np.diff(series.time[rows]) > max_gap
@@ -296,36 +304,39 @@ def _window_means(series: TimeSeries | None, middles: Array, segments: Segments)
     A mean is the difference of two cumulative sums over the number of values between, which is fast for many windows.
 
     Args:
-        series: of positive values; None where the log has none.
-        middles: (W,) middle of each window, s.
-        segments: of the flight that the windows are of.
+        series: samples of a positive quantity; ``None`` where the log has none.
+        middles: middle of each window (W,), s.
+        segments: segments of the flight that the windows lie in.
 
     Returns:
-        (W,) NaN in windows without a value, and in all of them where there is no series, or segments are of several
-        boots, in which the same time may occur twice.
+        Means (W,). They are NaN in windows without a sample, and in all windows where there is no series or the
+        segments are of several boots, in which the same time may occur twice.
     """
     boots = {segment.boot for segment in segments}
     if series is None or len(boots) > 1:
         return np.full(len(middles), np.nan)
     is_of_boot = np.isin(series.boot, list(boots))
     cumulative = np.append(0.0, np.cumsum(series.values[is_of_boot]))
-    # (2, W) first row of each window, and the one after its last.
+    # First row of each window, and the row after its last (2, W).
     half_window = np.array([[-WINDOW_SECONDS / 2], [WINDOW_SECONDS / 2]])
     bounds = np.searchsorted(series.time[is_of_boot], middles + half_window)
     counts = np.ptp(bounds, axis=0)
-    # Values are positive, so that the difference of the sums is their range.
+    # Values are positive, so cumulative sums rise, and the range of the two is their difference.
     sums = np.ptp(cumulative[bounds], axis=0)
     return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
 def _motor_speed(signals: Signals) -> TimeSeries | None:
-    """Returns the speeds that ESCs report, of all motors in one series by time.
+    """Returns the motor speeds that ESCs report, those of all motors in one series.
 
-    Each sample is of one motor. Means over a window are thus means over the motors too. Motors that stand still do not
-    count.
+    Each sample is of one motor, so a mean over a window is also one over the motors. Motors that stand still are left
+    out.
+
+    Args:
+        signals: signals of the vehicle.
 
     Returns:
-        Turns per second; None where the log has no messages of ESCs.
+        Speeds in order of time, turns per second; ``None`` where the log has no messages of ESCs.
     """
     logged = signals.telemetry.messages.get("ESC")
     if logged is None:

@@ -20,51 +20,53 @@ from mavdem.loops.resonance import MAX_LOOP_FREQUENCY
 from mavdem.vibration.spectra import Spectrum
 
 MIN_LINE_FREQUENCY = 15.0
-"""Hz. Below, vehicles are steered."""
+"""Lowest frequency of a line, Hz: below it, vehicles are steered."""
 MIN_LINE_RATIO = 6.0
-"""Power of a line over that around it, at least: a line elsewhere, smeared, makes at most 5."""
+"""Least ratio of the power of a line to that around it: a line that is smeared by alignment makes at most 5."""
 SURROUNDING_WIDTH = 0.2
-"""What is around a line: so much of its frequency to each side."""
+"""Width of the surroundings of a line to each side, relative to its frequency: a choice."""
 MIN_SURROUNDING_BINS = 7
-"""Fewest bins of this to each side."""
+"""Least width of the surroundings to each side, in frequency bins: a choice."""
 MIN_SEPARATION = 0.08
-"""Difference of two lines, by the frequency, below which they are one."""
+"""Relative difference of two frequencies up to which two lines are one: a choice."""
 TOP_SEARCH_BINS = 3
-"""Bins to each side of a line's frequency among which its top is."""
+"""Number of bins to each side of a line's frequency among which its top is looked for: a choice."""
 MIN_PRESENCE = 0.7
-"""Fraction of the windows in which a line must be; others cross it."""
+"""Least fraction of the windows in which a line is visible; in the others, another line may cross it."""
 SMEARED_RATIO = 0.01
-"""Ratio of a line without a name by that of the strongest with a name, below which it is that line, smeared."""
+"""Ratio of an unnamed line, relative to the strongest named line's, below which it is that line, smeared: a choice."""
 MAX_LINES = 8
-"""Most lines of a spectrum, the strongest."""
+"""Largest number of lines of a spectrum, the strongest: a choice."""
 
 EXPONENTS = np.round(np.arange(-6.0, 6.05, 0.1), 1)
-"""The exponents γ that a line may have."""
+"""Exponents γ that a line may have: its frequency is proportional to the drive to the power γ."""
 SEARCH_EXPONENTS = (0.0, 0.5, 1.0, -1.0, -2.0)
-"""The exponents along which lines are looked for."""
+"""Exponents by which spectra are aligned to find lines; the exponent of each line is determined afterwards."""
 FRAME_EXPONENTS = (-0.2, 0.2)
-"""Least and greatest exponent of what stays."""
+"""Least and greatest exponent of a line of the frame, whose frequency stays."""
 MOTOR_EXPONENTS = (0.4, 2.0)
-"""Least and greatest exponent of motors.
+"""Least and greatest exponent of a line of the motors.
 
-Their speed goes with the root of the thrust, and so with the root of the throttle or, where that begins above 0, with a
-little more than the throttle.
+The speed of a motor is proportional to the root of its thrust. So it goes with the root of the throttle, or with a
+higher power where thrust begins only above a throttle of 0.
 """
 ALIAS_EXPONENTS = (-0.5, 3.5)
-"""Exponents up to and from which a line can only be an alias."""
+"""Exponents at or below the first, and at or above the second, only an alias has."""
 MAX_SLOW_SPECTRUM_EXPONENT = 1.2
 """Exponent beyond which a rising line of a slow spectrum may be the alias of a harmonic."""
 SLOW_NYQUIST_FREQUENCY = 250.0
-"""Highest frequency of such a spectrum, Hz."""
+"""Highest frequency of a spectrum, Hz, below which it is slow: motors' harmonics lie beyond it."""
 
 MAX_HARMONIC = 6
-"""Highest multiple of a frequency that is looked for."""
+"""Highest multiple of a fundamental that is looked for: a choice."""
 HARMONIC_TOLERANCE = 0.02
-"""Distance of a line from a multiple of another, as a fraction, at most."""
+"""Largest relative distance of a harmonic from a multiple of its fundamental: a choice."""
+EXPONENT_PASSES = 2
+"""Number of times that exponent and frequency of a line are determined in turn: each changes the other a little."""
 
 
 class LineKind(StrEnum):
-    """What makes a line."""
+    """The cause of a spectral line."""
 
     MOTOR = "motor"
     FRAME = "frame"
@@ -73,40 +75,41 @@ class LineKind(StrEnum):
 
 
 class SpectralLine(NamedTuple):
-    """A line of a spectrum, a narrow peak over what is around it, with what makes it."""
+    """A line of a spectrum: a narrow peak over its surroundings, with its cause."""
 
     kind: LineKind
-    """What makes it."""
+    """Its cause."""
     frequency: float
-    """At the median drive, Hz."""
+    """Frequency at the median drive, Hz."""
     ratio: float
-    """Its power over that around it."""
+    """Power at its top over that around it."""
     density: float
     """Density of all axes at its top, unit²/Hz."""
     width: float
-    """Width at half of its decibels over what is around it, Hz."""
+    """Width at half of its height in decibels, Hz."""
     exponent: float | None
-    """γ; None where the throttle did not change enough."""
+    """Exponent γ, by which the frequency moves with the drive; ``None`` where the drive did not change enough."""
     harmonics: tuple[int, ...] = (1,)
-    """Multiples of the frequency at which there are lines too."""
+    """Multiples of the frequency at which there are lines, 1 included."""
     order: float | None = None
-    """Frequency over the motors' speed, where that was logged."""
+    """Frequency over the motors' speed; ``None`` where that was not logged, or the line is not of motors."""
 
 
 def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
-    """Returns the lines of a ``spectrum``, the strongest first; harmonics of motors with their fundamental.
+    """Finds the lines of a spectrum, and what causes them.
 
-    Peaks are looked for in mean spectra that are aligned by each of ``SEARCH_EXPONENTS``, so that a line that moves
-    with the throttle is not smeared in one of them. Each peak is then tracked by its own exponent. A weak line without
-    a name, beside a much stronger one, is what alignment by a wrong exponent makes of that one: it is left out.
+    The frequency of a line may move with the throttle, so a mean over windows would smear it. So the spectra of all
+    windows are aligned by each of ``SEARCH_EXPONENTS`` before their mean is taken: a line stands out where the exponent
+    is near its own. Each peak is then tracked by its own exponent. A weak line without a name, beside a much stronger
+    one, is only that line, smeared by a wrong exponent, and is left out.
 
     Args:
-        spectrum: of one sensor, in W windows.
+        spectrum: spectrum of one sensor, in W windows.
 
     Returns:
-        At most ``MAX_LINES`` lines.
+        At most ``MAX_LINES`` lines, the strongest first. Harmonics of motors are part of their fundamental.
     """
-    # It takes half a second to import.
+    # Importing scipy.signal takes half a second.
     from scipy.signal import find_peaks
 
     windows = _log_spectra(spectrum)
@@ -118,24 +121,26 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
         for peak in peaks.tolist():
             if frequency[peak] >= MIN_LINE_FREQUENCY:
                 candidates.append(_line_near(spectrum, windows, frequency[peak]))
-    # One line is found along several exponents.
+    # The same line may be found with several exponents.
     lines = _distinct(candidates)
     named = [line for line in lines if line.kind is not LineKind.UNNAMED]
     highest_ratio = max((line.ratio for line in named), default=0.0)
-    # Lines that move are smeared along the exponents of others.
-    clear = [
+    clear_lines = [
         line
         for line in lines
         if line.kind is not LineKind.UNNAMED or line.ratio > SMEARED_RATIO * highest_ratio
     ]
-    return _with_harmonics(clear)[:MAX_LINES]
+    return _with_harmonics(clear_lines)[:MAX_LINES]
 
 
 def _distinct(candidates: Sequence[SpectralLine]) -> list[SpectralLine]:
-    """Returns the lines among the candidates, the strongest first.
+    """Returns the distinct lines among candidates, the strongest first.
 
-    Candidates are left out that do not exceed ``MIN_LINE_RATIO``, and those within ``MIN_SEPARATION`` of a stronger
-    line, which are that line once more.
+    A candidate is left out if its ratio does not exceed ``MIN_LINE_RATIO``, or if it is within ``MIN_SEPARATION`` of a
+    stronger line, since it is then that line once more.
+
+    Args:
+        candidates: lines in any order, of which several may be the same.
     """
     lines = list[SpectralLine]()
     for candidate in sorted(candidates, key=lambda line: -line.ratio):
@@ -149,14 +154,14 @@ def _distinct(candidates: Sequence[SpectralLine]) -> list[SpectralLine]:
 
 @dataclass(frozen=True)
 class _LogSpectra:
-    """The logarithmic spectra of W windows, with the drive of each."""
+    """Logarithmic spectra of W windows, with the drive of each: motor speed or throttle over its median."""
 
     frequency: Array
-    """(F,) Hz, from 0 on in even steps."""
+    """Frequencies (F,), Hz, from 0 on in even steps."""
     log_density: Array
-    """(W, F) natural logarithm of the density of all axes."""
+    """Natural logarithm of the density of all axes (W, F)."""
     drive: Array
-    """(W,) the motors' speed, or else the throttle, over its median; 1 where it is not known throughout."""
+    """The motors' speed, or else the throttle, over its median (W,); 1 where neither is known in all windows."""
 
     @property
     def frequency_step(self) -> float:
@@ -167,12 +172,12 @@ class _LogSpectra:
         """Returns the logarithmic density of each window at a frequency of its own.
 
         Args:
-            frequencies: (…, W) one for each window, Hz.
+            frequencies: a frequency for each window (…, W), Hz.
 
         Returns:
-            (…, W) the higher of the two bins between which the frequency lies.
+            Density at the higher of the two bins between which the frequency lies (…, W).
         """
-        # The bin below each frequency; the last one has a neighbour above it.
+        # The bin below each frequency, which needs a neighbour above it.
         bins = (frequencies / self.frequency_step).astype(int)
         low = np.clip(bins, 0, len(self.frequency) - 2)
         rows = np.arange(len(self.log_density))
@@ -181,16 +186,16 @@ class _LogSpectra:
         return np.maximum(below, above)
 
     def aligned_mean(self, exponent: float) -> Array:
-        """Returns the mean of the logarithmic spectra, each stretched so that a line of one exponent stays in place.
+        """Returns the mean of the logarithmic spectra, stretched so that lines of one exponent stay in place.
 
-        A line at f s_w^γ in window w is at f in the stretched spectrum, whatever the drive s_w is. So it adds up, while
-        lines of other exponents are smeared.
+        A line that is at f s_w^γ in window w, with the drive s_w, is at f in the stretched spectrum of every window. So
+        it adds up in the mean, while lines of other exponents are smeared.
 
         Args:
-            exponent: γ, by which the line moves with the drive.
+            exponent: exponent γ of the lines that stay in place.
 
         Returns:
-            (F,) at the frequencies of the spectra.
+            Mean logarithmic density at the frequencies of the spectra (F,).
         """
         aligned = [
             np.interp(self.frequency * drive**exponent, self.frequency, log_density)
@@ -200,11 +205,14 @@ class _LogSpectra:
 
 
 def _log_spectra(spectrum: Spectrum) -> _LogSpectra:
-    """Returns the logarithmic spectra of a ``spectrum``'s windows, with the drive of each.
+    """Returns the logarithmic spectra of all windows, with the drive of each.
 
-    The drive is what lines of motors move with: the motors' speed where it is known in all windows, else the throttle,
-    over its median; where neither is known, it is 1 in all windows. Logarithms make strong windows count no more than
-    others.
+    The drive is what lines of motors move with: the motors' speed over its median where it is known in all windows,
+    else the throttle over its median. Where neither is known, it is 1. With logarithms, windows of strong vibration
+    count no more than others.
+
+    Args:
+        spectrum: spectrum of one sensor, in W windows.
     """
     log_density = np.log(np.maximum(spectrum.total_density, SMALLEST_POSITIVE))
     relative_drive = np.ones(len(spectrum.time))
@@ -219,64 +227,66 @@ class _Track(NamedTuple):
     """How a spectral line moves with the drive (motor speed or throttle) through W windows of a flight."""
 
     exponent: float
-    """γ, along which the windows are highest in the mean."""
+    """Exponent γ for which the mean logarithmic density along f · drive^γ is highest."""
     scores: Array
-    """(E, W) logarithmic densities of the windows along each of ``EXPONENTS``."""
+    """Logarithmic density of each window along f · drive^γ, for each of ``EXPONENTS`` (E, W)."""
     mean: Array
-    """(F,) the mean logarithmic spectrum, aligned by γ."""
+    """Mean logarithmic spectrum, aligned by γ (F,)."""
     top: int
-    """Row of its highest frequency near the line."""
+    """Index of the highest frequency bin of the mean near the line."""
     frequency: float
-    """Of the line at the median drive, Hz, between the bins."""
+    """Frequency f of the line at the median drive, Hz, interpolated between bins."""
 
 
 def _track(windows: _LogSpectra, frequency: float) -> _Track:
-    """Returns how a line moves through the windows, with its frequency found more exactly.
+    """Determines how a line moves with the drive through the windows, and its exact frequency.
 
-    The exponent is the one of ``EXPONENTS`` along which the windows are highest in the mean. The spectra are aligned by
-    it, and the frequency is the vertex of the parabola through the highest bin of their mean and its neighbours. All
-    this is done twice, since with another exponent the line lies a little elsewhere.
+    A line of frequency f and exponent γ is at f · drive^γ in each window. Its exponent is the one of ``EXPONENTS`` for
+    which the logarithmic density there is highest, averaged over windows. The spectra are aligned by it, and the
+    frequency is the vertex of the parabola through the highest bin of their mean and its two neighbours. This is done
+    ``EXPONENT_PASSES`` times, since a better frequency gives a better exponent.
 
     Args:
         windows: the logarithmic spectra.
-        frequency: near which the line is at the median drive, Hz.
+        frequency: approximate frequency of the line at the median drive, Hz.
     """
-    for _ in range(2):
+    for _ in range(EXPONENT_PASSES):
         scores = windows.along(frequency * windows.drive ** EXPONENTS[:, None])
         exponent = EXPONENTS[np.argmax(scores.mean(axis=1))]
         mean = windows.aligned_mean(exponent)
         nearest = round(frequency / windows.frequency_step)
         first = max(nearest - TOP_SEARCH_BINS, 1)
         end = min(nearest + TOP_SEARCH_BINS + 1, len(mean) - 1)
-        # Rows have a neighbour on each side.
-        rows = np.arange(first, end)
-        top = rows[np.argmax(mean[rows])]
+        # Each of these bins has a neighbour on each side, as the parabola needs.
+        bins = np.arange(first, end)
+        top = bins[np.argmax(mean[bins])]
         before, highest, after = mean[top - 1 : top + 2].tolist()
         curvature = before - 2 * highest + after
-        # From the highest bin, in bins; a parabola that is open upwards has no vertex of use.
+        # Distance of the vertex from the highest bin, in bins. At an end of the search range the parabola may open
+        # upwards; then the bin itself is taken.
         offset = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
         frequency = (top + offset) * windows.frequency_step
     return _Track(exponent, scores, mean, top, frequency)
 
 
 def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> SpectralLine:
-    """Returns the line at a peak of a mean spectrum, with its kind, height and width.
+    """Describes the line at a peak of a mean spectrum: its kind, frequency, height and width.
 
     The peak is followed through the windows as the drive (motors' speed or throttle) changes, which gives its exact
-    frequency and its kind. Its height over the median density around it is its ratio.
+    frequency and its kind. Its ratio is its height over the median density around it.
 
     A mean may have a peak where lines of single windows cross, or by one strong window. A true line rises above its
-    surroundings in at least ``MIN_PRESENCE`` of the windows. The ratio of a peak that does not is set to 0, so that it
-    is left out later.
+    surroundings in at least ``MIN_PRESENCE`` of the windows. The ratio of a peak that does not is set to 0, so that the
+    caller leaves it out.
 
     Args:
-        spectrum: of one sensor, for its highest frequency and the motors' speed.
-        windows: the logarithmic spectra of that spectrum.
-        frequency: of the peak, Hz.
+        spectrum: spectrum of one sensor, for its highest frequency and the motors' speed.
+        windows: the logarithmic spectra of the same spectrum.
+        frequency: frequency of the peak, Hz.
     """
     track = _track(windows, frequency)
     kind = _kind(track)
-    # In a spectrum that ends at a low frequency, a line that rises fast may be the alias of a harmonic beyond the end.
+    # In a spectrum that ends at a low frequency, a line that rises fast may be the alias of a harmonic beyond it.
     is_slow = spectrum.nyquist_frequency < SLOW_NYQUIST_FREQUENCY
     if kind is LineKind.MOTOR and track.exponent > MAX_SLOW_SPECTRUM_EXPONENT and is_slow:
         kind = LineKind.UNNAMED
@@ -286,7 +296,7 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
     first = max(track.top - surrounding_bins, 0)
     base = np.median(track.mean[first : track.top + surrounding_bins + 1])
     heights = windows.along(track.frequency * windows.drive**track.exponent)
-    # In a window, half of the needed ratio, in decibels, is enough, since single windows are noisy.
+    # Single windows are noisy, so half of the usual ratio, in decibels, is enough for a line to be visible in one.
     presence = np.mean(heights > base + np.log(MIN_LINE_RATIO) / 2)
     # The order of a line is its frequency in turns of the motors: 1 for unbalance, 2 for a propeller of two blades.
     order = None
@@ -304,47 +314,47 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
 
 
 def _bins_above(track: _Track, level: float) -> int:
-    """Returns the width of a line at a level: how many neighbouring frequency bins about its top are higher.
+    """Returns the width of a line at a level: the number of neighbouring frequency bins about its top above the level.
 
-    The line begins after the last bin before its top that is not above the level, and ends before the first bin from
-    there on that is not.
+    The line begins after the last bin before its top that is not above the level, and ends before the first bin after
+    that which is not.
 
     Args:
-        track: of the line: the mean logarithmic spectrum over windows, and the bin of the line's top in it.
-        level: natural logarithm of a density, usually halfway between the top and what is around the line.
+        track: track of the line, with the mean logarithmic spectrum, and the bin of the line's top in it.
+        level: natural logarithm of a density, such as halfway between the top and the surroundings.
     """
     is_below = track.mean[: track.top] <= level
-    # Bin 0, the constant part, ends a line that nothing else ends.
+    # A line that no bin below the level ends begins after bin 0, the constant part.
     last_below = np.flatnonzero(is_below).max(initial=0)
-    # The line may reach to the highest frequency: a bin below all levels, appended there, ends it.
+    # A line may reach to the highest frequency: a bin of minus infinity, appended there, ends it.
     from_line_on = np.append(track.mean[last_below + 1 :], -np.inf)
     return int(np.argmax(from_line_on <= level))
 
 
 def _kind(track: _Track) -> LineKind:
-    """Returns what makes a line: motors, frame or an alias; unnamed where that is not sure.
+    """Returns the cause of a line: motors, frame or an alias; unnamed where that is not certain.
 
-    A line moves with the drive (motors' speed or throttle) to the power of an exponent γ. Each kind of line has a range
-    of exponents: near 0 for the frame, positive for motors. The line's exponent is the one of E ``EXPONENTS`` along
-    which the spectra of W windows are highest in the mean. It names the kind only if the best exponent of every other
-    kind is clearly worse. To see that, the logarithmic densities along both are subtracted window by window: the mean
-    of the W differences must exceed ``SIGNIFICANT_SIGMAS`` of its standard errors.
+    The frequency of a line is proportional to the drive (motors' speed or throttle) to the power of an exponent γ. Each
+    cause has a range of exponents: near 0 for the frame, positive for motors. The scores of an exponent are the
+    logarithmic densities of the W windows at the frequencies that it predicts; the line's exponent is the one with the
+    highest mean score.
+
+    The line is named only if the best exponent of every other cause scores significantly lower. This is a paired test:
+    the mean of the W differences of the scores must exceed ``SIGNIFICANT_SIGMAS`` of its standard errors.
 
     Args:
-        track: of the line, with its exponent and ``scores`` (E, W), the logarithmic densities along all exponents.
+        track: track of the line, with its exponent and the scores (E, W) of all ``EXPONENTS``.
     """
-    # (E,) kind of each exponent.
+    # Cause by each of the E exponents.
     kinds = np.array(
         [_kind_of_exponent(exponent, track.frequency) for exponent in EXPONENTS.tolist()]
     )
     kind = _kind_of_exponent(track.exponent, track.frequency)
-    # (W,) logarithmic density of each window along the line's exponent.
-    own_scores = track.scores[np.flatnonzero(track.exponent == EXPONENTS)[0]]
-    for rival in set(kinds.tolist()) - {kind, LineKind.UNNAMED}:
-        # Of all exponents of the other kind, the one along which the windows are highest in the mean: (W,).
-        scores = track.scores[kinds == rival]
-        rival_scores = scores[np.argmax(scores.mean(axis=1))]
-        differences = own_scores - rival_scores
+    line_scores = track.scores[np.flatnonzero(track.exponent == EXPONENTS)[0]]
+    for other_kind in set(kinds.tolist()) - {kind, LineKind.UNNAMED}:
+        scores_of_kind = track.scores[kinds == other_kind]
+        other_scores = scores_of_kind[np.argmax(scores_of_kind.mean(axis=1))]
+        differences = line_scores - other_scores
         standard_error = differences.std() / np.sqrt(len(differences))
         if differences.mean() <= SIGNIFICANT_SIGMAS * standard_error:
             return LineKind.UNNAMED
@@ -352,15 +362,17 @@ def _kind(track: _Track) -> LineKind:
 
 
 def _kind_of_exponent(exponent: float, frequency: float) -> LineKind:
-    """Returns what makes a line that moves with the drive to the power of an exponent.
+    """Returns the cause of a line whose frequency is proportional to the drive to the power of an exponent.
+
+    A line that stays is of the frame. One that rises like the speed of motors is of motors. One that falls, or rises
+    faster, can only be an alias. Exponents between these ranges have no name.
 
     Args:
-        exponent: γ. What stays (0) is of the frame; what rises as motors can is of motors; what falls or rises faster
-            is an alias. Exponents between these ranges have no name.
-        frequency: of the line, Hz.
+        exponent: exponent γ of the line.
+        frequency: frequency of the line, Hz.
     """
     if FRAME_EXPONENTS[0] <= exponent <= FRAME_EXPONENTS[1]:
-        # A slow line that stays may be the loop's own resonance.
+        # At low frequencies, a line that stays may be the resonance of the rate loop.
         return LineKind.FRAME if frequency > MAX_LOOP_FREQUENCY else LineKind.UNNAMED
     if MOTOR_EXPONENTS[0] <= exponent <= MOTOR_EXPONENTS[1]:
         return LineKind.MOTOR
@@ -370,10 +382,17 @@ def _kind_of_exponent(exponent: float, frequency: float) -> LineKind:
 
 
 def _with_harmonics(lines: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
-    """Returns ``lines`` without the harmonics of motors, the strongest first.
+    """Assigns the harmonics of motors to their fundamentals.
 
-    A line at a multiple of a motor's frequency is added to that line's ``harmonics`` instead, unless it is of the
-    frame. Lines are gone through by rising frequency, so that a fundamental comes before its harmonics.
+    A line at a multiple of the frequency of a motor's line is no line of its own any more, but becomes part of that
+    line's ``harmonics``, unless it is of the frame. Lines are taken in ascending frequency, so that a fundamental comes
+    before its harmonics.
+
+    Args:
+        lines: distinct lines, in any order.
+
+    Returns:
+        The other lines, the strongest first.
     """
     fundamentals = list[SpectralLine]()
     for line in sorted(lines, key=lambda line: line.frequency):
@@ -391,11 +410,11 @@ def _fundamental_of(line: SpectralLine, fundamentals: Sequence[SpectralLine]) ->
     """Returns which of several fundamentals a line is a harmonic of.
 
     Args:
-        line: of a higher frequency.
+        line: the line.
         fundamentals: lines of lower frequency; only those of motors have harmonics.
 
     Returns:
-        Index of the first that fits; None where none does.
+        Index of the first fundamental of which the line is a multiple; ``None`` where there is none.
     """
     for index, fundamental in enumerate(fundamentals):
         if fundamental.kind is LineKind.MOTOR and _multiple(fundamental, line):
@@ -404,7 +423,7 @@ def _fundamental_of(line: SpectralLine, fundamentals: Sequence[SpectralLine]) ->
 
 
 def _multiple(fundamental: SpectralLine, line: SpectralLine) -> int:
-    """Returns which multiple of a ``fundamental`` a ``line`` is, from 2 to ``MAX_HARMONIC``; 0 where it is none."""
+    """Returns which multiple of a fundamental's frequency a line is, 2 to ``MAX_HARMONIC``; 0 where it is none."""
     ratio = line.frequency / fundamental.frequency
     nearest = round(ratio)
     if 2 <= nearest <= MAX_HARMONIC and abs(ratio / nearest - 1) <= HARMONIC_TOLERANCE:

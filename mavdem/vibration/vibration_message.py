@@ -24,19 +24,22 @@ class ReportedVibration:
     axes: Names
     """Names of the k measured axes of an IMU: x, y and z; one empty name where all axes are measured together."""
     levels: TimeSeries
-    """(N, k · IMUs) m/s², the axes of the first IMU first."""
+    """Vibration of all axes of all IMUs (N, k · IMUs), m/s², the axes of the first IMU first."""
     clips: Array
-    """(N, 3) how often each IMU was out of its range since the sample before."""
+    """Number of times that each IMU was out of its range since the sample before (N, 3)."""
 
 
 def reported_vibration(signals: Signals) -> ReportedVibration | None:
-    """Returns the vibration that the autopilot reports; None if it was not recorded, or is 0 throughout.
+    """Returns the vibration that the autopilot reports.
 
     ArduPilot reports three axes of each IMU, PX4 one level for all axes, in the field of z (``streams/VIBRATION.hpp``).
     Clipping is reported as counters since boot, of which the differences are returned.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
+
+    Returns:
+        Vibration and clipping; ``None`` if they were not recorded, or all levels are 0.
     """
     is_px4 = signals.telemetry.autopilot == "PX4"
     level_fields = LEVEL_FIELDS[-1:] if is_px4 else LEVEL_FIELDS
