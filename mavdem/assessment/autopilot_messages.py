@@ -6,7 +6,7 @@ and EV. ``message_patterns.toml`` has the meaning of each.
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from mavdem.facts import Fact, Level
@@ -19,7 +19,8 @@ class TextPattern(NamedTuple):
     """What a text of the autopilot means if a regular expression is found in it."""
 
     expression: re.Pattern[str]
-    """Named groups: ``motor`` and ``lane`` are numbers, ``subject`` is what the text is about, ``text`` its gist."""
+    """Named groups: numbers (``motor``, ``lane``, ``battery``), what the text is about (``subject``), its gist
+    (``text``)."""
     code: str
     """Value of the code of :class:`Reported`; empty for a text that reports the end of a problem."""
     level: Level | None = None
@@ -117,11 +118,47 @@ def reported_problems(telemetry: Telemetry) -> list[Fact]:
         A fact for each report. It has the figures ``boot`` and ``basis``, the names of the messages that it rests on.
         Facts of texts have the ``text`` itself and the name of its ``severity`` too.
     """
-    return [
-        *_problems_of_texts(telemetry),
-        *_problems_of_errors(telemetry),
-        *_problems_of_events(telemetry),
-    ]
+    return _with_battery_levels(
+        [
+            *_problems_of_texts(telemetry),
+            *_problems_of_errors(telemetry),
+            *_problems_of_events(telemetry),
+        ]
+    )
+
+
+def _with_battery_levels(facts: Sequence[Fact]) -> list[Fact]:
+    """Returns the facts, those of a battery failsafe as a warning where a text calls the battery low.
+
+    ArduPilot's failsafe, an ERR or a text, is the same for a low and for a critical battery. The text about the battery
+    before it says which it was; without one it counts as critical.
+
+    Args:
+        facts: what the autopilot reports.
+    """
+    warnings = [fact for fact in facts if fact.code is Reported.BATTERY_WARNED]
+    levelled = []
+    for fact in facts:
+        is_failsafe = fact.code is Reported.BATTERY_ALARMED and (
+            "error_code" in fact.figures or "failsafe" in fact.figures["text"].lower()
+        )
+        if is_failsafe and any(_is_close(fact, text) for text in warnings):
+            fact = Fact(
+                Reported.BATTERY_WARNED,
+                time=fact.time,
+                until=fact.until,
+                subject=fact.subject,
+                **fact.figures,
+            )
+        levelled.append(fact)
+    return levelled
+
+
+def _is_close(first: Fact, second: Fact) -> bool:
+    """Returns whether two facts of one boot are not farther apart than ``REPEAT_SECONDS``."""
+    is_same_boot = first.figures["boot"] == second.figures["boot"]
+    distance = abs((first.time or 0.0) - (second.time or 0.0))
+    return is_same_boot and distance <= REPEAT_SECONDS
 
 
 def _problems_of_texts(telemetry: Telemetry) -> Iterator[Fact]:
@@ -164,9 +201,9 @@ def _problem_of_text(message: StatusText, warns: bool) -> Fact | None:
             # The text reports the end of a problem.
             return None
         groups = match.groupdict()
-        # An expression has a group for the words of the subject, or for the number of a motor or EKF lane.
+        # An expression has a group for the words of the subject, or for the number of a motor, EKF lane or battery.
         subject = groups.get("subject") or ""
-        for name in ("motor", "lane"):
+        for name in ("motor", "lane", "battery"):
             if not subject and groups.get(name):
                 subject = f"{name} {groups[name]}"
         return Fact(

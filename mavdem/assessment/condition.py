@@ -5,16 +5,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.assessment.battery_levels import batteries_worst_first
 from mavdem.assessment.flights import segments_of_boots, settled_flight, total_duration
 from mavdem.assessment.mean_interval import MeanFigure, finite_or_none, mean_figure, mean_interval
 from mavdem.containers import Numbers
 from mavdem.dataset import phases
 from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dataset.batteries import Battery
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import AVERAGING_SECONDS
 from mavdem.dataset.segments import Segments, in_segments, recorded_spans
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import recorded_series
 from mavdem.errors import NotLearnable
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
@@ -38,8 +39,10 @@ class VibrationFigures:
 
 @dataclass(frozen=True)
 class BatteryFigures:
-    """Voltage and current of the first battery over some time."""
+    """Voltage and current of one battery over some time."""
 
+    number: int
+    """Number of the battery, from 1."""
     voltage_start: float
     """Median of the first ``AVERAGING_SECONDS``, V."""
     voltage_end: float
@@ -84,10 +87,15 @@ class Condition(ImmutableResult):
     tilt_max: float | None = None
     """Largest such angle, rad."""
     vibration: VibrationFigures | None = None
-    battery: BatteryFigures | None = None
-    """Of all that was recorded, where there was no settled flight."""
+    batteries: tuple[BatteryFigures, ...] = ()
+    """Of each battery, the emptiest first; of all that was recorded, where there was no settled flight."""
     oscillation: Oscillation | None = None
     """A limit cycle in settled flight or, if there is none, in all flight."""
+
+    @property
+    def battery(self) -> BatteryFigures | None:
+        """The emptiest battery; None where none was measured."""
+        return self.batteries[0] if self.batteries else None
 
     @property
     def collective(self) -> float | None:
@@ -140,7 +148,7 @@ def condition_of(signals: Signals) -> Condition:
         tilt_sd=tilt.std() if len(tilt) else None,
         tilt_max=tilt.max() if len(tilt) else None,
         vibration=_vibration_figures(signals, settled),
-        battery=_battery_figures(signals, settled or recorded_segments),
+        batteries=_figures_of_batteries(signals, settled or recorded_segments),
         oscillation=_oscillation(signals, settled),
     )
 
@@ -279,22 +287,30 @@ def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures 
     return VibrationFigures(tuple(levels_of_first_imu.mean(axis=0)), clips)
 
 
-def _battery_figures(signals: Signals, segments: Segments) -> BatteryFigures | None:
-    """Returns voltage and current of the first battery in some segments.
+def _figures_of_batteries(signals: Signals, segments: Segments) -> tuple[BatteryFigures, ...]:
+    """Returns the figures of all batteries in some segments, the emptiest first."""
+    figures = []
+    for battery in batteries_worst_first(signals):
+        battery_figures = _battery_figures(battery, segments)
+        if battery_figures is not None:
+            figures.append(battery_figures)
+    return tuple(figures)
+
+
+def _battery_figures(battery: Battery, segments: Segments) -> BatteryFigures | None:
+    """Returns voltage and current of a battery in some segments.
 
     Voltages at start and end are medians over ``AVERAGING_SECONDS``, since the load, and with it the voltage, varies.
 
     Args:
-        signals: signals of the vehicle.
+        battery: the battery.
         segments: the time that counts; the first and the last may be in different boots.
 
     Returns:
         Voltages in V and currents in A, the latter None if no current was measured; None if the voltage was not
         recorded in these segments.
     """
-    voltage = signals.voltage
-    if voltage is None:
-        return None
+    voltage = battery.voltage
     rows = in_segments(voltage, *segments, slack=0)
     if not rows.any():
         return None
@@ -304,14 +320,13 @@ def _battery_figures(signals: Signals, segments: Segments) -> BatteryFigures | N
     is_at_start = (boot == boot[0]) & (time <= time[0] + AVERAGING_SECONDS)
     is_at_end = (boot == boot[-1]) & (time >= time[-1] - AVERAGING_SECONDS)
     current_mean, current_max = None, None
-    current = recorded_series(signals.telemetry, "SYS_STATUS", "current_battery")
-    if current is not None:
-        # SYS_STATUS has units of 10 mA.
-        amperes = current.values[in_segments(current, *segments, slack=0)] / 1e2
+    if battery.current is not None:
+        amperes = battery.current.values[in_segments(battery.current, *segments, slack=0)]
         # A negative current stands for none. A sensor that is missing or not calibrated reads 0 at times.
         if len(amperes) and amperes.min() > 0:
             current_mean, current_max = amperes.mean(), amperes.max()
     return BatteryFigures(
+        number=battery.number,
         voltage_start=np.median(volts[is_at_start]),
         voltage_end=np.median(volts[is_at_end]),
         voltage_mean=volts.mean(),

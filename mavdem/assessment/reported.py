@@ -17,6 +17,7 @@ from mavdem.assessment.autopilot_messages import (
 from mavdem.assessment.flights import flights_in_boot, height_in_flight
 from mavdem.assessment.lights.estimator import FIX_3D
 from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS
+from mavdem.dataset.batteries import battery_columns, battery_name
 from mavdem.dataset.intervals import in_intervals, intersection, true_intervals
 from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
 from mavdem.dataset.phases import (
@@ -27,14 +28,18 @@ from mavdem.dataset.phases import (
     without_grounded,
 )
 from mavdem.dataset.segments import Segment, recorded_spans
-from mavdem.dataset.signals import BATTERY_MESSAGES, Signals
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import Reported
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
+from mavdem.ingest.telemetry import Columns
 from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND, mavlink_constant
 
 LOW_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_LOW")
-"""The charge state "low" of BATTERY_STATUS; larger values are worse."""
+"""The charge state "low" of BATTERY_STATUS; larger values are worse, but for ``CHARGING``."""
+
+CHARGING = mavlink_constant("MAV_BATTERY_CHARGE_STATE_CHARGING")
+"""The charge state of a battery that is charged."""
 
 SENSOR_MASKS = ("health", "present", "enabled")
 """Ends of the names of three bit masks of SYS_STATUS, ``onboard_control_sensors_…``, with a bit for each sensor."""
@@ -99,6 +104,8 @@ class FaultSignal(NamedTuple):
     """(N,) for the N samples of the message; (0,) where it or its field was not recorded."""
     code: Reported
     subject: str = ""
+    columns: Columns | None = None
+    """The N samples, where they are not all of the message: of one of several batteries."""
 
 
 def reported_events(signals: Signals) -> Facts:
@@ -293,7 +300,7 @@ def _lasting_faults(signals: Signals, span: Segment) -> Iterator[Fact]:
     for fault in _fault_signals(signals):
         if not len(fault.is_faulty):
             continue
-        columns = signals.telemetry.messages[fault.message]
+        columns = fault.columns or signals.telemetry.messages[fault.message]
         rows = columns["boot"] == span.boot
         faulty_intervals = true_intervals(columns["time"][rows], fault.is_faulty[rows])
         for start, end in intersection(faulty_intervals, armed):
@@ -341,10 +348,7 @@ def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
     is_low = (board_voltage > 0) & (board_voltage < 1000 * BOARD_VOLTAGE_LIMITS.bad)
     yield FaultSignal("POWER_STATUS", is_low, Reported.BOARD_VOLTAGE_LOW)
 
-    for message in BATTERY_MESSAGES:
-        charge = column(message, "charge_state")
-        yield FaultSignal(message, charge == LOW_CHARGE, Reported.BATTERY_WARNED)
-        yield FaultSignal(message, charge > LOW_CHARGE, Reported.BATTERY_ALARMED)
+    yield from _battery_faults(signals)
 
     yield from _sensor_faults(
         *(
@@ -364,6 +368,35 @@ def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
         if has_failed.any():
             subject = f"motor {motor + 1}"
             yield FaultSignal(message, has_failed, Reported.MOTOR_FAILED, subject)
+
+
+def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
+    """Yields when the autopilot calls a battery low, and when critical or worse, for each battery on its own.
+
+    The battery is the subject where there are several. Where BATTERY_STATUS has the charge states of several batteries,
+    that of SYS_STATUS, which is one of them, would repeat it.
+
+    Args:
+        signals: signals of the vehicle.
+    """
+    batteries = [
+        battery
+        for battery in battery_columns(signals.telemetry)
+        if "charge_state" in battery.columns
+    ]
+    if any(battery.message == "BATTERY_STATUS" for battery in batteries):
+        batteries = [battery for battery in batteries if battery.message == "BATTERY_STATUS"]
+    has_several = len(batteries) > 1 or len(signals.batteries) > 1
+    for battery in batteries:
+        subject = battery_name(battery.number) if has_several else ""
+        charge = battery.columns["charge_state"]
+        is_low = charge == LOW_CHARGE
+        is_critical = (charge > LOW_CHARGE) & (charge != CHARGING)
+        for is_faulty, code in (
+            (is_low, Reported.BATTERY_WARNED),
+            (is_critical, Reported.BATTERY_ALARMED),
+        ):
+            yield FaultSignal(battery.message, is_faulty, code, subject, battery.columns)
 
 
 def _sensor_faults(

@@ -18,11 +18,11 @@ from scipy.ndimage import median_filter
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.attitude import TUNING_MESSAGE, Attitude, attitude_of_axis, tuning_rates
 from mavdem.dataset.axes import AXES, MAX_ANGLE, TILT_AXES
+from mavdem.dataset.batteries import Battery, connected_batteries
 from mavdem.dataset.intervals import Intervals
 from mavdem.dataset.motor_outputs import (
     INPUT_KINDS,
     THRUST_COLUMN,
-    UINT16_UNKNOWN,
     MotorOutputs,
     axis_demand,
     control_target,
@@ -38,7 +38,6 @@ from mavdem.dataset.time_series import (
 )
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.flight_modes import announced_names, mode_name
-from mavdem.ingest.mavlink.clocks import deviates_from_median
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected_rows
 from mavdem.ingest.vocabulary import (
@@ -63,23 +62,8 @@ HEIGHT_FIELDS = {
 }
 """Messages with the height, the preferred one first: the field, and the factor to m upwards."""
 
-BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
-"""Messages with the state of the battery."""
-
 EARTH_RADIUS = 6_371_000.0
 """Mean radius of the Earth, m."""
-
-POSSIBLE_VOLTAGE = (1.0, 1000.0)
-"""Voltages, V, that a battery can have.
-
-Below, there is no battery monitor, or a simulator has no battery; above, the message is damaged.
-"""
-
-VOLTAGE_MEDIAN_SAMPLES = 9
-"""Number of neighbouring voltages whose median shows a damaged one; a choice."""
-
-MIN_VOLTAGE_SAMPLES = 5
-"""Number of possible voltages below which the battery counts as not measured; a choice."""
 
 HEARTBEAT_MEDIAN_SAMPLES = 3
 """Number of neighbouring heartbeats whose majority decides, so that a single stray one does not."""
@@ -136,29 +120,9 @@ class VehicleSignals:
 
     @property
     @cached_per_vehicle()
-    def voltage(self) -> TimeSeries | None:
-        """Voltage of the first battery, V; None where it was not measured.
-
-        Impossible values are left out, and those that are far from the median of their neighbours. A log in which few
-        values remain has no battery at its sensor.
-        """
-        columns = self.telemetry.messages.get("SYS_STATUS")
-        if columns is None:
-            return None
-        millivolts = float_column(columns, "voltage_battery")
-        # MAVLink sends the largest number for a voltage that is not known.
-        volts = np.where(millivolts == UINT16_UNKNOWN, np.nan, millivolts) / 1000
-        lowest, highest = POSSIBLE_VOLTAGE
-        is_possible = (volts >= lowest) & (volts <= highest)
-        # A damaged message can have twice the voltage of its neighbours.
-        candidates = volts[is_possible]
-        is_outlier = deviates_from_median(candidates, VOLTAGE_MEDIAN_SAMPLES, candidates / 2)
-        is_possible[is_possible] = ~is_outlier
-        # Where no battery is measured, a few damaged messages still have a voltage.
-        min_samples = max(MIN_VOLTAGE_SAMPLES, np.count_nonzero(~np.isnan(volts)) / 2)
-        if np.count_nonzero(is_possible) < min_samples:
-            return None
-        return clean_series(columns, volts, is_possible)
+    def batteries(self) -> tuple[Battery, ...]:
+        """The batteries whose voltage was measured, by number; empty where none was."""
+        return connected_batteries(self.telemetry)
 
     @property
     @cached_per_vehicle()

@@ -148,8 +148,10 @@ class Vibration(Document):
 
 
 class Battery(Document):
-    """Figures of the first battery."""
+    """Figures of one battery."""
 
+    number: int
+    """its number, from 1"""
     voltage_start: Volts
     """voltage at the start, median of 2 s"""
     voltage_end: Volts
@@ -207,7 +209,9 @@ class Condition(Document):
     vibration: Vibration | None
     """vibration of the first IMU"""
     battery: Battery | None
-    """figures of the first battery"""
+    """the emptiest battery"""
+    batteries: list[Battery]
+    """all, the emptiest first"""
     oscillation: Oscillation | None
     """a limit cycle; null where there is none"""
     collective: Number

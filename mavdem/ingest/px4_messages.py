@@ -250,16 +250,69 @@ def renamed_message(topics: Topics, message: str) -> Fields:
 
 
 def sys_status(topics: Topics) -> Fields:
-    """SYS_STATUS.hpp: battery_status, with the decimals the message cuts off.
+    """SYS_STATUS.hpp: the first connected instance of battery_status, with the decimals the message cuts off.
 
-    Beside the message's fields there is ``charge_state``, that of BATTERY_STATUS, MAV_BATTERY_CHARGE_STATE.
+    PX4 itself sends the connected battery with the least charge, which changes in flight. Beside the message's fields
+    there is ``charge_state``, that of BATTERY_STATUS, MAV_BATTERY_CHARGE_STATE.
     """
-    columns = renamed_message(topics, "SYS_STATUS")
-    warning = first_instance(topics, "battery_status").get("warning")
-    if warning is None:
-        return columns
-    # PX4's warnings begin with none, 0; MAVLink's states with undefined, 0, and then OK.
-    return columns | {"charge_state": warning + 1}
+    batteries = _battery_instances(topics)
+    if not batteries:
+        return {}
+    return _battery_fields(batteries[min(batteries)])
+
+
+def battery_status(topics: Topics) -> Fields:
+    """BATTERY_STATUS.hpp: the connected instances of battery_status, with the number of each, from 0, as ``id``.
+
+    It is made only where another battery than the first is connected, or several: else it would repeat SYS_STATUS.
+
+    Returns:
+        ``time`` (N,), s, ``id``, ``voltages`` (N, 1), mV, that of the battery, ``cell_count``, and as far as logged
+        ``current_battery``, ``battery_remaining`` and ``charge_state``.
+    """
+    parts = []
+    batteries = _battery_instances(topics)
+    if batteries.keys() <= {0}:
+        return {}
+    for battery_id, battery in batteries.items():
+        columns = _battery_fields(battery)
+        columns["voltages"] = columns.pop("voltage_battery")[:, None]
+        columns["id"] = np.full(len(battery["time"]), battery_id, np.uint8)
+        columns["cell_count"] = battery.get("cell_count", np.zeros(len(battery["time"])))
+        parts.append(columns)
+    return _in_time_order(parts)
+
+
+def _battery_fields(battery: Columns) -> Fields:
+    """Translates one instance of battery_status to fields of SYS_STATUS, with the warning as ``charge_state``."""
+    rule = TRANSLATION_RULES["SYS_STATUS"]
+    fields = translated_fields(battery, rule["fields"], rule.get("optional_fields"))
+    columns = {"time": battery["time"], **fields}
+    if "warning" in battery:
+        # PX4's warnings begin with none, 0; MAVLink's states with undefined, 0, and then OK.
+        columns["charge_state"] = battery["warning"] + 1
+    return columns
+
+
+def _battery_instances(topics: Topics) -> dict[int, Columns]:
+    """Returns the instances of battery_status while their battery is connected, by its number from 0.
+
+    The topic has the number as ``id``, from 1, of which 0 is that of no battery; else the number of the instance
+    counts. Where no instance was ever connected, as old versions and simulators report it, all of them are returned.
+    """
+    connected: dict[int, Columns] = {}
+    all_batteries: dict[int, Columns] = {}
+    for instance, topic in topics.get("battery_status", {}).items():
+        number = instance
+        if "id" in topic and len(topic["id"]):
+            number = int(np.median(topic["id"])) - 1
+        if number < 0 or number in all_batteries:
+            number = instance
+        all_batteries[number] = topic
+        is_connected = flag_or_true(topic, "connected")
+        if is_connected.any():
+            connected[number] = selected_rows(topic, is_connected)
+    return connected or all_batteries
 
 
 VIBRATION_IMUS = 3

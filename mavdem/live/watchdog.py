@@ -16,9 +16,10 @@ from mavdem.assessment.lights.power import power_light
 from mavdem.assessment.lights.vibration import vibration_light
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.reported import reported_events
+from mavdem.dataset.batteries import BATTERY_MESSAGES
 from mavdem.dataset.intervals import Intervals
 from mavdem.dataset.quality import samples_at_limits
-from mavdem.dataset.signals import BATTERY_MESSAGES, MIN_STREAM_RATE, Signals
+from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts
 from mavdem.facts.events import Reported

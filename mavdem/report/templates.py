@@ -185,6 +185,7 @@ def _environment() -> Environment:
         "abbreviated_list": abbreviated_list,
         "advised": attrgetter("advised"),
         "as_clause": as_clause,
+        "further_clauses": _further_clauses,
         "capitalize_first": capitalize_first,
         "compass_text": compass_text,
         "degrees": degrees,
@@ -279,6 +280,11 @@ def as_clause(text: object) -> str:
     if _IDENTIFIER.match(clause):
         return clause
     return clause[:1].lower() + clause[1:]
+
+
+def _further_clauses(facts: Iterable[Fact]) -> str:
+    """Returns facts as clauses that follow another one in its sentence: "; battery 1 at least 15.8 V"."""
+    return "".join(f"; {as_clause(fact)}" for fact in facts)
 
 
 def _fixed(value: float, decimals: int = 0) -> str:

@@ -7,6 +7,7 @@ from hover import Hover, changed, columns, evidence_of
 from pytest import approx, mark
 from recorded_flights import recorded
 
+from mavdem.assessment.battery_levels import CELL_VOLTAGE_LIMITS, FULL_CELL_VOLTAGES
 from mavdem.assessment.lights.estimator import (
     ARDUPILOT_INNOVATION_LIMIT,
     FAILSAFE_SECONDS,
@@ -22,8 +23,6 @@ from mavdem.assessment.lights.log import (
 )
 from mavdem.assessment.lights.power import (
     BOARD_VOLTAGE_LIMITS,
-    CELL_VOLTAGE_LIMITS,
-    FULL_CELL_VOLTAGES,
     LOW_VOLTAGE_SECONDS,
     MAX_BOARD_VOLTAGE_DROP,
     power_light,
@@ -139,7 +138,7 @@ def test_what_follows_a_loss_is_no_fault_of_the_battery():
             BOARD_VOLTAGE_LIMITS.bad - 0.1,
             BOARD_VOLTAGE_LIMITS.bad - 0.2,
             PowerLight.SUPPLY_LOW,
-            "watch",
+            "bad",
         ),
         # It never changes: it is not measured.
         (5.0, 5.0, PowerLight.POWER_UNMEASURED, "unknown"),

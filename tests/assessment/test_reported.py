@@ -47,8 +47,8 @@ TEXTS = {
     "Accel #0 fail:  TIMEOUT!": (Reported.SENSOR_FAILED, "watch", "accel"),
     "Radio Failsafe": (Reported.RADIO_LOST, "watch", ""),
     "GCS Failsafe": (Reported.GROUND_STATION_LOST, "watch", ""),
-    "Battery 1 is low 10.50V used 1500 mAh": (Reported.BATTERY_WARNED, "watch", ""),
-    "Battery 1 is critical 10.1V": (Reported.BATTERY_ALARMED, "watch", ""),
+    "Battery 1 is low 10.50V used 1500 mAh": (Reported.BATTERY_WARNED, "watch", "battery 1"),
+    "Battery 1 is critical 10.1V": (Reported.BATTERY_ALARMED, "bad", "battery 1"),
     "Fence Breached": (Reported.FENCE_BREACHED, "watch", ""),
     "Failsafe activated": (Reported.FAILSAFE, "watch", ""),
     "Internal Error 0x1000": (Reported.AUTOPILOT_ERROR, "watch", "internal error"),
@@ -163,7 +163,8 @@ def test_what_is_lost_or_low_while_armed_has_its_span(message):
     field, sound, bad, code = STATES[message]
     telemetry = changed(FLOWN, message, **columns(TIMES, **{field: np.where(LOST, bad, sound)}))
     (fact,) = events(telemetry, code)
-    assert (fact.time, fact.until, fact.level) == (20.0, 24.0, "watch")
+    level = "bad" if code is Reported.BATTERY_ALARMED else "watch"
+    assert (fact.time, fact.until, fact.level) == (20.0, 24.0, level)
     on_ground = columns(TIMES, **{field: np.where(TIMES < 4.0, bad, sound)})
     assert not events(changed(FLOWN, message, **on_ground), code)
 

@@ -127,11 +127,11 @@ def test_lines_that_are_no_messages_cost_themselves_only(tmp_path):
 @mark.parametrize("battery", ["BAT", "CURR"])
 def test_the_battery_in_volts_and_in_the_hundredths_of_old_logs(tmp_path, battery):
     vehicle = log(tmp_path, battery=battery)
-    signal = Signals(vehicle).voltage
+    signal = Signals(vehicle).batteries[0].voltage
     assert len(signal.time) == len(TIMES)
     assert_allclose(signal.values, 15.25)
     assert vehicle.name_in_source("SYS_STATUS") == battery
-    assert Signals(log(tmp_path)).voltage is None
+    assert not Signals(log(tmp_path)).batteries
 
 
 def test_a_dataflash_log_has_its_board_and_the_time_of_the_first_receiver(tmp_path):

@@ -322,7 +322,8 @@ def test_the_battery_of_either_bridge(tmp_path):
     log = read_log(written(tmp_path, write))
     assert log.receive_time[0] == approx(UNIX, abs=1.0)
     for vehicle in log.vehicles:
-        signal = Signals(vehicle).voltage
+        (recorded,) = Signals(vehicle).batteries
+        signal = recorded.voltage
         assert signal.values.tolist() == approx([16, 15, 14, 13, 12])
         assert np.diff(signal.time) == approx([1, 1, 1, 1], abs=1e-6)
 

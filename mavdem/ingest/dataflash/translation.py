@@ -24,6 +24,11 @@ from mavdem.ingest.dataflash.attitude import (
     rate_tuning,
     rate_unit,
 )
+from mavdem.ingest.dataflash.batteries import (
+    NUMBERED_BATTERY_MESSAGES,
+    battery_status,
+    sys_status,
+)
 from mavdem.ingest.dataflash.binary import MessageTable
 from mavdem.ingest.dataflash.states import states_of
 from mavdem.ingest.dataflash.tables import (
@@ -64,13 +69,10 @@ FLIGHT_MESSAGES = (
 )
 """Messages of the vehicle's motion, motors and state: a log without any of them has no flight."""
 
-BATTERY_MESSAGES = ("BAT", "CURR")
-"""Messages of the battery, the preferred first; CURR is that of old versions."""
-
 TRANSLATED_MESSAGES = (
     *RATE_CONTROLLER_MESSAGES,
     *FLIGHT_MESSAGES,
-    *BATTERY_MESSAGES,
+    *NUMBERED_BATTERY_MESSAGES,
     "VIBE",
     "BARO",
     "RCIN",
@@ -162,7 +164,8 @@ def translated(
         "ATTITUDE_TARGET": attitude_targets(tables, units_per_degree),
         "PID_TUNING": NamedMessage("RATE", tuning),
         "D_TERM": NamedMessage("/".join(RATE_CONTROLLER_MESSAGES), derivative_terms(tables)),
-        "SYS_STATUS": _battery_status(tables),
+        "SYS_STATUS": sys_status(tables),
+        "BATTERY_STATUS": battery_status(tables),
         "VIBRATION": NamedMessage("VIBE", _vibration(tables)),
         "SYSTEM_TIME": NamedMessage("GPS", _calendar_time(tables)),
         "GPS_RAW_INT": NamedMessage("GPS", _gps_fixes(tables)),
@@ -378,36 +381,6 @@ def _servo_output_port(
                 widths = last_values(continuous_time(logged), continuous_time(tables[name]), widths)
             fields[f"servo{output}_raw"] = widths.astype(np.uint16)
     return with_stamps(logged, fields)
-
-
-MAX_VOLTS = 200.0
-"""Voltage, V, above which none of a multirotor's batteries is; a battery of one cell has more hundredths of a volt."""
-
-
-def _battery_status(tables: Tables) -> NamedMessage:
-    """Makes SYS_STATUS of the first battery: voltage, mV, and current, cA.
-
-    Both stay floats, so that the decimals that MAVLink's integers cut off are kept. Old versions of ArduPilot logged
-    hundredths of a volt. These are recognised by a median voltage that no battery of a multirotor has.
-    """
-    for name in BATTERY_MESSAGES:
-        logged = messages_with_fields(tables, name, ("Volt",))
-        if not logged:
-            continue
-        # The names that the number of the battery has had; without a first battery all of them are used.
-        for instance_field in ("Inst", "Instance", "I"):
-            logged = rows_of_instance(logged, instance_field, 0) or logged
-        voltage = float_table(logged, ("Volt",))[:, 0]
-        is_positive = voltage > 0
-        is_in_hundredths = np.any(is_positive) and np.nanmedian(voltage[is_positive]) > MAX_VOLTS
-        millivolts_per_unit = 10.0 if is_in_hundredths else 1000.0
-        fields = {"voltage_battery": voltage * millivolts_per_unit}
-        if "Curr" in logged:
-            # The current is in hundredths of an ampere where the voltage is in those of a volt.
-            current = float_table(logged, ("Curr",))[:, 0]
-            fields["current_battery"] = current * (millivolts_per_unit / 10)
-        return NamedMessage(name, with_stamps(logged, fields))
-    return NamedMessage(BATTERY_MESSAGES[0], {})
 
 
 VIBRATION_FIELDS = ("VibeX", "VibeY", "VibeZ")

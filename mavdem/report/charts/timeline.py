@@ -15,6 +15,7 @@ from mavdem.assessment import Assessment
 from mavdem.confidence import Interval
 from mavdem.dataset import phases
 from mavdem.dataset.axes import AXES
+from mavdem.dataset.batteries import battery_name
 from mavdem.dataset.segments import Segment, Segments, in_segments
 from mavdem.dataset.setpoints import Setpoint, held_setpoint
 from mavdem.dataset.signals import Signals
@@ -205,7 +206,11 @@ def _flight_charts(signals: Signals, segment: Segment) -> Iterator[Chart]:
         names = [without_remark(name) for name in motors.geometry.names]
         yield over_time("Motors", "%", _lines(shares, segment, names))
         yield over_time("Motors minus their mean", "%", _lines(deviations, segment, names))
-    yield over_time("Battery", "V", _lines(signals.voltage, segment, ["battery"]))
+    batteries: list[Line] = []
+    for row, battery in enumerate(signals.batteries):
+        name = battery_name(battery.number) if len(signals.batteries) > 1 else "battery"
+        batteries += _lines(battery.voltage, segment, [name], DISTINCT[row % len(DISTINCT) :])
+    yield over_time("Battery", "V", batteries)
 
 
 def _axis_charts(signals: Signals, segment: Segment) -> Iterator[Chart]:

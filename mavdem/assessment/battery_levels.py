@@ -1,0 +1,119 @@
+"""Voltages below which a battery is low or critical, its number of cells, and which of several is the emptiest."""
+
+import numpy as np
+
+from mavdem.assessment.limits import Limits
+from mavdem.dataset.batteries import FIRST_BATTERY, Battery
+from mavdem.dataset.signals import Signals
+from mavdem.ingest.telemetry import Parameters
+
+CELL_COUNTS = np.array([1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14])
+"""Numbers of cells in series of usual batteries."""
+
+FULL_CELL_VOLTAGES = (3.65, 4.36)
+"""Lowest and highest voltage, V, of a cell with which flights begin: half charged, and full at 4.35 V, the highest
+kind."""
+
+CELL_VOLTAGE_LIMITS = Limits(3.3, 3.0)
+"""Voltages, V, of a cell under load below which it is to be watched or bad: little charge is left near the first, and a
+lithium cell is damaged below the second."""
+
+FULL_PERCENTILE = 99
+"""Percentile of the voltages of a log that is that of the full battery, without outliers."""
+
+EMPTY_PERCENTILE = 5
+"""Percentile of the voltages of a log that is that of the battery when it was emptiest, without short sags."""
+
+FULL_CELL_VOLTAGE = 4.2
+"""Voltage, V, of a full lithium cell, of which a battery of unknown cells is taken to have had its highest voltage."""
+
+LOW_VOLTAGE_PARAMETERS = ("{}LOW_VOLT", "FS_BATT_VOLTAGE")
+"""ArduPilot's parameters of the voltage, V, at which it acts on a low battery; 0 for none. The last is of the first."""
+
+CRITICAL_VOLTAGE_PARAMETER = "{}CRT_VOLT"
+"""ArduPilot's parameter of the voltage, V, at which it acts on a critical battery; 0 for none."""
+
+CELL_COUNT_PARAMETERS = ("BAT{}_N_CELLS", "BAT_N_CELLS")
+"""PX4's parameters of the number of cells; the last is of the first battery, before PX4 1.11."""
+
+
+def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
+    """Returns the voltages, V, below which a battery is to be watched (low) or bad (critical).
+
+    Each is the higher of two: the level at which the autopilot acts by its parameters, and that of the cells. So a
+    level that was set too low, or not at all, does not hide an empty battery.
+
+    Args:
+        parameters: of the autopilot.
+        number: of the battery, from 1.
+        cells: number of cells in series; 0 if it is not known, so that the parameters alone decide.
+
+    Returns:
+        The limits; 0 where neither parameters nor cells are known.
+    """
+    # ArduPilot's parameters are BATT_… for the first battery, and BATT2_… for the second.
+    prefix = "BATT_" if number == FIRST_BATTERY else f"BATT{number}_"
+    names = [name.format(prefix) for name in LOW_VOLTAGE_PARAMETERS]
+    if number != FIRST_BATTERY:
+        names = names[:1]
+    critical = parameters.get(CRITICAL_VOLTAGE_PARAMETER.format(prefix), 0.0)
+    low = max(critical, *(parameters.get(name, 0.0) for name in names))
+    critical = max(critical, CELL_VOLTAGE_LIMITS.bad * cells)
+    return Limits(watch=max(low, critical, CELL_VOLTAGE_LIMITS.watch * cells), bad=critical)
+
+
+def cell_count(parameters: Parameters, battery: Battery) -> int | None:
+    """Returns how many cells a battery has in series; None if that is not clear.
+
+    A parameter of PX4 or the messages have the number. Otherwise each of the usual ``CELL_COUNTS`` is tried: the
+    voltage of the full battery over the count must be one with which a cell begins a flight. Only if exactly one count
+    fits, it is known.
+
+    Args:
+        parameters: of the autopilot.
+        battery: with its voltages.
+    """
+    names = [name.format(battery.number) for name in CELL_COUNT_PARAMETERS]
+    if battery.number != FIRST_BATTERY:
+        names = names[:1]
+    for name in names:
+        count = int(parameters.get(name, 0))
+        if count:
+            return count
+    if battery.cells is not None:
+        return battery.cells
+    lowest, highest = FULL_CELL_VOLTAGES
+    cell_voltages = np.percentile(battery.voltage.values, FULL_PERCENTILE) / CELL_COUNTS
+    possible_counts = CELL_COUNTS[(cell_voltages >= lowest) & (cell_voltages <= highest)]
+    return int(possible_counts[0]) if len(possible_counts) == 1 else None
+
+
+def is_measured(parameters: Parameters, battery: Battery) -> bool:
+    """Returns whether a battery is connected to its sensor.
+
+    An open input of the sensor reads a constant voltage, or one that never exceeds the levels at which the autopilot
+    acts, and with which nobody would have taken off.
+    """
+    volts = battery.voltage.values
+    # With 0 cells these are the levels of the autopilot's parameters alone.
+    levels = voltage_levels(parameters, battery.number, cells=0)
+    return bool(np.ptp(volts) != 0 and volts.max() > levels.watch)
+
+
+def batteries_worst_first(signals: Signals) -> list[Battery]:
+    """Returns the batteries of a vehicle, those that are measured first, and of these the emptiest.
+
+    They are compared by the voltage of a cell when they were emptiest. Where the number of cells is not known, a cell
+    is taken to have been full at the battery's highest voltage.
+    """
+    parameters = signals.telemetry.parameters
+
+    def order(battery: Battery) -> tuple[bool, float]:
+        """Returns whether a battery is not measured, and its lowest voltage of a cell, V."""
+        empty_volts, full_volts = np.percentile(
+            battery.voltage.values, [EMPTY_PERCENTILE, FULL_PERCENTILE]
+        )
+        cells = cell_count(parameters, battery) or full_volts / FULL_CELL_VOLTAGE
+        return not is_measured(parameters, battery), empty_volts / cells
+
+    return sorted(signals.batteries, key=order)

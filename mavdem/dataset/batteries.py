@@ -1,0 +1,257 @@
+"""The batteries of a vehicle: voltage, current, charge and number of cells of each, as its messages have them.
+
+BATTERY_STATUS has the number of the battery in ``id``, from 0, and those of several batteries come one after the other.
+SYS_STATUS has the voltage of one battery: of the first (ArduPilot), or of the connected one with the least charge
+(PX4). Batteries are numbered from 1 here, as in the autopilots' parameters (BATT2_LOW_VOLT, BAT2_N_CELLS) and texts.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array, Flags
+from mavdem.dataset.time_series import TimeSeries, clean_series, float_column
+from mavdem.ingest.mavlink.clocks import deviates_from_median
+from mavdem.ingest.telemetry import Columns, Telemetry, selected_rows
+
+BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
+"""Messages with the state of the battery."""
+
+FIRST_BATTERY = 1
+"""Number of the battery of a message that does not say which it is."""
+
+UINT16_UNKNOWN = np.iinfo(np.uint16).max
+"""Value of MAVLink's 16-bit fields for a voltage that is not known."""
+
+POSSIBLE_VOLTAGE = (1.0, 1000.0)
+"""Voltages, V, that a battery can have.
+
+Below, there is no battery monitor, or a simulator has no battery; above, the message is damaged.
+"""
+
+VOLTAGE_MEDIAN_SAMPLES = 9
+"""Number of neighbouring voltages whose median shows a damaged one; a choice."""
+
+MIN_VOLTAGE_SAMPLES = 5
+"""Number of possible voltages below which the battery counts as not measured; a choice."""
+
+POSSIBLE_CELL_VOLTAGE = (2.0, 4.5)
+"""Voltages, V, of one lithium cell: a first element of BATTERY_STATUS.voltages above them is that of all cells."""
+
+SAME_BATTERY_DIFFERENCE = 0.05
+"""Relative difference of the median voltages up to which SYS_STATUS and BATTERY_STATUS measure one battery; a choice.
+
+Both are sent by the same monitor, so they differ by the time between two messages and by rounding only.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Battery:
+    """One battery that is connected, as far as it was recorded."""
+
+    number: int
+    """Number of the battery, from 1."""
+    voltage: TimeSeries
+    """Voltage (N,), V: possible values without outliers."""
+    current: TimeSeries | None
+    """Current (M,), A, as sent: -0.01 or 0 where it is not measured; None where it was not recorded."""
+    load: TimeSeries | None
+    """Voltage, V, and current, A, of each message with both (M, 2); None where the current was not recorded."""
+    charge: TimeSeries | None
+    """Remaining charge (K,), percent, -1 where it is not known; None where it was not recorded."""
+    cells: int | None
+    """Number of cells in series as the messages have it; None where they do not."""
+
+
+class BatteryColumns(NamedTuple):
+    """The messages of one battery."""
+
+    number: int
+    """Number of the battery, from 1."""
+    message: str
+    """Name of the message: BATTERY_STATUS or SYS_STATUS."""
+    columns: Columns
+    """Its fields, N rows of this battery alone."""
+
+
+def battery_name(number: int) -> str:
+    """Returns the name of a battery by its number from 1, as facts have it for their subject: "battery 2"."""
+    return f"battery {number}"
+
+
+def battery_columns(telemetry: Telemetry) -> list[BatteryColumns]:
+    """Returns the messages of each battery, with SYS_STATUS as those of the first.
+
+    Args:
+        telemetry: Messages of the vehicle.
+    """
+    batteries = []
+    if "SYS_STATUS" in telemetry.messages:
+        sys_status = telemetry.messages["SYS_STATUS"]
+        batteries.append(BatteryColumns(FIRST_BATTERY, "SYS_STATUS", sys_status))
+    columns = telemetry.messages.get("BATTERY_STATUS")
+    if columns is None:
+        return batteries
+    if "id" not in columns:
+        return [*batteries, BatteryColumns(FIRST_BATTERY, "BATTERY_STATUS", columns)]
+    ids = np.asarray(columns["id"])
+    for battery_id in np.unique(ids).tolist():
+        number = FIRST_BATTERY + int(battery_id)
+        rows = selected_rows(columns, ids == battery_id)
+        batteries.append(BatteryColumns(number, "BATTERY_STATUS", rows))
+    return batteries
+
+
+def connected_batteries(telemetry: Telemetry) -> tuple[Battery, ...]:
+    """Returns the batteries whose voltage was measured, by number.
+
+    Where BATTERY_STATUS has one battery, or none, SYS_STATUS measures the same one; it is preferred, since it comes
+    more often. Of several batteries SYS_STATUS repeats one, and is used only for a first battery that BATTERY_STATUS
+    lacks.
+
+    Args:
+        telemetry: Messages of the vehicle.
+    """
+    batteries: dict[int, Battery] = {}
+    sys_status_battery = None
+    for number, message, columns in battery_columns(telemetry):
+        battery = _battery(number, columns)
+        if battery is None:
+            continue
+        if message == "SYS_STATUS":
+            sys_status_battery = battery
+        else:
+            batteries[number] = battery
+    if sys_status_battery is not None:
+        _add_battery_of_sys_status(batteries, sys_status_battery, telemetry.autopilot)
+    return tuple(batteries[number] for number in sorted(batteries))
+
+
+def _add_battery_of_sys_status(
+    batteries: dict[int, Battery], sys_status: Battery, autopilot: str
+) -> None:
+    """Puts the battery of SYS_STATUS among those of BATTERY_STATUS.
+
+    Args:
+        batteries: Those of BATTERY_STATUS by number; the battery is added, or replaces the only one.
+        sys_status: That of SYS_STATUS.
+        autopilot: MAV_AUTOPILOT without its prefix.
+    """
+    if not batteries:
+        batteries[FIRST_BATTERY] = sys_status
+    elif len(batteries) == 1:
+        (only,) = batteries.values()
+        volts = np.median(only.voltage.values)
+        difference = abs(np.median(sys_status.voltage.values) - volts)
+        if difference <= SAME_BATTERY_DIFFERENCE * volts:
+            batteries[only.number] = Battery(
+                only.number,
+                sys_status.voltage,
+                sys_status.current,
+                sys_status.load,
+                sys_status.charge,
+                only.cells,
+            )
+        elif autopilot != "PX4":
+            batteries.setdefault(FIRST_BATTERY, sys_status)
+    elif autopilot != "PX4":
+        # PX4's SYS_STATUS changes from one battery to another.
+        batteries.setdefault(FIRST_BATTERY, sys_status)
+
+
+def _battery(number: int, columns: Columns) -> Battery | None:
+    """Makes a battery of its messages; None where no voltage was measured.
+
+    Impossible voltages are left out, and those that are far from the median of their neighbours. Where few values
+    remain there is no battery at the sensor.
+
+    Args:
+        number: Number of the battery.
+        columns: Fields of SYS_STATUS, or of one battery's BATTERY_STATUS, N rows.
+    """
+    volts = _volts(columns)
+    if volts is None:
+        return None
+    lowest, highest = POSSIBLE_VOLTAGE
+    is_possible = (volts >= lowest) & (volts <= highest)
+    # A damaged message can have twice the voltage of its neighbours.
+    candidates = volts[is_possible]
+    is_outlier = deviates_from_median(candidates, VOLTAGE_MEDIAN_SAMPLES, candidates / 2)
+    is_possible[is_possible] = ~is_outlier
+    # Where no battery is measured, a few damaged messages still have a voltage.
+    min_samples = max(MIN_VOLTAGE_SAMPLES, np.count_nonzero(~np.isnan(volts)) / 2)
+    if np.count_nonzero(is_possible) < min_samples:
+        return None
+    current = load = charge = None
+    if "current_battery" in columns:
+        # Both messages have units of 10 mA.
+        amperes = float_column(columns, "current_battery") / 1e2
+        current = _series_or_none(columns, amperes)
+        load = _series_or_none(columns, np.column_stack([volts, amperes]))
+    if "battery_remaining" in columns:
+        charge = _series_or_none(columns, float_column(columns, "battery_remaining"))
+    return Battery(
+        number,
+        clean_series(columns, volts, is_possible),
+        current,
+        load,
+        charge,
+        _cells_in_message(columns, is_possible),
+    )
+
+
+def _series_or_none(columns: Columns, values: Array) -> TimeSeries | None:
+    """Returns the time series of values (N,) or (N, k) of a message; None where none is finite."""
+    series = clean_series(columns, values)
+    return series if len(series.time) else None
+
+
+def _volts(columns: Columns) -> Array | None:
+    """Returns the voltage (N,), V, NaN where it is not known; None where the message has no voltage.
+
+    BATTERY_STATUS has the voltage of each cell, or of several cells, in up to 14 elements, whose sum is the battery's.
+    """
+    if "voltage_battery" in columns:
+        millivolts = float_column(columns, "voltage_battery")
+        return np.where(millivolts == UINT16_UNKNOWN, np.nan, millivolts) / 1000
+    if "voltages" not in columns:
+        return None
+    cells = _cell_millivolts(columns)
+    has_voltage = np.isfinite(cells).any(axis=1)
+    return np.where(has_voltage, np.nansum(cells, axis=1), np.nan) / 1000
+
+
+def _cell_millivolts(columns: Mapping[str, Array]) -> Array:
+    """Returns the elements (N, k) of BATTERY_STATUS with voltages, mV; NaN where one is not in use."""
+    cells = np.array(float_column(columns, "voltages"), ndmin=2)
+    cells[cells == UINT16_UNKNOWN] = np.nan
+    if "voltages_ext" not in columns:
+        return cells
+    # Of the elements beyond the tenth, 0 is one that is not in use.
+    further_cells = np.array(float_column(columns, "voltages_ext"), ndmin=2)
+    further_cells[(further_cells == 0) | (further_cells == UINT16_UNKNOWN)] = np.nan
+    return np.column_stack([cells, further_cells])
+
+
+def _cells_in_message(columns: Columns, is_possible: Flags) -> int | None:
+    """Returns how many cells the messages of a battery have; None where they do not say it.
+
+    Args:
+        columns: Fields of the messages, N rows.
+        is_possible: Whether each row has a possible voltage (N,).
+    """
+    if "cell_count" in columns:
+        count = int(np.median(columns["cell_count"][is_possible]))
+        return count or None
+    if "voltages" not in columns:
+        return None
+    volts = _cell_millivolts(columns)[is_possible] / 1000
+    counts = np.isfinite(volts).sum(axis=1)
+    lowest, highest = POSSIBLE_CELL_VOLTAGE
+    is_single_cell = (volts >= lowest) & (volts <= highest)
+    # One element alone may be the sum of a battery of one cell, or of an empty one of two.
+    if counts.min() < 2 or np.ptp(counts) > 0 or not is_single_cell[np.isfinite(volts)].all():
+        return None
+    return int(counts[0])

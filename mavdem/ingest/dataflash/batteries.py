@@ -1,0 +1,117 @@
+"""Batteries of DataFlash logs as MAVLink messages: SYS_STATUS of the first one, and BATTERY_STATUS of all.
+
+Each battery is an instance of BAT or, in old versions, has a message of its own: BAT and BAT2, CURR and CURR2.
+"""
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.ingest.dataflash.attitude import NamedMessage
+from mavdem.ingest.dataflash.tables import (
+    float_table,
+    messages_with_fields,
+    rows_of_instance,
+    with_stamps,
+)
+from mavdem.ingest.telemetry import Columns, Fields, Tables, concatenated_columns, selected_rows
+
+MAX_BATTERIES = 9
+"""Number of batteries that have a message of their own in old versions: BAT, BAT2 to BAT9."""
+
+BATTERY_MESSAGES = ("BAT", "CURR")
+"""Messages of the first battery, the preferred first; CURR is that of the oldest versions."""
+
+NUMBERED_BATTERY_MESSAGES = (
+    *BATTERY_MESSAGES,
+    *[f"{name}{number}" for name in BATTERY_MESSAGES for number in range(2, MAX_BATTERIES + 1)],
+)
+"""All messages of batteries."""
+
+INSTANCE_FIELDS = ("Inst", "Instance", "I")
+"""Names that the field with the number of the battery has had, from 0."""
+
+MAX_VOLTS = 200.0
+"""Voltage, V, above which none of a multirotor's batteries is; a battery of one cell has more hundredths of a volt."""
+
+
+def sys_status(tables: Tables) -> NamedMessage:
+    """Makes SYS_STATUS of the first battery: voltage, mV, and current, cA; without a first one, of all messages."""
+    for name in BATTERY_MESSAGES:
+        logged = messages_with_fields(tables, name, ("Volt",))
+        if not logged:
+            continue
+        for field in INSTANCE_FIELDS:
+            logged = rows_of_instance(logged, field, 0) or logged
+        voltage, fields = _measurements(logged)
+        return NamedMessage(name, with_stamps(logged, {"voltage_battery": voltage, **fields}))
+    return NamedMessage(BATTERY_MESSAGES[0], {})
+
+
+def battery_status(tables: Tables) -> NamedMessage:
+    """Makes BATTERY_STATUS of all batteries, with the number of each, from 0, as ``id``.
+
+    It is made only where a log has another battery than the first, or several: else it would repeat SYS_STATUS.
+    """
+    parts: list[Columns] = []
+    names: list[str] = []
+    ids: set[int] = set()
+    for battery_name in BATTERY_MESSAGES:
+        for number in range(1, MAX_BATTERIES + 1):
+            name = battery_name if number == 1 else f"{battery_name}{number}"
+            logged = messages_with_fields(tables, name, ("Volt",))
+            if not logged:
+                continue
+            names.append(name)
+            for battery_id, rows in _rows_by_battery(logged, number - 1).items():
+                ids.add(battery_id)
+                voltage, fields = _measurements(rows)
+                id_column = np.full(len(voltage), battery_id, np.uint8)
+                fields |= {"id": id_column, "voltages": voltage[:, None]}
+                parts.append(with_stamps(rows, fields))
+        # The second name is that of older versions.
+        if parts:
+            break
+    if ids <= {0}:
+        return NamedMessage(BATTERY_MESSAGES[0], {})
+    columns: Columns = concatenated_columns(parts)
+    time_order = np.lexsort((columns["time"], columns["boot"]))
+    return NamedMessage("/".join(names), selected_rows(columns, time_order))
+
+
+def _rows_by_battery(logged: Columns, default_id: int) -> dict[int, Columns]:
+    """Groups the messages of one name by the number of the battery, from 0.
+
+    Args:
+        logged: The messages.
+        default_id: Number of the battery, from 0, where the messages do not have it.
+    """
+    for field in INSTANCE_FIELDS:
+        if field in logged:
+            numbers = np.unique(logged[field])
+            return {int(number): rows_of_instance(logged, field, number) for number in numbers}
+    return {default_id: logged}
+
+
+def _measurements(logged: Columns) -> tuple[Array, Fields]:
+    """Returns the voltage and the other measurements of messages of one battery, in MAVLink's units.
+
+    They stay floats, so that the decimals that MAVLink's integers cut off are kept. Old versions of ArduPilot logged
+    hundredths of a volt. These are recognised by a median voltage that no battery of a multirotor has.
+
+    Args:
+        logged: Messages (N,) with ``Volt``.
+
+    Returns:
+        Voltage (N,), mV; and, as far as logged, ``current_battery`` (N,), cA, and ``battery_remaining`` (N,), percent.
+    """
+    voltage = float_table(logged, ("Volt",))[:, 0]
+    is_positive = voltage > 0
+    is_in_hundredths = np.any(is_positive) and np.nanmedian(voltage[is_positive]) > MAX_VOLTS
+    millivolts_per_unit = 10.0 if is_in_hundredths else 1000.0
+    fields: Fields = {}
+    if "Curr" in logged:
+        # The current is in hundredths of an ampere where the voltage is in those of a volt.
+        fields["current_battery"] = float_table(logged, ("Curr",))[:, 0] * (
+            millivolts_per_unit / 10
+        )
+    return voltage * millivolts_per_unit, fields

@@ -1,0 +1,228 @@
+"""Several batteries: which is judged, how it is named, and what the autopilot reports of it."""
+
+from dataclasses import replace
+
+import dataflash_logs as made
+import numpy as np
+import pytest
+from hover import Hover, changed, columns, evidence_of
+from pytest import approx
+
+from mavdem.assessment.autopilot_messages import reported_problems
+from mavdem.assessment.condition import condition_of
+from mavdem.assessment.lights.power import power_light
+from mavdem.assessment.reported import reported_events
+from mavdem.dataset.signals import Signals
+from mavdem.facts.events import Reported
+from mavdem.facts.power import PowerLight
+from mavdem.ingest import read_log
+from mavdem.ingest.px4_messages import battery_status, sys_status
+
+HOVER = Hover()
+TIME = HOVER.stamps(5.0)
+FULL = 16.4 - 0.01 * (TIME > 12.0)
+EMPTY = np.where((TIME > 20.0) & (TIME < 45.0), 10.5, 15.6)
+OK, CRITICAL, EMERGENCY, CHARGING = 1, 3, 4, 7
+UNKNOWN = 65535
+
+
+def evidence(telemetry):
+    signals = Signals(telemetry)
+    return evidence_of(signals, events=reported_events(signals))
+
+
+def with_batteries(volts_by_id, states=None, parameters=None, cells=None):
+    """The hover with BATTERY_STATUS of several ids, one after the other, and SYS_STATUS of the first."""
+    count = len(TIME) * len(volts_by_id)
+    voltages = np.full((count, 10), UNKNOWN)
+    ids = np.tile(list(volts_by_id), len(TIME))
+    state = np.full(count, OK)
+    for battery_id, volts in volts_by_id.items():
+        rows = ids == battery_id
+        if volts is not None:
+            elements = 1 if cells is None else cells
+            voltages[rows, :elements] = np.rint(1000 * volts / elements)[:, None]
+        if states and battery_id in states:
+            state[rows] = states[battery_id]
+    telemetry = HOVER.telemetry(20.0, 20.0, parameters=parameters)
+    stamps = np.repeat(TIME, len(volts_by_id))
+    telemetry = changed(
+        telemetry,
+        "BATTERY_STATUS",
+        **columns(stamps, id=ids, voltages=voltages, charge_state=state),
+    )
+    return changed(telemetry, "SYS_STATUS", **columns(TIME, voltage_battery=1000 * FULL))
+
+
+def test_the_emptiest_of_several_batteries_is_judged_and_named_first():
+    telemetry = with_batteries({0: FULL, 1: EMPTY})
+    fact = power_light(evidence(telemetry))
+    assert (fact.code, fact.level, fact.subject) == (PowerLight.BATTERY_LOW, "bad", "battery 2")
+    assert fact.figures["voltage"] == approx(10.5) and fact.figures["cells"] == 4
+    (other,) = fact.figures["batteries"]
+    assert (other.subject, other.level) == ("battery 1", "good")
+    assert other.figures["voltage"] == approx(16.39)
+    assert "Battery 2 down to 10.5 V" in str(fact) and "; battery 1 at least 16.4 V" in str(fact)
+    figures = condition_of(Signals(telemetry))
+    assert [battery.number for battery in figures.batteries] == [2, 1]
+    assert figures.battery.voltage_min == approx(10.5)
+
+
+def test_sound_batteries_are_all_shown_with_their_voltage():
+    fact = power_light(evidence(with_batteries({0: FULL, 1: FULL - 0.5, 2: FULL - 0.2})))
+    assert (fact.level, fact.subject) == ("good", "battery 2")
+    others = [other.subject for other in fact.figures["batteries"]]
+    assert others == ["battery 3", "battery 1"]
+
+
+def test_a_single_battery_has_no_number():
+    fact = power_light(evidence(with_batteries({0: FULL})))
+    assert (fact.subject, fact.level) == ("", "good")
+    assert fact.figures.keys().isdisjoint({"battery", "batteries"})
+
+
+def test_a_second_battery_that_never_changes_is_shown_and_not_judged():
+    fact = power_light(evidence(with_batteries({0: FULL, 1: 0 * FULL + 10.0})))
+    assert (fact.subject, fact.level) == ("battery 1", "good")
+    assert "; battery 2 reads 10.0 V whatever the load" in str(fact)
+
+
+def test_a_resistance_that_no_battery_has_is_not_stated():
+    amperes = 20.0 + 5 * np.sin(5 * TIME)
+    telemetry = HOVER.telemetry(20.0, 20.0)
+    for resistance, known in ((0.04, approx(0.04, abs=0.01)), (0.6, None)):
+        volts = 16.4 - resistance * (amperes - 20.0)
+        battery = columns(TIME, voltage_battery=1e3 * volts, current_battery=1e2 * amperes)
+        fact = power_light(evidence(changed(telemetry, "SYS_STATUS", **battery)))
+        assert fact.figures["resistance"] == known
+
+
+def test_a_battery_that_is_not_connected_is_left_out():
+    telemetry = with_batteries({0: None, 1: EMPTY})
+    messages = dict(telemetry.messages)
+    del messages["SYS_STATUS"]
+    telemetry = replace(telemetry, messages=messages)
+    fact = power_light(evidence(telemetry))
+    assert (fact.subject, fact.level) == ("battery 2", "bad") and "batteries" not in fact.figures
+
+
+@pytest.mark.parametrize(
+    ("number", "parameters", "level"),
+    [
+        (2, {"BATT2_CRT_VOLT": 14.5}, "bad"),
+        (2, {"BATT2_LOW_VOLT": 14.5}, "watch"),
+        (1, {"BATT_CRT_VOLT": 14.5}, "good"),
+    ],
+)
+def test_each_battery_has_levels_of_its_own(number, parameters, level):
+    sagging = np.where((TIME > 20.0) & (TIME < 45.0), 14.2, 15.6)
+    fact = power_light(evidence(with_batteries({0: FULL, 1: sagging}, parameters=parameters)))
+    assert fact.level == level
+
+
+@pytest.mark.parametrize(
+    ("state", "is_bad"), [(CRITICAL, True), (EMERGENCY, True), (CHARGING, False)]
+)
+def test_a_battery_that_the_autopilot_calls_critical_is_bad_and_named(state, is_bad):
+    states = {1: np.where((TIME > 20.0) & (TIME < 45.0), state, OK)}
+    telemetry = with_batteries({0: FULL, 1: FULL - 0.4}, states)
+    fact = power_light(evidence(telemetry))
+    if not is_bad:
+        assert fact.level == "good"
+        return
+    assert (fact.code, fact.subject) == (Reported.BATTERY_ALARMED, "battery 2")
+    assert fact.level == "bad" and fact.time == approx(20.2)
+    assert "that battery 2 is critical" in str(fact)
+    assert len(fact.figures["batteries"]) == 2
+
+
+def test_cells_follow_from_the_elements_of_the_message():
+    fact = power_light(evidence(with_batteries({0: 2 * FULL, 1: 2 * FULL}, cells=8)))
+    assert fact.figures["cells"] == 8
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "subject"),
+    [
+        ("Battery 2 is critical 10.42V used 1200 mAh", Reported.BATTERY_ALARMED, "battery 2"),
+        ("Battery 2 is low 13.90V used 1200 mAh", Reported.BATTERY_WARNED, "battery 2"),
+        ("BAT2 failsafe", Reported.BATTERY_ALARMED, "battery 2"),
+        ("Battery Failsafe - RTL", Reported.BATTERY_ALARMED, ""),
+        ("Critical battery, landing", Reported.BATTERY_ALARMED, ""),
+        ("Low battery level, return advised", Reported.BATTERY_WARNED, ""),
+    ],
+)
+def test_what_texts_say_of_a_battery(text, code, subject):
+    telemetry = HOVER.telemetry(20.0, 20.0)
+    texts = np.array([text.encode()], dtype=object)
+    telemetry = changed(
+        telemetry,
+        "STATUSTEXT",
+        **columns(np.array([30.0]), text=texts, severity=np.array([2])),
+    )
+    (fact,) = reported_problems(telemetry)
+    assert (fact.code, fact.subject) == (code, subject)
+
+
+@pytest.mark.parametrize(
+    ("text", "level"),
+    [(b"Battery 1 is low 10.50V", "watch"), (b"Battery 1 is critical", "bad"), (None, "bad")],
+)
+def test_a_failsafe_of_the_battery_is_as_bad_as_the_text_before_it(text, level):
+    telemetry = HOVER.telemetry(20.0, 20.0)
+    error = columns(np.array([30.5]), Subsys=np.array([6]), ECode=np.array([1]))
+    telemetry = changed(telemetry, "ERR", **error)
+    if text is not None:
+        texts = columns(
+            np.array([30.0]), text=np.array([text], dtype=object), severity=np.array([4])
+        )
+        telemetry = changed(telemetry, "STATUSTEXT", **texts)
+    assert power_light(evidence(telemetry)).level == level
+
+
+def logged(tmp_path, rows, definition):
+    """A DataFlash log with a hover of half a minute and the messages of a battery."""
+    path = tmp_path / "flight.bin"
+    flight = made.flight([20 + 0.1 * row for row in range(300)])
+    path.write_bytes(made.log(definition, *flight, *rows))
+    return read_log(path).vehicles[0]
+
+
+def test_dataflash_batteries_are_instances_or_have_messages_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.setitem(made.MESSAGES, "BAT", (151, "QBff", "TimeUS,Instance,Volt,Curr"))
+    seconds = np.arange(20, 50)
+    instances = []
+    for second in seconds.tolist():
+        for instance, volts in enumerate((0.0, 15.6 - 0.1 * (second - 20))):
+            instances.append(made.message("BAT", 1_000_000 * second, instance, volts, 20.0))
+    (battery,) = Signals(logged(tmp_path, instances, b"")).batteries
+    assert battery.number == 2
+    assert battery.voltage.values == approx(15.6 - 0.1 * (seconds - 20), abs=1e-5)
+    monkeypatch.setitem(made.MESSAGES, "BAT", (151, "Qff", "TimeUS,Volt,Curr"))
+    monkeypatch.setitem(made.MESSAGES, "BAT2", (152, "Qff", "TimeUS,Volt,Curr"))
+    messages = []
+    for second in seconds.tolist():
+        messages.append(made.message("BAT", 1_000_000 * second, 16.0, 20.0))
+        messages.append(made.message("BAT2", 1_000_000 * second, 15.0, 21.0))
+    first, second_battery = Signals(logged(tmp_path, messages, b"")).batteries
+    assert (first.number, second_battery.number) == (1, 2)
+    assert second_battery.current.values == approx(np.full(30, 21.0))
+
+
+def topic(volts, **fields):
+    count = len(volts)
+    fields = {name: np.full(count, value) for name, value in fields.items()}
+    return {"time": np.arange(count, dtype=float), "voltage_v": volts, **fields}
+
+
+def test_px4_batteries_are_the_connected_instances():
+    volts = np.linspace(16.0, 15.0, 10)
+    instances = {
+        0: topic(0 * volts, connected=0, id=1, warning=0, cell_count=4),
+        1: topic(volts, connected=1, id=2, warning=3, cell_count=4),
+    }
+    fields = battery_status({"battery_status": instances})
+    assert set(fields["id"].tolist()) == {1} and set(fields["charge_state"].tolist()) == {4}
+    assert fields["voltages"][:, 0] == approx(1000 * volts)
+    assert sys_status({"battery_status": instances})["voltage_battery"] == approx(1000 * volts)
+    assert not battery_status({"battery_status": {0: instances[1] | {"id": np.ones(10)}}})
