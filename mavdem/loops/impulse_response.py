@@ -72,7 +72,7 @@ class ImpulseResponse(NamedTuple):
 
 def estimate_impulse_response(
     sampling_rate: float, pieces: Sequence[Array], angle_gain: float, seconds: float
-) -> ImpulseResponse:
+) -> ImpulseResponse | None:
     """Estimates the impulse response of a signal to its setpoint, such as that of a body rate.
 
     It is a regression of the signal on past setpoints. The filter that whitens its residuals, the weights of the
@@ -85,11 +85,18 @@ def estimate_impulse_response(
         angle_gain: gain of the attitude controller that feeds the angle back to the setpoint, 1/s; 0 if none does.
         seconds: duration of the response, s. A window is three times as long: the setpoints of its first third, and
             two thirds whose samples are explained.
+
+    Returns:
+        The impulse response. None where no piece is as long as a window and what is left out before it, nothing moves
+        in the windows, the signal is the response exactly, so that there is no noise to weigh it by, or values are so
+        large that their products overflow.
     """
     taps = round(seconds * sampling_rate)
     size = 3 * taps
     setpoint = _overlapping_windows([piece[0] for piece in pieces], taps, size)
     signal = _overlapping_windows([piece[1] for piece in pieces], taps, size)
+    if not np.ptp(setpoint, axis=1).any():
+        return None
     decay = np.exp(-INITIAL_DECAY * (np.arange(1, taps + 1) / taps))
     weights = decay / decay.sum()
     with one_thread():
@@ -104,6 +111,9 @@ def estimate_impulse_response(
             # All signals are filtered so that the residuals are white, and scaled so that these have a standard
             # deviation of 1 in each window: so windows with more wind count less.
             residuals = signal[:, taps:] - _past_values(setpoint, taps) @ weights
+            variation = np.ptp(residuals, axis=1)
+            if not variation.any() or not np.isfinite(variation).all():
+                return None
             whitening = _whitening_filter(residuals)
             deviation = _filtered(residuals, whitening).std(axis=1)
             least_deviation = deviation.max() / MAX_WINDOW_WEIGHT_RATIO + SMALLEST_POSITIVE

@@ -271,7 +271,7 @@ def _measured(
         pieces = _with_angle_and_correction(sampling_rate, pieces, angle_gain)
     impulse_response = estimate_impulse_response(sampling_rate, pieces, angle_gain, seconds)
     spectra = welch_spectra_of_pieces(sampling_rate, pieces)
-    if spectra is None:
+    if impulse_response is None or spectra is None:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
     return _described(signals.axis, loop, sampling_rate, impulse_response, spectra)
 

@@ -11,8 +11,10 @@ from scipy.signal import cont2discrete, freqz, lfilter
 
 from mavdem.assessment.axis.responses import predicted_attitude_response
 from mavdem.assessment.flights import settled_flight
+from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.facts.loops import StepResponses
+from mavdem.loops.impulse_response import estimate_impulse_response
 from mavdem.loops.step_response import (
     attitude_step_response,
     rate_step_response,
@@ -106,6 +108,28 @@ def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected
     assert found.peak_frequency.value == approx(12.0, rel=0.1)
     outer = measured(telemetry, attitude_step_response)
     assert outer.loop == "attitude" and outer.step[-1] == approx(1.0, abs=0.1)
+
+
+def test_pieces_too_short_for_a_window_give_no_step_response():
+    """Each gap in the messages begins another piece; here a flight is nothing but pieces of 2.2 s."""
+    pieces = [Segment(0, start, start + 2.2) for start in np.arange(12.0, 60.0, 3.0)]
+    found = rate_step_response(Signals(flight(steered(), steered())), pieces)
+    assert found.code is StepResponses.TOO_LITTLE_ASKED
+
+
+def test_a_setpoint_that_moves_before_the_windows_only_gives_no_step_response():
+    asked = np.where(TIME < 12.8, steered(), 0.0)
+    whole = Segment(0, 12.0, 60.0)
+    found = rate_step_response(Signals(flight(0 * TIME, asked)), [whole])
+    assert found.code is StepResponses.TOO_LITTLE_ASKED
+
+
+def test_nothing_is_estimated_without_setpoint_or_from_infinite_values():
+    steps = np.floor(TIME)
+    assert estimate_impulse_response(20.0, [np.array([steps, 0 * steps])], 0.0, 0.5) is not None
+    assert estimate_impulse_response(20.0, [np.array([0 * steps, steps])], 0.0, 0.5) is None
+    endless = np.where(TIME > 30.0, np.inf, steps)
+    assert estimate_impulse_response(20.0, [np.array([steps, endless])], 0.0, 0.5) is None
 
 
 def test_why_there_is_no_step_response(monkeypatch):
