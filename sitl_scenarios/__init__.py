@@ -1,1 +1,1 @@
-"""Flights of a quadrotor in wind on demand: vehicle, wind, autopilot, and its MAVLink messages."""
+"""Flights of a multirotor in wind on demand: vehicle, wind, autopilot, and its MAVLink messages."""

@@ -164,7 +164,7 @@ class FlightController:
         return (
             ix / (thrust_per_command * roll_arm),
             iy / (thrust_per_command * pitch_arm),
-            iz / (torque_per_command * 4) / YAW_SLOWNESS,
+            iz / (torque_per_command * body.rotors) / YAW_SLOWNESS,
         )
 
     def _set_attitude_gains(self, gains: Vector3) -> None:
@@ -341,9 +341,31 @@ class FlightController:
                 self.attitude_gains, errors, rate_feedforward, strict=True
             )
         )
-        # Each rotor carries a quarter of the thrust. Its command is that of the inverse thrust curve, as in both
+        return self.rate_control(estimate, attitude_setpoint, rate_setpoints, thrust, is_flying)
+
+    def rate_control(
+        self,
+        estimate: State,
+        attitude_setpoint: Vector3,
+        rate_setpoints: Vector3,
+        thrust: float,
+        is_flying: bool,
+    ) -> ControlOutput:
+        """Runs the rate loops for one cycle, and mixes their demands for the motors.
+
+        Args:
+            estimate: State as the autopilot estimates it.
+            attitude_setpoint: Roll, pitch and yaw, rad, that are reported as asked for.
+            rate_setpoints: Body rates, rad/s.
+            thrust: Thrust of all rotors, N.
+            is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
+
+        Returns:
+            PWM pulses of the motors, µs, demands to the mixer, and the setpoints of attitude and rates.
+        """
+        # All rotors carry the same part of the thrust. Its command is that of the inverse thrust curve, as in both
         # autopilots.
-        speed = self._body.speed_for(thrust / 4)
+        speed = self._body.speed_for(thrust / self._body.rotors)
         command = self._body.command_for(speed) / self._body.full_command
         demands = [
             _clamped(self.rate_demand(axis, setpoint, rate, is_flying), 1.0)

@@ -3,8 +3,11 @@
 from math import sqrt
 from typing import NamedTuple
 
+from sitl_scenarios.mishaps.motor_failures import remaining_speed, remaining_thrust_history
+from sitl_scenarios.mishaps.specs import LoosePropeller, MotorFade, MotorStop
 from sitl_scenarios.motion import Pair
-from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.rotors import rotor_count
+from sitl_scenarios.scenario import MISHAP, Scenario
 from sitl_scenarios.vectors import Vector4
 
 METRES_PER_MILLIMETRE = 1e-3
@@ -24,8 +27,10 @@ class Damage(NamedTuple):
     """Position of the centre of mass forward and right of the published one, m."""
 
 
-UNDAMAGED = Damage()
-"""Condition of a sound vehicle."""
+def sound_condition(rotors: int) -> Damage:
+    """Returns the condition of a sound vehicle of so many rotors."""
+    whole = (1.0,) * rotors
+    return Damage(whole, whole, whole)
 
 
 def damage_history(scenario: Scenario) -> list[tuple[float, Damage]]:
@@ -45,7 +50,32 @@ def damage_history(scenario: Scenario) -> list[tuple[float, Damage]]:
         start_times.add(scenario.propeller.start)
     if scenario.load.forward or scenario.load.right:
         start_times.add(scenario.load.start)
+    if isinstance(scenario.mishap, MotorStop | MotorFade | LoosePropeller):
+        return _motor_failure_history(scenario, scenario.mishap)
     return [(time, _condition(scenario, time)) for time in sorted(start_times)]
+
+
+def _motor_failure_history(
+    scenario: Scenario, mishap: MotorStop | MotorFade | LoosePropeller
+) -> list[tuple[float, Damage]]:
+    """Lists the conditions of a vehicle one of whose motors or propellers fails by its mishap.
+
+    A motor that fails turns more slowly; a propeller that slips gives less thrust and torque.
+    """
+    rotors = rotor_count(scenario.vehicle.frame)
+    history = []
+    for time, thrust in remaining_thrust_history(
+        mishap, scenario.duration, scenario.random(MISHAP)
+    ):
+        condition = sound_condition(rotors)
+        if isinstance(mishap, LoosePropeller):
+            left = _reduced(mishap.motor, thrust, rotors)
+            condition = condition._replace(thrust=left, torque=left)
+        else:
+            speed = _reduced(mishap.motor, remaining_speed(thrust), rotors)
+            condition = condition._replace(speed=speed)
+        history.append((time, condition))
+    return history
 
 
 def _condition(scenario: Scenario, time: float) -> Damage:
@@ -64,6 +94,7 @@ def _condition(scenario: Scenario, time: float) -> Damage:
     # Motors are counted from 1; 0 means none.
     weak_motor = vehicle.weak_motor if time >= vehicle.weak_from else 0
     chipped_motor = propeller.motor if time >= propeller.start else 0
+    rotors = rotor_count(vehicle.frame)
     centre_of_mass = (0.0, 0.0)
     if time >= load.start:
         centre_of_mass = (
@@ -72,13 +103,19 @@ def _condition(scenario: Scenario, time: float) -> Damage:
         )
     return Damage(
         # A scenario gives the remaining thrust of a weak motor. Thrust goes with the square of the speed.
-        speed=_reduced(weak_motor, sqrt(vehicle.weak_thrust)),
-        thrust=_reduced(chipped_motor, propeller.thrust),
-        torque=_reduced(chipped_motor, propeller.torque),
+        speed=_reduced(weak_motor, sqrt(vehicle.weak_thrust), rotors),
+        thrust=_reduced(chipped_motor, propeller.thrust, rotors),
+        torque=_reduced(chipped_motor, propeller.torque, rotors),
         centre_of_mass=centre_of_mass,
     )
 
 
-def _reduced(motor: int, fraction: float) -> Vector4:
-    """Returns the ``fraction`` for one motor, counted from 1, and 1 for the others; motor 0 means none."""
-    return tuple(fraction if motor == number else 1.0 for number in (1, 2, 3, 4))
+def _reduced(motor: int, fraction: float, rotors: int) -> Vector4:
+    """Returns the ``fraction`` for one motor, counted from 1, and 1 for the others.
+
+    Args:
+        motor: Number of the motor; 0 means none.
+        fraction: Its fraction.
+        rotors: Number of rotors.
+    """
+    return tuple(fraction if motor == number else 1.0 for number in range(1, rotors + 1))

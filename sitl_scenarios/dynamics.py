@@ -1,4 +1,4 @@
-"""Dynamics of a quadrotor: forces and moments of rotors and air, and the integration from state to state.
+"""Dynamics of a multirotor: forces and moments of rotors and air, and the integration from state to state.
 
 The world is north-east-down (NED), body axes are forward, right, down (FRD). On the body act its weight, the rotors'
 thrust along −z and torque about z, and the air that moves past it:
@@ -20,8 +20,8 @@ from math import ceil, exp, sqrt
 from operator import mul
 from typing import NamedTuple
 
-from sitl_scenarios.damage import UNDAMAGED, Damage
-from sitl_scenarios.rotors import MAX_PULSE, MIN_PULSE, SPIN_DIRECTIONS, rotor_frame
+from sitl_scenarios.damage import Damage, sound_condition
+from sitl_scenarios.rotors import MAX_PULSE, MIN_PULSE, rotor_frame
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.vectors import (
     Quaternion,
@@ -37,9 +37,6 @@ from sitl_scenarios.vehicles import AIR_DENSITY, GRAVITY, airframe
 
 MAX_STEP_SECONDS = 1e-3
 """Longest step of the physics, s: a choice, well below the time constants of rotors (10 ms and more)."""
-
-ROTORS = 4
-"""Number of rotors of a quadrotor."""
 
 
 class AirState(NamedTuple):
@@ -97,7 +94,7 @@ class RotorEffect(NamedTuple):
     thrust: float
     """Remaining fraction of its thrust: 1 when undamaged."""
     torque: float
-    """Remaining fraction of its torque, with the sign of ``SPIN_DIRECTIONS``."""
+    """Remaining fraction of its torque, positive where it turns the body to positive yaw."""
 
 
 def _rotor_effects(vehicle: VehicleSpec, condition: Damage) -> list[RotorEffect]:
@@ -108,29 +105,31 @@ def _rotor_effects(vehicle: VehicleSpec, condition: Damage) -> list[RotorEffect]
         condition: Its damage: fractions of thrust and torque, and where the centre of mass is, from which the positions
             of the rotors count.
     """
-    positions = rotor_frame(vehicle.frame, airframe(vehicle).arm)
+    body = airframe(vehicle)
+    frame = rotor_frame(vehicle.frame, body.arm)
     centre_forward, centre_right = condition.centre_of_mass
     return [
         RotorEffect(
-            forward=positions.forward[rotor] - centre_forward,
-            right=positions.right[rotor] - centre_right,
+            forward=frame.forward[rotor] - centre_forward,
+            right=frame.right[rotor] - centre_right,
             thrust=condition.thrust[rotor],
-            torque=SPIN_DIRECTIONS[rotor] * condition.torque[rotor],
+            torque=frame.yaw[rotor] * condition.torque[rotor],
         )
-        for rotor in range(ROTORS)
+        for rotor in range(body.rotors)
     ]
 
 
-def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
+def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> Dynamics:
     """Returns the accelerations of a vehicle in the air as a function of its state.
 
     The simulation integrates this function, and the truth files linearise it: there is no second model.
 
     Args:
         vehicle: Vehicle of a scenario.
-        condition: Damage that acts on it.
+        condition: Damage that acts on it; None for a sound vehicle.
     """
     body = airframe(vehicle)
+    condition = condition or sound_condition(body.rotors)
     rotor_effects = _rotor_effects(vehicle, condition)
     centre_forward, centre_right = condition.centre_of_mass
     mass = body.mass
@@ -146,7 +145,7 @@ def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dyn
     hull_drag_x = hull_drag_y = half_rho_area
     rotor_drag_x = rotor_drag_y = body.rotor_drag if vehicle.rotor_drag else 0.0
     if vehicle.drag_linear is not None:
-        hover_speed_sum = ROTORS * body.hover_speed
+        hover_speed_sum = body.rotors * body.hover_speed
         rotor_drag_x, rotor_drag_y = (drag * mass / hover_speed_sum for drag in vehicle.drag_linear)
     if vehicle.drag_quadratic is not None:
         hull_drag_x, hull_drag_y = (drag * mass for drag in vehicle.drag_quadratic)
@@ -268,7 +267,7 @@ class Body:
         self._vehicle = vehicle
         self._airframe = airframe(vehicle)
         self._step = step
-        self.apply_damage(UNDAMAGED)
+        self.apply_damage(sound_condition(self._airframe.rotors))
         rise_lag, fall_lag = self._airframe.rotor_lags
         # Remaining fractions of a deviation after half a step and a step: exp(−t/τ).
         self._half_step_rise = self._remaining_fraction(rise_lag / 0.5)

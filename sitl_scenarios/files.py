@@ -12,13 +12,16 @@ from typing import Any, NamedTuple, get_args
 from pydantic import BaseModel, ValidationError
 
 from sitl_scenarios.gains import control_parameters
+from sitl_scenarios.mishaps.specs import Mishap
 from sitl_scenarios.parameter_controller import check_parameters
 from sitl_scenarios.plan import flight_times
-from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind, shortened
+from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind
+from sitl_scenarios.section import shortened
 
 SECTION_KINDS: dict[str, tuple[type[BaseModel], ...]] = {
     "wind": get_args(get_args(Wind)[0]),
     "excitation": get_args(get_args(Excitation)[0]),
+    "mishap": get_args(get_args(Mishap)[0]),
 }
 """Models of the sections that have a ``kind``, one for each kind, by the section's key."""
 
@@ -223,12 +226,12 @@ def _kind_lines(key: str) -> list[str]:
     """Returns comment lines that list the kinds of a section, and the keys of each kind.
 
     Args:
-        key: Key of a section whose models differ by their ``kind``: wind or excitation.
+        key: Key of a section whose models differ by their ``kind``: wind, excitation or mishap.
 
     Returns:
         Lines such as "#   steady: speed, direction", after a headline.
     """
-    # Winds are a list of tables, and the excitation is one table.
+    # Winds are a list of tables; excitation and mishap are one table.
     header = "[[wind]]" if key == "wind" else f"[{key}]"
     lines = ["", f"# {header}: its kind is one of"]
     for model in SECTION_KINDS[key]:

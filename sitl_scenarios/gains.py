@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from mavdem.loops.autopilot_parameters import LOOP_RATE_PARAMETERS
 from sitl_scenarios.controller import LEAD, FlightController, LoopGains
-from sitl_scenarios.rotors import IDLE_COMMAND, SPIN_DIRECTIONS, rotor_frame
+from sitl_scenarios.rotors import CIRCLES, IDLE_COMMAND, rotor_frame
 from sitl_scenarios.scenario import Scenario, VehicleSpec
 from sitl_scenarios.vectors import Vector4
 from sitl_scenarios.vehicles import airframe
@@ -87,7 +87,7 @@ def _hover_thrust(vehicle: VehicleSpec, range_start: float) -> HoverThrust:
     """
     expo = vehicle.quadratic_thrust or 0.0
     body = airframe(vehicle)
-    # Fraction s of the motors' range at which the four rotors carry the weight.
+    # Fraction s of the motors' range at which the rotors carry the weight.
     command = body.command_for(body.hover_speed) / body.full_command
     range_fraction = (command - range_start) / (1.0 - range_start)
     thrust_slope = 1.0 - expo + 2 * expo * range_fraction
@@ -135,7 +135,7 @@ def _px4_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[st
             f"MC_{name}RATE_FF": 0.0,
             f"MC_{name}_P": axis_gains.angle,
         }
-    for rotor, spin_direction in enumerate(SPIN_DIRECTIONS):
+    for rotor, spin_direction in enumerate(frame.yaw):
         parameters |= {
             f"CA_ROTOR{rotor}_PX": frame.forward[rotor],
             f"CA_ROTOR{rotor}_PY": frame.right[rotor],
@@ -144,8 +144,8 @@ def _px4_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[st
             # Its sign is positive for a rotor that turns counter-clockwise.
             f"CA_ROTOR{rotor}_KM": PX4_MOMENT_RATIO * spin_direction,
         }
-    rotor_count = len(SPIN_DIRECTIONS)
-    return parameters | {"MC_YAW_TQ_CUTOFF": 0.0, "CA_AIRFRAME": 0, "CA_ROTOR_COUNT": rotor_count}
+    rotors = len(frame.yaw)
+    return parameters | {"MC_YAW_TQ_CUTOFF": 0.0, "CA_AIRFRAME": 0, "CA_ROTOR_COUNT": rotors}
 
 
 def _tilt_mixer_factors(right: Vector4, forward: Vector4) -> list[float]:
@@ -156,8 +156,8 @@ def _tilt_mixer_factors(right: Vector4, forward: Vector4) -> list[float]:
     columns of roll and pitch by one scale, the larger of |column| √(2/n), with n motors that the column moves.
 
     Args:
-        right: Positions of the four rotors to the right, m: the lever arms of roll, but for their sign.
-        forward: Positions of the four rotors forward, m: the lever arms of pitch.
+        right: Positions of the rotors to the right, m: the lever arms of roll, but for their sign.
+        forward: Positions of the rotors forward, m: the lever arms of pitch.
 
     Returns:
         Two factors, of roll and of pitch, normalised thrust per normalised torque.
@@ -170,8 +170,9 @@ def _tilt_mixer_factors(right: Vector4, forward: Vector4) -> list[float]:
         # The column l/|l|² has the norm 1/|l|.
         scales.append(sqrt(2 / moved_motors) / norm)
     scale = max(scales)
-    # The positions are symmetric, so that the largest element is also the largest in size.
-    return [max(arms) / norm**2 / scale for arms, norm in zip(lever_arms, norms, strict=True)]
+    return [
+        max(map(abs, arms)) / norm**2 / scale for arms, norm in zip(lever_arms, norms, strict=True)
+    ]
 
 
 def _ardupilot_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[str, float]:
@@ -195,6 +196,9 @@ def _ardupilot_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> d
         Values by name, in ArduPilot's units: gains per rad/s and the like, cut-offs (FLTT, FLTE, FLTD) in Hz, 0 for a
         filter that is switched off.
     """
+    frame_class = 1
+    if vehicle.layout in CIRCLES:
+        frame_class = CIRCLES[vehicle.layout].frame_class
     expo, command_per_thrust = _hover_thrust(vehicle, IDLE_COMMAND)
     parameters = {
         "MOT_THST_EXPO": expo,
@@ -217,4 +221,4 @@ def _ardupilot_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> d
             f"ATC_RAT_{name}_SMAX": 0.0,
             f"ATC_ANG_{name}_P": axis_gains.angle,
         }
-    return parameters | {"INS_GYRO_FILTER": 0, "FRAME_CLASS": 1}
+    return parameters | {"INS_GYRO_FILTER": 0, "FRAME_CLASS": frame_class}

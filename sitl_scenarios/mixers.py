@@ -1,12 +1,13 @@
 """Mixers of ArduPilot and PX4: motor thrusts for demands of roll, pitch, yaw and thrust, and their order at saturation.
 
-Neither mixer climbs in order to turn. Thrusts (4,) are fractions of a motor's largest: 0 at the start of its range, 1
-at the end. ``columns`` (3, 4) are what demands of roll, pitch and yaw add to the four thrusts.
+Neither mixer climbs in order to turn. Thrusts (n,) of n motors are fractions of the largest: 0 at the start of a
+motor's range, 1 at the end. ``columns`` (3, n) are what demands of roll, pitch and yaw add to the thrusts.
 """
 
 import numpy as np
 
 from sitl_scenarios.motion import Array
+from sitl_scenarios.rotors import RotorFrame
 from sitl_scenarios.vectors import Vector4
 
 YAW_HEADROOM = 0.2
@@ -18,12 +19,48 @@ YAW_MARGIN = 0.15
 MAX_CENTRED_THRUST = 0.5
 """Collective thrust above which ArduPilot's mixer counts the room for yaw as at half thrust."""
 
+MIN_RELATIVE_ELEMENT = 1e-6
+"""Smallest element of a column of the mixer by its largest that is no error of rounding."""
+
 MIN_DENOMINATOR = 1e-9
 """Smallest divisor of the collective thrust: with no thrust and no demand at all, it would be zero."""
 
 
+def ardupilot_columns(frame: RotorFrame) -> Array:
+    """Returns ArduPilot's mixer of a frame, (3, n): ``AP_MotorsMatrix`` makes the largest element of a row a half."""
+    return np.array([frame.roll, frame.pitch, frame.yaw]) / 2
+
+
+def px4_columns(frame: RotorFrame, moment_ratio: float) -> Array:
+    """Returns PX4's mixer of a frame, (3, n): the scaled pseudo-inverse of the matrix of the motors' effects.
+
+    ``ControlAllocationPseudoInverse.cpp`` scales the columns of roll and pitch by one factor, the larger of their norms
+    per pair of motors that the column moves, and yaw by its largest element.
+
+    Args:
+        frame: Positions and directions of rotation.
+        moment_ratio: Torque of a rotor by its thrust, m: the size of CA_ROTORn_KM.
+    """
+    effects = np.array(
+        [
+            [-right for right in frame.right],
+            frame.forward,
+            [moment_ratio * direction for direction in frame.yaw],
+            np.ones(len(frame.yaw)),
+        ]
+    )
+    roll, pitch, yaw, _ = np.linalg.pinv(effects).T
+    tilt_scales = []
+    for column in (roll, pitch):
+        # A rotor on the axis is moved by rounding only.
+        moved_motors = np.count_nonzero(abs(column) > MIN_RELATIVE_ELEMENT * abs(column).max())
+        tilt_scales.append(np.linalg.norm(column) / np.sqrt(moved_motors / 2))
+    tilt_scale = max(tilt_scales)
+    return np.array([roll / tilt_scale, pitch / tilt_scale, yaw / yaw.max()])
+
+
 def ardupilot_thrusts(columns: Array, demands: Vector4) -> Array:
-    """Distributes demands over four motors like ArduPilot's ``AP_MotorsMatrix::output_armed_stabilizing``.
+    """Distributes demands over the motors like ArduPilot's ``AP_MotorsMatrix::output_armed_stabilizing``.
 
     The thrust of a motor is the collective thrust plus what roll, pitch and yaw add to it, and must stay from 0 to 1.
     Where that is too little room, ArduPilot gives up, in this order:
@@ -34,12 +71,12 @@ def ardupilot_thrusts(columns: Array, demands: Vector4) -> Array:
     3. collective thrust, where the motor with the highest thrust would exceed 1.
 
     Args:
-        columns: What a demand of 1 adds to the thrust of each motor, rows roll, pitch and yaw; (3, 4). No element of
+        columns: What a demand of 1 adds to the thrust of each motor, rows roll, pitch and yaw; (3, n). No element of
             yaw is zero.
         demands: Roll, pitch and yaw, −1 to 1, and collective thrust, 0 to 1.
 
     Returns:
-        Thrust of each motor, (4,), 0 to 1.
+        Thrust of each motor, (n,), 0 to 1.
     """
     roll, pitch, yaw, thrust = demands
     yaw_column = columns[2]
@@ -69,18 +106,18 @@ def ardupilot_thrusts(columns: Array, demands: Vector4) -> Array:
 
 
 def px4_thrusts(columns: Array, demands: Vector4) -> Array:
-    """Distributes demands over four motors like PX4's ``ControlAllocationSequentialDesaturation`` with MC_AIRMODE 0.
+    """Distributes demands over the motors like PX4's ``ControlAllocationSequentialDesaturation`` with MC_AIRMODE 0.
 
     The thrust of a motor is the collective thrust plus what roll, pitch and yaw add to it, and must stay from 0 to 1.
     PX4 brings the motors back into their range step by step, each time along one direction: first the collective
     thrust is lowered, then roll, pitch and yaw are reduced. With MC_AIRMODE 0 the collective thrust is never raised.
 
     Args:
-        columns: What a demand of 1 adds to the thrust of each motor, rows roll, pitch and yaw; (3, 4).
+        columns: What a demand of 1 adds to the thrust of each motor, rows roll, pitch and yaw; (3, n).
         demands: Roll, pitch and yaw, −1 to 1, and collective thrust, 0 to 1.
 
     Returns:
-        Thrust of each motor, (4,), 0 to 1.
+        Thrust of each motor, (n,), 0 to 1.
     """
     roll, pitch, yaw, thrust = demands
     roll_column, pitch_column, yaw_column = columns
@@ -94,7 +131,7 @@ def px4_thrusts(columns: Array, demands: Vector4) -> Array:
 
 
 def _lowered(thrusts: Array) -> Array:
-    """Returns thrusts moved down together to leave the limits, (4,); they are never moved up."""
+    """Returns thrusts moved down together to leave the limits, (n,); they are never moved up."""
     return _desaturated(thrusts, -1.0, only_positive=True)
 
 
@@ -108,15 +145,15 @@ def _desaturated(
     other motors out of the range, a second one, of half the multiple then needed, balances both sides.
 
     Args:
-        thrusts: Thrust of each motor, (4,).
-        column: Change of the four thrusts per unit of the demand, (4,), or one number that holds for all motors.
+        thrusts: Thrust of each motor, (n,).
+        column: Change of the thrusts per unit of the demand, (n,), or one number that holds for all motors.
         highest: Upper limit of the thrusts; the lower one is 0.
         only_positive: Whether only positive multiples of ``column`` may be added.
 
     Returns:
-        Thrusts, (4,), which may still violate a limit where no multiple of the column can resolve it.
+        Thrusts, (n,), which may still violate a limit where no multiple of the column can resolve it.
     """
-    # Most thrusts are within the limits. The check uses floats: NumPy's calls on arrays of four take ten times as long.
+    # Most thrusts are within the limits. The check uses floats: NumPy's calls on small arrays take ten times as long.
     if all(0.0 <= thrust <= highest for thrust in thrusts.tolist()):
         return thrusts
     for step_fraction in (1.0, 0.5):

@@ -85,13 +85,13 @@ class Motion:
         return len(self.time)
 
     def __getitem__(self, rows: slice | NDArray[np.intp] | Flags) -> Motion:
-        return Motion(*(column[rows] for column in vars(self).values()))
+        return type(self)(*(column[rows] for column in vars(self).values()))
 
 
 def joined(pieces: Sequence[Motion]) -> Motion:
     """Concatenates pieces of a motion that follow each other in time."""
     columns = zip(*(vars(piece).values() for piece in pieces), strict=True)
-    return Motion(*map(np.concatenate, columns))
+    return type(pieces[0])(*map(np.concatenate, columns))
 
 
 def estimated_angles(motion: Motion) -> Array:

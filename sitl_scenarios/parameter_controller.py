@@ -18,10 +18,10 @@ from mavdem.loops.controllers import controller_from_parameters
 from sitl_scenarios import mixers
 from sitl_scenarios.controller import FlightController
 from sitl_scenarios.dynamics import physics_steps
-from sitl_scenarios.gains import control_parameters, reciprocal_frequency
+from sitl_scenarios.gains import PX4_MOMENT_RATIO, control_parameters, reciprocal_frequency
 from sitl_scenarios.gyro import Gyro
 from sitl_scenarios.motion import Pair
-from sitl_scenarios.rotors import rotor_frame
+from sitl_scenarios.rotors import CIRCLES, rotor_frame
 from sitl_scenarios.scenario import AXES, Scenario
 from sitl_scenarios.vectors import Vector4
 from sitl_scenarios.vehicles import airframe
@@ -78,7 +78,9 @@ def controller_for(scenario: Scenario) -> FlightController:
     Raises:
         NotLearnable: The parameters are not those of a controller.
     """
-    if scenario.vehicle.parameters:
+    # The simulation's own mixer is that of sound quadrotors: what it does with a motor that fails, no autopilot does.
+    is_autopilots = scenario.has_instruments or scenario.vehicle.layout in CIRCLES
+    if scenario.vehicle.parameters or is_autopilots:
         return ParameterController(scenario)
     return FlightController(scenario)
 
@@ -116,19 +118,31 @@ class ParameterController(FlightController):
         vehicle = scenario.vehicle
         frame = rotor_frame(vehicle.layout, airframe(vehicle).arm)
         is_px4 = scenario.stream.autopilot == "px4"
+        is_quadrotor = vehicle.layout not in CIRCLES
         mixer_columns = (frame.roll, frame.pitch, frame.yaw)
-        # ArduPilot's mixer is that of its frame. PX4's follows from the rotors' positions among its parameters, which
-        # an empty column stands for.
+        if is_px4:
+            # PX4's mixer follows from the rotors' positions among its parameters, which an empty column stands for.
+            mixer_columns = ((), (), ())
+        if not is_quadrotor:
+            # A controller of the rates alone, with the demand in the place of the motors.
+            mixer_columns = ((1.0,), (1.0,), (1.0,))
         self.axis_controllers = [
-            controller_from_parameters(parameters, axis, () if is_px4 else column)
+            controller_from_parameters(parameters, axis, column)
             for axis, column in zip(AXES, mixer_columns, strict=True)
         ]
         super().__init__(scenario)
         self._set_attitude_gains(tuple(axis.angle_gain for axis in self.axis_controllers))
-        self._mixer_columns = np.array([axis.mixer for axis in self.axis_controllers])
         self._mixed_thrusts = mixers.px4_thrusts if is_px4 else mixers.ardupilot_thrusts
         self._thrust_expo = self.axis_controllers[0].thrust_expo
         self._range_start, self._range_end = self.axis_controllers[0].spin_range
+        if is_quadrotor:
+            self._mixer_columns = np.array([axis.mixer for axis in self.axis_controllers])
+        elif is_px4:
+            self._mixer_columns = mixers.px4_columns(frame, PX4_MOMENT_RATIO)
+        else:
+            self._mixer_columns = mixers.ardupilot_columns(frame)
+            self._range_start = parameters["MOT_SPIN_MIN"]
+            self._range_end = parameters["MOT_SPIN_MAX"]
 
     def reset(self) -> None:
         """Resets integrators, filters and the heading's setpoint, as on the ground."""

@@ -9,11 +9,11 @@ from math import cos
 import numpy as np
 
 from sitl_scenarios.dynamics import AirState, Body, State, physics_steps
+from sitl_scenarios.flight_simulation import tumbles
 from sitl_scenarios.motion import Array
 from sitl_scenarios.parameter_controller import controller_for, gyro_for
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.sensors import StateEstimator
-from sitl_scenarios.simulation import tumbles
 from sitl_scenarios.vectors import Vector3, euler_angles
 from sitl_scenarios.vehicles import GRAVITY, airframe
 
@@ -63,7 +63,7 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
     # Times of the cycles, in samples of the arrays.
     cycle_times = np.arange(cycles, dtype=np.float64) * cycle / dt
     inputs = _inputs_by_cycle(cycle_times, setpoints, torque, airframe_body.inertia)
-    state = State(rotors=(airframe_body.hover_speed,) * 4)
+    state = State(rotors=(airframe_body.hover_speed,) * airframe_body.rotors)
     estimates = []
     for row in inputs.tolist():
         roll_setpoint, pitch_setpoint, _, p, q, r, roll_moment, pitch_moment, yaw_moment = row

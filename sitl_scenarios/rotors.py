@@ -1,12 +1,14 @@
-"""Rotors of a quadrotor: positions, directions of rotation, mixer and PWM pulses, in the autopilots' motor order.
+"""Rotors of a multirotor: positions, directions of rotation, mixer and PWM pulses, in the autopilots' motor order.
 
 ArduPilot and PX4 number an X quadrotor alike: 1 front right, 2 rear left, 3 front left, 4 rear right. ArduPilot numbers
 a + quadrotor 1 right, 2 left, 3 front, 4 rear; PX4, whose parameters hold the positions, is given the same order. In
 both frames rotors 1 and 2 turn counter-clockwise seen from above
-(https://ardupilot.org/copter/docs/connect-escs-and-motors.html; PX4's airframe reference).
+(https://ardupilot.org/copter/docs/connect-escs-and-motors.html; PX4's airframe reference). Frames of six and eight
+rotors, Y6 and coaxial X8 are those of ArduPilot's ``AP_MotorsMatrix.cpp``.
 """
 
-from math import hypot
+from dataclasses import dataclass
+from math import cos, hypot, radians, sin
 from typing import Literal, NamedTuple
 
 from sitl_scenarios.motion import Pair
@@ -31,8 +33,44 @@ DISARMED_PULSE = {"px4": 900.0, "ardupilot": 1000.0}
 """PWM pulse width of a disarmed motor, µs, by autopilot: PX4's PWM_MAIN_DISn is set to 900."""
 
 
+Shape = Literal["x", "plus", "hexa_x", "hexa_plus", "octa_x", "y6", "coaxial_x8"]
+"""Arrangement of the rotors."""
+
+
+@dataclass(frozen=True)
+class RotorCircle:
+    """A frame whose arms are of equal length: where each rotor is, and in which direction it turns."""
+
+    bearings: tuple[float, ...]
+    """Bearing of each rotor, degrees clockwise from the nose; two rotors of one bearing share an arm."""
+    directions: str
+    """A sign for each rotor: "+" turns counter-clockwise seen from above, "-" clockwise."""
+    size: float
+    """Length of its arms by that of the quadrotor, so that propellers of the same size do not touch."""
+    frame_class: int
+    """ArduPilot's FRAME_CLASS."""
+    frame_type: int
+    """ArduPilot's FRAME_TYPE."""
+    px4_airframe: int
+    """PX4's SYS_AUTOSTART of the generic frame."""
+
+
+CIRCLES = {
+    "hexa_x": RotorCircle((90, -90, -30, 150, 30, -150), "-+-++-", 1.5, 2, 1, 6001),
+    "hexa_plus": RotorCircle((0, 180, -120, 60, -60, 120), "-+-++-", 1.5, 2, 0, 7001),
+    "octa_x": RotorCircle(
+        (22.5, -157.5, 67.5, 157.5, -22.5, -112.5, -67.5, 112.5), "--++++--", 2.0, 3, 1, 8001
+    ),
+    "y6": RotorCircle((60, -60, -60, 180, 60, 180), "+-+--+", 1.0, 5, 0, 11001),
+    "coaxial_x8": RotorCircle(
+        (45, -45, -135, 135, -45, 45, 135, -135), "+-+-+-+-", 1.0, 4, 1, 12001
+    ),
+}
+"""Frames of more than four rotors by their ``Shape`` (AP_MotorsMatrix.cpp; PX4's airframe reference)."""
+
+
 class RotorFrame(NamedTuple):
-    """Positions of four rotors and their mixer, in the autopilots' order of motors."""
+    """Positions of rotors and their mixer, in the autopilots' order of motors."""
 
     forward: Vector4
     """Position of each rotor forward of the centre of mass, m."""
@@ -43,17 +81,26 @@ class RotorFrame(NamedTuple):
     pitch: Vector4
     """What a pitch demand of 1 adds to the normalised command of each motor."""
     yaw: Vector4
-    """What a yaw demand of 1 adds to the normalised command of each motor."""
+    """What a yaw demand of 1 adds to the normalised command of each motor: the sign of its torque about down."""
 
 
-def rotor_frame(shape: Literal["x", "plus"], arm: Pair) -> RotorFrame:
-    """Returns the positions of a frame's four rotors, and its mixer: what each demand adds to each motor.
+def rotor_count(shape: Shape) -> int:
+    """Returns the number of rotors of a frame."""
+    if shape in CIRCLES:
+        return len(CIRCLES[shape].bearings)
+    return len(SPIN_DIRECTIONS)
+
+
+def rotor_frame(shape: Shape, arm: Pair) -> RotorFrame:
+    """Returns the positions of a frame's rotors, and its mixer: what each demand adds to each motor.
 
     Args:
-        shape: Arrangement of the four rotors.
-        arm: How far forward and right of the centre of mass the rotors of an X frame are, m. The rotors of a + frame
-            are as far from the centre as these.
+        shape: Arrangement of the rotors.
+        arm: How far forward and right of the centre of mass the rotors of an X quadrotor are, m. The rotors of a +
+            quadrotor are as far from the centre as these, those of larger frames by the ``size`` of the frame.
     """
+    if shape in CIRCLES:
+        return _circle_frame(CIRCLES[shape], hypot(*arm))
     # Signs of the positions, in the order of motors of the module's docstring.
     forward = (1.0, -1.0, 1.0, -1.0)
     right = (1.0, -1.0, -1.0, 1.0)
@@ -70,6 +117,30 @@ def rotor_frame(shape: Literal["x", "plus"], arm: Pair) -> RotorFrame:
         roll=tuple(-sign for sign in right),
         pitch=forward,
         yaw=SPIN_DIRECTIONS,
+    )
+
+
+def _circle_frame(circle: RotorCircle, radius: float) -> RotorFrame:
+    """Returns positions and mixer of a frame whose rotors are on a circle.
+
+    Each column of the mixer is scaled so that its largest element is 1, as both autopilots scale theirs.
+
+    Args:
+        circle: Bearings and directions of rotation.
+        radius: Length of the arms of the quadrotor of the same propellers, m.
+    """
+    arm = circle.size * radius
+    # Rounded, so that a rotor on an axis is exactly there.
+    forward = [round(cos(radians(bearing)), 9) for bearing in circle.bearings]
+    right = [round(sin(radians(bearing)), 9) for bearing in circle.bearings]
+    largest_forward = max(map(abs, forward))
+    largest_right = max(map(abs, right))
+    return RotorFrame(
+        forward=tuple(arm * share for share in forward),
+        right=tuple(arm * share for share in right),
+        roll=tuple(-share / largest_right for share in right),
+        pitch=tuple(share / largest_forward for share in forward),
+        yaw=tuple(1.0 if sign == "+" else -1.0 for sign in circle.directions),
     )
 
 

@@ -7,15 +7,12 @@ prints what each key means: the description of its pydantic field.
 
 from __future__ import annotations
 
-from math import cos, inf, log, radians, sin
+from math import cos, log, radians, sin
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.random import Generator, default_rng
 from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
     Field,
     FiniteFloat,
     NonNegativeFloat,
@@ -24,33 +21,19 @@ from pydantic import (
 )
 
 from mavdem.loops.autopilot_parameters import DEFAULT_LOOP_RATES, LOOP_RATE_PARAMETERS
+from sitl_scenarios.mishaps.specs import Mishap
 from sitl_scenarios.motion import Array, Pair
-
-
-def shortened(text: str, max_length: int = 60) -> str:
-    """Returns text cut to ``max_length`` characters, with an ellipsis where it was longer."""
-    if len(text) <= max_length:
-        return text
-    return f"{text[: max_length - 2]} …"
-
-
-MAX_SECONDS = 7200.0
-"""Longest flight, s: a choice, far above the endurance of multirotors."""
-
-Positive = Annotated[float, Field(gt=0, le=MAX_SECONDS)]  # also of what is no time
-NotNegative = Annotated[float, Field(ge=0, le=MAX_SECONDS)]
-Share = Annotated[float, Field(ge=0, le=1)]
-Size = Annotated[float, Field(ge=0, le=1000)]  # of what disturbs, in any unit
-Motor = Annotated[int, Field(ge=0, le=4)]
-
-
-class Section(BaseModel):
-    """A part of a scenario: immutable, without keys it does not know, and without text for numbers."""
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True
-    )
-
+from sitl_scenarios.rotors import Shape, rotor_count
+from sitl_scenarios.section import (
+    MAX_SECONDS,
+    OR_INF,
+    Motor,
+    NotNegative,
+    Positive,
+    Section,
+    Share,
+    Size,
+)
 
 Left = Annotated[float, Field(gt=0, le=1)]
 Millimetres = Annotated[float, Field(ge=-100, le=100)]
@@ -106,16 +89,12 @@ def towards(direction: float) -> Array:
     return np.array([-cos(angle), -sin(angle), 0.0])
 
 
-_OrInf = BeforeValidator(
-    lambda given: None if given == inf else tuple(given) if isinstance(given, list) else given
-)
-"""Beside None, the time that never comes: TOML has no word for None, JSON none for infinity nor for tuples."""
-Lag = Annotated[Annotated[float, Field(ge=0, le=1)] | None, _OrInf]  # Of a rotor's speed, s
+Lag = Annotated[Annotated[float, Field(ge=0, le=1)] | None, OR_INF]  # Of a rotor's speed, s
 Degrees = Annotated[float, Field(ge=-10, le=10)]
-Drag = Annotated[tuple[Share, Share] | None, _OrInf]  # Along the body's x and y axes
+Drag = Annotated[tuple[Share, Share] | None, OR_INF]  # Along the body's x and y axes
 
 
-SENSORS, WIND, MOMENT, STICKS, SHAKING = range(5)
+SENSORS, WIND, MOMENT, STICKS, SHAKING, INSTRUMENTS, MISHAP = range(7)
 """Purposes of random numbers; winds, moments and sticks are numbered further, each in its own list."""
 
 
@@ -128,15 +107,15 @@ class BodySpec(Section):
 
     mass: Positive
     """kg"""
-    inertia: Annotated[tuple[PositiveFloat, PositiveFloat, PositiveFloat], _OrInf]
-    arm: Annotated[tuple[PositiveFloat, PositiveFloat], _OrInf]
+    inertia: Annotated[tuple[PositiveFloat, PositiveFloat, PositiveFloat], OR_INF]
+    arm: Annotated[tuple[PositiveFloat, PositiveFloat], OR_INF]
     hover: float = Field(gt=0.1, lt=1)
     """Share of the motors' range in hover"""
     torque: Left
     """Of a rotor, by its thrust, m"""
-    spin: Annotated[tuple[Share, Share], _OrInf] = (0.0, 1.0)
+    spin: Annotated[tuple[Share, Share], OR_INF] = (0.0, 1.0)
     """Shares of the motors' range at which thrust begins and ends."""
-    damping: Annotated[tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat], _OrInf] = (
+    damping: Annotated[tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat], OR_INF] = (
         0.0,
         0.0,
         0.0,
@@ -148,8 +127,8 @@ class VehicleSpec(Section):
 
     model: Literal["ardrone2", "iris", "crazyflie"] = "iris"
     """AR.Drone 2.0, 3DR Iris or Crazyflie 2"""
-    frame: Literal["x", "plus"] = "x"
-    """Where the rotors are"""
+    frame: Shape = "x"
+    """Where the rotors are; frames of more than four are larger, of the same rotors"""
     battery_sag: float = Field(0.0, ge=0, lt=0.5)
     """Share of the voltage, and of the rotors' speed, that the battery loses from the flight's beginning to its end."""
     rotor_drag: bool = True
@@ -158,7 +137,7 @@ class VehicleSpec(Section):
     """Linear drag along body x and y, 1/s in hover, in place of the rotors' published one; inf: as published."""
     drag_quadratic: Drag = None
     """Quadratic drag along body x and y, 1/m, in place of the hull's published one; inf: as published."""
-    quadratic_thrust: Annotated[Share | None, _OrInf] = None
+    quadratic_thrust: Annotated[Share | None, OR_INF] = None
     """Share of the thrust that is quadratic in the command, the rest linear; inf: rotor speed linear in it."""
     lag_up: Lag = None
     """Time constant of a rotor that speeds up, s; inf: as published"""
@@ -170,7 +149,7 @@ class VehicleSpec(Section):
     """Multiple of the rate loop's gain that suits the vehicle"""
     inertia_scale: Positive = 1.0
     """Multiple of the published moments of inertia; the autopilot is tuned for it."""
-    body: Annotated[BodySpec | None, _OrInf] = None
+    body: Annotated[BodySpec | None, OR_INF] = None
     """Mass, inertia, arm, hover, torque and damping of a vehicle of one's own, in place of the model's"""
     parameters: dict[str, FiniteFloat] = {}
     """The autopilot's parameters of rate and attitude control, in place of those that suit the vehicle"""
@@ -182,7 +161,7 @@ class VehicleSpec(Section):
     """Share of its thrust that is left"""
 
     @property
-    def layout(self) -> Literal["x", "plus"]:
+    def layout(self) -> Shape:
         """Frame that the autopilot is set to: that of ``mixer`` if it is given, otherwise the vehicle's own."""
         return self.mixer or self.frame
 
@@ -231,7 +210,7 @@ class Gust(Section):
     direction: Direction = 90.0
     rise: Positive = 1.0
     """Seconds from its beginning to its greatest, where it stays."""
-    hold: Annotated[NotNegative | None, _OrInf] = 0.0
+    hold: Annotated[NotNegative | None, OR_INF] = 0.0
     """Seconds it stays there before it falls as it rose; inf: for good."""
 
 
@@ -458,6 +437,8 @@ class StreamSpec(Section):
     """Whether only HEARTBEAT and what ``rates`` names comes unasked, as where ArduPilot's SRn_ parameters are 0."""
     system: int = Field(1, ge=1, le=250)
     """Its MAVLink system id"""
+    instruments: bool = False
+    """Whether barometer, satellites, vibration, power and estimator are sent too, at the rates of a ground station"""
 
 
 class Faults(Section):
@@ -471,19 +452,22 @@ class Faults(Section):
     """Up to so many seconds more"""
     reordered: Share = 0.0
     """Share of the messages that are overtaken by the one after"""
-    reboot: Annotated[Positive | None, _OrInf] = None
+    reboot: Annotated[Positive | None, OR_INF] = None
     """Seconds into the flight at which the autopilot reboots in flight, clock and rates too; inf: never."""
-    outage: Annotated[Positive | None, _OrInf] = None
+    outage: Annotated[Positive | None, OR_INF] = None
     """Seconds into the flight at which the link is lost, in both directions; inf: never."""
     outage_seconds: Positive = 10.0
     """Seconds until it is back"""
-    clock_jump: Annotated[Positive | None, _OrInf] = None
+    clock_jump: Annotated[Positive | None, OR_INF] = None
     """Seconds into the flight at which the boot clock jumps ahead, as a paused simulator's does; inf: never."""
     clock_jump_seconds: Positive = 300.0
     """How far it jumps"""
     mavproxy_rate: Size = 0.0
     """Hz to which another ground station sets all streams every 15 s, as MAVProxy does with 4; 0: there is none."""
 
+
+QUADROTOR_MOTORS = 4
+"""Number of motors of a quadrotor."""
 
 POSITION_TOLERANCE = 1e-6
 """Largest distance between the beginning and the end of a course, m, along each axis: for rounding only."""
@@ -518,6 +502,13 @@ class Scenario(Section):
     faults: Faults = Faults()
     propeller: Propeller = Propeller()
     load: Load = Load()
+    mishap: Annotated[Mishap | None, OR_INF] = None
+    """What goes wrong; inf: nothing does"""
+
+    @property
+    def has_instruments(self) -> bool:
+        """Whether instruments are simulated: they are sent, or a mishap shows in them."""
+        return self.stream.instruments or self.mishap is not None
 
     @property
     def cycle(self) -> float:
@@ -531,8 +522,8 @@ class Scenario(Section):
         """Returns the random number generator for one purpose, independent of those for all others.
 
         Args:
-            purpose: One of ``SENSORS``, ``WIND``, ``MOMENT``, ``STICKS`` and ``SHAKING``, and the number of the wind,
-                moment or axis in its list.
+            purpose: One of ``SENSORS``, ``WIND``, ``MOMENT``, ``STICKS``, ``SHAKING``, ``INSTRUMENTS`` and ``MISHAP``,
+                and the number of the wind, moment or axis in its list.
         """
         return default_rng(np.random.SeedSequence(self.seed, spawn_key=purpose))
 
@@ -544,6 +535,8 @@ class Scenario(Section):
             ValueError: A doublet is longer than its period, a range of frequencies is reversed, or a course does not
                 end where it began or comes too near to the ground.
         """
+        if self.vehicle.mixer and rotor_count(self.vehicle.frame) != QUADROTOR_MOTORS:
+            raise ValueError("vehicle.mixer is for quadrotors only")
         match self.excitation:
             case Doublets(width=width, period=period) if 2 * width > period:
                 raise ValueError(

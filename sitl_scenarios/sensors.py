@@ -17,8 +17,8 @@ from sitl_scenarios.vehicles import airframe
 FRAME_DAMPING = 0.02
 """Damping ratio of the frame's resonance: frames of carbon and glass fibre have 0.01 to 0.03."""
 
-INITIAL_ROTOR_PHASES = (0.0, 1.0, 2.0, 3.0)
-"""Angles of the four rotors at boot, rad: different ones, so that their vibrations do not add up in phase."""
+INITIAL_PHASE_STEP = 1.0
+"""Angle between a rotor and the next at boot, rad, so that their vibrations do not add up in phase."""
 
 VIBRATION_BLOCK = 3000
 """Random numbers of the frame's resonance that are drawn at once; a draw of each would be slow."""
@@ -43,8 +43,9 @@ class GyroVibration:
         """
         self._spec = scenario.shaking
         self._step = step
-        self._hover_speed = airframe(scenario.vehicle).hover_speed
-        self._phases = list(INITIAL_ROTOR_PHASES)
+        body = airframe(scenario.vehicle)
+        self._hover_speed = body.hover_speed
+        self._phases = [INITIAL_PHASE_STEP * rotor for rotor in range(body.rotors)]
         # x(k) = c₁ x(k − 1) + c₂ x(k − 2) + noise, whose poles decay(cos ± j sin)(angle) are those of the frame.
         angle = 2 * pi * self._spec.frame * step
         decay = exp(-FRAME_DAMPING * angle)

@@ -21,7 +21,7 @@ from mavdem.files import atomic_write
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.loops.margins import Complex, OpenLoop
 from sitl_scenarios.controller import FlightController
-from sitl_scenarios.damage import UNDAMAGED, Damage, damage_history
+from sitl_scenarios.damage import Damage, damage_history, sound_condition
 from sitl_scenarios.dynamics import AirState, vehicle_dynamics
 from sitl_scenarios.motion import Array, Arrays, Flags, Motion
 from sitl_scenarios.parameter_controller import controller_for, gyro_for
@@ -125,9 +125,9 @@ def linearised(vehicle: VehicleSpec) -> LinearModel:
         return np.array([*velocity, *accelerations.linear, *rates, *accelerations.angular])
 
     hover_command = body.command_for(body.hover_speed)
-    hover = np.repeat([0.0, hover_command], [len(STATES), 4])
+    hover = np.repeat([0.0, hover_command], [len(STATES), body.rotors])
     command_step = COMMAND_STEP * body.full_command
-    steps = np.repeat([*LINEARISATION_STEPS.values(), command_step], [3, 3, 3, 3, 4])
+    steps = np.repeat([*LINEARISATION_STEPS.values(), command_step], [3, 3, 3, 3, body.rotors])
     jacobian = _jacobian(derivative, hover, steps)
     return LinearModel(STATES, jacobian[:, : len(STATES)], jacobian[:, len(STATES) :])
 
@@ -198,9 +198,10 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
     body = airframe(scenario.vehicle)
     mean_lag = sum(body.rotor_lags) / 2
     arrays = {field.name: getattr(motion, field.name) for field in fields(motion)}
-    arrays["scenario"] = np.array(scenario.model_dump_json())
+    arrays["scenario"] = np.array(_scenario_text(scenario))
+    arrays |= mishap_truth(scenario)
     hover_command = body.command_for(body.hover_speed)
-    arrays["trim"] = np.full(4, 1000 + 1000 * hover_command / body.full_command)
+    arrays["trim"] = np.full(body.rotors, 1000 + 1000 * hover_command / body.full_command)
     arrays |= _motor_effects(scenario, motion)
     damage_times = [time for time, _ in damage_history(scenario)]
     arrays["weak"] = motion.time >= BOOT_SECONDS + max(damage_times, default=np.inf)
@@ -223,6 +224,31 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
         effect = arrays.get(f"{name}_effect", model.B[-1])
         arrays |= loops(scenario, number, effect)
     return arrays
+
+
+def _scenario_text(scenario: Scenario) -> str:
+    """Returns a scenario as JSON; what only flights with instruments have is left out of all others."""
+    if scenario.has_instruments:
+        return scenario.model_dump_json()
+    return scenario.model_dump_json(exclude={"mishap": True, "stream": {"instruments"}})
+
+
+def mishap_truth(scenario: Scenario) -> Arrays:
+    """Returns what goes wrong in a flight, and when, by name; nothing for a flight without mishap.
+
+    - ``mishap``: its kind.
+    - ``mishap_time``: when it begins, s since boot; NaN where it lasts from the beginning on.
+    - ``mishap_motor``: number of the motor that fails, as the autopilot counts; 0 for none.
+    """
+    mishap = scenario.mishap
+    if mishap is None:
+        return {}
+    start = getattr(mishap, "start", np.nan)
+    return {
+        "mishap": np.array(mishap.kind),
+        "mishap_time": np.array(BOOT_SECONDS + start),
+        "mishap_motor": np.array(getattr(mishap, "motor", 0)),
+    }
 
 
 def _with_rotor_lag(model: LinearModel, time_constant: float) -> LinearModel:
@@ -428,10 +454,11 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
         without hover has none.
     """
     is_hover = motion.landed_state == IN_AIR
-    history = damage_history(scenario) or [(np.inf, UNDAMAGED)]
+    undamaged = sound_condition(airframe(scenario.vehicle).rotors)
+    history = damage_history(scenario) or [(np.inf, undamaged)]
     first_time, _ = history[0]
     last_time, final_condition = history[-1]
-    before = HoverPart(is_hover & (motion.time < BOOT_SECONDS + first_time), UNDAMAGED)
+    before = HoverPart(is_hover & (motion.time < BOOT_SECONDS + first_time), undamaged)
     after = HoverPart(is_hover & (motion.time >= BOOT_SECONDS + last_time), final_condition)
     flown_parts = [part for part in (before, after) if part.rows.any()]
     arrays: dict[str, Array] = {}

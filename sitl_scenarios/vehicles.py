@@ -1,4 +1,4 @@
-"""Vehicles: mass, inertia, thrust curve and drag of simulated quadrotors, published ones or a scenario's own.
+"""Vehicles: mass, inertia, thrust curve and drag of simulated multirotors, published ones or a scenario's own.
 
 Figures and sources of the published vehicles are in ``airframes.toml``.
 """
@@ -10,6 +10,7 @@ from pydantic import TypeAdapter
 
 from mavdem.files import load_adjacent_toml
 from sitl_scenarios.motion import Pair
+from sitl_scenarios.rotors import CIRCLES, Shape, rotor_count
 from sitl_scenarios.scenario import BodySpec, VehicleSpec
 
 GRAVITY = 9.81
@@ -30,7 +31,7 @@ Any value will do: only thrust and torque act on such a body, and their coeffici
 
 @dataclass(frozen=True)
 class Airframe:
-    """Rigid body and rotors of a quadrotor, in SI units.
+    """Rigid body and rotors of a multirotor, in SI units.
 
     A "command" is in the vehicle's own unit: 0 at a PWM pulse of 1000 µs, ``full_command`` at 2000 µs.
     """
@@ -68,6 +69,8 @@ class Airframe:
     """Fractions of the full command at which the thrust curve begins and ends; used with ``thrust_expo`` only."""
     damping: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Damping of the three body rates besides that by inflow, 1/s."""
+    rotors: int = 4
+    """Number of rotors."""
 
     def rotor_speed(self, command: float) -> float:
         """Returns the speed that a rotor settles at when its motor's command is held.
@@ -157,8 +160,8 @@ class Airframe:
 
     @property
     def hover_speed(self) -> float:
-        """Speed of each rotor when the four carry the weight in still air, rad/s."""
-        return self.speed_for(self.mass * GRAVITY / 4)
+        """Speed of each rotor when they carry the weight in still air, rad/s."""
+        return self.speed_for(self.mass * GRAVITY / self.rotors)
 
 
 AIRFRAMES = TypeAdapter(dict[str, Airframe]).validate_python(
@@ -178,6 +181,9 @@ def airframe(vehicle: VehicleSpec) -> Airframe:
     base = AIRFRAMES[vehicle.model]
     if vehicle.body is not None:
         base = _own_airframe(vehicle.body, vehicle.quadratic_thrust)
+    rotors = rotor_count(vehicle.frame)
+    if rotors != base.rotors:
+        base = _enlarged(base, vehicle.frame, rotors)
     rise_lag, fall_lag = base.rotor_lags
     if vehicle.lag_up is not None:
         rise_lag = vehicle.lag_up
@@ -189,6 +195,29 @@ def airframe(vehicle: VehicleSpec) -> Airframe:
         inertia=(ix, iy, iz),
         rotor_lags=(rise_lag, fall_lag),
         thrust_expo=vehicle.quadratic_thrust,
+    )
+
+
+def _enlarged(quadrotor: Airframe, frame: Shape, rotors: int) -> Airframe:
+    """Returns a vehicle of more rotors of the same kind: each carries as much as one of the quadrotor does.
+
+    Mass and drag grow with the number of rotors, and moments of inertia with the square of the length of the arms too.
+
+    Args:
+        quadrotor: Airframe whose rotors are used.
+        frame: Frame of the vehicle.
+        rotors: Number of its rotors.
+    """
+    scale = rotors / quadrotor.rotors
+    inertia_scale = scale * CIRCLES[frame].size ** 2
+    ix, iy, iz = (inertia_scale * inertia for inertia in quadrotor.inertia)
+    return replace(
+        quadrotor,
+        mass=scale * quadrotor.mass,
+        # The arms of a circle are alike: so are the moments of inertia about them.
+        inertia=((ix + iy) / 2, (ix + iy) / 2, iz),
+        drag_area=scale * quadrotor.drag_area,
+        rotors=rotors,
     )
 
 

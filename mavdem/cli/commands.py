@@ -46,7 +46,7 @@ COMMAND_SUMMARIES = {
     "live": "Attaches to a link and learns while the vehicle flies.",
     "convert": "Converts a log to another file format.",
     "twin": "Makes a simulated vehicle of a log, and flies the log again.",
-    "fly": "Simulates the flight of a quadrotor in wind.",
+    "fly": "Simulates the flight of a multirotor in wind.",
     "reproduce": "Runs the paper's experiments again and checks its claims.",
 }
 """What each command does, by its name: the first line of the command's own help.

@@ -33,8 +33,8 @@ from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import total_seconds
 from sitl_scenarios.rotors import rotor_frame
 from sitl_scenarios.scenario import Scenario
-from sitl_scenarios.simulation import Simulation
 from sitl_scenarios.simulation import fly as fly_through
+from sitl_scenarios.simulation import simulation_of
 from sitl_scenarios.truth import write_truth
 from sitl_scenarios.vehicles import airframe
 
@@ -100,7 +100,7 @@ def fly_command(
     as_list: bool,
     as_json: bool,
 ) -> None:
-    """Simulates the flight of a quadrotor in wind.
+    """Simulates the flight of a multirotor in wind.
 
     SCENARIO is a name from --list, or the path of a .toml file. The vehicle arms, climbs, hovers as the scenario says,
     lands and disarms. It sends MAVLink as PX4 or ArduPilot does: into a log (--out), with the true states beside it, or
@@ -245,7 +245,7 @@ def _chosen_scenario(
     # The rates of messages are checked here, since otherwise they would be refused only after a long flight.
     stream = scenario.stream
     with _usage_errors("SCENARIO", prefix=f"{Path(name).name}: "):
-        AUTOPILOTS[stream.autopilot].rates(stream.rate, stream.rates)
+        AUTOPILOTS[stream.autopilot].rates(stream.rate, stream.rates, scenario.has_instruments)
     return scenario
 
 
@@ -352,7 +352,7 @@ def _fly_live(name: str, scenario: Scenario, udp: str, speed: float) -> JsonValu
             def show_time(time: float) -> None:
                 show_fraction(min(time / duration, 1.0))
 
-            outcome = fly_live(scenario, Simulation(scenario), ground, speed, show_time)
+            outcome = fly_live(scenario, simulation_of(scenario), ground, speed, show_time)
     ended = "Stopped after" if outcome.stopped else "Flew"
     print_to_stderr(
         f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames."

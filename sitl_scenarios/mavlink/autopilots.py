@@ -12,7 +12,7 @@ from typing import Literal
 from pydantic import TypeAdapter
 
 from mavdem.files import load_adjacent_toml
-from sitl_scenarios.scenario import shortened
+from sitl_scenarios.section import shortened
 
 Mode = tuple[int, int]
 """HEARTBEAT's base_mode without the flag of an armed vehicle, and its custom_mode."""
@@ -42,17 +42,24 @@ class Autopilot:
     """Output of channels without a motor, PWM pulse in µs."""
     modes: tuple[Mode, ...]
     """Flight modes by MAV_LANDED_STATE, the first on the ground."""
+    manual_modes: tuple[Mode, ...]
+    """Modes that a flight plan does not have: stabilised by hand, flip, and landing by a failsafe."""
+    instruments: Mapping[str, float]
+    """Rates of the messages of instruments, Hz by name, where they are sent."""
     parameters: Mapping[int, Mapping[str, float]]
     """Values of fixed parameters by name, by MAV_PARAM_TYPE; a scenario may change them."""
     bitwise: bool
     """Whether integer parameters are copied bit by bit into PARAM_VALUE's float, rather than converted."""
 
-    def rates(self, rate: float, replacements: Mapping[str, float]) -> dict[str, float]:
+    def rates(
+        self, rate: float, replacements: Mapping[str, float], has_instruments: bool = False
+    ) -> dict[str, float]:
         """Returns the rates of all messages that the autopilot can send, Hz by name; 0 for those on request only.
 
         Args:
             rate: Rate of attitude and motor outputs, Hz.
             replacements: Rates that replace the usual ones, Hz by name.
+            has_instruments: Whether the vehicle sends what its instruments measure.
 
         Raises:
             ValueError: A replacement names a message that the autopilot does not send.
@@ -60,6 +67,8 @@ class Autopilot:
         usual = dict.fromkeys(self.fast, rate)
         usual |= dict.fromkeys(self.quarter, rate / 4)
         usual |= self.slow
+        if has_instruments:
+            usual |= self.instruments
         for name in replacements:
             if name not in usual:
                 names = ", ".join(usual)

@@ -10,8 +10,8 @@ from typing import Any
 
 from mavdem.ingest.mavlink.definitions import definitions_by_id, pymavlink_messages
 from mavdem.ingest.vocabulary import mavlink_constant
+from sitl_scenarios.flight_simulation import Simulation
 from sitl_scenarios.mavlink.transmitter import Transmitter
-from sitl_scenarios.simulation import Simulation
 
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = (
     mavlink_constant(f"MAV_RESULT_{name}")

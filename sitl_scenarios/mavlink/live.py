@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from time import monotonic
 
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
+from sitl_scenarios.flight_simulation import Simulation
 from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
 from sitl_scenarios.mavlink.transmitter import LossyLink, TimedFrame, Transmitter
 from sitl_scenarios.motion import Progress
 from sitl_scenarios.scenario import Scenario
-from sitl_scenarios.simulation import Simulation
 
 MAX_DATAGRAM = 2048
 """Largest datagram that is received, bytes: no common network carries a longer one in one piece."""

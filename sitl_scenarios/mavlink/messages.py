@@ -12,20 +12,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.mavlink.definitions import definitions_by_name
-from mavdem.ingest.vocabulary import ACTIVE, ARMED, ON_GROUND, STANDBY, mavlink_constant, quaternion
+from mavdem.ingest.vocabulary import (
+    ACTIVE,
+    ARMED,
+    CRITICAL,
+    ON_GROUND,
+    STANDBY,
+    mavlink_constant,
+    quaternion,
+)
 from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.mavlink.autopilots import Autopilot
-from sitl_scenarios.motion import Arrays, Motion, estimated_angles
+from sitl_scenarios.mavlink.instrument_messages import (
+    flight_modes,
+    instrument_fields,
+    system_status_fields,
+)
+from sitl_scenarios.mavlink.units import HOME, METRES_PER_DEGREE, by_column
+from sitl_scenarios.mishaps.instruments import InstrumentedMotion
+from sitl_scenarios.motion import Motion, estimated_angles
 from sitl_scenarios.plan import FULL_STICK
-from sitl_scenarios.rotors import MAX_PULSE, MIN_PULSE, SPIN_DIRECTIONS, pulse_width
+from sitl_scenarios.rotors import (
+    CIRCLES,
+    MAX_PULSE,
+    MIN_PULSE,
+    pulse_width,
+    rotor_count,
+)
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.vehicles import FULL_BATTERY_VOLTAGE, GRAVITY
 
 Payloads = NDArray[Any]
 """(N,) payloads of one message: a structured array of the definition's wire type."""
 
-QUADROTOR = mavlink_constant("MAV_TYPE_QUADROTOR")
-"""MAV_TYPE of the vehicle."""
+VEHICLE_TYPES = {
+    4: mavlink_constant("MAV_TYPE_QUADROTOR"),
+    6: mavlink_constant("MAV_TYPE_HEXAROTOR"),
+    8: mavlink_constant("MAV_TYPE_OCTOROTOR"),
+}
+"""MAV_TYPE of the vehicle by its number of rotors, coaxial ones too."""
 
 SENSORS = sum(
     mavlink_constant(f"MAV_SYS_STATUS_SENSOR_{name}")
@@ -41,12 +66,6 @@ UNUSED = np.iinfo(np.uint16).max
 
 UNKNOWN_RSSI = np.iinfo(np.uint8).max
 """Value of a signal strength that is not known, by the definition of RC_CHANNELS."""
-
-HOME = (47.397742, 8.545594, 488.0)
-"""Latitude and longitude, degrees, and altitude, m, of the take-off: the home of PX4's simulators."""
-
-METRES_PER_DEGREE = 111_195.0
-"""Length of a degree of latitude, m, on a sphere of 6371 km."""
 
 CHANNELS: int = definitions_by_name()["HIL_ACTUATOR_CONTROLS"].wire["controls"].shape[0]
 """Number of channels in each message of motor outputs."""
@@ -72,19 +91,6 @@ def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
     return table
 
 
-def by_column(names: str, values: NDArray[Any]) -> Arrays:
-    """Names the columns of an array, as the fields of a message.
-
-    Args:
-        names: Names of the n columns, separated by spaces.
-        values: (N, n) values.
-
-    Returns:
-        Columns (N,) by name.
-    """
-    return dict(zip(names.split(), values.T, strict=True))
-
-
 def message_payloads(
     name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autopilot
 ) -> Payloads:
@@ -100,17 +106,26 @@ def message_payloads(
         (N,) payloads of the message's wire type.
     """
     fields: dict[str, Any] = {"time_boot_ms": boot // 1000 % 2**32}
-    modes = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]
+    if isinstance(motion, InstrumentedMotion):
+        instrument = instrument_fields(name, motion, boot, autopilot)
+        if instrument is not None:
+            return payload(name, len(boot), **instrument)
+        modes = flight_modes(motion, autopilot)
+    else:
+        modes = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]
     base = modes[:, 0] + ARMED * motion.armed
     custom = modes[:, 1]
     rates = by_column("rollspeed pitchspeed yawspeed", motion.known_rates)
     outputs = np.full((len(motion), CHANNELS), autopilot.unused)
-    outputs[:, : len(SPIN_DIRECTIONS)] = motion.outputs
+    rotors = motion.outputs.shape[1]
+    outputs[:, :rotors] = motion.outputs
     match name:
         case "HEARTBEAT":
             status = np.where(motion.armed & (motion.landed_state != ON_GROUND), ACTIVE, STANDBY)
+            if isinstance(motion, InstrumentedMotion):
+                status = np.where(motion.is_failsafe, CRITICAL, status)
             fields = {
-                "type": QUADROTOR,
+                "type": VEHICLE_TYPES[rotors],
                 "autopilot": autopilot.number,
                 "base_mode": base,
                 "custom_mode": custom,
@@ -125,6 +140,9 @@ def message_payloads(
                 "current_battery": -1,
                 "battery_remaining": -1,
             }
+            if isinstance(motion, InstrumentedMotion):
+                fields |= system_status_fields(motion, SENSORS)
+                fields["onboard_control_sensors_health"] |= FENCE
         case "EXTENDED_SYS_STATE":
             fields = {"landed_state": motion.landed_state}
         case "ATTITUDE":
@@ -161,7 +179,7 @@ def message_payloads(
         case "HIL_ACTUATOR_CONTROLS":
             # A motor that is stopped has less than the lowest pulse, and no negative command.
             commands = np.maximum((motion.outputs - MIN_PULSE) / (MAX_PULSE - MIN_PULSE), 0.0)
-            controls = np.pad(commands, ((0, 0), (0, CHANNELS - len(SPIN_DIRECTIONS))))
+            controls = np.pad(commands, ((0, 0), (0, CHANNELS - rotors)))
             fields = {"time_usec": boot, "controls": controls, "mode": base}
     return payload(name, len(boot), **fields)
 
@@ -170,7 +188,8 @@ def _stick_channels(motion: Motion) -> dict[str, Any]:
     """Returns the fields of RC_CHANNELS but its time: PWM pulses of the pilot's sticks, µs.
 
     A stick at rest gives the pulse in the middle, 1500 µs. A stick to the right, or drawn back, which raises the nose,
-    gives more. Only four channels are used: roll, pitch, throttle, which stays in the middle, and yaw.
+    gives more. Only four channels are used: roll, pitch, throttle and yaw. The throttle stays in the middle, unless a
+    pilot flies.
     """
     middle = pulse_width(0.5)
     pulses = middle + np.round((MAX_PULSE - middle) * motion.sticks / FULL_STICK)
@@ -180,6 +199,9 @@ def _stick_channels(motion: Motion) -> dict[str, Any]:
     }
     fields |= {f"chan{channel}_raw": pulses[:, axis] for channel, axis in STICK_CHANNELS}
     fields |= {"chan3_raw": middle, "chancount": 4, "rssi": UNKNOWN_RSSI}
+    if isinstance(motion, InstrumentedMotion):
+        throttle = MIN_PULSE + (MAX_PULSE - MIN_PULSE) * motion.throttle_stick
+        fields |= {"chan3_raw": np.round(throttle), "rssi": 254 * (motion.throttle_stick >= 0)}
     return fields
 
 
@@ -247,11 +269,21 @@ def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
         autopilot: Its autopilot, with the fixed parameters and the types of integers.
     """
     system = scenario.stream.system
-    is_x_frame = scenario.vehicle.layout == "x"
-    identity = {"MAV_SYSID": system, "FRAME_TYPE": int(is_x_frame)}
+    layout = scenario.vehicle.layout
+    frame_type = int(layout == "x")
+    autostart = PX4_X_AIRFRAME if layout == "x" else PX4_PLUS_AIRFRAME
+    if layout in CIRCLES:
+        frame_type = CIRCLES[layout].frame_type
+        autostart = CIRCLES[layout].px4_airframe
+    rotors = rotor_count(layout)
+    more_rotors = range(5, rotors + 1)
+    identity = {"MAV_SYSID": system, "FRAME_TYPE": frame_type}
+    # SERVOn_FUNCTION 33 and on are motors 1 and on; PWM_MAIN_FUNCn has 101 and on.
+    identity |= {f"SERVO{motor}_FUNCTION": 32 + motor for motor in more_rotors}
     if autopilot.name == "px4":
-        autostart = PX4_X_AIRFRAME if is_x_frame else PX4_PLUS_AIRFRAME
         identity = {"MAV_SYS_ID": system, "SYS_AUTOSTART": autostart}
+        identity |= {f"PWM_MAIN_FUNC{motor}": 100 + motor for motor in more_rotors}
+        identity |= {"MAV_TYPE": VEHICLE_TYPES[rotors]}
     kinds = {name: kind for kind, parameters in autopilot.parameters.items() for name in parameters}
     values: dict[str, float] = {}
     for parameters in (*autopilot.parameters.values(), identity, control_parameters(scenario)):

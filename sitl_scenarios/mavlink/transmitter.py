@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
@@ -16,9 +17,13 @@ from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, Autopilot
 from sitl_scenarios.mavlink.messages import message_payloads, parameters, payload
+from sitl_scenarios.mishaps.instruments import InstrumentedMotion
+from sitl_scenarios.mishaps.specs import Restart, SecondLink, SecondVehicle
+from sitl_scenarios.mishaps.texts import WATCHDOG_TEXT
 from sitl_scenarios.motion import Array, Motion, Pair
 from sitl_scenarios.plan import BOOT_SECONDS, total_seconds
 from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.simulation import fly
 
 Rows = NDArray[np.intp]
 
@@ -146,7 +151,9 @@ class Transmitter:
         """
         self.autopilot = AUTOPILOTS[scenario.stream.autopilot]
         self.system = scenario.stream.system
-        self._rates = self.autopilot.rates(scenario.stream.rate, scenario.stream.rates)
+        self._rates = self.autopilot.rates(
+            scenario.stream.rate, scenario.stream.rates, scenario.has_instruments
+        )
         if scenario.stream.only_when_asked:
             # All others wait for a request.
             unrequested = {"HEARTBEAT", *scenario.stream.rates}
@@ -226,6 +233,8 @@ class Transmitter:
             end = total_seconds(self._scenario)
             for time in np.arange(0.0, end, MAVPROXY_SECONDS).tolist():
                 yield time, self._set_all_streams
+        if isinstance(self._scenario.mishap, Restart):
+            yield self._scenario.mishap.start, self._restart_by_watchdog
         if faults.reboot is not None:
             yield faults.reboot, lambda now: self._boot(now, now + REBOOT_SECONDS)
         if faults.clock_jump is not None:
@@ -243,6 +252,12 @@ class Transmitter:
                 change = abs(self.schedule.interval(name) - interval)
                 if change >= self.autopilot.interval_step:
                     self.schedule.set(name, interval, self.clock)
+
+    def _restart_by_watchdog(self, now: float) -> None:
+        """Boots the autopilot anew in flight, which then says why."""
+        self._boot(now, now + REBOOT_SECONDS)
+        # MAV_SEVERITY_CRITICAL
+        self.send_once("STATUSTEXT", severity=2, text=WATCHDOG_TEXT[:50].encode())
 
     def _jump_clock(self, _: float) -> None:
         """Moves the boot clock ahead, as that of a paused simulator."""
@@ -317,6 +332,11 @@ class Transmitter:
             motion: N rows of the flight.
             clock: Their times on the boot clock, s; (N,).
         """
+        if isinstance(motion, InstrumentedMotion):
+            for row in np.flatnonzero(motion.text != "").tolist():
+                text = str(motion.text[row]).encode()
+                said = payload("STATUSTEXT", severity=motion.severity[row], text=text)
+                yield OutgoingMessage(row, "STATUSTEXT", said.tobytes())
         for name in self._rates:
             rows = self.schedule.due(name, clock)
             if len(rows):
@@ -386,6 +406,42 @@ class LossyLink:
         return [] if self._held is None else [self._held]
 
 
+def with_second_sender(scenario: Scenario, received: list[TimedFrame]) -> list[TimedFrame]:
+    """Returns the frames that arrive, with those of a second link or a second vehicle where a mishap has one.
+
+    The second vehicle flies the same plan elsewhere, with another seed and another boot clock, and counts its own
+    frames. Its stream begins half a second after that of the first.
+
+    Args:
+        scenario: What is flown.
+        received: Frames of the vehicle with their times of arrival, s, ascending.
+    """
+    mishap = scenario.mishap
+    if isinstance(mishap, SecondLink):
+        again = [(time + mishap.delay, frame) for time, frame in received]
+        return sorted(received + again, key=itemgetter(0))
+    if isinstance(mishap, SecondVehicle):
+        second_scenario = scenario.model_copy(update={"seed": scenario.seed + 1})
+        motion = fly(second_scenario)
+        east = np.array([0.0, mishap.metres, 0.0])
+        moved = replace(
+            motion,
+            time=motion.time + mishap.boot,
+            position=motion.position + east,
+            known_position=motion.known_position + east,
+        )
+        if isinstance(moved, InstrumentedMotion):
+            moved = replace(moved, fix=moved.fix + east)
+        second = Transmitter(scenario).send(moved)
+        shift = SECOND_VEHICLE_SECONDS - mishap.boot
+        others = [(time + shift, frame) for time, frame in second]
+        return sorted(received + others, key=itemgetter(0))
+    return received
+
+
+SECOND_VEHICLE_SECONDS = 0.5
+"""Time by which the stream of a second vehicle begins later, s; a choice."""
+
 BLOCK_CYCLES = 1 << 14
 """Number of cycles whose frames are made together."""
 
@@ -415,6 +471,7 @@ def recorded(scenario: Scenario, motion: Motion) -> FrameStream:
     for begin in range(0, len(motion), BLOCK_CYCLES):
         received += link.pass_on(transmitter.send(motion[begin : begin + BLOCK_CYCLES]))
     received += link.held_frames()
+    received = with_second_sender(scenario, received)
     data = np.frombuffer(b"".join(frame for _, frame in received), dtype=np.uint8)
     sizes = np.array([len(frame) for _, frame in received], np.int64)
     frame_starts = np.cumsum(sizes) - sizes

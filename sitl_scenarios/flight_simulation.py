@@ -1,0 +1,390 @@
+"""Simulation of a flight: advances a scenario cycle by cycle of its autopilot, and records every quantity."""
+
+from collections import deque
+from math import fsum, hypot, sqrt
+from typing import Any
+
+import numpy as np
+
+from sitl_scenarios.controller import ControlOutput
+from sitl_scenarios.damage import damage_history
+from sitl_scenarios.dynamics import NO_ACCELERATION, AirState, Body, State, physics_steps
+from sitl_scenarios.gyro import NO_ROTATION
+from sitl_scenarios.motion import Motion
+from sitl_scenarios.parameter_controller import controller_for, gyro_for
+from sitl_scenarios.plan import (
+    AFTER_SECONDS,
+    BOOT_SECONDS,
+    LANDING,
+    ON_GROUND,
+    TAKING_OFF,
+    FlightPlan,
+    Reference,
+)
+from sitl_scenarios.rotors import DISARMED_PULSE, IDLE_COMMAND, pulse_width
+from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.sensors import GyroVibration, StateEstimator
+from sitl_scenarios.vectors import Vector3, Vector4
+from sitl_scenarios.vehicles import GRAVITY, airframe
+from sitl_scenarios.wind import Weather
+
+MAX_BODY_RATE = 200.0
+"""Body rate above which a vehicle is out of control, rad/s: no vehicle turns faster."""
+
+Row = dict[str, Any]
+"""Values of the fields of ``Motion`` in one cycle, by name."""
+
+
+def tumbles(state: State) -> bool:
+    """Returns whether a vehicle is out of control: rates above ``MAX_BODY_RATE``, or not a number."""
+    # The comparison is negated, because nothing compares with a number that is none.
+    return not hypot(*state.rates) < MAX_BODY_RATE
+
+
+class Simulation:
+    """A simulation of a scenario's flights that is advanced by cycles of the autopilot.
+
+    A flight is: two seconds on the ground, arming, the flight, disarming, one second more. The next flight follows.
+    Every number follows from the scenario: flown again, all are the same, bit by bit. ``scenario`` is what is flown,
+    ``cycle`` the period of the autopilot's loop and of the rows of ``Motion``, s, and ``armed`` says whether the motors
+    may turn.
+    """
+
+    motion_type: type[Motion] = Motion
+    """Record of the rows of a flight."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Prepares the first flight, with the whole weather; raises ValueError if its duration is too short."""
+        self.scenario = scenario
+        self.cycle = scenario.cycle
+        self._steps = physics_steps(self.cycle)
+        self._body = Body(scenario.vehicle, self.cycle / self._steps)
+        self._airframe = airframe(scenario.vehicle)
+        self._plan = FlightPlan(scenario)
+        self._controller = controller_for(scenario)
+        self._gyro = gyro_for(self._controller)
+        self._vibration = GyroVibration(scenario, self.cycle / self._steps)
+        self._estimator = StateEstimator(scenario)
+        # Durations in cycles: from boot to arming, from arming to the planned disarming, and to the flight's end.
+        self._boot_cycles = round(BOOT_SECONDS / self.cycle)
+        self._flight_cycles = round(scenario.duration / self.cycle)
+        self._end_cycles = self._flight_cycles + round(AFTER_SECONDS / self.cycle)
+        cycles = np.arange(-self._boot_cycles, self._end_cycles, dtype=np.float64)
+        self._weather = Weather(scenario, self.cycle, self.cycle * cycles)
+        # Speeds of rotors that stand still, rad/s.
+        self._stopped_rotors: Vector4 = (0.0,) * self._airframe.rotors
+        self._state = State(rotors=self._stopped_rotors)
+        # Numbers of the current cycle and of that in which the current flight is armed.
+        self._current_cycle = 0
+        self._arming_cycle: int = self._boot_cycles
+        self._remaining_flights = scenario.flights - 1
+        # Damage begins at its time after the first arming, whatever the number of flights.
+        self._coming_damage = deque(
+            (self._boot_cycles + round(time / self.cycle), condition)
+            for time, condition in damage_history(scenario)
+        )
+        self.armed = False
+        # Whether arming was commanded, so that the autopilot no longer arms itself.
+        self._is_commanded = False
+        self._on_ground = True
+        # Whether the vehicle touched down at the end of this flight, or fell.
+        self._has_landed = False
+
+    @property
+    def finished(self) -> bool:
+        """Whether the last flight and the second after it are over."""
+        return (
+            not self._remaining_flights
+            and self._current_cycle >= self._arming_cycle + self._end_cycles
+        )
+
+    def set_armed(self, armed: bool, force: bool = False) -> bool:
+        """Arms or disarms the vehicle by a ground station's command; from then on the autopilot does not arm itself.
+
+        Arming begins a flight of the scenario's duration, even after another one, and the scenario's remaining flights
+        are dropped. Arming in the air is refused, and so is disarming there, unless it is forced, which makes the
+        vehicle fall.
+
+        Args:
+            armed: Whether the vehicle shall be armed.
+            force: Whether to disarm in the air, too.
+
+        Returns:
+            Whether the vehicle is armed or disarmed as commanded.
+        """
+        if armed == self.armed:
+            return True
+        if not self._on_ground and (armed or not force):
+            return False
+        self._is_commanded = True
+        self._remaining_flights = 0
+        self.armed = armed
+        if armed:
+            self._begin_flight(self._current_cycle)
+        return True
+
+    def advance(self, cycles: int) -> Motion:
+        """Simulates some cycles of the autopilot; call it only while not ``finished``.
+
+        Args:
+            cycles: Number of cycles; fewer are simulated where the last flight ends before.
+
+        Returns:
+            One row for each simulated cycle.
+
+        Raises:
+            ValueError: The vehicle tumbles.
+        """
+        rows = []
+        for _ in range(cycles):
+            if self.finished:
+                break
+            rows.append(self._fly_cycle())
+        # The rows become columns: one array for each field of the motion.
+        columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        return self.motion_type(**columns)
+
+    def _begin_flight(self, arming_cycle: int) -> None:
+        """Begins another flight, which is armed in the cycle of this number."""
+        self._arming_cycle = arming_cycle
+        self._has_landed = False
+        self._controller.reset()
+
+    def _update_arming(self) -> None:
+        """Plays the autopilot's clockwork at the beginning of a cycle: next flight, arming, disarming.
+
+        ``flight_cycle`` counts cycles from the arming of the current flight: it is negative while the vehicle waits to
+        be armed, 0 when it is armed, ``_flight_cycles`` at the planned disarming, and ``_end_cycles`` at the end.
+        """
+        flight_cycle = self._current_cycle - self._arming_cycle
+        if self._remaining_flights and not self.armed and flight_cycle >= self._end_cycles:
+            self._remaining_flights -= 1
+            # The vehicle waits on the ground as long as after boot before it is armed again.
+            self._begin_flight(self._current_cycle + self._boot_cycles)
+            flight_cycle = -self._boot_cycles
+        # Once a ground station has commanded arming, the autopilot leaves it to the ground station.
+        if not self.armed and not self._is_commanded and flight_cycle == 0:
+            self.armed = True
+        # A vehicle that is late in touching down, such as one in a strong wind, stays armed until it does.
+        if self.armed and flight_cycle >= self._flight_cycles and self._on_ground:
+            self.armed = False
+
+    def _fly_cycle(self) -> Row:
+        """Simulates one cycle of the autopilot: sense, control, record, and move the vehicle to the next cycle.
+
+        Returns:
+            The quantities at the cycle's beginning, with the motor outputs that are set for it, by the names and in the
+            units of ``Motion``'s fields.
+
+        Raises:
+            ValueError: The vehicle tumbles.
+        """
+        self._apply_due_damage()
+        self._update_arming()
+        state = self._state
+        flight_cycle = self._current_cycle - self._arming_cycle
+        # The weather begins at boot, that is ``_boot_cycles`` before arming.
+        air = self._weather.air_at(flight_cycle + self._boot_cycles, state.position)
+        battery = self._battery_fraction(flight_cycle)
+
+        # The autopilot sees the state through its sensors: the rates behind the gyro's filters, all with noise and
+        # delay.
+        estimate = self._estimate(state._replace(rates=self._gyro.filtered_rates))
+        reference = self._reference(estimate)
+        control = self._control_output(estimate, reference)
+        row = self._row(air, battery, estimate, reference, control)
+
+        self._move(control.outputs, battery, air, reference)
+        self._current_cycle += 1
+        return row
+
+    @property
+    def _flight_time(self) -> float:
+        """Time since the current flight was armed, s; negative before."""
+        return (self._current_cycle - self._arming_cycle) * self.cycle
+
+    def _estimate(self, state: State) -> State:
+        """Returns the state as the autopilot estimates it, given the true one with the rates of the gyro."""
+        return self._estimator.estimate(state)
+
+    def _reference(self, _: State) -> Reference:
+        """Returns the setpoints of this cycle: those of the flight plan, whatever the estimated state."""
+        return self._plan.reference_at(self._flight_time)
+
+    def _apply_due_damage(self) -> None:
+        """Puts the vehicle in each condition whose damage begins in the current cycle or before."""
+        while self._coming_damage:
+            first_cycle, condition = self._coming_damage[0]
+            if self._current_cycle < first_cycle:
+                break
+            self._coming_damage.popleft()
+            self._body.apply_damage(condition)
+
+    def _battery_fraction(self, flight_cycle: int) -> float:
+        """Returns the remaining fraction of a full battery's voltage, ``flight_cycle`` cycles after arming.
+
+        It falls evenly from arming to the planned disarming, by the scenario's ``battery_sag``. Every flight begins
+        with a full battery.
+        """
+        flown_fraction = min(max(flight_cycle / self._flight_cycles, 0.0), 1.0)
+        return 1.0 - self.scenario.vehicle.battery_sag * flown_fraction
+
+    def _row(
+        self,
+        air: AirState,
+        battery: float,
+        estimate: State,
+        reference: Reference,
+        control: ControlOutput,
+    ) -> Row:
+        """Returns the quantities of the current cycle by the names of ``Motion``'s fields, before the vehicle moves on.
+
+        Args:
+            air: The air at the vehicle.
+            battery: Remaining fraction of the voltage of a full battery.
+            estimate: State as the autopilot estimates it.
+            reference: Setpoints of the flight plan.
+            control: Outputs and setpoints of the autopilot.
+        """
+        state = self._state
+        # On the ground, its reaction holds the vehicle: no disturbance is recorded.
+        accelerations = NO_ACCELERATION
+        if not self._on_ground:
+            accelerations = self._body.dynamics(
+                state.attitude, state.velocity, state.rates, state.rotors, air
+            )
+        sticks: Vector3 = NO_ROTATION
+        if reference.by_stick and self.armed:
+            sticks = reference.attitude_demand
+        return {
+            "time": self._current_cycle * self.cycle,
+            "position": state.position,
+            "velocity": state.velocity,
+            "attitude": state.attitude,
+            "rates": state.rates,
+            "known_attitude": estimate.attitude,
+            "known_rates": estimate.rates,
+            "gyro": self._gyro.raw_rates,
+            "known_position": estimate.position,
+            "known_velocity": estimate.velocity,
+            "outputs": control.outputs,
+            "demands": control.demands,
+            "attitude_setpoint": control.attitude,
+            "rates_setpoint": control.rates,
+            "sticks": sticks,
+            "rotor_speeds": state.rotors,
+            "battery": battery,
+            "wind": (air.north, air.east, air.down),
+            "force": accelerations.disturbance_force,
+            "moment": accelerations.disturbance_moment,
+            "armed": self.armed,
+            "landed_state": np.uint8(self._landed_state(reference)),
+        }
+
+    def _landed_state(self, reference: Reference) -> int:
+        """Returns the MAV_LANDED_STATE that is reported: 1 on the ground, 2 in the air, 3 taking off, 4 landing.
+
+        It is the flight plan's, except that a vehicle that stands on the ground reports so, whatever the plan: it may
+        have touched down early, or may not be armed. Only one that is armed and about to climb reports its take-off.
+        """
+        is_taking_off = self.armed and reference.landed_state == TAKING_OFF
+        if self._on_ground and not is_taking_off:
+            return ON_GROUND
+        return reference.landed_state
+
+    def _control_output(self, estimate: State, reference: Reference) -> ControlOutput:
+        """Returns the autopilot's output in this cycle.
+
+        The motors are stopped while the vehicle is disarmed, and idle while it is armed on the ground, before take-off
+        and after landing. Otherwise the flight controller runs.
+
+        Args:
+            estimate: State as the autopilot estimates it.
+            reference: Setpoints of the flight plan.
+        """
+        if not self.armed:
+            stopped_pulse = DISARMED_PULSE[self.scenario.stream.autopilot]
+            return ControlOutput((stopped_pulse,) * self._airframe.rotors, (0.0,) * 4)
+        if reference.landed_state == ON_GROUND or self._has_landed:
+            idle_pulse = pulse_width(IDLE_COMMAND)
+            # No demands of roll, pitch and yaw; the thrust is idle.
+            return ControlOutput(
+                (idle_pulse,) * self._airframe.rotors, (*NO_ROTATION, IDLE_COMMAND)
+            )
+        return self._controller.control(estimate, reference, is_flying=not self._on_ground)
+
+    def _move(self, outputs: Vector4, battery: float, air: AirState, reference: Reference) -> None:
+        """Moves the vehicle by one cycle of the autopilot: on the ground, in the air, or from the air onto the ground.
+
+        On the ground only the rotors turn. In the air the physics take several steps, during which the motor outputs
+        and the air are constant.
+
+        Args:
+            outputs: PWM pulse of each motor, µs.
+            battery: Remaining fraction of the voltage of a full battery.
+            air: The air during the cycle.
+            reference: Setpoints of the flight plan, which tell a landing from a bounce.
+
+        Raises:
+            ValueError: The vehicle tumbles.
+        """
+        # A disarmed motor is off, whatever its pulse.
+        settled_speeds = self._stopped_rotors
+        if self.armed:
+            settled_speeds = self._body.settled_speeds(outputs, battery)
+        if self._on_ground:
+            self._spin_on_ground(settled_speeds)
+            return
+        state = self._gyro.advance(
+            self._body, self._state, settled_speeds, air, self._steps, self._vibration
+        )
+        if tumbles(state):
+            raise ValueError(
+                f"the vehicle is out of control {self._current_cycle * self.cycle:.1f} s after boot, "
+                f"turning at more than {MAX_BODY_RATE:g} rad/s: it needs less wind, or smaller moments"
+            )
+        self._state = state
+        _, _, down = state.position
+        _, _, sink_speed = state.velocity
+        if down >= 0.0 and sink_speed > 0.0:
+            self._touch_down(reference)
+
+    def _touch_down(self, reference: Reference) -> None:
+        """Puts the vehicle at rest on the ground.
+
+        The flight is over if the plan is landing or the motors are off. Otherwise the vehicle has only been pushed
+        down, and takes off again. Integrators and gyro filters begin anew, as at rest.
+        """
+        self._state = _at_rest_on_ground(self._state)
+        self._on_ground = True
+        self._has_landed = reference.landed_state == LANDING or not self.armed
+        self._controller.reset()
+        self._gyro = gyro_for(self._controller)
+
+    def _spin_on_ground(self, settled_speeds: Vector4) -> None:
+        """Turns the rotors for one cycle on the ground; the vehicle lifts off when their thrust exceeds its weight.
+
+        Args:
+            settled_speeds: Speeds that the rotors tend to with their lag, rad/s.
+        """
+        rotors = self._state.rotors
+        for _ in range(self._steps):
+            rotors = self._body.lagged_speeds(rotors, settled_speeds).full_step
+        self._state = self._state._replace(rotors=rotors)
+        # Damaged propellers give a fraction of their thrust.
+        thrust_fractions = self._body.condition.thrust
+        lift = fsum(
+            fraction * self._airframe.thrust_at(speed)
+            for speed, fraction in zip(rotors, thrust_fractions, strict=True)
+        )
+        self._on_ground = lift <= self._airframe.mass * GRAVITY
+
+
+def _at_rest_on_ground(state: State) -> State:
+    """Returns the state of a vehicle that touched down: level and at rest, with its heading and rotor speeds."""
+    north, east, _ = state.position
+    # A quaternion without its x and y is a rotation about the vertical: it keeps the heading of a nearly level vehicle.
+    w, _, _, z = state.attitude
+    length = sqrt(w * w + z * z) or 1.0
+    heading_only = (w / length, 0.0, 0.0, z / length)
+    return State((north, east, 0.0), attitude=heading_only, rotors=state.rotors)

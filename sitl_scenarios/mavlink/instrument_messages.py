@@ -1,0 +1,220 @@
+"""Messages of instruments: MAVLink payload fields of barometer, satellites, vibration, power and estimator.
+
+Fields, units and scales are those of https://mavlink.io/en/messages/common.html and ardupilotmega.html,
+filled as PX4's ``src/modules/mavlink/streams`` and ArduPilot's ``GCS_Common.cpp`` fill them.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.ingest.vocabulary import mavlink_constant
+from sitl_scenarios.mavlink.autopilots import Autopilot
+from sitl_scenarios.mavlink.units import HOME, METRES_PER_DEGREE, by_column, heading
+from sitl_scenarios.mishaps.instruments import CELLS, InstrumentedMotion
+from sitl_scenarios.mishaps.sensor_faults import FIX_3D
+from sitl_scenarios.motion import Arrays
+from sitl_scenarios.plan import ON_GROUND
+from sitl_scenarios.vehicles import GRAVITY
+
+Fields = dict[str, Any]
+"""Values of a message's fields: one for all payloads, or one for each."""
+
+SEA_LEVEL_PRESSURE = 1013.25
+"""Pressure of the standard atmosphere at sea level, hPa (ISO 2533)."""
+
+PRESSURE_EXPONENT = 5.25588
+"""Exponent of the pressure in the standard atmosphere."""
+
+PRESSURE_LAPSE = 2.25577e-5
+"""Lapse of the temperature by that at sea level, 1/m, in the standard atmosphere."""
+
+GLITCH_FLAGS = {
+    "EKF_STATUS_REPORT": mavlink_constant("EKF_GPS_GLITCHING"),
+    "ESTIMATOR_STATUS": mavlink_constant("ESTIMATOR_GPS_GLITCH"),
+}
+"""Bit of the flags of each message that reports a jump of the satellites' position."""
+
+ATTITUDE_AND_HEIGHT = 1 | 4 | 32
+"""Bits of an estimator's flags: attitude, vertical speed and height are good."""
+
+HORIZONTAL = 2 | 8 | 16 | 256 | 512
+"""Bits of an estimator's flags: horizontal speed and position are good."""
+
+HORIZONTAL_WITHOUT_FIX = 2 | 8
+"""Bits of an estimator's flags while it reckons without satellites."""
+
+PX4_VIBRATION_SCALE = 0.25
+"""PX4's vibration metric by ArduPilot's, whose filters differ: the limits of both stand in about this ratio."""
+
+BATTERY_CAPACITY = 3000.0
+"""Charge of a full battery, mAh."""
+
+UNKNOWN_VOLTAGE = np.iinfo(np.uint16).max
+"""Value of a cell of BATTERY_STATUS that does not exist."""
+
+
+def instrument_fields(
+    name: str, motion: InstrumentedMotion, boot: NDArray[np.int64], autopilot: Autopilot
+) -> Fields | None:
+    """Returns the fields of a message that instruments fill; None for a message that they do not fill.
+
+    Args:
+        name: Name of the message.
+        motion: N rows of the flight.
+        boot: Their times since boot, µs; (N,).
+        autopilot: Autopilot that sends the message.
+    """
+    time_boot_ms = boot // 1000 % 2**32
+    match name:
+        case "GPS_RAW_INT":
+            return {"time_usec": boot, **_satellite_fields(motion)}
+        case "SCALED_PRESSURE":
+            return {
+                "time_boot_ms": time_boot_ms,
+                "press_abs": _pressure(motion),
+                "temperature": 3500,
+            }
+        case "HIGHRES_IMU":
+            return {
+                "time_usec": boot,
+                "abs_pressure": _pressure(motion),
+                "pressure_alt": HOME[2] + motion.barometer_height,
+                "temperature": 35.0,
+                # Accelerometer, gyro and barometer are new: bits 0 to 5, 9, 11 and 12.
+                "fields_updated": 0x1A3F,
+                **by_column("xacc yacc zacc", motion.specific_force),
+                **by_column("xgyro ygyro zgyro", motion.gyro),
+            }
+        case "RAW_IMU":
+            # In mg and mrad/s, as ArduPilot fills it.
+            force = np.round(1000 * motion.specific_force / GRAVITY).clip(-32768, 32767)
+            return {
+                "time_usec": boot,
+                **by_column("xacc yacc zacc", force),
+                **by_column("xgyro ygyro zgyro", np.round(1000 * motion.gyro)),
+            }
+        case "VIBRATION":
+            return {"time_usec": boot, **_vibration_fields(motion, autopilot)}
+        case "EKF_STATUS_REPORT" | "ESTIMATOR_STATUS":
+            names = "velocity_variance pos_horiz_variance pos_vert_variance compass_variance"
+            fields: Fields = {}
+            if name == "ESTIMATOR_STATUS":
+                names = "vel_ratio pos_horiz_ratio pos_vert_ratio mag_ratio"
+                fields = {"time_usec": boot}
+            has_fix = motion.fix_type >= FIX_3D
+            flags = ATTITUDE_AND_HEIGHT | np.where(has_fix, HORIZONTAL, HORIZONTAL_WITHOUT_FIX)
+            flags |= GLITCH_FLAGS[name] * motion.is_glitching
+            return fields | by_column(names, motion.ratios) | {"flags": flags}
+        case "VFR_HUD":
+            north_speed, east_speed, down_speed = motion.known_velocity.T
+            return {
+                "groundspeed": np.hypot(north_speed, east_speed),
+                "heading": np.round(heading(motion)) % 360,
+                "throttle": np.round(100 * motion.demands[:, 3]).clip(0, 100),
+                "alt": HOME[2] - motion.known_position[:, 2],
+                "climb": -down_speed,
+            }
+        case "POWER_STATUS":
+            return {"Vcc": np.round(1000 * motion.board_voltage), "Vservo": 0, "flags": 1}
+        case "BATTERY_STATUS":
+            return _battery_fields(motion, boot)
+    return None
+
+
+def _pressure(motion: InstrumentedMotion) -> NDArray[Any]:
+    """Returns the pressure that the barometer measures, hPa, by the standard atmosphere; (N,)."""
+    altitude = HOME[2] + motion.barometer_height
+    return SEA_LEVEL_PRESSURE * (1 - PRESSURE_LAPSE * altitude) ** PRESSURE_EXPONENT
+
+
+def _satellite_fields(motion: InstrumentedMotion) -> Fields:
+    """Returns the fields of GPS_RAW_INT but its time: degrees · 1e7, mm, cm/s, and dilutions in hundredths."""
+    north, east, down = motion.fix.T
+    latitude, longitude, altitude = HOME
+    east_degrees = east / METRES_PER_DEGREE / np.cos(np.radians(latitude))
+    has_fix = motion.fix_type >= FIX_3D
+    north_speed, east_speed, _ = motion.velocity.T
+    course = np.degrees(np.arctan2(east_speed, north_speed)) % 360
+    return {
+        "fix_type": motion.fix_type,
+        "lat": np.round(1e7 * (latitude + north / METRES_PER_DEGREE)) * has_fix,
+        "lon": np.round(1e7 * (longitude + east_degrees)) * has_fix,
+        "alt": np.round(1000 * (altitude - down)) * has_fix,
+        "eph": np.where(has_fix, 80, 9999),
+        "epv": np.where(has_fix, 120, 9999),
+        "vel": np.round(100 * np.hypot(north_speed, east_speed)) * has_fix,
+        "cog": np.round(100 * course) % 36000,
+        "satellites_visible": motion.satellites,
+    }
+
+
+def _vibration_fields(motion: InstrumentedMotion, autopilot: Autopilot) -> Arrays:
+    """Returns the fields of VIBRATION but its time; PX4 has one level for all axes, in the field of z."""
+    clips = {"clipping_0": motion.clips}
+    if autopilot.name == "px4":
+        return {"vibration_z": PX4_VIBRATION_SCALE * motion.vibration, **clips}
+    return {
+        "vibration_x": 0.8 * motion.vibration,
+        "vibration_y": 0.7 * motion.vibration,
+        "vibration_z": motion.vibration,
+        **clips,
+    }
+
+
+def charge_share(motion: InstrumentedMotion, battery: int) -> NDArray[Any]:
+    """Returns the remaining charge of a battery, 0 to 1, as autopilots estimate it by the voltage of a cell; (N,)."""
+    cell = motion.battery_voltage[:, battery] / CELLS
+    return ((cell - 3.2) / (4.15 - 3.2)).clip(0.0, 1.0)
+
+
+def _battery_fields(motion: InstrumentedMotion, boot: NDArray[np.int64]) -> Fields:
+    """Returns the fields of BATTERY_STATUS; two batteries take turns, second by second."""
+    is_second = ~np.isnan(motion.battery_voltage[:, 1]) & (boot // 1_000_000 % 2 == 1)
+    battery = is_second.astype(int)
+    rows = np.arange(len(boot))
+    voltages = np.full((len(boot), 10), float(UNKNOWN_VOLTAGE))
+    voltages[:, 0] = np.round(1000 * motion.battery_voltage[rows, battery])
+    share = np.where(is_second, charge_share(motion, 1), charge_share(motion, 0))
+    return {
+        "id": battery,
+        "battery_function": 1,
+        "type": 1,
+        "temperature": np.iinfo(np.int16).max,
+        "voltages": voltages,
+        "current_battery": np.round(100 * motion.battery_current * np.where(is_second, 0.25, 1.0)),
+        "current_consumed": np.round(BATTERY_CAPACITY * (1 - share)),
+        "energy_consumed": -1,
+        "battery_remaining": np.round(100 * share),
+    }
+
+
+def system_status_fields(motion: InstrumentedMotion, sensors: int) -> Fields:
+    """Returns the fields of SYS_STATUS that instruments fill: sensors, voltage, current and charge.
+
+    Args:
+        motion: N rows of the flight.
+        sensors: Bits of the sensors that are always there, and healthy.
+    """
+    gps = mavlink_constant("MAV_SYS_STATUS_SENSOR_GPS")
+    radio = mavlink_constant("MAV_SYS_STATUS_SENSOR_RC_RECEIVER")
+    everything = sensors | gps | radio
+    has_fix = motion.fix_type >= FIX_3D
+    has_radio = motion.throttle_stick >= 0
+    health = sensors | gps * has_fix | radio * has_radio
+    return {
+        "onboard_control_sensors_present": everything,
+        "onboard_control_sensors_enabled": everything,
+        "onboard_control_sensors_health": health,
+        "voltage_battery": np.round(1000 * motion.battery_voltage[:, 0]),
+        "current_battery": np.round(100 * motion.battery_current),
+        "battery_remaining": np.round(100 * charge_share(motion, 0)),
+    }
+
+
+def flight_modes(motion: InstrumentedMotion, autopilot: Autopilot) -> NDArray[Any]:
+    """Returns base and custom mode of each row, (N, 2): those of the plan, or of whoever flies otherwise."""
+    planned = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]
+    others = np.array([(0, 0), *autopilot.manual_modes])
+    return np.where(motion.mode[:, None] > 0, others[motion.mode], planned)

@@ -1,0 +1,1 @@
+"""Mishaps of a simulated flight: what breaks, which sensor errs, what the pilot does, and what the link repeats."""

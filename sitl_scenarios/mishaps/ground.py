@@ -1,0 +1,170 @@
+"""Contact with the ground that ends a flight: a vehicle that hits it, or tips over on it, and then lies there.
+
+A vehicle that tips over is an inverted pendulum about the feet of one side; one that hits the ground comes to lie on
+its side or on its back. The vehicle does not slide, and its parts do not break off.
+"""
+
+from dataclasses import dataclass
+from math import acos, cos, exp, radians, sin, sqrt
+
+from sitl_scenarios.dynamics import State
+from sitl_scenarios.vectors import Quaternion, Vector3, normalised, rotation_matrix
+
+MAX_LANDING_LEAN = radians(30)
+"""Lean, rad, up to which a vehicle that touches the ground stays on its feet; a choice."""
+
+MAX_LANDING_SINK = 2.5
+"""Speed downwards, m/s, up to which feet hold a landing; a choice."""
+
+MAX_UPRIGHT_SINK = 4.0
+"""Speed downwards, m/s, up to which a vehicle that hits the ground upright stays so; a choice."""
+
+SIDE_ANGLE = radians(95)
+"""Lean, rad, of a vehicle that lies on its side, on motors and hull."""
+
+BACK_ANGLE = radians(175)
+"""Lean, rad, of a vehicle that lies on its back."""
+
+MIN_BACK_LEAN = radians(125)
+"""Lean, rad, at the impact from which on a vehicle comes to lie on its back; a choice."""
+
+TOPPLE_FREQUENCY = 4.0
+"""Growth rate, 1/s, of the lean of a vehicle that tips over: √(g / l) of feet 0.3 m from the centre of mass, less the
+rotors' help."""
+
+TOPPLE_START = (radians(2), radians(15))
+"""Lean, rad, and its rate, rad/s, with which a vehicle begins to tip over; a choice."""
+
+SETTLING_SECONDS = 0.15
+"""Time constant with which a vehicle that hit the ground comes to lie, s; a choice."""
+
+STOPPING_SECONDS = 0.015
+"""Time in which the ground stops a vehicle, s: a centimetre or two of what bends."""
+
+KNOCK_SECONDS = 0.03
+"""Time constant with which a knock dies away in what bends, s; a choice."""
+
+MAX_KNOCK = 150.0
+"""Greatest knock that accelerometers feel, m/s²: their range is 16 g."""
+
+TOPPLE_KNOCK = 35.0
+"""Knock of rotors and hull on the ground of a vehicle that tips over, m/s²; a choice."""
+
+
+@dataclass
+class GroundContact:
+    """A vehicle on the ground that does not stand on its feet: its lean over time about a horizontal axis."""
+
+    heading: Quaternion
+    """Attitude of the vehicle without its lean."""
+    axis: tuple[float, float]
+    """North and east of the unit vector about which it leans."""
+    lean: float
+    """Lean, rad."""
+    rest_lean: float
+    """Lean at which it comes to lie, rad."""
+    rate: float = 0.0
+    """Rate of the lean, rad/s."""
+    is_toppling: bool = False
+    """Whether it tips over from its feet, rather than having hit the ground."""
+    knock: float = 0.0
+    """What the ground's blow adds to the accelerometers, m/s²."""
+
+    @property
+    def has_settled(self) -> bool:
+        """Whether it lies still."""
+        return abs(self.rest_lean - self.lean) < radians(1)
+
+    def advance(self, seconds: float) -> None:
+        """Moves the vehicle on by so many ``seconds``."""
+        self.knock *= exp(-seconds / KNOCK_SECONDS)
+        if not self.is_toppling:
+            change = (self.rest_lean - self.lean) * (1.0 - exp(-seconds / SETTLING_SECONDS))
+            self.lean += change
+            self.rate = change / seconds
+            return
+        self.rate += TOPPLE_FREQUENCY**2 * sin(min(self.lean, radians(90))) * seconds
+        self.lean += self.rate * seconds
+        if self.lean >= self.rest_lean:
+            self.lean = self.rest_lean
+            self.rate = 0.0
+            self.is_toppling = False
+            self.knock = TOPPLE_KNOCK
+
+    def state(self, state: State) -> State:
+        """Returns a ``state`` at rest on the ground with this lean and its rate; rotor speeds stay."""
+        half = self.lean / 2
+        north, east = self.axis
+        tilt = (cos(half), sin(half) * north, sin(half) * east, 0.0)
+        attitude = normalised(product(tilt, self.heading))
+        rows = rotation_matrix(attitude)
+        rates = tuple(
+            self.rate * (north * x + east * y) for x, y in zip(rows[0], rows[1], strict=True)
+        )
+        position = (state.position[0], state.position[1], 0.0)
+        return State(position, attitude=attitude, rates=rates, rotors=state.rotors)
+
+
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Returns the quaternion of the rotation ``b``, followed by ``a`` about the axes of the world."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def lean_of(attitude: Quaternion) -> float:
+    """Returns the angle between the vehicle's down axis and the vertical, rad."""
+    down = rotation_matrix(attitude)[2][2]
+    return acos(min(max(down, -1.0), 1.0))
+
+
+def impact(state: State) -> GroundContact:
+    """Returns the contact of a vehicle that hits the ground: it comes to lie on its side, its back, or its feet."""
+    rows = rotation_matrix(state.attitude)
+    # The down axis of the body, north and east: it leans about the horizontal axis at right angles to it.
+    north, east = rows[0][2], rows[1][2]
+    length = sqrt(north * north + east * east)
+    axis = (1.0, 0.0) if length == 0 else (-east / length, north / length)
+    lean = lean_of(state.attitude)
+    half = -lean / 2
+    upright = (cos(half), sin(half) * axis[0], sin(half) * axis[1], 0.0)
+    rest_lean = 0.0
+    if lean > MIN_BACK_LEAN:
+        rest_lean = BACK_ANGLE
+    elif lean > MAX_LANDING_LEAN or state.velocity[2] > MAX_UPRIGHT_SINK:
+        rest_lean = SIDE_ANGLE
+    speed = sqrt(sum(part * part for part in state.velocity))
+    knock = min(speed / STOPPING_SECONDS, MAX_KNOCK)
+    heading = normalised(product(upright, state.attitude))
+    return GroundContact(heading, axis, lean, rest_lean, knock=knock)
+
+
+def topple(state: State, bearing: float) -> GroundContact:
+    """Returns the contact of a vehicle that begins to tip over from its feet.
+
+    Args:
+        state: A vehicle that stands on the ground.
+        bearing: To which side it tips, degrees clockwise from the nose.
+    """
+    w, _, _, z = state.attitude
+    heading = normalised((w, 0.0, 0.0, z))
+    # To tip to the right is to turn about the nose; to tip forward is to turn about the left.
+    angle = radians(bearing)
+    forward, right = sin(angle), -cos(angle)
+    rows = rotation_matrix(heading)
+    axis = (
+        rows[0][0] * forward + rows[0][1] * right,
+        rows[1][0] * forward + rows[1][1] * right,
+    )
+    lean, rate = TOPPLE_START
+    return GroundContact(heading, axis, lean, SIDE_ANGLE, rate, is_toppling=True)
+
+
+def holds(velocity: Vector3, attitude: Quaternion) -> bool:
+    """Returns whether a vehicle that touches the ground stays on its feet."""
+    return velocity[2] <= MAX_LANDING_SINK and lean_of(attitude) <= MAX_LANDING_LEAN

@@ -1,0 +1,50 @@
+"""Motors and propellers that fail: what each rotor still gives over time, as damage of the vehicle."""
+
+from math import sqrt
+
+from numpy.random import Generator
+
+from sitl_scenarios.mishaps.specs import LoosePropeller, MotorFade, MotorStop
+
+FADE_STEP_SECONDS = 0.1
+"""Time between two steps of a motor that fades, s; a choice."""
+
+MEAN_SLIP_SECONDS = 0.4
+"""Mean time for which a loose propeller slips, or does not, s; a choice."""
+
+
+def remaining_thrust_history(
+    mishap: MotorStop | MotorFade | LoosePropeller, end: float, random: Generator
+) -> list[tuple[float, float]]:
+    """Lists from when on which share of a motor's thrust is left.
+
+    Args:
+        mishap: What fails.
+        end: Time of the flight's end, s after arming.
+        random: Generator that decides when a loose propeller slips.
+
+    Returns:
+        Pairs of time, s after arming, ascending, and share of the thrust from then on.
+    """
+    if isinstance(mishap, MotorStop):
+        return [(mishap.start, 0.0)]
+    if isinstance(mishap, MotorFade):
+        history = []
+        steps = round(mishap.seconds / FADE_STEP_SECONDS)
+        for step in range(1, steps + 1):
+            share = 1.0 - (1.0 - mishap.thrust) * step / steps
+            history.append((mishap.start + step * FADE_STEP_SECONDS, share))
+        return history
+    history = []
+    time = mishap.start
+    slips = True
+    while time < end:
+        history.append((time, mishap.thrust if slips else 1.0))
+        time += float(random.exponential(MEAN_SLIP_SECONDS))
+        slips = not slips
+    return history
+
+
+def remaining_speed(thrust: float) -> float:
+    """Returns the share of a rotor's speed that gives a share of its ``thrust``, which goes with the square of it."""
+    return sqrt(thrust)

@@ -1,0 +1,229 @@
+"""Pilot and failsafe: modes, throttle stick and motor outputs where the flight is not that of the plan.
+
+A pilot flies in a mode without control of the position; the attitude is held level meanwhile.
+"""
+
+from dataclasses import dataclass
+from math import pi, radians, sin
+
+from sitl_scenarios.controller import ControlOutput, FlightController
+from sitl_scenarios.dynamics import State
+from sitl_scenarios.gyro import NO_ROTATION
+from sitl_scenarios.mishaps.specs import (
+    BenchRun,
+    Dive,
+    FailsafeDisarm,
+    Flip,
+    GpsLoss,
+    Mishap,
+    ThrottleCut,
+    ToppleAtLanding,
+)
+from sitl_scenarios.plan import LANDING, Reference
+from sitl_scenarios.rotors import IDLE_COMMAND, pulse_width
+from sitl_scenarios.vectors import euler_angles
+from sitl_scenarios.vehicles import GRAVITY, Airframe
+
+MODES = ("plan", "stabilize", "flip", "land")
+"""Flight modes: that of the flight plan, and those in which pilot or failsafe fly."""
+
+PILOT_SECONDS = 4.0
+"""Time for which a pilot flies by hand before closing the throttle, s; a choice."""
+
+MIDDLE_STICK = 0.5
+"""Throttle stick in modes that hold the height, 0 to 1."""
+
+LOST_STICK = -0.05
+"""Throttle stick that a receiver reports without a link, 0 to 1: 950 µs, below ArduPilot's FS_THR_VALUE of 975."""
+
+RADIO_SECONDS = 1.5
+"""Time from the loss of the radio to the failsafe, s: ArduPilot's FS_THR_ENABLE acts after 0.5 to 1.5 s."""
+
+DIVE_THRUST = 0.12
+"""Thrust by the weight while the throttle is closed and the attitude still controlled; a choice."""
+
+CATCH_THRUST = 1.7
+"""Thrust by the weight with which a pilot ends a fall; a choice."""
+
+CAUGHT_SPEED = 0.5
+"""Speed downwards, m/s, at which a fall counts as ended."""
+
+FLIP_RATE = radians(400)
+"""Rate of a flip, rad/s: FLIP_ROTATION_RATE of ArduCopter's mode_flip.cpp."""
+
+FLIP_CLIMB_SECONDS = 0.4
+"""Time of climb before a flip, s; a choice."""
+
+FLIP_CLIMB_THRUST = 1.6
+"""Thrust by the weight in that climb; a choice."""
+
+FLIP_THRUST = 0.35
+"""Thrust by the weight while the vehicle rolls; a choice."""
+
+FLIP_END = radians(315)
+"""Roll, rad, from which on the attitude is controlled again, as in ArduCopter's mode_flip.cpp."""
+
+BLIND_DESCENT = 0.8
+"""Speed downwards of a landing without a position, m/s: between both autopilots' defaults."""
+
+BENCH_RUN_SECONDS = 12.0
+"""Time of one run of the motors on a bench, from idle to idle, s; a choice."""
+
+BENCH_STICK_TILT = radians(12)
+"""Roll and pitch that the pilot asks for on a bench, rad; a choice."""
+
+
+@dataclass
+class Pilot:
+    """Whoever flies besides the flight plan: decides mode, throttle stick and control, cycle by cycle."""
+
+    mishap: Mishap | None
+    """What goes wrong; None: the plan is flown."""
+    controller: FlightController
+    """The autopilot's controller."""
+    body: Airframe
+    """The vehicle, whose weight sets the thrusts."""
+    cycle: float
+    """Period of the autopilot's loop, s."""
+    mode: str = "plan"
+    """Flight mode in this cycle, one of ``MODES``."""
+    throttle_stick: float = MIDDLE_STICK
+    """Throttle stick in this cycle, 0 to 1."""
+    rolled: float = 0.0
+    """How far a flip has rolled, rad."""
+    is_caught: bool = False
+    """Whether a dive or a flip is over."""
+    blind_height: float | None = None
+    """Height that is asked for in a landing without a position, m."""
+
+    @property
+    def hover_stick(self) -> float:
+        """Throttle stick with which a vehicle hovers in a mode that does not hold its height."""
+        return self.body.command_for(self.body.hover_speed) / self.body.full_command
+
+    def reference(self, time: float, estimate: State, planned: Reference) -> Reference:
+        """Returns the setpoints that are flown: the plan's, but for a landing without a position.
+
+        Args:
+            time: Seconds after arming.
+            estimate: State as the autopilot estimates it.
+            planned: Setpoints of the flight plan.
+        """
+        self.mode = "plan"
+        self.throttle_stick = MIDDLE_STICK
+        if not isinstance(self.mishap, GpsLoss) or time < self.mishap.start + self.mishap.failsafe:
+            return planned
+        self.mode = "land"
+        north, east, down = estimate.position
+        north_speed, east_speed, _ = estimate.velocity
+        if self.blind_height is None:
+            self.blind_height = -down
+        self.blind_height -= BLIND_DESCENT * self.cycle
+        # The estimated position and speed are what is asked for: the vehicle stays level.
+        return Reference(
+            LANDING,
+            height=self.blind_height,
+            climb_rate=-BLIND_DESCENT,
+            north=north,
+            east=east,
+            velocity=(north_speed, east_speed),
+        )
+
+    def control(self, time: float, estimate: State, reference: Reference) -> ControlOutput | None:
+        """Returns the output where pilot or failsafe fly; None where the plan is flown.
+
+        Args:
+            time: Seconds after arming.
+            estimate: State as the autopilot estimates it.
+            reference: Setpoints of this cycle.
+        """
+        match self.mishap:
+            case ThrottleCut(start=start) if time >= start - PILOT_SECONDS:
+                return self._cut(start, time)
+            case Dive(start=start) if start - PILOT_SECONDS <= time and not self.is_caught:
+                return self._dive(self.mishap, time, estimate)
+            case Flip(start=start) if time >= start and not self.is_caught:
+                return self._flip(time - start, estimate)
+            case BenchRun() if time >= 0:
+                return self._run_on_bench(self.mishap, time, estimate)
+            case FailsafeDisarm(start=start, cause="radio") if time >= start - RADIO_SECONDS:
+                self.throttle_stick = LOST_STICK
+            case ToppleAtLanding():
+                self.mode = "stabilize"
+                self.throttle_stick = self.hover_stick
+                if reference.landed_state == LANDING:
+                    self.throttle_stick = 0.8 * self.hover_stick
+        return None
+
+    def rest(self, time: float) -> None:
+        """Leaves the throttle as it is while the vehicle is disarmed: closed by hand, or lost with the radio."""
+        match self.mishap:
+            case FailsafeDisarm(start=start, cause="radio") if time >= start - RADIO_SECONDS:
+                self.throttle_stick = LOST_STICK
+            case ThrottleCut() | ToppleAtLanding() | BenchRun():
+                self.throttle_stick = 0.0
+
+    def idle(self) -> ControlOutput:
+        """Returns the output of motors that idle, without control of the attitude."""
+        idle_pulse = pulse_width(IDLE_COMMAND)
+        return ControlOutput((idle_pulse,) * self.body.rotors, (*NO_ROTATION, IDLE_COMMAND))
+
+    def _level(self, estimate: State, thrust: float) -> ControlOutput:
+        """Returns the output that holds the vehicle level with a thrust, by the weight."""
+        _, _, yaw = euler_angles(estimate.attitude)
+        return self.controller.attitude_control(
+            estimate, (0.0, 0.0, yaw), NO_ROTATION, thrust * self.body.mass * GRAVITY, True
+        )
+
+    def _cut(self, start: float, time: float) -> ControlOutput | None:
+        """Flies by hand until the throttle is closed; then the motors idle."""
+        self.mode = "stabilize"
+        self.throttle_stick = self.hover_stick
+        if time < start:
+            return None
+        self.throttle_stick = 0.0
+        return self.idle()
+
+    def _dive(self, dive: Dive, time: float, estimate: State) -> ControlOutput | None:
+        """Flies by hand, closes the throttle for the time of the dive, and opens it until the fall has ended."""
+        self.mode = "stabilize"
+        self.throttle_stick = self.hover_stick
+        if time < dive.start:
+            return None
+        if time < dive.start + dive.seconds:
+            self.throttle_stick = 0.0
+            return self._level(estimate, DIVE_THRUST)
+        self.throttle_stick = 1.0
+        if estimate.velocity[2] < CAUGHT_SPEED:
+            self.is_caught = True
+        return self._level(estimate, CATCH_THRUST)
+
+    def _flip(self, since: float, estimate: State) -> ControlOutput | None:
+        """Climbs for a moment, and rolls to the right until the attitude is controlled again."""
+        self.mode = "flip"
+        if since < FLIP_CLIMB_SECONDS:
+            return self._level(estimate, FLIP_CLIMB_THRUST)
+        self.rolled += estimate.rates[0] * self.cycle
+        if self.rolled >= FLIP_END:
+            self.is_caught = True
+            return None
+        thrust = FLIP_THRUST * self.body.mass * GRAVITY
+        angles = euler_angles(estimate.attitude)
+        return self.controller.rate_control(estimate, angles, (FLIP_RATE, 0.0, 0.0), thrust, True)
+
+    def _run_on_bench(self, bench: BenchRun, time: float, estimate: State) -> ControlOutput:
+        """Raises the throttle from idle and lowers it again, and moves the sticks of roll and pitch meanwhile."""
+        self.mode = "stabilize"
+        phase = time % BENCH_RUN_SECONDS / BENCH_RUN_SECONDS
+        self.throttle_stick = max(bench.throttle * sin(pi * phase) ** 2, 0.0)
+        if self.throttle_stick <= IDLE_COMMAND:
+            return self.idle()
+        full_thrust = self.body.rotors * self.body.thrust_at(
+            self.body.rotor_speed(self.throttle_stick * self.body.full_command)
+        )
+        _, _, yaw = euler_angles(estimate.attitude)
+        roll = BENCH_STICK_TILT * sin(2 * pi * time / 3.1)
+        pitch = BENCH_STICK_TILT * sin(2 * pi * time / 4.3)
+        return self.controller.attitude_control(
+            estimate, (roll, pitch, yaw), NO_ROTATION, full_thrust, True
+        )

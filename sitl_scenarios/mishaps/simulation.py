@@ -1,0 +1,218 @@
+"""Simulation with instruments: flies a scenario with its mishap, to the end on the ground or of the record."""
+
+from collections import deque
+from typing import Any
+
+from sitl_scenarios.controller import ControlOutput
+from sitl_scenarios.dynamics import AirState, State
+from sitl_scenarios.flight_simulation import Row, Simulation
+from sitl_scenarios.gyro import NO_ROTATION
+from sitl_scenarios.mishaps.ground import GroundContact, holds, impact, topple
+from sitl_scenarios.mishaps.instruments import InstrumentedMotion, Instruments
+from sitl_scenarios.mishaps.pilot import MODES, Pilot
+from sitl_scenarios.mishaps.sensor_faults import SensorFaults
+from sitl_scenarios.mishaps.specs import (
+    BarometerStuck,
+    BenchRun,
+    BrownOut,
+    FailsafeDisarm,
+    ToppleAtLanding,
+    ToppleAtTakeOff,
+)
+from sitl_scenarios.mishaps.texts import (
+    CRASH_CHECK_SECONDS,
+    CRITICAL,
+    INFO,
+    Announcement,
+    announcements,
+)
+from sitl_scenarios.motion import Motion
+from sitl_scenarios.plan import IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Reference
+from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.vectors import Vector4
+
+TOPPLE_LIFT = 0.8
+"""Lift by the weight at which a vehicle tips over at take-off; a choice."""
+
+LYING_SECONDS = 4.0
+"""Time for which the record goes on after a crash, from disarming on, s; a choice."""
+
+MAX_LATE_SECONDS = 60.0
+"""Longest time for which a flight goes on beyond its duration until the vehicle is down, s; a choice."""
+
+LATE_DESCENT = 0.5
+"""Speed downwards of a landing whose planned end is over, m/s: ArduCopter's LAND_SPEED."""
+
+CLIMB_SECONDS = 5.0
+"""Time of the climb, and of the descent, of a flight whose barometer is stuck, s."""
+
+CLIMB_DELAY = 2.0
+"""Time from the fault to that climb, s."""
+
+CLIMB_HOLD = 6.0
+"""Time between that climb and the descent, s."""
+
+
+class InstrumentedSimulation(Simulation):
+    """A simulation whose vehicle has instruments, and may have a mishap; it records an ``InstrumentedMotion``."""
+
+    motion_type: type[Motion] = InstrumentedMotion
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Prepares the flight, its mishap and its instruments."""
+        super().__init__(scenario)
+        self._is_px4 = scenario.stream.autopilot == "px4"
+        self._sensor_faults = SensorFaults(scenario.mishap, self.cycle)
+        self._instruments = Instruments(scenario)
+        self._pilot = Pilot(scenario.mishap, self._controller, self._airframe, self.cycle)
+        self._contact: GroundContact | None = None
+        # When the vehicle came to lie, s after arming; None while it does not.
+        self._lying_since: float | None = None
+        self._is_failsafe = False
+        self._announcements = deque(announcements(scenario.mishap, self._is_px4, scenario.duration))
+
+    @property
+    def finished(self) -> bool:
+        """Whether the record is over: after the landing or the crash, or as the board stops."""
+        mishap = self.scenario.mishap
+        if isinstance(mishap, BrownOut) and self._flight_time >= mishap.start + mishap.seconds:
+            return True
+        if self._lying_since is not None:
+            return self._flight_time >= self._lying_since + CRASH_CHECK_SECONDS + LYING_SECONDS
+        is_late = self._flight_time < self.scenario.duration + MAX_LATE_SECONDS
+        if self.armed and is_late:
+            return False
+        return super().finished
+
+    def _estimate(self, state: State) -> State:
+        """Returns the state as the autopilot estimates it with its faulty sensors."""
+        estimate = super()._estimate(state)
+        return self._sensor_faults.faulty_estimate(self._flight_time, state, estimate)
+
+    def _reference(self, estimate: State) -> Reference:
+        """Returns the setpoints that are flown: the plan's, with what a mishap changes."""
+        reference = self._pilot.reference(self._flight_time, estimate, super()._reference(estimate))
+        mishap = self.scenario.mishap
+        if reference.landed_state == LANDING and self._pilot.mode == "plan":
+            # A landing goes on below the planned depth until the ground is felt.
+            late = max(self._flight_time - self.scenario.duration, 0.0)
+            reference = reference._replace(height=reference.height - LATE_DESCENT * late)
+        if isinstance(mishap, BarometerStuck):
+            height = mishap.climb * _trapezoid(self._flight_time - mishap.start - CLIMB_DELAY)
+            return reference._replace(height=reference.height + height)
+        return reference
+
+    def _update_arming(self) -> None:
+        """Arms and disarms as planned, and where a mishap does: by a failsafe in the air, or after a crash."""
+        super()._update_arming()
+        mishap = self.scenario.mishap
+        time = self._flight_time
+        if isinstance(mishap, FailsafeDisarm) and time >= mishap.start and not self._is_failsafe:
+            self.armed = False
+            self._is_failsafe = True
+        if self._contact is None or not self._contact.has_settled:
+            return
+        if self._lying_since is None:
+            self._lying_since = time
+        if self.armed and time >= self._lying_since + CRASH_CHECK_SECONDS:
+            self.armed = False
+            text, severity = "Crash: Disarming: AngErr=87>30, Accel=0.3<3.0", CRITICAL
+            # PX4 takes it for landed; so does ArduPilot after a landing with the throttle closed.
+            if self._is_px4:
+                text, severity = "Disarmed by landing", INFO
+            if not isinstance(mishap, ToppleAtLanding) or self._is_px4:
+                self._announcements.appendleft(Announcement(time, text, severity))
+
+    def _control_output(self, estimate: State, reference: Reference) -> ControlOutput:
+        """Returns the output of pilot or failsafe, or else that of the plan's autopilot."""
+        output = None
+        if self.armed:
+            output = self._pilot.control(self._flight_time, estimate, reference)
+        else:
+            self._pilot.rest(self._flight_time)
+        if self._has_landed and isinstance(self.scenario.mishap, ToppleAtLanding):
+            self._pilot.throttle_stick = 0.0
+        if output is not None:
+            return output
+        return super()._control_output(estimate, reference)
+
+    def _row(
+        self,
+        air: AirState,
+        battery: float,
+        estimate: State,
+        reference: Reference,
+        control: ControlOutput,
+    ) -> Row:
+        """Returns the row of the motion, with what the instruments measure and the autopilot says."""
+        row = super()._row(air, battery, estimate, reference, control)
+        knock = 0.0 if self._contact is None else self._contact.knock
+        row |= self._instruments.row(
+            self._flight_time, self._state, battery, self._sensor_faults.readings, knock
+        )
+        text, severity = "", 0
+        if self._announcements and self._flight_time >= self._announcements[0].time:
+            _, text, severity = self._announcements.popleft()
+        reported: dict[str, Any] = {
+            "throttle_stick": self._pilot.throttle_stick,
+            "mode": MODES.index(self._pilot.mode),
+            "is_failsafe": self._is_failsafe or self._pilot.mode == "land",
+            "text": text[:50],
+            "severity": severity,
+        }
+        return row | reported
+
+    def _landed_state(self, reference: Reference) -> int:
+        """Returns the reported MAV_LANDED_STATE: a land detector takes a running motor for flight."""
+        mishap = self.scenario.mishap
+        if isinstance(mishap, BenchRun):
+            is_running = self.armed and self._pilot.throttle_stick > 0.3
+            return IN_AIR if mishap.reports_flight and is_running else ON_GROUND
+        if self._contact is not None:
+            return IN_AIR if self.armed and not self._has_landed else ON_GROUND
+        return super()._landed_state(reference)
+
+    def _touch_down(self, reference: Reference) -> None:
+        """Puts the vehicle on its feet, or begins a crash or a fall to the side."""
+        is_held = holds(self._state.velocity, self._state.attitude)
+        if is_held:
+            super()._touch_down(reference)
+            if isinstance(self.scenario.mishap, ToppleAtLanding) and self._has_landed:
+                self._contact = topple(self._state, self.scenario.mishap.bearing)
+            return
+        self._contact = impact(self._state)
+        self._on_ground = True
+        self._state = self._contact.state(self._state)
+
+    def _spin_on_ground(self, settled_speeds: Vector4) -> None:
+        """Turns the rotors for one cycle on the ground; a vehicle that lies, or is tied down, does not lift off."""
+        was_on_ground = self._contact is None
+        super()._spin_on_ground(settled_speeds)
+        mishap = self.scenario.mishap
+        if isinstance(mishap, BenchRun):
+            self._on_ground = True
+            return
+        if isinstance(mishap, ToppleAtTakeOff) and was_on_ground:
+            lift = self._lift_ratio()
+            if lift > TOPPLE_LIFT and self._reference(self._state).landed_state == TAKING_OFF:
+                self._contact = topple(self._state, mishap.bearing)
+        if self._contact is not None:
+            self._on_ground = True
+            self._contact.advance(self.cycle)
+            self._state = self._contact.state(self._state)
+            self._gyro.raw_rates = self._gyro.filtered_rates = self._state.rates
+        else:
+            self._gyro.raw_rates = self._gyro.filtered_rates = NO_ROTATION
+
+    def _lift_ratio(self) -> float:
+        """Returns the thrust of all rotors by the weight."""
+        body = self._airframe
+        thrust = sum(body.thrust_at(speed) for speed in self._state.rotors)
+        return thrust / (body.rotors * body.thrust_at(body.hover_speed))
+
+
+def _trapezoid(since: float) -> float:
+    """Returns 0 to 1: the share of a climb, hold and descent that began so many seconds before."""
+    rising = min(max(since / CLIMB_SECONDS, 0.0), 1.0)
+    falling = min(max((since - CLIMB_SECONDS - CLIMB_HOLD) / CLIMB_SECONDS, 0.0), 1.0)
+    return rising - falling

@@ -1,0 +1,264 @@
+#!/usr/bin/env python
+"""What reviews say of simulated flights that go wrong, each of a kind: right, nothing, or wrong; prints a table.
+
+Of each kind and half by seed: how many flights were reviewed, in how many the review says what went wrong, in how many
+it says nothing of it or that it is undecided, and in how many it names another event or another motor. Of sound
+flights: lights that are bad or to be watched. Airframe, autopilot, wind, time, motor and size follow from kind and
+number. The codes that count as right stand in failures.toml. Thresholds were chosen on the half of even numbers.
+
+A flight takes some five seconds, and its review one: with --folder, telemetry logs of the flights are kept there, and
+not flown again.
+
+Usage: tools/validation/failures.py [--count N of each kind] [--jobs N] [--kind KIND ...] [--folder FOLDER]
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from re import search
+from typing import NamedTuple
+
+import click
+import pandas as pd
+from flights import (
+    Values,
+    command,
+    draw_values,
+    evaluate_flights,
+    print_table,
+    scenario_from_values,
+)
+from numpy.random import default_rng
+
+from mavdem.assessment.assess import assess
+from mavdem.assessment.record import Assessment
+from mavdem.facts import Fact, Level
+from mavdem.files import atomic_write, load_adjacent_toml
+from mavdem.ingest import Log, read_log
+from mavdem.ingest.mavlink.vehicles import assemble
+from mavdem.ingest.tlog import write_tlog
+from sitl_scenarios.mavlink.transmitter import recorded
+from sitl_scenarios.plan import flight_times
+from sitl_scenarios.rotors import rotor_count
+from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.simulation import fly
+
+TABLES: Values = load_adjacent_toml(__file__, "failures.toml")
+KINDS: Values = TABLES["kinds"]
+
+LOOP_RATES = {"ardupilot": "SCHED_LOOP_RATE", "px4": "IMU_GYRO_RATEMAX"}
+"""Parameter of the rate of each autopilot's loop."""
+
+LOOP_RATE = 200.0
+"""Rate of the autopilots' loops, Hz: lower than usual, so that flights take less time to simulate."""
+
+HEIGHTS = {"dive": 24.0, "flip": 20.0}
+"""Height of the hover of mishaps that need room, m."""
+
+MARGIN_SECONDS = 12.0
+"""Time from the beginning of a mishap to the landing at least, s."""
+
+GAINS = ("ATC_RAT_", "ATC_ANG_", "MC_ROLL", "MC_PITCH", "MC_YAW")
+"""Beginnings of the names of the gains of both autopilots."""
+
+SERIOUS = (Level.BAD, Level.WATCH)
+"""Levels of facts by which a review says that something is wrong."""
+
+VERDICTS = ("right", "none", "wrong")
+
+
+def scenario(kind: str, number: int) -> Scenario:
+    """Returns the flight of a kind and number."""
+    rng = default_rng([sorted(KINDS).index(kind), number])
+    values = draw_values(TABLES["flight"], rng) | {"seed": number}
+    if values["vehicle"]["frame"] not in ("x", "plus"):
+        values["vehicle"]["model"] = "iris"
+    autopilot = values["stream"]["autopilot"]
+    values["vehicle"]["parameters"] = {LOOP_RATES[autopilot]: LOOP_RATE}
+    values["height"] = HEIGHTS.get(kind, values["height"])
+    if kind in HEIGHTS:
+        values["duration"] += 24.0
+        values["excitation"] = {"kind": "none"}
+    # The hover begins after spin-up and climb, which the scenario without mishap says.
+    sound = scenario_from_values(values)
+    if kind == "sound":
+        return sound
+    mishap = {"kind": kind} | draw_values(TABLES["mishaps"][kind], rng)
+    if "start" in mishap:
+        mishap["start"] += flight_times(sound).hover
+        shortest = mishap["start"] + mishap.get("seconds", 0.0) + MARGIN_SECONDS
+        values["duration"] = max(values["duration"], shortest)
+    if KINDS[kind].get("motor"):
+        mishap["motor"] = int(rng.integers(rotor_count(values["vehicle"]["frame"]))) + 1
+    return scenario_from_values(values | {"mishap": mishap})
+
+
+def flown_log(flight: Scenario, path: Path | None) -> Log:
+    """Returns the telemetry of a flight, which is flown unless its log is kept already.
+
+    Args:
+        flight: What is flown.
+        path: Where its log is kept; None for nowhere.
+    """
+    if path is not None and path.exists():
+        return read_log(path)
+    stream = recorded(flight, fly(flight))
+    if path is None:
+        return assemble(stream)
+    with atomic_write(path) as file:
+        write_tlog(file, stream)
+    return read_log(path)
+
+
+def without_gains(log: Log) -> Log:
+    """Returns a log without the gains of the rate controllers: identifying the loops would take most of the time."""
+    vehicles = []
+    for vehicle in log.vehicles:
+        kept = {
+            name: value for name, value in vehicle.parameters.items() if not name.startswith(GAINS)
+        }
+        vehicles.append(replace(vehicle, parameters=kept))
+    return replace(log, vehicles=tuple(vehicles))
+
+
+class Statement(NamedTuple):
+    """Something that a review says."""
+
+    fact: Fact
+    place: str
+    """Where it says it: "headline", "cause", "event", or the name of a light."""
+
+
+def statements(review: Assessment) -> Iterator[Statement]:
+    """Yields what a review says, the headline first; facts within facts are causes."""
+    headline = review.headline
+    yield Statement(headline, "headline")
+    for figure in headline.figures.values():
+        if isinstance(figure, Fact):
+            yield Statement(figure, "cause")
+    for name, light in review.lights.items():
+        yield Statement(light, name)
+    for event in review.events:
+        yield Statement(event, "event")
+
+
+def codes(kind: str, key: str) -> set[str]:
+    """Returns the codes that a kind lists under a key of failures.toml."""
+    listed = set(KINDS[kind].get(key, []))
+    if "@down" in listed:
+        listed |= set(TABLES["down"])
+    return listed
+
+
+def motors_named(text: str) -> set[int]:
+    """Returns the numbers of the motors that a subject names."""
+    match = search(r"motors? (\d+)", text)
+    return {int(match[1])} if match else set()
+
+
+def verdict(kind: str, motor: int, review: Assessment) -> str:
+    """Returns whether a review is "right", "none" or "wrong" about a flight.
+
+    Wrong is a headline, or its cause, that states another event than those of the kind, and a motor that is named and
+    did not fail.
+
+    Args:
+        kind: What went wrong.
+        motor: The motor that failed; 0 for none.
+        review: The review.
+    """
+    right, allowed = codes(kind, "right"), codes(kind, "allowed")
+    harmless = right | allowed | set(TABLES["neutral"])
+    is_right = False
+    for fact, place in statements(review):
+        code = str(fact.code)
+        is_serious = fact.level in SERIOUS
+        named = motors_named(fact.subject) if is_serious else set()
+        if place in ("headline", "cause", "motors") and named - {motor}:
+            return "wrong"
+        if place in ("headline", "cause") and is_serious and code not in harmless:
+            # The lights of tracking, margins and log say nothing of an event.
+            if code not in {
+                str(review.lights[name].code) for name in ("tracking", "margins", "log")
+            }:
+                return "wrong"
+        if code in right and (is_serious or place in ("headline", "cause")):
+            is_right = is_right or not KINDS[kind].get("motor") or motor in named or not named
+    if is_right:
+        return "right"
+    if KINDS[kind].get("quiet") and review.headline.level is not Level.BAD:
+        return "right"
+    return "none"
+
+
+def reviewed(case: tuple[str, int], folder: Path | None) -> list[Values]:
+    """Returns a row: what the review says of the flight of a kind and number."""
+    kind, number = case
+    row: Values = {"kind": kind, "half": ("even", "odd")[number % 2], "number": number}
+    flight = scenario(kind, number)
+    path = folder / f"{kind}_{number:03}.tlog" if folder else None
+    review = assess(without_gains(flown_log(flight, path)))
+    motor = getattr(flight.mishap, "motor", 0)
+    lights = [str(name) for name, light in review.lights.items() if light.level in SERIOUS]
+    # The rate of a telemetry link is not the vehicle's.
+    false_lights = [name for name in lights if kind == "sound" and name != "log"]
+    return [
+        row
+        | {
+            "verdict": verdict(kind, motor, review),
+            "vehicle": f"{flight.stream.autopilot} {flight.vehicle.frame} {motor}",
+            "code": str(review.headline.code),
+            "headline": review.headline.sentence,
+            "lights": ", ".join(lights),
+            "false lights": ", ".join(false_lights),
+        }
+    ]
+
+
+def summary(rows: pd.DataFrame) -> list[Values]:
+    """Returns a line for each kind and half: how many flights, and the shares of the verdicts."""
+    lines = []
+    for (kind, half), flights in rows.groupby(["kind", "half"], sort=False):
+        counts = {name: int((flights["verdict"] == name).sum()) for name in VERDICTS}
+        lines.append({"kind": kind, "half": half, "flights": len(flights), **counts})
+    return lines
+
+
+def totals(rows: pd.DataFrame) -> list[Values]:
+    """Returns a line for each half: flights that went wrong, by verdict, and sound flights with a false light."""
+    lines = []
+    for half, flights in rows.groupby("half"):
+        failed = flights[flights["kind"] != "sound"]
+        sound = flights[flights["kind"] == "sound"]
+        line: Values = {"half": half, "flights": len(failed)}
+        for name in VERDICTS:
+            line[name] = f"{(failed['verdict'] == name).mean():.0%}" if len(failed) else "–"
+        line["sound flights"] = len(sound)
+        line["with a false light"] = int((sound["false lights"] != "").sum())
+        lines.append(line)
+    return lines
+
+
+@command(__doc__, count=40)
+@click.option("--kind", "chosen", multiple=True, type=click.Choice(sorted(KINDS)))
+@click.option("--folder", type=click.Path(file_okay=False, path_type=Path))
+@click.option("--verbose", is_flag=True, help="Print the headline of every flight, too.")
+def main(
+    count: int, jobs: int, chosen: tuple[str, ...], folder: Path | None, verbose: bool
+) -> None:
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    kinds = chosen or tuple(KINDS)
+    cases = [(kind, number) for number in range(count) for kind in kinds]
+    rows = evaluate_flights(partial(reviewed, folder=folder), cases, jobs)
+    rows = rows.sort_values(["kind", "half", "number"], kind="stable")
+    if verbose:
+        shown = rows[["kind", "number", "vehicle", "verdict", "headline", "lights"]]
+        print_table("What is said of each flight", shown)
+    print_table("Flights that go wrong, by kind", summary(rows))
+    print_table("All kinds together", totals(rows))
+
+
+if __name__ == "__main__":
+    main()
