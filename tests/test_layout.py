@@ -75,6 +75,7 @@ UPWARD_IMPORTS = {
     ("loops.twin_flight", "report.vehicle_files"),  # fly_twin()
     ("loops.twin_flight", "sitl_scenarios.files"),
     ("loops.twin_flight", "sitl_scenarios.replay"),
+    ("assessment.record", "assessment.axis.tuning"),  # Assessment.advised_gains
     ("assessment.record", "documents"),  # Assessment.as_dict()
     ("assessment.record", "documents.review"),
     ("assessment.record", "report.pages.flight_page"),  # Assessment.page()

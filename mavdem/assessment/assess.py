@@ -1,6 +1,6 @@
 """Assessing a log: computes models, loops, events and lights of a vehicle, each from those before it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from math import inf
 
@@ -10,7 +10,6 @@ from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.axis import LogAnalysis, Options, analyse
 from mavdem.assessment.axis.analysis import ShowStep, show_nothing
 from mavdem.assessment.axis.figures import ALL_AXES
-from mavdem.assessment.axis.gains import autotune_fact
 from mavdem.assessment.axis.loops import loops_of_axes
 from mavdem.assessment.ending import ending_of
 from mavdem.assessment.evidence import Evidence
@@ -26,7 +25,6 @@ from mavdem.facts import Fact
 from mavdem.files import AnyPath
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log, read_log
-from mavdem.loops.axis_loops import Loop
 from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 from mavdem.wind_velocity.from_log import WindEvidence, wind_evidence
 
@@ -99,7 +97,7 @@ def assess_signals(
     # The control loops need the physical parameters of the axes.
     with progress("Identifying the loops", measured=False):
         loop_signals = signals.for_axis(AXES[0], options.inputs)
-        loops = loops_of_axes(log, loop_signals, options.start, analysis.figures_by_axis)
+        loops, autotune = loops_of_axes(log, loop_signals, options.start, analysis.figures_by_axis)
 
     # What happened, how the flight ended, and what the motors lost before that.
     events = [*reported_events(signals), *motion_events(signals)]
@@ -107,7 +105,7 @@ def assess_signals(
     events += _motor_changes(analysis, ending)
     if ending is not None:
         events.append(ending)
-    events += _autotune_events(loop_signals, loops)
+    events += autotune
 
     evidence = Evidence(
         log,
@@ -147,25 +145,6 @@ def alarms_before_loss(alarms: Sequence[MotorAlarm], ending: Fact | None) -> lis
     """Returns the alarms before control was lost: after that the balance of the motors shows nothing."""
     loss_time = inf if ending is None or ending.time is None else ending.time
     return [alarm for alarm in alarms if alarm.time < loss_time]
-
-
-def _autotune_events(signals: Signals, loops: Mapping[str, Loop | Fact]) -> list[Fact]:
-    """Returns the axes that the autopilot's AutoTune tuned in flight, with the gains before and after as figures.
-
-    Args:
-        signals: of the vehicle.
-        loops: the identified control loop by axis, by which the stability margins of both sets of gains are rated; or
-            why it is not known, and then the gains have no rating.
-
-    Returns:
-        One fact for each tuned axis, in the order of ``loops``.
-    """
-    facts = []
-    for axis, loop in loops.items():
-        fact = autotune_fact(signals.for_axis(axis), loop)
-        if fact is not None:
-            facts.append(fact)
-    return facts
 
 
 def without_flight_advice(wind: WindEvidence) -> WindEvidence:

@@ -17,6 +17,7 @@ from mavdem.assessment.axis.overrides import overrides_of
 from mavdem.assessment.axis.tracking import MODES_WITHOUT_ANGLE_SETPOINT, tracking_of_axes
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.flights import settled_flight
+from mavdem.assessment.time_history import TimeHistory, time_history
 from mavdem.dataset import phases
 from mavdem.dataset.intervals import Intervals, complement, in_intervals, intersection
 from mavdem.dataset.learnability import Learnability
@@ -29,7 +30,7 @@ from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.loops.advice import gain_reduction_advice
-from mavdem.loops.axis_loops import Loop
+from mavdem.loops.axis_loops import Loop, LoopsByAxis, identified_loops
 from mavdem.wind_velocity.from_log import WindEvidence
 
 EXCITATION_MODES = frozenset({"Autotune", "Systemid"})
@@ -88,6 +89,16 @@ class Evidence:
         """How roll, pitch and yaw follow their setpoints, by axis, in modes that have setpoints of the angles."""
         excluded_modes = EXCITATION_MODES | MODES_WITHOUT_ANGLE_SETPOINT
         return tracking_of_axes(self.signals, self.settled_segments(excluded_modes))
+
+    @cached_property
+    def identified_loops(self) -> LoopsByAxis:
+        """The control loops of those axes where they are known."""
+        return identified_loops(self.loops)
+
+    @cached_property
+    def time_history(self) -> TimeHistory | None:
+        """The signals of the boot that was analysed, over time; None with less than two samples of the attitude."""
+        return time_history(self.signals, self.learnability.segments, self.wind, self.events)
 
     @cached_property
     def reasons_not_to_fly(self) -> Facts:

@@ -39,9 +39,13 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: 
         purposes: what its model is good for; empty without a model.
         known_lights: lights by name that are judged already, and not by the evidence.
     """
-    lights = {}
+    lights = dict[str, Fact]()
     for light in REGISTRY:
-        lights[str(light.name)] = known_lights.get(light.name) or light.judge(evidence)
+        fact = known_lights.get(light.name)
+        if fact is None:
+            needed_lights = [lights[name] for name in light.needs]
+            fact = light.judge(evidence, *needed_lights)
+        lights[str(light.name)] = fact
     if evidence.reasons_not_to_fly:
         lights = {name: fact.grounded for name, fact in lights.items()}
     headline = headline_of(evidence, lights)

@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment.axis import LogAnalysis, analyse
-from mavdem.assessment.axis.findings import resolved_wind_torque
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.responses import Responses, responses_of
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.inventory import VehicleContents
+from mavdem.assessment.inventory import VehicleContents, inventory
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.lights.log import simulation_fact
 from mavdem.assessment.noise_spectra import MeasuredNoise, noise_of
@@ -29,7 +28,8 @@ from mavdem.facts.assessment import NoModel
 from mavdem.flight import boot_number
 from mavdem.immutable import ReadOnlyDict, freeze
 from mavdem.ingest import Log
-from mavdem.loops.axis_loops import Loop
+from mavdem.loops.advice import AdviceByAxis
+from mavdem.loops.axis_loops import Loop, LoopsByAxis
 from mavdem.vibration.spectra import Spectrum
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.torque_share import torque_share_of_wind
@@ -46,8 +46,9 @@ class NoLoop(NamedTuple):
 class Assessment:
     """What happened in a log, what its vehicle is, and what the figures are good for; ``str`` is the screen.
 
-    The parts are computed in the order of ``mavdem.assessment.assess.assess_signals``. Only the measured responses
-    and the noise spectra, which take seconds and which few callers need, are computed when they are first read.
+    The parts are computed in the order of ``mavdem.assessment.assess.assess_signals``. Only what takes seconds and few
+    callers need is computed when it is first read: the measured responses, the noise spectra, the advised gains, the
+    time history and the contents of the log.
     """
 
     log: Log
@@ -94,6 +95,11 @@ class Assessment:
         return ReadOnlyDict(loops)
 
     @property
+    def identified_loops(self) -> LoopsByAxis:
+        """The control loops of those axes where they are known."""
+        return {} if self.evidence is None else self.evidence.identified_loops
+
+    @property
     def margins(self) -> tuple[AxisMargins, ...]:
         """The stability margins of roll, pitch and yaw; empty if no vehicle was judged."""
         return () if self.evidence is None else self.evidence.margins
@@ -112,6 +118,22 @@ class Assessment:
     def noise(self) -> MeasuredNoise:
         """The spectra of gyro and accelerometer, the lines in them, and the notch filter to set."""
         return freeze(MeasuredNoise({}, {}) if self.evidence is None else noise_of(self.evidence))
+
+    @cached_property
+    def advised_gains(self) -> AdviceByAxis:
+        """The gains to set by axis, as ``mavdem tune`` advises them, or why an axis has none.
+
+        Empty where no loop is identified, or, for a vehicle that must not fly, the reason under "all axes".
+        """
+        # Imported here: the tuning is of an assessment.
+        from mavdem.assessment.axis.tuning import tuned
+
+        if self.evidence is None:
+            return {}
+        try:
+            return tuned(self, AXES, is_written=False).axes
+        except NotLearnable as error:
+            return {"all axes": error.fact} if self.evidence.reasons_not_to_fly else {}
 
     @property
     def spectra(self) -> Mapping[str, Spectrum]:
@@ -162,7 +184,7 @@ class Assessment:
         """
         if self.analysis is None or self.model is None or self.wind_of_model is None:
             return None
-        torque = resolved_wind_torque(self.model.wind_torque, self.model.physical)
+        torque = self.model.resolved_wind_torque
         if torque is None:
             return None
         time = np.concatenate([flight.time for flight in self.analysis.flights])
@@ -181,6 +203,15 @@ class Assessment:
             self.analysis.condition,
             self.analysis.identity,
         )
+
+    @cached_property
+    def log_contents(self) -> JsonValues:
+        """What the log holds, by the keys of its inventory, with the judgement of the vehicle that was assessed."""
+        if self.analysis is None or self.evidence is None:
+            return inventory(self.log)
+        contents = inventory(self.log, [self.contents])
+        contents["vehicles"][0] |= self.judgement_values | {"model": self.analysis.model}
+        return contents
 
     @property
     def judgement_values(self) -> JsonValues:

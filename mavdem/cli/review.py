@@ -58,7 +58,8 @@ def review_command(
     folder = out or default_result_folder(source)
     check_output_folder(folder, RESULT_FILES, source, params)
     start_time = perf_counter()
-    assessment = assess(read_source(source, params), vehicle, progress=progress)
+    log = read_source(source, params)
+    assessment = assess(log, vehicle, progress=progress)
     document = review_document(assessment)
     write_results(folder, document, assessment)
     if as_json:

@@ -201,6 +201,17 @@ class Learned(ImmutableResult, ForecasterBase):
             # LinAlgError is a ValueError too.
             return None
 
+    @property
+    def resolved_wind_torque(self) -> WindTorque | None:
+        """The wind torque, if it may be shown as that of the wind.
+
+        ``None`` where there is none, the effectiveness of the motors is not identifiable, or the wind torque is not
+        larger than its errors.
+        """
+        from mavdem.plant.wind_torque import resolved_wind_torque
+
+        return resolved_wind_torque(self.wind_torque, self.physical)
+
     def with_physical(self, physical: Physical | NotIdentifiable) -> Learned:
         """Returns a copy with other physical parameters, such as those that were estimated elsewhere.
 

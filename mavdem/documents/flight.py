@@ -32,7 +32,7 @@ from mavdem.documents.vehicle import (
 )
 from mavdem.documents.wind import WindVelocity, reported_wind
 from mavdem.experiments import held_out
-from mavdem.experiments.held_out import HOLD_LAST
+from mavdem.experiments.held_out import CONSTANT_MEAN, HOLD_LAST
 from mavdem.units import (
     AngularAcceleration,
     Effectiveness,
@@ -162,7 +162,7 @@ class HeldOut(Document):
         """
         # One ratio for each window, (W,), of the forecast that knows the recorded motors.
         error_ratios = windows.error_ratios()
-        ratios_to_last_sample = windows.error_ratios(HOLD_LAST)
+        worse_shares = windows.worse_shares
         return {
             "windows": len(windows),
             "seconds": windows.seconds,
@@ -172,8 +172,8 @@ class HeldOut(Document):
             "error_ratios": error_ratios,
             "median_error_ratio": np.median(error_ratios),
             "error_ratio_quartiles": np.percentile(error_ratios, [25, 75]),
-            "share_worse_than_constant_mean": (error_ratios > 1).mean(),
-            "share_worse_than_hold_last": (ratios_to_last_sample > 1).mean(),
+            "share_worse_than_constant_mean": worse_shares[CONSTANT_MEAN],
+            "share_worse_than_hold_last": worse_shares[HOLD_LAST],
             "inside_90_percent_band": windows.coverage,
             "over_expected_error": windows.over_expected,
             "failures": windows.failures,
@@ -521,7 +521,7 @@ def report_document(assessment: Assessment) -> JsonValues:
         ``files``, the names of the written files, is empty.
     """
     assert assessment.analysis is not None
-    report = assessment.analysis.as_dict()
+    report = assessment.analysis.report_values
     if assessment.wind_share_of_torque is not None:
         share = assessment.wind_share_of_torque.figures["share"]
         report["wind"] = WindTorque.from_results(report["wind"], explained_by_mean_wind=share)

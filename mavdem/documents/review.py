@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import ceil
-
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.containers import JsonValues
@@ -16,17 +14,7 @@ from mavdem.documents.wind import WindVelocity, reported_wind
 from mavdem.facts import Fact
 from mavdem.units import Hertz, Number, PowerDensityInStatedUnit, Seconds
 from mavdem.vibration import spectra
-from mavdem.vibration.spectra import max_decimated
 from mavdem.vibration.spectral_lines import SpectralLine
-
-MAX_SPECTRUM_POINTS = 240
-"""Frequencies of a spectrum in the document, at most, which keeps the document small."""
-
-MAX_SPECTROGRAM_POINTS = 120
-"""Frequencies of a spectrogram in the document, at most."""
-
-MAX_SPECTROGRAM_TIMES = 80
-"""Times of a spectrogram in the document, at most."""
 
 ACCELERATION_AXES = ("forward", "right", "down")
 """Names of the axes of an accelerometer's spectrum; those of all other spectra are roll, pitch and yaw."""
@@ -281,44 +269,29 @@ def _response_values(response: LoopResponse) -> JsonValues:
 def _spectrum_document(spectrum: spectra.Spectrum, lines: tuple[SpectralLine, ...]) -> Spectrum:
     """Makes the record of a spectrum and its two spectrograms, over time and over throttle, small enough for a page.
 
-    Of neighbouring frequencies only the largest density is kept, since a mean would hide narrow lines, such as those
-    of the motors. Of the times every k-th is kept.
-
     Args:
         spectrum: spectrum of a gyro, an accelerometer or a demand, with frequencies in Hz.
         lines: its spectral lines, the strongest first.
     """
     axes = ACCELERATION_AXES if spectrum.unit == "m/s²" else AXES
-    frequency, mean_density = max_decimated(
-        spectrum.frequency, spectrum.mean_density, MAX_SPECTRUM_POINTS
-    )
-    coarse_frequency, density_by_time = max_decimated(
-        spectrum.frequency, spectrum.total_density, MAX_SPECTROGRAM_POINTS
-    )
-    # The frequencies are the same as over time.
-    throttle_levels, fine_density_by_throttle = spectrum.density_by_throttle
-    _, density_by_throttle = max_decimated(
-        spectrum.frequency, fine_density_by_throttle, MAX_SPECTROGRAM_POINTS
-    )
-    # Every time_step-th time is kept.
-    time_step = ceil(len(spectrum.time) / MAX_SPECTROGRAM_TIMES)
+    coarse = spectrum.coarse
     return Spectrum.from_results(
         spectrum,
         highest=spectrum.nyquist_frequency,
         windows=len(spectrum.time),
-        frequency=frequency,
-        density=dict(zip(axes, mean_density, strict=True)),
+        frequency=coarse.frequency,
+        density=dict(zip(axes, coarse.mean_density, strict=True)),
         by_time={
-            "time": spectrum.time[::time_step],
-            "throttle": spectrum.throttle[::time_step],
-            "frequency": coarse_frequency,
-            "density": density_by_time[::time_step],
+            "time": coarse.time,
+            "throttle": coarse.throttle,
+            "frequency": coarse.spectrogram_frequency,
+            "density": coarse.density_by_time,
         },
         by_throttle={
             "time": None,
-            "throttle": throttle_levels,
-            "frequency": coarse_frequency,
-            "density": density_by_throttle,
+            "throttle": coarse.throttle_levels,
+            "frequency": coarse.spectrogram_frequency,
+            "density": coarse.density_by_throttle,
         },
         lines=lines,
     )

@@ -13,6 +13,7 @@ References:
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,6 +43,16 @@ MIN_PIECE_SECONDS = 1.0
 
 FORECAST, PREDICTION, CONSTANT_MEAN, HOLD_LAST = HeldOutForecast
 BASELINES = CONSTANT_MEAN, HOLD_LAST
+
+
+class ForecastErrors(NamedTuple):
+    """The errors of one forecast, of m outputs over all windows."""
+
+    name: HeldOutForecast
+    rmse: Array
+    """Root mean squared errors (m,), in the units of the outputs."""
+    error_ratio: float
+    """Mean squared error over that of the constant mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +100,24 @@ class HeldOut(ImmutableResult):
         """Returns the mean squared error of the forecast ``name`` over that of the constant mean, of all windows."""
         error = self._total_errors(name).mean()
         return float(error_over(error, self._total_errors(CONSTANT_MEAN).mean()))
+
+    @property
+    def ranked_errors(self) -> list[ForecastErrors]:
+        """The errors of all forecasts over all windows, the one with the lowest error ratio first."""
+        errors = [
+            ForecastErrors(name, self.rmse(name), self.error_ratio(name)) for name in self.forecasts
+        ]
+        return sorted(errors, key=lambda forecast: forecast.error_ratio)
+
+    @property
+    def error_ratio_quartiles(self) -> Array:
+        """Quartiles (3,) of the error ratio of single windows."""
+        return np.percentile(self.error_ratios(), [25, 50, 75])
+
+    @property
+    def worse_shares(self) -> dict[HeldOutForecast, float]:
+        """By baseline, the share of the windows in which the forecast has the larger error."""
+        return {name: float((self.error_ratios(name) > 1).mean()) for name in BASELINES}
 
     def error_ratios(self, baseline: HeldOutForecast = CONSTANT_MEAN) -> Array:
         """Returns the mean squared error of the forecast over that of the ``baseline``, by window (W,)."""

@@ -108,7 +108,7 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
         columns |= {"positions": geometry.positions or None, "spins": geometry.spins or None}
     rows = []
     for axis, analysis in assessment.analyses.items():
-        report = analysis.as_dict() | judgement
+        report = analysis.report_values | judgement
         loop = assessment.loops[axis]
         margins = {} if isinstance(loop, NoLoop) else margin_columns(loop)
         means = _mean_columns(analysis)
@@ -129,7 +129,7 @@ def _row_without_flight(
     assert assessment.analysis is not None
     reason = assessment.analysis.reason or assessment.headline
     return FlightRow.of(
-        assessment.analysis.as_dict() | judgement,
+        assessment.analysis.report_values | judgement,
         status=reason.advised,
         status_code=reason.code,
         warnings=(),

@@ -185,6 +185,10 @@ class Advice(ImmutableResult):
         )
 
 
+AdviceByAxis = dict[str, Advice | Fact]
+"""The advice by axis, or why there is none."""
+
+
 def advise(
     loop: Loop, tune: str = "default", doubts: Sequence[Fact] = (), *, more: bool = False
 ) -> Advice:

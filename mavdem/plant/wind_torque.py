@@ -206,6 +206,28 @@ def estimate_wind_torque(
     )
 
 
+def resolved_wind_torque(
+    wind_torque: WindTorque | None, physical: Physical | None
+) -> WindTorque | None:
+    """Returns the estimated wind torque only if it may be shown as that of the wind.
+
+    The wind torque is what remains of the total torque without that of the motors. So the effectiveness of the motors
+    must be identifiable, and the remainder larger than its errors.
+
+    Args:
+        wind_torque: the estimate; None if there is none.
+        physical: physical parameters of the axis; None if they were not estimated.
+
+    Returns:
+        The wind torque; None if one of these conditions fails.
+    """
+    if wind_torque is None or wind_torque.reason is not None:
+        return None
+    if physical is None or not physical.identifiable:
+        return None
+    return wind_torque
+
+
 def _variance_by_parameters(gradient: Array, covariance: Array) -> Array:
     """Returns the variance (T,) of a course by uncertain parameters, to first order.
 

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from operator import attrgetter
 from typing import NamedTuple
 
-from mavdem.assessment.axis.tuning import AdviceByAxis, Tuning
+from mavdem.assessment.axis.tuning import Tuning
 from mavdem.facts import Fact
-from mavdem.loops.advice import MAX_ANGLE_GAIN, MAX_GAIN_STEP, Advice
+from mavdem.loops.advice import MAX_ANGLE_GAIN, MAX_GAIN_STEP, Advice, AdviceByAxis
 from mavdem.loops.axis_loops import LoopsByAxis
 from mavdem.loops.filters import gyro_filters
 from mavdem.loops.margins import OpenLoop

@@ -19,11 +19,10 @@ from mavdem.assessment.axis.findings import (
     Findings,
     findings_of,
     next_step_for_model,
-    resolved_wind_torque,
 )
 from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Learned
-from mavdem.experiments.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
+from mavdem.experiments.held_out import FORECAST, PREDICTION, HeldOut
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.flight import Flights
@@ -277,7 +276,7 @@ def torque_blocks(learned: Learned) -> Blocks:
     is computed with the effect of the motors, is called uncertain.
     """
     physical = learned.physical
-    wind = resolved_wind_torque(learned.wind_torque, physical)
+    wind = learned.resolved_wind_torque
     if physical is None or wind is None:
         return []
     largest = max(wind.gusts, key=lambda gust: abs(gust.size), default=None)
@@ -312,19 +311,19 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
         for name, unit in zip(labels.output_names, units, strict=True)
     ]
     rows = []
-    for forecast in sorted(held_out.forecasts, key=held_out.error_ratio):
-        cells = [FORECAST_NAMES.get(forecast, str(forecast))]
-        for unit, rmse in zip(units, held_out.rmse(forecast), strict=True):
+    for forecast in held_out.ranked_errors:
+        cells = [FORECAST_NAMES.get(forecast.name, str(forecast.name))]
+        for unit, rmse in zip(units, forecast.rmse, strict=True):
             cells.append(rounded(unit.scale * rmse))
-        cells.append(rounded(held_out.error_ratio(forecast)))
+        cells.append(rounded(forecast.error_ratio))
         rows.append(cells)
     windows = counted(len(held_out), "held-out window")
     first_header = f"RMSE, {held_out.seconds:.2g} s ahead, {windows}"
     sentences = render_section(
         "prediction",
         windows=len(held_out),
-        quartiles=np.percentile(held_out.error_ratios(), [25, 50, 75]),
-        worse={name: (held_out.error_ratios(name) > 1).mean() for name in BASELINES},
+        quartiles=held_out.error_ratio_quartiles,
+        worse=held_out.worse_shares,
         coverage=held_out.coverage,
     )
     return [Table([first_header, *output_headers, "error ratio"], rows), *sentences]
@@ -401,7 +400,7 @@ def _axis_cells(figures: AxisFigures) -> list[str]:
     for name, estimate in estimates.items():
         is_biased = physical.status[name] is Status.BIASED
         cells.append(f"{estimate} (biased)" if is_biased else estimate)
-    wind = resolved_wind_torque(figures.wind, physical)
+    wind = figures.resolved_wind
     cells.append(UNKNOWN_FIGURE if wind is None else rounded(TORQUE_UNIT.scale * wind.sd))
     return cells
 

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.axis.findings import resolved_wind_torque
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.flight import Flights
@@ -119,7 +118,7 @@ def _model_series(
     yield PROCESS_NOISE, Series(time[samples], state_names(outputs, learned), noise)
     yield FREE_ENERGY, Series(time[samples], ("free_energy",), energy)
     yield COMMAND, Series(time, (command.name,), commands)
-    wind = resolved_wind_torque(learned.wind_torque, learned.physical)
+    wind = learned.resolved_wind_torque
     if wind is not None:
         torque = np.stack([wind.torque, wind.band], axis=1)
         yield WIND_TORQUE, Series(time, ("torque", "band"), torque)

@@ -31,6 +31,12 @@ MAX_GAP_STEPS = 3.0
 """Longest gap within a window, in usual time steps of the samples: a choice."""
 THROTTLE_LEVELS = 12
 """Largest number of levels of the throttle by which spectra are averaged, with as many windows each: a choice."""
+MAX_COARSE_FREQUENCIES = 240
+"""Most frequencies of a coarse spectrum, which keeps a document small: a choice."""
+MAX_SPECTROGRAM_FREQUENCIES = 120
+"""Most frequencies of a coarse spectrogram: a choice."""
+MAX_SPECTROGRAM_TIMES = 80
+"""Most times of a coarse spectrogram: a choice."""
 
 
 class SensorMessage(NamedTuple):
@@ -57,6 +63,27 @@ RATE_MESSAGE = "ATTITUDE"
 """The message that body rates count as coming from, behind the gyro's filters."""
 DEMAND_MESSAGE = "ACTUATOR_CONTROL_TARGET"
 """The message with the demand of the rate controllers."""
+
+
+class CoarseSpectrum(NamedTuple):
+    """A spectrum of k axes with P frequencies, and spectrograms of all axes together with Q frequencies."""
+
+    frequency: Array
+    """(P,) Hz, from 0 on."""
+    mean_density: Array
+    """(k, P) density of each axis, the mean over windows, unit²/Hz."""
+    spectrogram_frequency: Array
+    """(Q,) frequencies of the spectrograms, Hz."""
+    time: Array
+    """(W,) middles of the windows that are kept, s."""
+    throttle: Array
+    """(W,) mean output of the motors in these windows, 0 to 1; NaN where it is not known."""
+    density_by_time: Array
+    """(W, Q) density at each time, unit²/Hz."""
+    throttle_levels: Array
+    """(L,) mean throttle of each level, 0 to 1; empty where the throttle is not known."""
+    density_by_throttle: Array
+    """(L, Q) density at each level of the throttle, unit²/Hz."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +142,37 @@ class Spectrum(ImmutableResult):
         levels = np.array([self.throttle[group].mean() for group in groups])
         densities = np.array([self.total_density[group].mean(axis=0) for group in groups])
         return levels, densities
+
+    @property
+    def coarse(self) -> CoarseSpectrum:
+        """The spectrum with few frequencies and times, as documents hold it.
+
+        Of neighbouring frequencies only the largest density is kept, since a mean would hide narrow lines, such as
+        those of the motors. Of the times every k-th is kept.
+        """
+        frequency, mean_density = max_decimated(
+            self.frequency, self.mean_density, MAX_COARSE_FREQUENCIES
+        )
+        spectrogram_frequency, density_by_time = max_decimated(
+            self.frequency, self.total_density, MAX_SPECTROGRAM_FREQUENCIES
+        )
+        # The frequencies are the same as over time.
+        throttle_levels, fine_density_by_throttle = self.density_by_throttle
+        _, density_by_throttle = max_decimated(
+            self.frequency, fine_density_by_throttle, MAX_SPECTROGRAM_FREQUENCIES
+        )
+        # Every time_step-th time is kept.
+        time_step = ceil(len(self.time) / MAX_SPECTROGRAM_TIMES)
+        return CoarseSpectrum(
+            frequency,
+            mean_density,
+            spectrogram_frequency,
+            time=self.time[::time_step],
+            throttle=self.throttle[::time_step],
+            density_by_time=density_by_time[::time_step],
+            throttle_levels=throttle_levels,
+            density_by_throttle=density_by_throttle,
+        )
 
     def mean_power(self, low: float, high: float) -> float:
         """Returns the power of all axes in a band, the integral of the density over frequency.

@@ -9,11 +9,9 @@ import rerun.blueprint as rrb
 
 from mavdem.arrays import Array
 from mavdem.assessment import Assessment
-from mavdem.assessment.axis.findings import resolved_wind_torque
 from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.fleet.row import utf8_text
-from mavdem.loops.axis_loops import identified_loops
 from mavdem.loops.step_response import StepResponse
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Sentence, markdown
@@ -169,7 +167,7 @@ class RecordingTabs:
         """
         if not self._timeline.wind_charts:
             return []
-        torque = resolved_wind_torque(learned.wind_torque, learned.physical)
+        torque = learned.resolved_wind_torque
         gusts = torque.gusts if torque else ()
         start_times = [float(clock[gust.sample]) for gust in gusts]
         marks = EventMarks(f"gust ({len(start_times)})", palette.GUST, start_times)
@@ -198,7 +196,7 @@ class RecordingTabs:
                             measured.step,
                         )
                     )
-        loops = identified_loops(self._assessment.loops)
+        loops = self._assessment.identified_loops
         sensitivity_views = []
         for axis, loop in loops.items():
             # The first response is that of the estimate; draws from the posterior follow.

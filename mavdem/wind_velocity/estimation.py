@@ -17,7 +17,11 @@ from mavdem.facts.online import DragSource
 from mavdem.facts.wind import WindDoubt
 from mavdem.immutable import ImmutableResult
 from mavdem.wind_velocity.airflow_filter import TOTAL_WIND_MATRIX
-from mavdem.wind_velocity.compass import meteorological_direction
+from mavdem.wind_velocity.compass import (
+    PolarWind,
+    meteorological_direction,
+    speed_and_direction,
+)
 from mavdem.wind_velocity.drag_identification import GUST_SECONDS, identify_drag, sampled_winds
 from mavdem.wind_velocity.motion_grid import MAX_STEPS, flight_grid, validated_motion
 from mavdem.wind_velocity.vehicle_drag import DRAG_PARAMETERS, Drag
@@ -125,6 +129,24 @@ class WindVelocity(ImmutableResult):
     def calm(self) -> bool:
         """Whether still air is likely as well: the wind is then said to be below the interval's upper end."""
         return self.speed_identifiable and not self.speed_interval[0]
+
+    @property
+    def polar(self) -> PolarWind:
+        """The course of the wind as speed and direction, each (T,), with half widths of their bands."""
+        return self.as_polar(self.velocity, self.band)
+
+    def as_polar(self, velocity: Array, band: Array) -> PolarWind:
+        """Converts a course of wind velocity to speed and direction, so that it can be drawn beside this wind.
+
+        Directions are given within half a turn of the mean direction of this wind, or of north where that is not
+        identifiable, so that their line does not jump at north.
+
+        Args:
+            velocity: (N, 2) velocity of the air, north and east, m/s.
+            band: (N, 2) half widths of its band, m/s.
+        """
+        mean_direction = self.direction if self.direction_identifiable else 0.0
+        return speed_and_direction(velocity, band, mean_direction)
 
     @property
     def identified_figures(self) -> Self:

@@ -154,7 +154,7 @@ def test_what_hides_the_margins_is_said_at_any_rate():
 @mark.slow
 def test_the_worst_loop_of_a_flight_is_rated():
     log = read_log(LOGS / "ardupilot_wind5_steps.tlog")
-    loops = loops_of_axes(log, Signals(log.vehicles[0]))
+    loops, _ = loops_of_axes(log, Signals(log.vehicles[0]))
     assert list(loops) == ["roll", "pitch", "yaw"] and isinstance(loops["pitch"], Fact)
     tighter = loops["roll"].with_parameters({"ATC_RAT_RLL_P": 1.03 * loops["roll"].controller.p})
     loops["pitch"] = replace(tighter, axis="pitch")

@@ -254,7 +254,9 @@ def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():
         leaning = replace(known, condition=replace(known.condition, lean=lean))
         for name, limit in limits.items():
             strong = replace(known.signals.telemetry, parameters={name: limit})
-            assert wind_light(replace(leaning, signals=Signals(strong))).level == level
+            evidence_of_lean = replace(leaning, signals=Signals(strong))
+            fact = wind_light(evidence_of_lean, estimator_light(evidence_of_lean))
+            assert fact.level == level
 
 
 def test_the_log_is_judged_by_its_rates_and_gaps():

@@ -195,7 +195,9 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
         read = " ".join(place.replace("&#39;", "'").split())
         assert headline in read and "GOOD" not in read.replace("GOOD_", "")
         assert remedy in read and "vehicle's reference" not in place
-    report = found.analysis.as_dict() | found.judgement_values | {"headline_fact": found.headline}
+    report = (
+        found.analysis.report_values | found.judgement_values | {"headline_fact": found.headline}
+    )
     row = FlightRow.of(report, file=log)
     assert row.overrides == ("motors",) and row.headline == str(found.headline)
     assert row.light_motors == "bad"

@@ -1,7 +1,6 @@
 """Figures of one vehicle and axis: a record of all that a log shows of them, and the same as a JSON document.
 
-``LogAnalysis`` is the record. Its ``as_dict`` is the document that ``report.json`` has, that pages and fleets read, and
-that scripts hold.
+``LogAnalysis`` is the record. Its ``report_values`` are the document of a model, as ``report.json`` and fleets have it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,7 +39,7 @@ from mavdem.ingest import Component
 from mavdem.loops.identification import identify_plant_in_loop
 from mavdem.motors.motor_changes import MotorAlarm, alarm_figures
 from mavdem.plant import NotIdentifiable, Physical, WindTorque, physical
-from mavdem.plant.wind_torque import estimate_wind_torque
+from mavdem.plant.wind_torque import estimate_wind_torque, resolved_wind_torque
 
 ALL_AXES = "all"
 """Name that stands for roll, pitch and yaw together, where the name of one axis is expected."""
@@ -57,6 +56,11 @@ class AxisFigures(NamedTuple):
     """Wind torque; None if it could not be estimated."""
     reason: Fact | None
     """Why there are no physical parameters; None if there are."""
+
+    @property
+    def resolved_wind(self) -> WindTorque | None:
+        """The wind torque, if it is larger than its errors and the motors' effectiveness is identifiable."""
+        return resolved_wind_torque(self.wind, self.physical)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +135,9 @@ class LogAnalysis:
             self.learned, self.held_out, self.condition, self.alarms, consistency, self.trim
         )
 
-    def as_dict(self) -> JsonValues:
-        """Returns all figures by the keys of ``report.json``, before they are turned into plain JSON values.
+    @property
+    def report_values(self) -> JsonValues:
+        """All figures by the keys of the document ``Report``, before they are turned into plain JSON values.
 
         Without a model the keys of :func:`model_figures` are missing. All other keys are always there: their values are
         None, or empty, for what is not known. Angles are in rad, rates in rad/s, times in s.

@@ -15,7 +15,7 @@ from mavdem.assessment.axis.residuals import residuals
 from mavdem.assessment.condition import Condition
 from mavdem.confidence import coverage_factor
 from mavdem.dem import Learned
-from mavdem.experiments.held_out import BASELINES, HeldOut
+from mavdem.experiments.held_out import CONSTANT_MEAN, HOLD_LAST, HeldOut
 from mavdem.facts import Fact, Facts
 from mavdem.facts.assessment import (
     Because,
@@ -133,28 +133,6 @@ def with_own_torque_marked(learned: Learned, is_own: bool) -> Learned:
     if not is_own or torque is None:
         return learned
     return learned.with_wind_torque(replace(torque, reason=Fact(Because.OWN_TORQUE)))
-
-
-def resolved_wind_torque(
-    wind_torque: WindTorque | None, physical: Physical | None
-) -> WindTorque | None:
-    """Returns the estimated wind torque only if it may be shown as that of the wind.
-
-    The wind torque is what remains of the total torque without that of the motors. So the effectiveness of the motors
-    must be identifiable, and the remainder larger than its errors.
-
-    Args:
-        wind_torque: the estimate; None if there is none.
-        physical: physical parameters of the axis; None if they were not estimated.
-
-    Returns:
-        The wind torque; None if one of these conditions fails.
-    """
-    if wind_torque is None or wind_torque.reason is not None:
-        return None
-    if physical is None or not physical.identifiable:
-        return None
-    return wind_torque
 
 
 def _overridden(finding: Finding, override: Fact) -> Finding:
@@ -342,9 +320,9 @@ def _prediction_finding(held_out: HeldOut) -> Finding:
     baseline = held_out.best_baseline
     # Each error ratio is over the error of the constant mean, which cancels.
     ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
-    worse_than_mean, worse_than_last = (
-        float((held_out.error_ratios(name) > 1).mean()) for name in BASELINES
-    )
+    worse_shares = held_out.worse_shares
+    worse_than_mean = worse_shares[CONSTANT_MEAN]
+    worse_than_last = worse_shares[HOLD_LAST]
     reason = Fact(
         Because.FORECASTS_COMPARED,
         name=baseline,

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
+from typing import NamedTuple
 
 from mavdem.assessment.axis.analysis import flights_from
 from mavdem.assessment.axis.figures import AxisFigures
@@ -13,6 +14,7 @@ from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
+from mavdem.facts.loops import Loops
 from mavdem.flight import Flights
 from mavdem.ingest import Log
 from mavdem.loops.axis_loops import Loop
@@ -21,13 +23,25 @@ from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.plant import Physical, physical
 
 
+class LogLoops(NamedTuple):
+    """The control loops of a log, and what the autopilot changed of them in flight."""
+
+    loops: dict[str, Loop | Fact]
+    """The loops of roll, pitch and yaw by axis, or why they are not known."""
+    autotune: list[Fact]
+    """The axes that AutoTune tuned, with the gains before and after as figures.
+
+    They are rated by the margins of the loop, and have no rating where that is not known.
+    """
+
+
 def loops_of_axes(
     log: Log,
     signals: Signals,
     start: float = 0.0,
     figures: Mapping[str, AxisFigures] = MappingProxyType({}),
-) -> dict[str, Loop | Fact]:
-    """Returns the control loops of roll, pitch and yaw, or why they are not known, by axis.
+) -> LogLoops:
+    """Identifies the control loops of roll, pitch and yaw.
 
     Args:
         log: the log.
@@ -36,13 +50,21 @@ def loops_of_axes(
         figures: physical parameters by axis, if they were estimated before.
     """
     loops = dict[str, Loop | Fact]()
+    autotune = []
     for axis in AXES:
+        axis_signals = signals.for_axis(axis, signals.inputs)
         try:
-            axis_signals = signals.for_axis(axis, signals.inputs)
-            loops[axis] = loop_of_axis(axis_signals, log, start, figures.get(axis))
+            loop = loop_of_axis(axis_signals, log, start, figures.get(axis))
         except NotLearnable as error:
             loops[axis] = error.fact
-    return loops
+            fact = autotune_fact(axis_signals, error.fact)
+            if fact is not None:
+                autotune.append(fact)
+            continue
+        loops[axis] = loop
+        # A loop has what AutoTune changed among its cautions.
+        autotune += [caution for caution in loop.cautions if caution.code is Loops.AUTOTUNED]
+    return LogLoops(loops, autotune)
 
 
 def loop_of_axis(

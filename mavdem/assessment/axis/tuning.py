@@ -16,11 +16,8 @@ from mavdem.facts.loops import Loops
 from mavdem.facts.margins import TrackingLight
 from mavdem.immutable import freeze
 from mavdem.ingest.telemetry import Parameters
-from mavdem.loops.advice import Advice, advise
+from mavdem.loops.advice import Advice, AdviceByAxis, advise
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, margin_rating
-
-AdviceByAxis = dict[str, Advice | Fact]
-"""The advice by axis, or why there is none."""
 
 
 class Tuning(NamedTuple):

@@ -11,7 +11,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.loops import Gains
 from mavdem.ingest.telemetry import Parameters
-from mavdem.loops.axis_loops import LoopsByAxis, identified_loops
+from mavdem.loops.axis_loops import LoopsByAxis
 from mavdem.loops.twin import Twin, build_twin
 from mavdem.loops.twin_flight import (
     SETTLING_SECONDS,
@@ -55,7 +55,7 @@ def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin
     if "roll" in missing:
         reasons = (*evidence.reasons_not_to_fly, missing["roll"])
         raise NotLearnable(reasons[0])
-    loops = identified_loops(evidence.loops)
+    loops = evidence.identified_loops
     signals = evidence.signals
     hover = hover_of(signals.for_axis("roll", "motors"), evidence.log.components)
     hover_share = float(np.mean(hover.trim_of_range))
@@ -84,7 +84,7 @@ def predicted_errors(evidence: Evidence, gains: Parameters) -> Facts:
         with the present gains and ``expected_error`` with the others. If the twin cannot fly, only the reason; nothing
         if the log has no setpoints of roll.
     """
-    loops = identified_loops(evidence.loops)
+    loops = evidence.identified_loops
     segments = replay_segments(loops) if "roll" in loops else {}
     if not segments:
         return ()

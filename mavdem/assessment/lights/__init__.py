@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights.estimator import estimator_light
 from mavdem.assessment.lights.log import log_light
 from mavdem.assessment.lights.margins import margins_light
@@ -20,12 +19,14 @@ class RegisteredLight(NamedTuple):
     """One light: its name, the function that judges it, and how it counts in the headline."""
 
     name: Light
-    judge: Callable[[Evidence], Fact]
-    """Returns the fact of the light, whose level is its colour."""
+    judge: Callable[..., Fact]
+    """Returns the fact of the light, whose level is its colour, by the ``Evidence`` and the facts of ``needs``."""
     urgency: int
     """Place in the headline: of several bad lights the one with the lowest number is named."""
     is_of_vehicle: bool = True
     """Whether it judges the vehicle; otherwise it judges the log or the weather, of which only bad is a headline."""
+    needs: tuple[Light, ...] = ()
+    """Lights whose facts it is judged by too; they stand before it in the ``REGISTRY``."""
 
 
 REGISTRY = (
@@ -35,7 +36,9 @@ REGISTRY = (
     RegisteredLight(Light.MARGINS, margins_light, urgency=2),
     RegisteredLight(Light.POWER, power_light, urgency=5),
     RegisteredLight(Light.ESTIMATOR, estimator_light, urgency=6),
-    RegisteredLight(Light.WIND, wind_light, urgency=8, is_of_vehicle=False),
+    RegisteredLight(
+        Light.WIND, wind_light, urgency=8, is_of_vehicle=False, needs=(Light.ESTIMATOR,)
+    ),
     RegisteredLight(Light.LOG, log_light, urgency=7, is_of_vehicle=False),
 )
 """All lights in the order in which they are shown.

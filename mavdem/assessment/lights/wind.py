@@ -4,7 +4,6 @@ from math import hypot, inf, radians
 
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.lights.estimator import estimator_light
 from mavdem.facts import Fact, Level
 from mavdem.facts.wind import WindLight
 from mavdem.ingest.telemetry import Telemetry
@@ -16,18 +15,19 @@ MAX_LEAN_SHARE = 0.5
 """Share of the largest lean that the mean wind may take: as much again is left for gusts and for motion against it."""
 
 
-def wind_light(evidence: Evidence) -> Fact:
+def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     """Returns the mean wind with its interval; unknown if the flight does not identify its speed.
 
     The wind is estimated from how far the vehicle leans to hold against it. It is to be watched if it takes more than
-    ``MAX_LEAN_SHARE`` of the lean that the vehicle may use, or if the light on the estimator, on which the
-    estimated wind rests, is bad.
+    ``MAX_LEAN_SHARE`` of the lean that the vehicle may use, or if the light on the estimator is bad: the wind is
+    estimated from the estimator's velocity.
 
     The fact has ``speed``, its interval ``low`` to ``high`` (m/s), ``direction``, None if that is not identified, and
     the ``share`` of the lean.
 
     Args:
         evidence: what the log shows of the vehicle.
+        estimator: the fact of the light on the state estimator.
 
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
@@ -41,7 +41,6 @@ def wind_light(evidence: Evidence) -> Fact:
         return Fact(WindLight.WIND_NOT_KNOWN, because=wind.reasons["speed"])
     lowest_speed, highest_speed = wind.speed_interval
     lean_share = _lean_share(evidence.condition, evidence.signals.telemetry)
-    estimator = estimator_light(evidence)
     takes_much_lean = lean_share > MAX_LEAN_SHARE and not wind.calm
     return Fact(
         WindLight.WIND_BLEW,

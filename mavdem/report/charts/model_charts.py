@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.axis.findings import resolved_wind_torque
 from mavdem.assessment.axis.residuals import residuals as residuals_of
 from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.dem import Learned
@@ -152,7 +151,7 @@ def wind_torque_charts(learned: Learned) -> Charts:
     Raises:
         ValueError: the wind torque is not identifiable.
     """
-    wind = resolved_wind_torque(learned.wind_torque, learned.physical)
+    wind = learned.resolved_wind_torque
     line = torque_line(learned, "wind torque", DISTURBANCE)
     if wind is None or line is None:
         raise ValueError("there is no wind torque to show: it is not identifiable in this flight")
@@ -180,7 +179,7 @@ def wind_torque_charts(learned: Learned) -> Charts:
 
 def torque_line(learned: Learned, name: str, colour: str) -> Line | None:
     """Returns the wind torque of a model over time, °/s², with its 90 % band; None where it is not identifiable."""
-    wind = resolved_wind_torque(learned.wind_torque, learned.physical)
+    wind = learned.resolved_wind_torque
     if wind is None:
         return None
     torque = series_with_gaps(learned.record, TORQUE_UNIT.scale * wind.torque)

@@ -15,7 +15,7 @@ from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.numbers import listed
 from mavdem.report.pages.page import environment
-from mavdem.wind_velocity.compass import compass_text, speed_and_direction
+from mavdem.wind_velocity.compass import compass_text
 from mavdem.wind_velocity.estimation import WindVelocity
 
 RADIUS = 100.0
@@ -86,7 +86,7 @@ def frame_plan(motors: MotorOutputs | None, condition: Condition | None) -> Plan
 
 def rose_of_wind(wind: WindVelocity) -> Plan:
     """Returns the wind rose of a flight: the share of time, %, that wind came from each direction, by speed."""
-    polar = speed_and_direction(wind.velocity, wind.band, wind.direction)
+    polar = wind.polar
     description = f"The wind came from {compass_text(wind.direction)}, {wind.speed:.1f} m/s."
     percent_per_sample = 100 / len(polar.speed)
     return _wind_rose(description, polar.direction, polar.speed, percent_per_sample, wind.direction)

@@ -14,14 +14,10 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.findings import findings_of
 from mavdem.assessment.axis.responses import Responses
-from mavdem.assessment.axis.tuning import AdviceByAxis, tuned
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.inventory import inventory
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.containers import JsonValues
-from mavdem.dataset.axes import AXES
 from mavdem.dem import Learned
-from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.ending import MotionEvent
@@ -30,8 +26,8 @@ from mavdem.facts.loops import Gains
 from mavdem.facts.session import Spent
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
-from mavdem.loops.advice import Advice
-from mavdem.loops.axis_loops import Loop, identified_loops
+from mavdem.loops.advice import Advice, AdviceByAxis
+from mavdem.loops.axis_loops import Loop
 from mavdem.loops.filters import gyro_filters
 from mavdem.loops.step_response import IntervalEstimate, StepResponse
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, warning
@@ -113,12 +109,7 @@ OTHER_SENSORS = "accelerometer", "demand", "d_term"
 
 def review_page(assessment: Assessment) -> str:
     """Returns the HTML of the page of a log that was reviewed, with all that the log contains."""
-    name = Path(assessment.log.source).name
-    if assessment.analysis is None or assessment.evidence is None:
-        return log_page(name, assessment, inventory(assessment.log))
-    contents = inventory(assessment.log, [assessment.contents])
-    contents["vehicles"][0] |= assessment.judgement_values | {"model": assessment.analysis.model}
-    return log_page(name, assessment, contents)
+    return log_page(Path(assessment.log.source).name, assessment, assessment.log_contents)
 
 
 def flight_page(file: str, assessment: Assessment) -> str:
@@ -198,7 +189,7 @@ def _flight_chapters(
     if timeline is not None:
         yield _axes_chapter(assessment, timeline)
     yield responses_chapter(assessment.responses)
-    yield _loops_chapter(evidence, _gain_advice(assessment, evidence) if is_full else {})
+    yield _loops_chapter(evidence, assessment.advised_gains if is_full else {})
     yield _gyro_chapter(assessment, timeline, is_full)
     yield _other_sensors_chapter(assessment.noise, timeline, is_full)
     yield _motors_chapter(analysis, evidence)
@@ -295,17 +286,6 @@ def _step_figure_text(response: StepResponse, key: str) -> str:
     return f"{text(value)} ({text(low)} to {text(high)})"
 
 
-def _gain_advice(assessment: Assessment, evidence: Evidence) -> AdviceByAxis:
-    """Returns the gains that ``mavdem tune`` advises by axis.
-
-    Where the loops are not identified that is nothing, or, for a vehicle that must not fly, the reason why.
-    """
-    try:
-        return tuned(assessment, AXES, is_written=False).axes
-    except NotLearnable as error:
-        return {"all axes": error.fact} if evidence.reasons_not_to_fly else {}
-
-
 def _loops_chapter(evidence: Evidence, advice: AdviceByAxis) -> Chapter:
     """Returns the chapter of control loops: margins or why they are not known, advised gains, and charts of both.
 
@@ -314,7 +294,7 @@ def _loops_chapter(evidence: Evidence, advice: AdviceByAxis) -> Chapter:
         advice: gains that are advised by axis, or why there are none; empty without advice.
     """
     blocks: Blocks = [*_margin_sentences(evidence)]
-    loops = identified_loops(evidence.loops)
+    loops = evidence.identified_loops
     loops_by_axis: dict[str, Mapping[str, Loop]] = {
         axis: {"now": loop} for axis, loop in loops.items()
     }
@@ -360,7 +340,7 @@ def _gyro_chapter(assessment: Assessment, timeline: Timeline | None, is_full: bo
         is_full: whether there are spectrograms, which take much of a page.
     """
     noise = assessment.noise
-    loops = [*identified_loops(assessment.loops).values()]
+    loops = [*assessment.identified_loops.values()]
     blocks: Blocks = [Sentence(str(fact)) for fact in noise.facts]
     fastest = max(loops, key=lambda loop: loop.crossover, default=None)
     if fastest is not None:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 from pytest import mark
 
+from mavdem.assessment.time_history import wind_history
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.identifiability import Status
@@ -47,7 +48,8 @@ def charts(estimate):
     values = np.tile([0.0, AUTOPILOT_SPEED], (len(TIME), 1))
     autopilot = TimeSeries(TIME, np.zeros(len(TIME), int), values)
     segment = Segment(0, TIME[0], TIME[-1])
-    return [*wind_speed_and_direction_charts(WindEvidence(estimate, autopilot, None), segment)]
+    history = wind_history(WindEvidence(estimate, autopilot, None), segment)
+    return [*wind_speed_and_direction_charts(history)]
 
 
 def test_speed_is_drawn_in_metres_per_second_and_direction_in_degrees():
@@ -70,7 +72,3 @@ def test_without_a_direction_only_the_speed_is_drawn(lowest_speed):
     (speed,) = charts(estimate)
     assert_allclose([line.y[0] for line in speed.lines], [SPEED, AUTOPILOT_SPEED])
     assert_allclose(speed.lines[0].low, SPEED - 1.0)
-
-
-def test_wind_of_another_boot_is_not_drawn():
-    assert not charts(replace(wind(), boot=1))

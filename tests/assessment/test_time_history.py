@@ -1,0 +1,100 @@
+"""The time history: one boot of a log, from shortly before arming to shortly after disarming, without short signals."""
+
+import numpy as np
+from hover import Hover, asking, changed, columns
+from numpy.testing import assert_allclose
+from partial_records import partial_record
+from pytest import approx
+
+from mavdem.assessment.time_history import SECONDS_AROUND_FLIGHT, time_history
+from mavdem.dataset.learnability import learnability_of
+from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
+from mavdem.facts.events import Reported
+from mavdem.facts.lights import Unjudged
+from mavdem.wind_velocity.estimation import WindVelocity
+from mavdem.wind_velocity.from_log import WindEvidence
+
+HOVER = Hover()
+ARMED, DISARMED = 5.0, HOVER.landed + 1.0
+HEARTBEAT_PERIOD = 1.0
+NO_WIND = WindEvidence(None, None, Fact(Unjudged.NOT_JUDGED, because=None))
+
+
+def history_of(telemetry, *events):
+    """The time history of a vehicle whose wind is not known."""
+    signals = Signals(telemetry)
+    return time_history(signals, learnability_of(signals).segments, NO_WIND, events)
+
+
+def armed_from_20_to_40_s():
+    """The vehicle, which is disarmed before 20 s and from 40 s on."""
+    beats = HOVER.stamps(1.0)
+    base_mode = np.where((beats >= 20.0) & (beats < 40.0), 129, 1)
+    return changed(HOVER.telemetry(), "HEARTBEAT", base_mode=base_mode)
+
+
+def test_it_lasts_from_before_arming_to_after_disarming():
+    history = history_of(armed_from_20_to_40_s())
+    assert history.segment.start == approx(20.0 - SECONDS_AROUND_FLIGHT, abs=HEARTBEAT_PERIOD)
+    assert history.segment.end == approx(40.0 + SECONDS_AROUND_FLIGHT, abs=HEARTBEAT_PERIOD)
+    angle = history.axes["roll"].angle.measured
+    assert angle.time[0] >= history.segment.start and angle.time[-1] <= history.segment.end
+    assert_allclose(angle.values, HOVER.roll(angle.time))
+
+
+def test_setpoints_are_held_at_the_times_of_the_measured_signal():
+    time = HOVER.stamps(10.0)
+    setpoints = asking(HOVER.telemetry(), time, 0, HOVER.roll_rate(time), HOVER.roll(time))
+    rate = history_of(setpoints).axes["roll"].rate
+    age = rate.measured.time - np.floor(rate.measured.time * 10.0 + 1e-6) / 10.0
+    assert rate.setpoint.shape == rate.measured.values.shape and rate.unit == "rad/s"
+    assert_allclose(rate.setpoint, HOVER.roll_rate(rate.measured.time - age))
+    assert history_of(HOVER.telemetry()).axes["roll"].rate.setpoint is None
+
+
+def test_motors_are_in_percent_of_their_range_and_of_their_mean():
+    motors = history_of(HOVER.telemetry()).motors
+    hovering = (motors.outputs.time > 20.0) & (motors.outputs.time < 40.0)
+    assert motors.outputs.values[hovering].mean() == approx(60.0, abs=5.0)
+    assert_allclose(motors.deviations.values.mean(axis=1), 0.0, atol=1e-9)
+    assert_allclose(np.diff(motors.deviations.values), np.diff(motors.outputs.values), atol=1e-9)
+
+
+def test_a_signal_with_a_single_sample_in_flight_is_left_out():
+    telemetry = armed_from_20_to_40_s()
+    for time, is_shown in (([0.0, 1.0, 30.0], False), ([0.0, 30.0, 31.0], True)):
+        heights = columns(time, altitude_relative=np.array([1.0, 2.0, 3.0]))
+        height = history_of(changed(telemetry, "ALTITUDE", **heights)).height
+        assert (height is not None) is is_shown
+
+
+def test_voltages_are_named_by_their_battery():
+    time = HOVER.stamps(1.0)
+    one = changed(HOVER.telemetry(), "SYS_STATUS", **columns(time, voltage_battery=16000))
+    (voltage,) = history_of(one).voltages.values()
+    assert list(history_of(one).voltages) == ["battery"]
+    assert_allclose(voltage.values, 16.0)
+    assert not history_of(HOVER.telemetry()).voltages
+
+
+def test_events_of_another_boot_or_of_no_time_are_left_out():
+    here = Fact(Reported.BATTERY_WARNED, time=20.0, boot=0)
+    of_no_boot = Fact(Reported.BATTERY_WARNED, time=30.0)
+    elsewhere = Fact(Reported.BATTERY_WARNED, time=20.0, boot=1)
+    timeless = Fact(Reported.BATTERY_WARNED, boot=0)
+    history = history_of(HOVER.telemetry(), here, of_no_boot, elsewhere, timeless)
+    assert [event.fact for event in history.events] == [here, of_no_boot]
+
+
+def test_without_an_attitude_there_is_no_time_history():
+    assert history_of(HOVER.telemetry(without=("ATTITUDE",))) is None
+
+
+def test_a_wind_of_another_boot_is_left_out():
+    signals = Signals(HOVER.telemetry())
+    wind = partial_record(WindVelocity, boot=0)
+    of_other_boot = partial_record(WindVelocity, boot=1)
+    history = time_history(signals, (), WindEvidence(wind, None, None), ())
+    assert history.wind.estimate is wind
+    assert time_history(signals, (), WindEvidence(of_other_boot, None, None), ()).wind is None
