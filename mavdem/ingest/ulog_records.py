@@ -89,8 +89,20 @@ FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)")
 NAME = re.compile(rb"[\x21-\x39\x3b-\x7e]+")
 """Name of a message: printable characters without the colon behind it."""
 
-KEY = re.compile(rb"(\w+)(\[\d*\])? [\x21-\x7e]+")
+MAX_NAME_BYTES = 255
+"""Largest length of the name of a message: a choice; PX4's have up to some 40 characters."""
+
+KEY = re.compile(rb"(\w++)(\[\d*\])? [\x21-\x7e]+")
 """Key of an information or a parameter: a type, perhaps of an array, and a name."""
+
+START_OF_DEFINITION = (
+    rb"[\x04-\xff]\0A|..F[\x21-\x39\x3b-\x7e]{1,255}+:|\x08\0S|\x02\0[OR]|..[LC][0-7]|"
+    rb"..(?:[IP]|[MQ].).(?:u?int(?:8|16|32|64)_t|float|double|bool|char)"
+)
+"""Beginnings of all records but those of data, for the search behind damage.
+
+A search for the mere letters would stop at each byte of a run of one letter. Names of messages may have 252 characters.
+"""
 
 RECORDS_OF_CHAIN = 5
 """Number of records in a row that must fit the definitions for the search after damage to end: a choice.
@@ -210,6 +222,7 @@ class _RecordScan:
         # Length of a whole data record by its first five bytes. These are the same in all records of a subscription,
         # so that one look-up is all that a sound record costs.
         self._data_lengths: dict[bytes, int] = {}
+        self._record_start: re.Pattern[bytes] | None = None
         self._flags = b""
 
     def run(self) -> None:
@@ -376,7 +389,7 @@ class _RecordScan:
     def _fit_of_subscription(self, body: bytes) -> _Fit:
         """Compares a subscription with the definitions of messages."""
         name = body[3:]
-        if NAME.fullmatch(name) is None:
+        if len(name) > MAX_NAME_BYTES or NAME.fullmatch(name) is None:
             return _Fit.DAMAGED
         if int.from_bytes(body[1:3], "little") in self._topics:
             # Parsers would begin the topic anew and lose what came before.
@@ -397,6 +410,7 @@ class _RecordScan:
             topic = self._topic_of_format(body[3:].decode())
             if topic is not None:
                 self._topics[number] = topic
+                self._record_start = None
                 if topic.stamp_offset is not None:
                     data_header = DATA_HEADER.pack(topic.min_bytes + 2, DATA, number)
                     self._data_lengths[data_header] = DATA_HEADER.size + topic.min_bytes
@@ -513,20 +527,27 @@ class _RecordScan:
         next_position = self._next_position(position)
         if not self._is_chain(next_position, end, may_begin_unknown=True):
             return False
-        type_offset = HEADER.size - 1
-        for type_byte in TYPE_BYTES.finditer(self.content, position + HEADER.size, next_position):
-            if self._is_chain(type_byte.start() - type_offset, end):
-                return False
-        return True
+        inside = self._record_start_pattern().finditer(self.content, position + 1, next_position)
+        return not any(self._is_chain(start.start(), end) for start in inside)
 
     def _next_chain(self, start: int, end: int) -> int:
         """Returns the first offset from ``start`` on at which a chain of records begins; ``end`` without any."""
-        type_offset = HEADER.size - 1
-        for type_byte in TYPE_BYTES.finditer(self.content, start + type_offset, end):
-            position = type_byte.start() - type_offset
+        for record_start in self._record_start_pattern().finditer(self.content, start, end):
+            position = record_start.start()
             if self._is_chain(position, end):
                 return position
         return end
+
+    def _record_start_pattern(self) -> re.Pattern[bytes]:
+        """Returns the pattern of bytes at which a record may begin, by the subscriptions that were read so far."""
+        if self._record_start is None:
+            numbers = [re.escape(number.to_bytes(2, "little")) for number in self._topics]
+            # An empty list would match any data record.
+            start_of_data = rb"..D(?:" + b"|".join(numbers) + rb")|" if numbers else b""
+            # Looking ahead, a match has no length: the next one may begin at the byte behind.
+            pattern = rb"(?=" + start_of_data + START_OF_DEFINITION + rb")"
+            self._record_start = re.compile(pattern, re.DOTALL)
+        return self._record_start
 
     def _damaged_place(self, position: int, end: int, recent: Sequence[int]) -> slice:
         """Finds what must be left out around a record that does not fit, and adds it to the loss.
@@ -659,11 +680,11 @@ class _ParsedFormat(NamedTuple):
 
 def _parsed_format(body: bytes) -> _ParsedFormat | None:
     """Parses the definition of a message, "name:type field;type[4] field;"; returns None for a damaged one."""
-    name, separator, fields_text = body.decode("latin-1").partition(":")
-    if not separator or NAME.fullmatch(name.encode("latin-1")) is None:
+    name_end = body.find(b":", 0, MAX_NAME_BYTES + 1)
+    if name_end < 0 or NAME.fullmatch(body, 0, name_end) is None:
         return None
     fields = []
-    for text in fields_text.split(";"):
+    for text in body[name_end + 1 :].decode("latin-1").split(";"):
         if not text:
             continue
         match = FIELD.fullmatch(text)
@@ -672,7 +693,7 @@ def _parsed_format(body: bytes) -> _ParsedFormat | None:
         kind, elements, field_name = match.groups()
         # Parsers read an array of no elements as one number.
         fields.append(_Field(kind, max(int(elements or 1), 1), field_name))
-    return _ParsedFormat(name, fields)
+    return _ParsedFormat(body[:name_end].decode(), fields)
 
 
 def _is_key_and_value(content: bytes) -> bool:

@@ -2,6 +2,7 @@
 
 import random
 import struct
+import time
 
 import numpy as np
 from pytest import approx, mark
@@ -193,6 +194,15 @@ def test_data_appended_after_a_crash_follows_a_record_that_is_cut():
     records = sound_records(file_header + flags + first + cut + second)
     assert records.content == file_header + message("B", bytes(40)) + first + second
     assert records.loss == RecordLoss()
+
+
+@mark.parametrize("filling", [b"A", b"D", b"F:", b"L", b"P", b"M\1A", b"\4\0D\0\0"])
+def test_bytes_that_look_like_records_are_skipped_at_once(filling):
+    """None takes a second; the limit leaves room for a busy machine."""
+    start = time.process_time()
+    records = sound_records(log(*UNMARKED[:700], 100_000 * filling, *UNMARKED[700:]))
+    assert time.process_time() - start < 10
+    assert records.content.endswith(b"".join(UNMARKED[702:]))
 
 
 @mark.parametrize("seed", range(8))
