@@ -17,6 +17,7 @@ from mavdem.assessment.judgement import judge, unjudged
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.record import Assessment
 from mavdem.assessment.reported import reported_events
+from mavdem.assessment.saturated_motor import saturation_losses
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
@@ -103,6 +104,7 @@ def assess_signals(
     events = [*reported_events(signals), *motion_events(signals)]
     ending = ending_of(signals, events, analysis.condition.collective)
     events += _motor_changes(analysis, ending)
+    events += saturation_losses(signals, events, ending)
     if ending is not None:
         events.append(ending)
     events += autotune

@@ -1,6 +1,7 @@
 """Motors whose output stays at its upper limit in flight, or that are off while the others carry the vehicle."""
 
 from collections.abc import Iterator
+from math import inf
 
 import numpy as np
 
@@ -8,7 +9,12 @@ from mavdem.arrays import Array, Flags
 from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close
 from mavdem.dataset.intervals import Intervals, in_intervals, true_intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.dataset.phases import MAX_SETPOINT_DELAY, min_airborne_collective
+from mavdem.dataset.phases import (
+    MAX_GROUND_HEIGHT,
+    MAX_SETPOINT_DELAY,
+    height_above_take_off,
+    min_airborne_collective,
+)
 from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
@@ -53,7 +59,9 @@ def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
 def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
     """Yields when a motor stayed at its upper limit, or was off, in flight.
 
-    A motor counts as off only if that lasts for more than ``MAX_SETPOINT_DELAY``: a mixer may stop one for a moment.
+    A limit counts only once the vehicle has left the ground: on a bench or a stand, which hold it, the controller
+    drives motors to any command. A motor counts as off only if that lasts for more than ``MAX_SETPOINT_DELAY``: a mixer
+    may stop one for a moment.
 
     Args:
         signals: signals of the vehicle.
@@ -61,8 +69,8 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
         flights: start and end of each flight of the boot, s.
 
     Yields:
-        A fact for each motor and interval, with the name of the motor as subject and the ``share`` of the interval's
-        samples in which it was at the limit, or off.
+        A fact for each motor and interval, with the name of the motor as subject, the ``share`` of the interval's
+        samples in which it was at the limit, or off, and the ``duration`` of these samples, s.
     """
     motors = signals.motors
     if motors is None or boot not in motors.boot:
@@ -70,15 +78,16 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
     commands = motors.range_fractions(boot)
     is_at_limit, _ = samples_at_limits(commands.values, motors.scale)
     is_off = _is_off(signals, motors, boot, commands.values)
-    in_flight = in_intervals(commands.time, flights)
+    is_in_flight = in_intervals(commands.time, flights)
+    is_off_ground = _has_left_ground(signals, boot, flights, commands.time)
     for code, flags, min_duration in (
-        (MotionEvent.MOTOR_AT_ITS_STOP, is_at_limit, 0.0),
-        (MotionEvent.MOTOR_OFF, is_off, MAX_SETPOINT_DELAY),
+        (MotionEvent.MOTOR_AT_ITS_STOP, is_at_limit & is_off_ground[:, None], 0.0),
+        (MotionEvent.MOTOR_OFF, is_off & is_in_flight[:, None], MAX_SETPOINT_DELAY),
     ):
         for name, motor_flags in zip(motors.geometry.names, flags.T, strict=True):
-            intervals = lasting_runs(commands.time, motor_flags & in_flight, RECOVERY_SECONDS)
-            for start, end in intervals:
-                if min(end, commands.time[-1]) - start <= min_duration:
+            for start, end in lasting_runs(commands.time, motor_flags, RECOVERY_SECONDS):
+                length = min(end, commands.time[-1]) - start
+                if length <= min_duration:
                     continue
                 share = motor_flags[in_intervals(commands.time, [(start, end)])].mean()
                 yield Fact(
@@ -87,8 +96,32 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
                     until=None if np.isinf(end) else end,
                     subject=name,
                     share=share,
+                    duration=share * length,
                     boot=boot,
                 )
+
+
+def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Array) -> Flags:
+    """Returns (N,) whether the vehicle has left the ground in the flight so far, at N times.
+
+    Where no height was recorded, and in a flight that began before the record, it counts as off the ground.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        flights: start and end of each flight of the boot, s.
+        time: (N,) times, s.
+    """
+    is_off_ground = in_intervals(time, flights)
+    for flight in flights:
+        take_off, _ = flight
+        height = height_above_take_off(signals, boot, flight)
+        if height is None or take_off == -inf:
+            continue
+        has_risen = in_intervals(height.time, [flight]) & (height.values > MAX_GROUND_HEIGHT)
+        lift_off = height.time[has_risen].min(initial=inf)
+        is_off_ground &= ~in_intervals(time, [flight]) | (time >= lift_off)
+    return is_off_ground
 
 
 def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) -> Flags:

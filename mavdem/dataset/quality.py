@@ -13,7 +13,7 @@ from mavdem.dataset.resampling import mean_rate, resample
 from mavdem.dataset.segments import Segment, in_segments, recorded_spans
 from mavdem.dataset.signals import Signals, rate_between_outages
 from mavdem.flight import Flight
-from mavdem.ingest.output_scale import OutputScale
+from mavdem.ingest.output_scale import UNKNOWN_SCALE, OutputScale
 from mavdem.unit_errors import RATE_INTEGRATION_SPAN
 
 OUTLIER_SHARE = 0.01
@@ -204,9 +204,11 @@ def samples_at_limits(fractions: Array, scale: OutputScale) -> tuple[Flags, Flag
         scale: Their scale, with the upper stop.
 
     Returns:
-        Two flags with the shape of ``fractions``: at the upper stop, and at idle.
+        Two flags with the shape of ``fractions``: at the upper stop, which no motor is known to reach where nothing
+        says the range of the outputs, and at idle.
     """
-    is_at_upper = fractions >= scale.stop - STOP_MARGIN
+    is_range_known = scale.name != UNKNOWN_SCALE
+    is_at_upper = is_range_known & (fractions >= scale.stop - STOP_MARGIN)
     is_at_idle = fractions <= phases.MAX_IDLE_COLLECTIVE
     return is_at_upper, is_at_idle
 

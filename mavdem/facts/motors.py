@@ -18,6 +18,7 @@ class InFlight(Code):
     """What the watch of the motors says in flight, and why it may not."""
 
     MOTOR_LOST_THRUST = "motor_lost_thrust"
+    MOTOR_SATURATED = "motor_saturated"
     MOTOR_RECOVERED = "motor_recovered"
     STEADY_TORQUE_CHANGED = "steady_torque_changed"
     MOTOR_PLACES_UNKNOWN = "motor_places_unknown"
@@ -30,6 +31,7 @@ class MotorsLight(Code):
 
     MOTORS_EVEN = "motors_even"
     MOTOR_LIMITED = "motor_limited"
+    MOTORS_AT_LIMIT = "motors_at_limit"
     MOTORS_SWING = "motors_swing"
     HEADROOM_LITTLE = "headroom_little"
     MOTORS_NOT_SEEN = "motors_not_seen"

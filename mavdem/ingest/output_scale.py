@@ -14,6 +14,9 @@ from mavdem.confidence import Interval
 from mavdem.ingest.motors import OutputDriver
 from mavdem.ingest.telemetry import Parameters
 
+UNKNOWN_SCALE = "unknown"
+"""Name of the scale of outputs whose range nothing says; their largest value stands for its upper end."""
+
 
 @dataclass(frozen=True)
 class OutputScale:
@@ -107,7 +110,7 @@ def output_scale(
     values = np.unique(outputs[np.isfinite(outputs)])
     positive = values[values > 0]
     if not len(positive):
-        return OutputScale("unknown", "", low=0.0, high=1.0, step=0.0)
+        return OutputScale(UNKNOWN_SCALE, "", low=0.0, high=1.0, step=0.0)
     step = float(np.diff(values).min()) if len(values) > 1 else 0.0
     smallest = float(positive[0])
     largest = float(positive[-1])
@@ -147,13 +150,15 @@ def _scale_of_largest(largest: float, is_px4: bool) -> tuple[str, float]:
         return "DShot", NOMINAL_DSHOT_RANGE
     if is_px4 and largest <= MAX_UAVCAN:
         return "UAVCAN", MAX_UAVCAN
-    return "unknown", largest
+    return UNKNOWN_SCALE, largest
 
 
 def _pulse_range(
     pulse_widths: Array, parameters: Parameters, drivers: Sequence[OutputDriver]
 ) -> Interval:
     """Returns the pulse widths at no and at full throttle, µs: the first range of the parameters that fits.
+
+    Where none fits, it is the autopilot's default or, for pulses of PX4 beyond that, up to the longest of any motor.
 
     PX4's is that of its drivers. ArduPilot's is MOT_PWM_MIN to MOT_PWM_MAX; where they are 0, and in ArduCopter before
     3.4, which has neither, the motors' range is that of the radio's throttle channel.
@@ -178,7 +183,11 @@ def _pulse_range(
         is_outside = (pulse_widths < low) | (pulse_widths > high + 1)
         if is_pulse_range and np.mean(is_outside) <= MAX_SHARE_OUTSIDE:
             return low, high
-    return DEFAULT_PULSE_RANGE
+    low, high = DEFAULT_PULSE_RANGE
+    if drivers and pulse_widths.max() > high + 1:
+        # The range is another one than PX4's default, and no motor is known to be at its end.
+        return low, MAX_PULSE_WIDTH
+    return low, high
 
 
 def _px4_range(drivers: Sequence[OutputDriver], parameters: Parameters) -> Interval:

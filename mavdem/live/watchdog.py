@@ -36,6 +36,7 @@ from mavdem.live.recent_messages import RecentMessages
 from mavdem.live.samples import DECISION_SECONDS
 from mavdem.loops.limit_cycles import detect_starting_limit_cycle
 from mavdem.motors.motor_changes import event_or_alarm
+from mavdem.motors.saturation import most_limited_motors
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 
 LIGHTS = {
@@ -259,14 +260,16 @@ class Watchdog:
         if has_just_taken_off or not is_latest.any():
             return
         limited_shares = at_upper[is_latest].mean(axis=0)
-        motor = limited_shares.argmax()
+        largest_share = limited_shares.max()
         # All motors at their limit are a climb at full throttle.
         all_are_limited = limited_shares.min() >= ALARMING_SHARE
-        if limited_shares[motor] >= ALARMING_SHARE and not all_are_limited:
+        if largest_share >= ALARMING_SHARE and not all_are_limited:
+            names = most_limited_motors(motors.geometry.names, limited_shares)
             review.facts[Watched.MOTOR_LIMITS] = Fact(
                 MotorsLight.MOTOR_LIMITED,
-                subject=motors.geometry.names[motor],
-                share=limited_shares[motor],
+                subject=names[0] if len(names) == 1 else "",
+                names=names,
+                share=largest_share,
             )
 
     def _changed_alarms(self, review: _Review) -> list[Fact]:

@@ -91,9 +91,40 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
     assert "10 s" in found.sentence and found.grounded.remedy.startswith("Check motors")
     stop, shorter, longer = (
         Fact(MotionEvent.MOTOR_AT_ITS_STOP, Level.WATCH, subject=FRONT_LEFT, boot=0, **times)
-        for times in ({"time": 50.0}, {"time": 40.0, "until": 40.3}, {"time": 60.0, "until": 62.0})
+        for times in (
+            {"time": 50.0, "duration": 0.5},
+            {"time": 40.0, "until": 40.3, "duration": 0.3},
+            {"time": 60.0, "until": 62.0, "duration": 2.0},
+        )
     )
     assert motors_light(replace(bare, events=(shorter, longer, stop))) == longer
     lost = replace(bare, events=(stop,), ending=Fact(Session.ALARM, time=40.0))
     assert motors_light(lost).code is MotorsLight.MOTORS_NOT_SEEN
     assert motors_light(replace(flight, events=(stop,))).level == "good"
+
+
+def test_the_motor_that_saturates_most_is_named_or_none_of_several_alike():
+    flight = evidence()
+    bare = replace(flight, condition=replace(flight.condition, hover=None))
+    names = flight.signals.motors.geometry.names
+
+    def at_limit(motor, time, duration):
+        """That a motor was at its limit, up to the end of the log."""
+        code = MotionEvent.MOTOR_AT_ITS_STOP
+        return Fact(code, time=time, subject=names[motor], duration=duration, boot=0)
+
+    most, least = at_limit(0, 31.0, 2.0), at_limit(2, 30.0, 0.3).but(until=30.3)
+    assert motors_light(replace(bare, events=(least, most))) == most
+    alike = motors_light(replace(bare, events=(at_limit(3, 30.0, 1.2), most)))
+    assert (alike.code, alike.subject) == (MotorsLight.MOTORS_AT_LIMIT, "")
+    assert alike.figures["names"] == (names[0], names[3])
+    assert "Motor 1 and motor 4" in alike.sentence
+
+
+@mark.parametrize("motors, subject", [([0, 0, 1, 0], FRONT_LEFT), ([1, 0, 1, 0], "")])
+def test_a_limit_in_hover_names_one_motor_only_where_it_stands_out(motors, subject):
+    flight = evidence(lambda time: np.outer(motors, 600.0 * (time % 10 < 0.8)))
+    limited = motors_light(replace(flight, events=()))
+    assert (limited.code, limited.subject) == (MotorsLight.MOTOR_LIMITED, subject)
+    assert len(limited.figures["names"]) == sum(motors)
+    assert limited.sentence.startswith("Motor 3 is" if subject else "Motor 1 and motor 3 are")

@@ -4,20 +4,27 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from mavdem.assessment.condition import Condition
+from mavdem.containers import Names
 from mavdem.dataset.learnability import MIN_TRUSTED_CONSISTENCY
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import Override
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE, Oscillation
 from mavdem.motors.hover import HoverFigures
 from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
+from mavdem.motors.saturation import most_limited_motors
 
 
-class LimitedMotor(NamedTuple):
-    """A motor that is at its upper limit in the hover."""
+class LimitedMotors(NamedTuple):
+    """Motors that are at their upper limit in the hover: one that stands out, or several alike."""
 
-    name: str
+    names: Names
     share: float
-    """Share of the time at the limit."""
+    """Share of the time at the limit, of the motor with the most."""
+
+    @property
+    def subject(self) -> str:
+        """Name of the motor that stands out; empty of several alike, of which none is suspect."""
+        return self.names[0] if len(self.names) == 1 else ""
 
 
 def overrides_of(
@@ -45,9 +52,15 @@ def overrides_of(
     elif losses:
         overrides += map(_loss_override, losses)
     elif condition is not None and condition.hover is not None:
-        limited = limited_motor(condition.hover)
+        limited = limited_motors(condition.hover)
         if limited is not None:
-            overrides.append(Fact(Override.SATURATION, subject=limited.name, share=limited.share))
+            saturation = Fact(
+                Override.SATURATION,
+                subject=limited.subject,
+                names=limited.names,
+                share=limited.share,
+            )
+            overrides.append(saturation)
         elif trim is not None and trim.level is Level.WATCH:
             overrides.append(Fact(Override.TRIM, subject=trim.subject, because=trim))
     if consistency is not None and consistency < MIN_TRUSTED_CONSISTENCY:
@@ -91,9 +104,9 @@ def _loss_override(loss: Fact) -> Fact:
     )
 
 
-def limited_motor(hover: HoverFigures) -> LimitedMotor | None:
-    """Returns the motor that is most at its upper limit; None if that is at most ``MIN_AT_LIMIT_SHARE`` of the time."""
+def limited_motors(hover: HoverFigures) -> LimitedMotors | None:
+    """Returns the motors that are most at their upper limit; None up to ``MIN_AT_LIMIT_SHARE`` of the time."""
     share = max(hover.at_upper_limit)
     if share <= MIN_AT_LIMIT_SHARE:
         return None
-    return LimitedMotor(hover.motors[hover.at_upper_limit.index(share)], share)
+    return LimitedMotors(most_limited_motors(hover.motors, hover.at_upper_limit), share)

@@ -2,7 +2,7 @@
 
 from math import inf
 
-from mavdem.assessment.axis.overrides import limited_motor
+from mavdem.assessment.axis.overrides import limited_motors
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst_fact
 from mavdem.facts import Code, Fact, Level
@@ -12,6 +12,7 @@ from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
 from mavdem.motors.balance import MIN_STEADY_SECONDS
 from mavdem.motors.hover import HoverFigures
+from mavdem.motors.saturation import most_limited_motors
 from mavdem.motors.trim_pattern import trim_of_signals
 
 MIN_HEADROOM = 0.1
@@ -45,9 +46,15 @@ def motors_light(evidence: Evidence) -> Fact:
         facts.append(Fact(not_measured, names=names, least_duration=MIN_STEADY_SECONDS))
     else:
         # In a shorter hover one manoeuvre could decide the share of the time at the limit.
-        limited = limited_motor(hover)
+        limited = limited_motors(hover)
         if limited is not None and hover.seconds >= MIN_STEADY_SECONDS:
-            facts.append(Fact(MotorsLight.MOTOR_LIMITED, subject=limited.name, share=limited.share))
+            fact = Fact(
+                MotorsLight.MOTOR_LIMITED,
+                subject=limited.subject,
+                names=limited.names,
+                share=limited.share,
+            )
+            facts.append(fact)
         facts.append(_trim_or_headroom(evidence, hover))
     return worst_fact(facts)
 
@@ -63,33 +70,56 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
 
     They are the ending of the flight and warnings of some kinds in flight, as far as their subject is a motor of this
     vehicle. Events without a figure of the lost thrust come first, then losses of thrust by their size, and equal ones
-    by their duration.
+    by their duration; last, without a hover, a moment at the limit.
     """
     codes: list[Code] = [
         InFlight.MOTOR_LOST_THRUST,
+        InFlight.MOTOR_SATURATED,
         MotionEvent.MOTOR_OFF,
         Reported.MOTOR_FAILED,
         Reported.THRUST_LOST,
     ]
-    if evidence.condition.hover is None:
-        # A hover would show the share of the time at the limit. Without one, a moment there must do.
-        codes.append(MotionEvent.MOTOR_AT_ITS_STOP)
     names = _motor_names(evidence)
-    facts = [
-        fact
-        for fact in (evidence.ending, *evidence.warnings_in_flight(codes))
-        if fact is not None and fact.subject in names
-    ]
+    facts = [fact for fact in evidence.warnings_in_flight(codes) if fact.subject in names]
     # The figure "rise" is by how much the motor's command rose to make up for its loss.
     facts.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_duration(fact)))
+    ending = evidence.ending
+    if ending is not None and ending.subject in names:
+        facts.insert(0, ending)
+    if evidence.condition.hover is None:
+        # A hover would show the share of the time at the limit. Without one, a moment there must do.
+        facts += _moments_at_limit(evidence, names)
     return facts
 
 
+def _moments_at_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
+    """Returns the longest event of the motor that was at its limit the most, or that several motors were there alike.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        names: names of its motors.
+
+    Returns:
+        One fact; none if no motor was at its limit.
+    """
+    events = list(evidence.warnings_in_flight([MotionEvent.MOTOR_AT_ITS_STOP]))
+    times_at_limit = dict.fromkeys(names, 0.0)
+    for event in events:
+        times_at_limit[event.subject] += event.figures["duration"]
+    limited = most_limited_motors(names, list(times_at_limit.values()))
+    if len(limited) > 1:
+        return [Fact(MotorsLight.MOTORS_AT_LIMIT, names=limited, time=events[0].time)]
+    events_of_motor = [event for event in events if event.subject in limited]
+    if not events_of_motor:
+        return []
+    return [max(events_of_motor, key=lambda event: event.figures["duration"])]
+
+
 def _duration(event: Fact) -> float:
-    """Returns how long an event lasted, s; 0 for one without an end."""
-    if event.until is None or event.time is None:
+    """Returns how long an event lasted, s; infinite for one that lasted to the end of the record."""
+    if event.time is None:
         return 0.0
-    return event.until - event.time
+    return inf if event.until is None else event.until - event.time
 
 
 def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:

@@ -1,0 +1,177 @@
+"""Motors that saturated in flight and did not hold the vehicle all the same: they lost thrust, suddenly or by and by.
+
+A controller gives a motor that lost thrust a higher command. At its limit that is no longer enough: the vehicle leans
+to the side of that motor, or sinks, while the other motors have thrust left. A loss that takes a minute hides in the
+trim, and changes nothing quickly enough for ``MotorLossDetector``; at the limit it shows.
+"""
+
+from collections.abc import Sequence
+from math import inf
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.assessment.attitude_error import attitude_error
+from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, max_sink_rate
+from mavdem.assessment.motor_events import LASTING_SECONDS
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.phases import MAX_SETPOINT_DELAY, MIN_CLIMB_SPEED, series_of_boot
+from mavdem.dataset.quality import samples_at_limits
+from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
+from mavdem.facts.ending import MotionEvent
+from mavdem.facts.motors import InFlight
+from mavdem.motors.saturation import most_limited_motors
+
+MIN_LIMIT_SECONDS = 1.0
+"""Time, s, that a motor must be at its limit: longer than a quick manoeuvre takes."""
+
+MIN_EXCESS = 0.25
+"""Command of a saturated motor above the mean of the others, as a share of the range, so that these have thrust left.
+
+In real logs 99 % of the motors of sound vehicles are less than 0.11 above, a motor that failed was 0.25.
+"""
+
+MAX_FORMER_EXCESS = 0.15
+"""The same in flight before it saturated: a motor that was farther above the others all along did not change."""
+
+FORMER_QUANTILE = 0.25
+"""Quantile of the flight before that stands for the sound motor: its thrust may have gone for most of that time."""
+
+MIN_LEAN_ERROR = np.radians(5.0)
+"""Error of the attitude, rad, towards the motor, that shows that it does not hold the vehicle."""
+
+MAX_LEAN_ANGLE = np.pi / 3
+"""Angle, rad, between the side to which the vehicle leans and the motor; the next motor of a quadrotor is at 90°."""
+
+
+def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | None) -> list[Fact]:
+    """Returns the motors that saturated and did not hold the vehicle, before it was lost.
+
+    Args:
+        signals: of the vehicle.
+        events: events of the log, with those of motors at their limit.
+        ending: how the flight was lost; None if it was not.
+
+    Returns:
+        Facts with the motor as subject, its ``excess`` above the others as a share of the range, and the time at the
+        limit, s, as ``duration``.
+    """
+    motors = signals.motors
+    if motors is None:
+        return []
+    loss_time = inf
+    if ending is not None and ending.time is not None:
+        loss_time = ending.time
+    losses = []
+    for event in events:
+        if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or event.time is None:
+            continue
+        is_of_ending = ending is not None and ending.figures.get("boot") == event.figures["boot"]
+        if is_of_ending and event.time > loss_time + LASTING_SECONDS:
+            # Once a vehicle is lost, its controller saturates motors whatever they are worth.
+            continue
+        loss = _saturation_loss(signals, motors, event, is_lost=is_of_ending)
+        if loss is not None:
+            losses.append(loss)
+    return losses
+
+
+def _saturation_loss(
+    signals: Signals, motors: MotorOutputs, event: Fact, is_lost: bool
+) -> Fact | None:
+    """Returns that a motor at its limit lost thrust; None if the log does not show that.
+
+    Its command must have been near those of the others before, and stand out from them at its limit. The limit must
+    last: to the end of the record, to the loss of the vehicle, or for ``RECOVERY_SECONDS``. The vehicle must lean
+    towards the motor, or sink.
+
+    Args:
+        signals: of the vehicle.
+        motors: its k motors.
+        event: that one of them was at its limit.
+        is_lost: whether the vehicle was lost after that.
+    """
+    boot = event.figures["boot"]
+    start = event.time
+    assert start is not None
+    end = inf if event.until is None else event.until
+    lasts = is_lost or end == inf or end - start >= RECOVERY_SECONDS
+    if event.figures["duration"] < MIN_LIMIT_SECONDS or not lasts:
+        return None
+    number = motors.geometry.names.index(event.subject)
+    commands = motors.range_fractions(boot)
+    rows = in_intervals(commands.time, [(start, end)])
+    is_in_flight = in_intervals(commands.time, flights_in_boot(signals, boot))
+    is_before = is_in_flight & (commands.time < start - LASTING_SECONDS)
+    if not is_before.any():
+        return None
+    former_excess = np.quantile(_excess(commands.values[is_before], number), FORMER_QUANTILE)
+    at_limit, _ = samples_at_limits(commands.values[rows], motors.scale)
+    stands_out = most_limited_motors(motors.geometry.names, at_limit.sum(axis=0)) == (
+        event.subject,
+    )
+    excess = float(_excess(commands.values[rows], number).mean())
+    if not stands_out or excess < MIN_EXCESS or former_excess > MAX_FORMER_EXCESS:
+        return None
+    sink_rate = max_sink_rate(series_of_boot(signals.climb_rate, boot), start, end) or 0.0
+    leans = _leans_towards(signals, motors, number, boot, (start, end))
+    if not leans and sink_rate < MIN_CLIMB_SPEED:
+        return None
+    return Fact(
+        InFlight.MOTOR_SATURATED,
+        time=start,
+        until=event.until,
+        subject=event.subject,
+        excess=excess,
+        duration=event.figures["duration"],
+        boot=boot,
+    )
+
+
+def _excess(commands: Array, number: int) -> Array:
+    """Returns (N,) by how much the command of one motor is above the mean of the others.
+
+    Args:
+        commands: (N, k) as shares of the range.
+        number: Index of the motor.
+    """
+    return commands[:, number] - np.delete(commands, number, axis=1).mean(axis=1)
+
+
+def _leans_towards(
+    signals: Signals, motors: MotorOutputs, number: int, boot: int, interval: Interval
+) -> bool:
+    """Returns whether the vehicle leans to the side of a motor, against its setpoint.
+
+    What counts is the first second in which it leans: later a vehicle that is lost may turn over to any side.
+
+    Args:
+        signals: of the vehicle.
+        motors: its motors.
+        number: Index of the motor.
+        boot: Number of the boot.
+        interval: Start and end of the time in which it may begin to lean, s.
+
+    Returns:
+        False too where attitude or positions are not known, or the motor is at the centre.
+    """
+    error = attitude_error(signals, boot)
+    if error is None or not motors.geometry.positions:
+        return False
+    leaning_times = error.time[
+        in_intervals(error.time, [interval]) & (error.magnitude >= MIN_LEAN_ERROR)
+    ]
+    if not len(leaning_times):
+        return False
+    first = leaning_times[0]
+    rows = in_intervals(error.time, [(first, first + MAX_SETPOINT_DELAY)])
+    # Forward is the real part, right the imaginary part, of the lean as of the position.
+    position = complex(*motors.geometry.positions[number])
+    if position == 0:
+        return False
+    lean = complex(error.lean[rows].mean())
+    angle_from_motor = abs(float(np.angle(lean / position)))
+    return abs(lean) >= MIN_LEAN_ERROR and angle_from_motor <= MAX_LEAN_ANGLE

@@ -1,0 +1,35 @@
+"""Which motors were at their upper limit the most, by the time or the share of the time that each of them was there."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.containers import Names
+
+ALIKE_RATIO = 0.5
+"""Time at the limit, relative to that of the motor with the most, from which a motor counts as limited alike.
+
+A weak motor is at its limit while the one opposite to it idles. Where another motor is there for half as long, too
+little thrust of all, or gains that are too high, explain both, and neither motor is weak.
+"""
+
+
+def most_limited_motors(names: Names, times_at_limit: Sequence[float] | Array) -> Names:
+    """Returns the motor that was at its limit the most, or all those that were there alike.
+
+    Args:
+        names: Names of the k motors.
+        times_at_limit: (k,) time of each at its upper limit, in any unit.
+
+    Returns:
+        One name where that motor stands out; several, in the order of ``names``, where motors are alike; none where no
+        motor was at its limit.
+    """
+    times = np.asarray(times_at_limit, dtype=np.float64)
+    longest = times.max(initial=0.0)
+    if longest <= 0:
+        return ()
+    return tuple(
+        name for name, time in zip(names, times, strict=True) if time >= ALIKE_RATIO * longest
+    )

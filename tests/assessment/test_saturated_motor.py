@@ -1,0 +1,108 @@
+"""A motor at its limit that does not hold the vehicle lost thrust; limits of other origin name no motor."""
+
+import numpy as np
+from frames import QUAD, geometry
+from hover import X_QUAD_PARAMETERS, Hover, changed, columns, pulses, with_pulses
+from pytest import approx, mark
+
+from mavdem.assessment.motion import motion_events
+from mavdem.assessment.saturated_motor import saturation_losses
+from mavdem.dataset.signals import Signals
+from mavdem.facts.ending import MotionEvent
+from mavdem.facts.motors import InFlight
+from mavdem.ingest.vocabulary import attitude_target, quaternion
+
+HOVER = Hover(sway=0.0)
+NAMES = geometry().names
+SATURATES = 40.0
+"""Seconds at which a motor reaches its limit."""
+
+
+def flight(height=10.0):
+    """A hover at 10 m, or on a stand that the barometer sees at another height, with setpoints of the attitude."""
+    made = HOVER.telemetry(10.0, 10.0, parameters=X_QUAD_PARAMETERS)
+    time = made.messages["ATTITUDE"]["time"]
+    level = quaternion(*3 * [0 * time])
+    made = changed(made, "ATTITUDE_TARGET", **columns(time, **attitude_target(level)))
+    position = made.messages["LOCAL_POSITION_NED"]
+    share = height / 10.0
+    z = share * np.cumsum(position["vz"]) * 0.1
+    return changed(
+        made, "LOCAL_POSITION_NED", x=0.0, y=0.0, vx=0.0, vy=0.0, vz=share * position["vz"], z=z
+    )
+
+
+def drifting(made, motor, seconds, highest=2000.0, until=np.inf):
+    """The output of a motor, from 0, rises over so many seconds to ``SATURATES``, and stays there."""
+    time = made.messages["SERVO_OUTPUT_RAW"]["time"]
+    outputs = pulses(made)
+    rise = np.clip((time - SATURATES) / seconds + 1, 0, 1) * (time < until)
+    outputs[motor] = np.where(outputs[motor] > 1000, outputs[motor] + rise * (highest - 1600), 1000)
+    return with_pulses(made, np.minimum(outputs, 2000.0))
+
+
+def leaning(made, towards, degrees):
+    """The attitude leans from ``SATURATES`` on in the direction ``towards`` (2,), forward and right."""
+    attitude = made.messages["ATTITUDE"]
+    lean = np.radians(degrees) * (attitude["time"] > SATURATES)
+    return changed(made, "ATTITUDE", roll=lean * towards[1], pitch=-lean * towards[0])
+
+
+def sinking(made, speed):
+    """The vehicle sinks from ``SATURATES`` on."""
+    position = made.messages["LOCAL_POSITION_NED"]
+    vz = np.where(position["time"] > SATURATES, speed, position["vz"])
+    return changed(made, "LOCAL_POSITION_NED", vz=vz, z=position["z"] + np.cumsum(vz > 0) * 0.1)
+
+
+def losses(made):
+    signals = Signals(made, inputs="motors")
+    return saturation_losses(signals, motion_events(signals), None)
+
+
+@mark.parametrize("motor", range(4))
+@mark.parametrize("seconds", [1.0, 5.0])
+def test_a_motor_at_its_limit_to_whose_side_the_vehicle_leans_is_named(motor, seconds):
+    [loss] = losses(leaning(drifting(flight(), motor, seconds, 2100.0), QUAD[motor], 15.0))
+    assert (loss.code, loss.level) == (InFlight.MOTOR_SATURATED, "bad")
+    assert loss.subject == NAMES[motor]
+    assert loss.time == approx(SATURATES, abs=1.3)
+    assert loss.figures["excess"] == approx(0.4, abs=0.05)
+
+
+def test_a_loss_over_40_s_is_named_before_the_fall():
+    made = drifting(flight(), 2, 30.0, 2100.0)
+    position = made.messages["LOCAL_POSITION_NED"]
+    vz = np.where(position["time"] > SATURATES, 1.5, position["vz"])
+    [loss] = losses(changed(made, "LOCAL_POSITION_NED", vz=vz))
+    assert loss.subject == NAMES[2]
+
+
+def test_a_limit_that_holds_the_vehicle_is_no_loss():
+    made = drifting(flight(), 1, 2.0, 2100.0)
+    assert any(
+        event.code is MotionEvent.MOTOR_AT_ITS_STOP for event in motion_events(Signals(made))
+    )
+    assert not losses(made)
+
+
+def test_a_lean_to_another_side_is_no_loss_of_that_motor():
+    assert not losses(leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[0], 15.0))
+
+
+def test_a_short_limit_is_no_loss():
+    made = drifting(flight(), 1, 0.5, 2100.0, until=SATURATES + 2.0)
+    assert not losses(leaning(made, QUAD[1], 15.0))
+
+
+def test_all_motors_at_their_limit_are_no_loss_of_one():
+    made = flight()
+    for motor in range(4):
+        made = drifting(made, motor, 2.0, 2100.0)
+    assert not losses(leaning(made, QUAD[1], 15.0))
+
+
+def test_a_limit_on_a_stand_is_none():
+    made = drifting(flight(height=0.3), 1, 2.0, 2100.0)
+    codes = [event.code for event in motion_events(Signals(made))]
+    assert MotionEvent.MOTOR_AT_ITS_STOP not in codes
