@@ -184,7 +184,8 @@ def verdict(kind: str, motor: int, review: Assessment) -> str:
             }:
                 return "wrong"
         if code in right and (is_serious or place in ("headline", "cause")):
-            is_right = is_right or not KINDS[kind].get("motor") or motor in named or not named
+            is_named = motor in named or code in KINDS[kind].get("unnamed", [])
+            is_right = is_right or is_named or not KINDS[kind].get("motor")
     if is_right:
         return "right"
     if KINDS[kind].get("quiet") and review.headline.level is not Level.BAD:
