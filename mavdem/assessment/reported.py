@@ -15,7 +15,6 @@ from mavdem.assessment.autopilot_messages import (
     reported_problems,
 )
 from mavdem.assessment.flights import flights_in_boot, height_in_flight
-from mavdem.assessment.lights.estimator import FIX_3D
 from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS
 from mavdem.dataset.batteries import battery_columns, battery_name
 from mavdem.dataset.intervals import in_intervals, intersection, true_intervals
@@ -27,6 +26,7 @@ from mavdem.dataset.phases import (
     series_of_boot,
     without_grounded,
 )
+from mavdem.dataset.position_fix import FIX_3D, has_position_fix
 from mavdem.dataset.segments import Segment, recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
@@ -128,7 +128,7 @@ def reported_events(signals: Signals) -> Facts:
             *_restarts(signals, span),
             *_estimator_changes(signals, span),
             *_lasting_faults(signals, span),
-            *(fact for fact in problems if fact.figures["boot"] == boot),
+            *(fact for fact in problems if fact.figures["boot"] == boot and _can_be(fact, signals)),
         ]
         flights = flights_in_boot(signals, boot)
         # Faults shortly before arming and after disarming belong to the flight too.
@@ -145,6 +145,19 @@ def reported_events(signals: Signals) -> Facts:
             flight = max(begun_flights, default=(time, inf))
             events.append(fact.but(height=height_in_flight(signals, boot, flight, time)))
     return tuple(events)
+
+
+def _can_be(problem: Fact, signals: Signals) -> bool:
+    """Returns whether what the autopilot reports can have happened: without a position fix, no position jumps.
+
+    Args:
+        problem: what the autopilot reports.
+        signals: of the vehicle.
+    """
+    if problem.code is not Reported.GPS_JUMPED:
+        return True
+    time = np.array([problem.time])
+    return bool(has_position_fix(signals.telemetry, problem.figures["boot"], time)[0])
 
 
 def _event(

@@ -8,6 +8,7 @@ class EstimatorLight(Code):
 
     FILTER_AGREED = "filter_agreed"
     FILTER_DOUBTED = "filter_doubted"
+    SPARE_DOUBTED = "spare_doubted"
     FIX_POOR = "fix_poor"
     GPS_GLITCHED = "gps_glitched"
     COMPASS_DISTURBED = "compass_disturbed"

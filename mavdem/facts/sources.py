@@ -56,6 +56,7 @@ class Repair(Code):
     LOGGER_DROPPED_OUT = "logger_dropped_out"
     CENTIDEGREES_CONVERTED = "centidegrees_converted"
     DEMANDS_SCALED = "demands_scaled"
+    OTHER_CORE_READ = "other_core_read"
     ATTITUDE_INTERPOLATED = "attitude_interpolated"
     ULOG_DAMAGED = "ulog_damaged"
     CHUNKS_DAMAGED = "chunks_damaged"

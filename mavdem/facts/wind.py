@@ -11,6 +11,8 @@ class NoWind(Code):
     CLOCK_JUMPS = "clock_jumps"
     NOT_MEASURED = "not_measured"
     STUCK = "stuck"
+    NO_POSITION_FIX = "no_position_fix"
+    BEYOND_ANY_WIND = "beyond_any_wind"
 
 
 class WindDoubt(Code):

@@ -12,7 +12,7 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 from scipy.spatial.transform import Rotation, Slerp
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Integers
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motor_geometry import MAX_PX4_ROTORS, motor_geometry
@@ -44,6 +44,7 @@ from mavdem.ingest.vocabulary import (
     PX4,
     STANDBY,
     TAKING_OFF,
+    EstimatorRatio,
     Injection,
     attitude_target,
     heartbeat_fields,
@@ -313,6 +314,70 @@ def _battery_instances(topics: Topics) -> dict[int, Columns]:
         if is_connected.any():
             connected[number] = selected_rows(topic, is_connected)
     return connected or all_batteries
+
+
+RATIO_FIELDS = {
+    EstimatorRatio.VELOCITY: "vel_ratio",
+    EstimatorRatio.POSITION: "pos_horiz_ratio",
+    EstimatorRatio.HEIGHT: "pos_vert_ratio",
+    EstimatorRatio.COMPASS: "mag_ratio",
+}
+"""Fields of ESTIMATOR_STATUS with the test ratios of the estimator's innovations."""
+
+
+def estimator_status(topics: Topics) -> Fields:
+    """ESTIMATOR_STATUS.hpp: estimator_status of the instance that flies at each time.
+
+    Where that instance was not logged, the first one that was stands in for it.
+    """
+    instances = _estimator_instances(topics)
+    parts: list[Columns] = []
+    for instance, columns in instances.items():
+        is_primary = primary_estimators(topics, columns["time"]) == instance
+        if is_primary.any():
+            parts.append(selected_rows(columns, is_primary))
+    if not parts and instances:
+        parts = [instances[min(instances)]]
+    return _in_time_order(parts)
+
+
+def estimator_instances(topics: Topics) -> Fields:
+    """Makes the table of all instances of estimator_status, where the log has more than the primary one.
+
+    Returns:
+        ``time`` (N,), s, the number of the ``instance``, ``is_primary``, and the test ratios by the names of
+        ``EstimatorRatio``; NaN where the estimator does not use a sensor.
+    """
+    parts = []
+    for instance, columns in _estimator_instances(topics).items():
+        is_primary = primary_estimators(topics, columns["time"]) == instance
+        fields: Fields = {ratio: columns[field] for ratio, field in RATIO_FIELDS.items()}
+        fields["time"] = columns["time"]
+        fields["instance"] = np.full(len(columns["time"]), instance)
+        fields["is_primary"] = is_primary.astype(np.uint8)
+        parts.append(fields)
+    instances = _in_time_order(parts)
+    return {} if instances.get("is_primary", np.ones(1)).all() else instances
+
+
+def _estimator_instances(topics: Topics) -> dict[int, Fields]:
+    """Returns the fields of ESTIMATOR_STATUS for each logged instance of estimator_status, with ``time``, s."""
+    rule = TRANSLATION_RULES["ESTIMATOR_STATUS"]
+    instances = {}
+    for instance, topic in topics.get("estimator_status", {}).items():
+        instances[instance] = {"time": topic["time"], **translated_fields(topic, rule["fields"])}
+    return instances
+
+
+def primary_estimators(topics: Topics, time: Array) -> Integers:
+    """Returns the number of the estimator instance that flies at each time (T,), s; 0 where no topic names it."""
+    selector = first_instance(topics, "estimator_selector_status")
+    primary = selector.get("primary_instance", np.zeros(0, np.int64))
+    if not len(primary):
+        return np.zeros(len(time), np.int64)
+    # Before the first message the instance is the one that it names.
+    rows = np.searchsorted(selector["time"], time, side="right") - 1
+    return primary[np.maximum(rows, 0)].astype(np.int64)
 
 
 VIBRATION_IMUS = 3

@@ -17,6 +17,8 @@ from mavdem.ingest.px4_messages import (
     attitude_target_messages,
     battery_status,
     current_mode,
+    estimator_instances,
+    estimator_status,
     extended_sys_state,
     heartbeat,
     hil_actuator_controls,
@@ -41,7 +43,7 @@ from mavdem.ingest.telemetry import (
     rate_without_gaps,
     repair_facts,
 )
-from mavdem.ingest.vocabulary import UNNAMED
+from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, UNNAMED
 
 UNTRANSLATED_TOPICS = ("failure_detector_status", "estimator_selector_status", "input_rc")
 """Topics that no message of MAVLink has the meaning of: they are kept under their own names."""
@@ -114,6 +116,8 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
         "SYS_STATUS": ("battery_status", sys_status),
         "BATTERY_STATUS": ("battery_status", battery_status),
         "VIBRATION": ("vehicle_imu_status", vibration),
+        "ESTIMATOR_STATUS": ("estimator_status", estimator_status),
+        INSTANCES_MESSAGE: ("estimator_status", estimator_instances),
         "SYSTEM_TIME": ("vehicle_gps_position", system_time),
         "CURRENT_MODE": ("vehicle_status", current_mode),
         "MANUAL_CONTROL": ("manual_control_setpoint", manual_control),

@@ -6,7 +6,7 @@ Sources: MAV_MODE_FLAG, MAV_AUTOPILOT, MAV_COMPONENT, MAV_STATE and MAV_LANDED_S
 
 import re
 from collections.abc import Iterable
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 from typing import Any
 
 import numpy as np
@@ -104,6 +104,23 @@ AUTOPILOT_SET_PARAMETERS = re.compile(
     r"_(PRESS|TEMP|CALTEMP|DEC|TOTAL|LASTFILE|RESETS)$|(OFFS?|OFS\d?|SCAL|DIA|ODI|MOT|AHRS_TRIM)_[XYZ]$"
 )
 """Names of parameters that autopilots set by themselves: counters, and what they learn in flight and by calibration."""
+
+
+INSTANCES_MESSAGE = "ESTIMATOR_INSTANCES"
+"""Table of all instances of the state estimator, which is no message of MAVLink.
+
+Its fields are the number of the ``instance``, ``is_primary`` (whether it flies at that time, 0 or 1), and the ratios of
+``EstimatorRatio``. It is made only where a log has another instance than the primary one.
+"""
+
+
+class EstimatorRatio(StrEnum):
+    """Innovations of a state estimator, each as a ratio to what it accepts."""
+
+    VELOCITY = "velocity"
+    POSITION = "position"
+    HEIGHT = "height"
+    COMPASS = "compass"
 
 
 class Injection(IntEnum):

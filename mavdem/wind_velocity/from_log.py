@@ -11,6 +11,7 @@ from mavdem.dataset import intervals, phases
 from mavdem.dataset.attitude import Attitude, attitude_from_messages
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import choose_vehicle
+from mavdem.dataset.position_fix import RECEIVER_MESSAGES, measures_velocity
 from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, recorded_series
 from mavdem.errors import NotLearnable
@@ -82,6 +83,15 @@ POSITION_RESET = ResetLimit(offset=1.0, rate=2.0)
 
 MIN_FLIGHT_HEIGHT = 1.5
 """Height above the lowest one, m, from which on the vehicle flies, where neither motors nor landed state are known."""
+
+MAX_GROUND_SPEED = 70.0
+"""Horizontal speed, m/s, that no multirotor that is analysed here flies: beyond it the estimate has run away."""
+
+MAX_WIND_SPEED = 40.0
+"""Wind speed, m/s, in which no multirotor holds its attitude: beyond it, velocity or attitude are wrong.
+
+A hurricane begins at 33 m/s; the largest wind that makers allow multirotors is 23 m/s.
+"""
 
 MAX_VELOCITY_GAP = 1.5
 """Longest time between two velocities that are interpolated, and time around a reset that is left out, s."""
@@ -187,6 +197,7 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
             name=telemetry.name_in_source("LOCAL_POSITION_NED"),
             recorder=telemetry.translated_from,
         )
+    _require_position_source(telemetry, ground_motion)
     motion = None
     boot = 0
     for candidate in np.unique(ground_motion.boot).tolist():
@@ -202,7 +213,34 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     if drag is None:
         drag = Drag.from_parameters(telemetry.autopilot, telemetry.parameters)
     estimate = estimate_wind(motion.time, motion.attitude, motion.velocity, drag, motion.height)
+    if estimate.speed_identifiable and estimate.speed > MAX_WIND_SPEED:
+        raise NotLearnable(NoWind.BEYOND_ANY_WIND, speed=MAX_WIND_SPEED)
     return replace(estimate, boot=boot)
+
+
+def _require_position_source(telemetry: Telemetry, ground_motion: TimeSeries) -> None:
+    """Checks that a sensor measured velocity or position: without one, the estimator's velocity means nothing.
+
+    Args:
+        telemetry: messages of the vehicle.
+        ground_motion: velocity and height, as :func:`_ground_motion` returns them.
+
+    Raises:
+        NotLearnable: no sensor did at any time.
+    """
+    boots = np.unique(ground_motion.boot).tolist()
+    for boot in boots:
+        time = ground_motion.time[ground_motion.boot == boot]
+        if measures_velocity(telemetry, boot, time).any():
+            return
+    if not boots:
+        return
+    satellites = [
+        np.max(telemetry.messages[name]["satellites_visible"], initial=0)
+        for name in RECEIVER_MESSAGES
+        if "satellites_visible" in telemetry.messages.get(name, {})
+    ]
+    raise NotLearnable(NoWind.NO_POSITION_FIX, satellites=max(satellites, default=None))
 
 
 def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:
@@ -310,7 +348,9 @@ def _free_flight(
     usable &= time > last_yaw_reset + MAX_VELOCITY_GAP
 
     usable &= _estimator_knows_velocity(signals.telemetry, boot, time)
+    usable &= measures_velocity(signals.telemetry, boot, time)
     motion = interpolated(time, velocity_time, values[:, :4])
+    usable &= np.linalg.norm(motion[:, :2], axis=1) <= MAX_GROUND_SPEED
     return _FlightMotion(
         time[usable],
         np.column_stack(attitude)[usable],

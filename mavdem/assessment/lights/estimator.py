@@ -1,6 +1,7 @@
 """Light on the estimator: innovations in flight against what the filter accepts, GPS quality, and the compass."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst_fact
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset.intervals import longest_true_duration
+from mavdem.dataset.position_fix import FIX_3D, has_position_fix
 from mavdem.dataset.time_series import (
     TimeSeries,
     clean_series,
@@ -20,12 +22,9 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import mavlink_constant
+from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio, mavlink_constant
 
-FIX_3D = mavlink_constant("GPS_FIX_TYPE_3D_FIX")
-"""The least GPS fix type with a position in three dimensions."""
-
-INNOVATIONS = ("velocity", "position", "height", "compass")
+INNOVATIONS = tuple(EstimatorRatio)
 """The innovations that are judged, in the order of the columns of :func:`_innovation_ratios`."""
 
 INNOVATION_FIELDS = {
@@ -91,6 +90,8 @@ def estimator_light(evidence: Evidence) -> Fact:
     )
     facts = [
         *filter_facts,
+        *_glitches(evidence),
+        *_spare_instances(evidence),
         *_poor_fixes(evidence),
         *_compass_disturbances(evidence),
         *evidence.warnings_in_flight(ESTIMATOR_REPORTS),
@@ -101,44 +102,155 @@ def estimator_light(evidence: Evidence) -> Fact:
     return Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=airborne)
 
 
-def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
-    """Yields for each flight how large the innovations were, and whether the GPS position jumped.
+@dataclass(frozen=True)
+class _Rejection:
+    """Which innovation of a filter exceeded its limit longest in one flight, or was the largest."""
+
+    name: EstimatorRatio
+    """The innovation."""
+    ratio: float
+    """Its largest value, as a ratio to the limit."""
+    time: float
+    """When it was that large, s."""
+    duration: float
+    """For how long, s, it exceeded the limit without a break."""
+    failsafe_duration: float
+    """For how long, s, ArduCopter's failsafe would have counted without a break."""
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether the innovation exceeded its limit for ``FAILSAFE_SECONDS``."""
+        return self.duration >= FAILSAFE_SECONDS
+
+    @property
+    def is_bad(self) -> bool:
+        """Whether ArduCopter's failsafe would have acted."""
+        return self.is_doubted and self.failsafe_duration >= FAILSAFE_SECONDS
+
+
+def _rejection(time: Array, ratios: Array, limit: float) -> _Rejection:
+    """Finds the innovation that exceeded its limit longest; where none did, the largest one.
 
     An innovation is the difference of a measurement and its prediction by the filter, here relative to what the filter
-    accepts. The filter is doubted if one innovation exceeds the autopilot's limit for ``FAILSAFE_SECONDS``. It is bad
-    where ArduCopter's failsafe would have acted too (``ekf_check.cpp``): for so long, two of velocity, position and
-    compass exceed the limit, where a velocity of twice the limit counts as two. The height does not count for that.
+    accepts. ArduCopter's failsafe (``ekf_check.cpp``) counts where two of velocity, position and compass exceed the
+    limit, where a velocity of twice the limit counts as two. The height does not count for that.
+
+    Args:
+        time: (N,) s.
+        ratios: (N, 4) of the ``INNOVATIONS``.
+        limit: of the ratios.
+    """
+    exceeds = ratios >= limit
+    velocity, position, _, compass = exceeds.astype(float).T
+    doubts = velocity + (ratios[:, 0] >= 2 * limit) + position + compass
+    durations = [longest_true_duration(time, column) for column in exceeds.T]
+    largest_ratios = ratios.max(axis=0)
+    # Of several that exceeded it equally long, or not at all, the largest is named.
+    worst = max(range(len(INNOVATIONS)), key=lambda row: (durations[row], largest_ratios[row]))
+    return _Rejection(
+        INNOVATIONS[worst],
+        float(largest_ratios[worst] / limit),
+        float(time[ratios[:, worst].argmax()]),
+        durations[worst],
+        longest_true_duration(time, doubts >= 2),
+    )
+
+
+def _innovation_limit(telemetry: Telemetry) -> float:
+    """Returns the innovation ratio from which on the filter is doubted."""
+    if telemetry.autopilot == "PX4":
+        return PX4_INNOVATION_LIMIT
+    return telemetry.parameters.get("FS_EKF_THRESH", 0.0) or ARDUPILOT_INNOVATION_LIMIT
+
+
+def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
+    """Yields for each flight how large the innovations of the instance that flew were.
+
+    The filter is doubted if one innovation exceeds the autopilot's limit for ``FAILSAFE_SECONDS``, and bad where
+    ArduCopter's failsafe would have acted too.
 
     Each fact has the ``name`` of the worst innovation, its largest ``ratio`` to the limit, and for how long, s, it
-    exceeded the limit without a break.
+    exceeded the limit without a break. Where the log has several instances, the subject is the one that flew. Where
+    only others were logged, one of them stands in for it: the fact is then a ``spare``, and never bad.
     """
     telemetry = evidence.signals.telemetry
-    if telemetry.autopilot == "PX4":
-        limit = PX4_INNOVATION_LIMIT
-    else:
-        limit = telemetry.parameters.get("FS_EKF_THRESH", 0.0) or ARDUPILOT_INNOVATION_LIMIT
+    limit = _innovation_limit(telemetry)
+    instances = telemetry.messages.get(INSTANCES_MESSAGE, {})
     for flight in evidence.in_flight(_innovation_ratios(telemetry)):
-        ratios = flight.values[:, : len(INNOVATIONS)]
-        is_glitching = flight.values[:, -1] > 0
-        exceeds = ratios >= limit
-        velocity, position, _, compass = exceeds.astype(float).T
-        doubts = velocity + (ratios[:, 0] >= 2 * limit) + position + compass
-        failsafe_duration = longest_true_duration(flight.time, doubts >= 2)
-        durations = [longest_true_duration(flight.time, column) for column in exceeds.T]
-        worst = np.argmax(durations)
-        # If none exceeded the limit, the largest is named.
-        if max(durations) == 0:
-            worst = ratios.max(axis=0).argmax()
-        is_doubted = max(durations) >= FAILSAFE_SECONDS
-        is_bad = is_doubted and failsafe_duration >= FAILSAFE_SECONDS
+        rejection = _rejection(flight.time, flight.values[:, : len(INNOVATIONS)], limit)
+        is_spare = bool(instances) and not instances["is_primary"].any()
+        code = EstimatorLight.FILTER_AGREED
+        if rejection.is_doubted:
+            code = EstimatorLight.FILTER_DOUBTED
         yield Fact(
-            EstimatorLight.FILTER_DOUBTED if is_doubted else EstimatorLight.FILTER_AGREED,
-            Level.BAD if is_bad else None,
-            time=flight.time[ratios[:, worst].argmax()],
-            name=INNOVATIONS[worst],
-            ratio=ratios[:, worst].max() / limit,
-            duration=durations[worst],
+            code,
+            Level.BAD if rejection.is_bad and not is_spare else None,
+            time=rejection.time,
+            subject=_instance_in_flight(telemetry, flight) if instances else "",
+            name=rejection.name,
+            ratio=rejection.ratio,
+            duration=rejection.duration,
+            **({"is_spare": True} if is_spare else {}),
         )
+
+
+def instance_name(telemetry: Telemetry, number: int) -> str:
+    """Returns the autopilot's name of an instance of its estimator: "core 1" of ArduPilot, "instance 1" of PX4."""
+    return f"{'instance' if telemetry.autopilot == 'PX4' else 'core'} {number}"
+
+
+def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
+    """Returns the name of the instance that flew most of a flight, or stands in for it.
+
+    Args:
+        telemetry: messages of the vehicle, with the table of all instances.
+        flight: samples of the flight.
+    """
+    instances = telemetry.messages[INSTANCES_MESSAGE]
+    is_read = instances["is_primary"] > 0
+    if not is_read.any():
+        is_read = ~is_read
+    rows = is_read & (instances["boot"] == flight.boot[0])
+    rows &= (instances["time"] >= flight.time[0]) & (instances["time"] <= flight.time[-1])
+    numbers, counts = np.unique(instances["instance"][rows], return_counts=True)
+    return instance_name(telemetry, int(numbers[counts.argmax()])) if len(numbers) else ""
+
+
+def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
+    """Yields each instance of the estimator that rejected a measurement in flight while another one flew.
+
+    The vehicle flies on, but with less to fall back upon.
+    """
+    telemetry = evidence.signals.telemetry
+    columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
+    if not columns or not columns["is_primary"].any():
+        return
+    limit = _innovation_limit(telemetry)
+    for number in np.unique(columns["instance"]).tolist():
+        is_spare = (columns["instance"] == number) & (columns["is_primary"] == 0)
+        ratios = np.nan_to_num(float_columns(columns, INNOVATIONS))
+        for flight in evidence.in_flight(clean_series(columns, ratios, is_spare)):
+            rejection = _rejection(flight.time, flight.values, limit)
+            if rejection.is_doubted:
+                yield Fact(
+                    EstimatorLight.SPARE_DOUBTED,
+                    time=rejection.time,
+                    subject=instance_name(telemetry, int(number)),
+                    name=rejection.name,
+                    ratio=rejection.ratio,
+                    duration=rejection.duration,
+                )
+
+
+def _glitches(evidence: Evidence) -> Iterator[Fact]:
+    """Yields each flight in which the filter reported a jump of the GPS position while a receiver had one.
+
+    Without a receiver, or a fix, the filter's flag has no meaning.
+    """
+    telemetry = evidence.signals.telemetry
+    for flight in evidence.in_flight(_innovation_ratios(telemetry)):
+        has_fix = has_position_fix(telemetry, int(flight.boot[0]), flight.time)
+        is_glitching = (flight.values[:, -1] > 0) & has_fix
         if is_glitching.any():
             yield Fact(
                 EstimatorLight.GPS_GLITCHED,

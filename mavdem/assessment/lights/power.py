@@ -208,10 +208,12 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
     usual = np.median(averages)
     code = PowerLight.SUPPLY_HELD
     level = None
+    voltage_limit = BOARD_VOLTAGE_LIMITS.watch
     if lowest < BOARD_VOLTAGE_LIMITS.watch:
         code = PowerLight.SUPPLY_LOW
         if lowest < BOARD_VOLTAGE_LIMITS.bad:
             level = Level.BAD
+            voltage_limit = BOARD_VOLTAGE_LIMITS.bad
     elif usual - lowest > MAX_BOARD_VOLTAGE_DROP:
         code = PowerLight.SUPPLY_FELL
     yield Fact(
@@ -219,7 +221,7 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
         level,
         voltage=lowest,
         voltage_usual=usual,
-        voltage_limit=BOARD_VOLTAGE_LIMITS.watch,
+        voltage_limit=voltage_limit,
     )
 
 

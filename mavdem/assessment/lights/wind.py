@@ -1,10 +1,12 @@
 """Light on the wind: its speed, if it is known, and the share of the vehicle's largest lean that it needs."""
 
 from math import hypot, inf, radians
+from typing import Any
 
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact, Level
+from mavdem.facts.sources import Repair
 from mavdem.facts.wind import WindLight
 from mavdem.ingest.telemetry import Telemetry
 
@@ -52,7 +54,19 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         direction=wind.direction if wind.direction_identifiable else None,
         share=lean_share,
         because=estimator if estimator.is_bad else None,
+        **_other_core(evidence.signals.telemetry),
     )
+
+
+def _other_core(telemetry: Telemetry) -> dict[str, Any]:
+    """Returns the figure ``name`` with the message of the velocity, where it is of another core than the primary."""
+    name = telemetry.name_in_source("LOCAL_POSITION_NED")
+    is_other_core = any(
+        name in repair.figures["names"]
+        for repair in telemetry.repairs
+        if repair.code is Repair.OTHER_CORE_READ
+    )
+    return {"name": name} if is_other_core else {}
 
 
 def _lean_share(condition: Condition, telemetry: Telemetry) -> float:

@@ -172,7 +172,9 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     parameters = dict(settings)
     first_values = dict(reversed(settings))
     kind = _mav_type(texts, parameters)
-    messages, source_names, unit_repairs = translated(tables, mavlink_constant(f"MAV_TYPE_{kind}"))
+    messages, source_names, unit_repairs = translated(
+        tables, mavlink_constant(f"MAV_TYPE_{kind}"), parameters
+    )
     for name, (source_name, columns) in raw_samples(tables, parameters).items():
         messages[name] = columns
         source_names[name] = source_name

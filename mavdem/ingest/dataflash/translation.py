@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.arrays import Array
 from mavdem.facts import Facts
+from mavdem.facts.sources import Repair
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.dataflash.attitude import (
     RATE_CONTROLLER_MESSAGES,
@@ -30,6 +31,11 @@ from mavdem.ingest.dataflash.batteries import (
     sys_status,
 )
 from mavdem.ingest.dataflash.binary import MessageTable
+from mavdem.ingest.dataflash.estimators import (
+    FlownEstimates,
+    core_message_names,
+    flown_estimates,
+)
 from mavdem.ingest.dataflash.states import states_of
 from mavdem.ingest.dataflash.tables import (
     continuous_time,
@@ -44,13 +50,15 @@ from mavdem.ingest.dataflash.tables import (
 from mavdem.ingest.motors import PORT_OUTPUTS
 from mavdem.ingest.telemetry import (
     Columns,
+    Parameters,
     Tables,
     concatenated_columns,
     last_values,
+    repair_facts,
     selected_rows,
     translated_fields,
 )
-from mavdem.ingest.vocabulary import NO_SEVERITY
+from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, NO_SEVERITY, EstimatorRatio
 
 FLIGHT_MESSAGES = (
     "ATT",
@@ -69,32 +77,34 @@ FLIGHT_MESSAGES = (
 )
 """Messages of the vehicle's motion, motors and state: a log without any of them has no flight."""
 
-TRANSLATED_MESSAGES = (
-    *RATE_CONTROLLER_MESSAGES,
-    *FLIGHT_MESSAGES,
-    *NUMBERED_BATTERY_MESSAGES,
-    "VIBE",
-    "BARO",
-    "RCIN",
-    "MAG",
-    "GPS",
-    "POWR",
-    "XKF2",
-    "NKF2",
-    "NKF4",
-    "EKF1",
-    "EKF4",
-    "MODE",
-    "ERR",
-    "MSG",
-    "PARM",
-    "SIDD",
-    "SIDS",
-    "ESC",
-    "GYR",
-    "ACC",
-    "ISBH",
-    "ISBD",
+TRANSLATED_MESSAGES = tuple(
+    # A dictionary keeps each name once.
+    dict.fromkeys(
+        (
+            *RATE_CONTROLLER_MESSAGES,
+            *FLIGHT_MESSAGES,
+            *NUMBERED_BATTERY_MESSAGES,
+            *core_message_names(),
+            "POS",
+            "VIBE",
+            "BARO",
+            "RCIN",
+            "MAG",
+            "GPS",
+            "POWR",
+            "MODE",
+            "ERR",
+            "MSG",
+            "PARM",
+            "SIDD",
+            "SIDS",
+            "ESC",
+            "GYR",
+            "ACC",
+            "ISBH",
+            "ISBD",
+        )
+    )
 )
 """DataFlash's messages that are read."""
 
@@ -137,7 +147,7 @@ def with_new_names(message: str, logged: MessageTable) -> MessageTable:
 
 
 def translated(
-    tables: Tables, vehicle_type: int
+    tables: Tables, vehicle_type: int, parameters: Parameters
 ) -> tuple[dict[str, Columns], dict[str, str], Facts]:
     """Translates a log's messages into MAVLink's.
 
@@ -147,11 +157,14 @@ def translated(
     Args:
         tables: DataFlash's messages by name, with ``time`` and ``boot``.
         vehicle_type: MAV_TYPE, for HEARTBEAT.
+        parameters: The autopilot's parameters by name.
 
     Returns:
         Columns of MAVLink's messages by name; what the log calls each, also of messages that it could have; and
-        repairs where units were converted.
+        repairs where units were converted, or another core of the estimator was read.
     """
+    estimates = flown_estimates(tables, parameters)
+    tables = estimates.tables
     units_per_degree, unit_repairs = rate_unit(tables)
     attitude_message = attitude(tables, units_per_degree)
     demands, demand_repairs = controller_demands(tables)
@@ -177,9 +190,11 @@ def translated(
         "SIDD": NamedMessage("SIDD", _injected_signal(tables)),
     }
     for message in TRANSLATION_RULES:
-        messages[message] = _renamed_message(tables, message)
-    messages["LOCAL_POSITION_NED"] = _local_position(tables)
-    messages["EKF_STATUS_REPORT"] = _estimator_status(tables)
+        messages[message] = _renamed_message(estimates, message)
+    messages["LOCAL_POSITION_NED"] = _local_position(estimates)
+    messages["GLOBAL_POSITION_INT"] = _global_position(messages)
+    messages["EKF_STATUS_REPORT"] = _estimator_status(messages["EKF_STATUS_REPORT"])
+    messages[INSTANCES_MESSAGE] = _estimator_instances(estimates, messages["EKF_STATUS_REPORT"])
     messages["HEARTBEAT"] = NamedMessage("EV", armed)
     messages["EXTENDED_SYS_STATE"] = NamedMessage("EV", landed)
     columns_of_messages = {}
@@ -189,44 +204,30 @@ def translated(
             columns_of_messages[name] = message_of_log.columns
         if message_of_log.source_name:
             source_names[name] = message_of_log.source_name
-    return columns_of_messages, source_names, (*unit_repairs, *demand_repairs)
+    other_cores = {name for name in source_names.values() if name in estimates.names.values()}
+    core_repairs = repair_facts(
+        Repair.OTHER_CORE_READ, count=len(other_cores), names=sorted(other_cores)
+    )
+    return columns_of_messages, source_names, (*unit_repairs, *demand_repairs, *core_repairs)
 
 
-def _primary_core(tables: Tables) -> int:
-    """Finds the estimator core on which the vehicle flew for most of the time.
-
-    ArduPilot's third filter runs several cores at once, one per IMU. XKF4.PI names the primary one, whose states the
-    controllers use.
-
-    Returns:
-        Its number, from 0; 0 where none is named.
-    """
-    named_cores = tables.get("XKF4", {}).get("PI", np.zeros(0))
-    cores, counts = np.unique(named_cores[named_cores >= 0], return_counts=True)
-    return int(cores[counts.argmax()]) if len(cores) else 0
-
-
-def _renamed_message(tables: Tables, message: str) -> NamedMessage:
+def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
     """Translates a message of which only names and units change, by its rule in ``translation.toml``.
 
     A rule lists the DataFlash messages it may come from, as different versions of ArduPilot have it. The first that was
-    logged with all required fields is used. Messages of the third filter, XKF..., exist for each of its cores; those of
-    the primary core are used.
+    logged with all required fields is used, that of the filter that flies before those of other filters.
 
     Args:
-        tables: DataFlash's messages by name.
+        estimates: DataFlash's messages, those of filters of the core that flew.
         message: Name of MAVLink's message, the key of the rule.
 
     Returns:
-        The message; without columns where none was logged. Then its name in the log is that of the preferred message,
-        with the number of the primary core ("XKF1[0]") where only other cores were logged.
+        The message; without columns where none was logged.
     """
     rule = TRANSLATION_RULES[message]
-    primary_core = _primary_core(tables)
-    for name in rule["messages"]:
-        # Other filters have no cores, or log the first of them as 0.
-        core = primary_core if name.startswith("XKF") else 0
-        logged = rows_of_instance(tables.get(name, {}), "C", core)
+    names = estimates.by_preference(rule["messages"])
+    for name in names:
+        logged = estimates.tables.get(name, {})
         # Each of several sensors writes a message of its own; the first of them is read.
         instances = logged.get(rule.get("instance_field", ""), np.zeros(0))
         if len(instances):
@@ -237,21 +238,18 @@ def _renamed_message(tables: Tables, message: str) -> NamedMessage:
             fields = translated_fields(logged, rule["fields"], rule.get("optional_fields"))
         except KeyError:
             continue
-        return NamedMessage(name, with_stamps(logged, fields))
-    preferred_name = rule["messages"][0]
-    if preferred_name in tables and not rows_of_instance(tables[preferred_name], "C", primary_core):
-        preferred_name += f"[{primary_core}]"
-    return NamedMessage(preferred_name, {})
+        return NamedMessage(estimates.names.get(name, name), with_stamps(logged, fields))
+    return NamedMessage(names[0], {})
 
 
-def _local_position(tables: Tables) -> NamedMessage:
+def _local_position(estimates: FlownEstimates) -> NamedMessage:
     """Makes LOCAL_POSITION_NED: position, m, and velocity, m/s, in north-east-down.
 
     The vertical speed of the first filter, EKF1, is off by 0.3 m/s. Where a climb rate was logged too (VFR_HUD, from
     CTUN), it takes its place, resampled at the stamps of the position and with its sign changed, since z points down.
     """
-    position = _renamed_message(tables, "LOCAL_POSITION_NED")
-    climb = _renamed_message(tables, "VFR_HUD").columns
+    position = _renamed_message(estimates, "LOCAL_POSITION_NED")
+    climb = _renamed_message(estimates, "VFR_HUD").columns
     if position.source_name != "EKF1" or not position.columns:
         return position
     # A climb rate that is 0 throughout was not measured.
@@ -261,6 +259,14 @@ def _local_position(tables: Tables) -> NamedMessage:
     return NamedMessage(position.source_name, {**position.columns, "vz": -climb_rate})
 
 
+def _global_position(messages: Mapping[str, NamedMessage]) -> NamedMessage:
+    """Returns GLOBAL_POSITION_INT of POS, the position of whatever estimator flies, where no filter's was logged."""
+    position = messages["GLOBAL_POSITION_INT"]
+    if messages["LOCAL_POSITION_NED"].columns:
+        return NamedMessage(position.source_name, {})
+    return position
+
+
 FILTER_GPS_GLITCH_FLAG = 1 << 14
 """Bit of the filter's own status for a glitch of GPS (``nav_filter_status.gps_glitching`` in ``AP_Nav_Common.h``)."""
 
@@ -268,13 +274,15 @@ SHARED_STATUS_FLAGS: int = dialect.EKF_UNINITIALIZED - 1
 """Bits of the filter's own status that are also those of EKF_STATUS_REPORT: all below EKF_UNINITIALIZED."""
 
 
-def _estimator_status(tables: Tables) -> NamedMessage:
+def _estimator_status(status: NamedMessage) -> NamedMessage:
     """Makes EKF_STATUS_REPORT, the health of the state estimator.
 
     DataFlash has the filter's own status word. Its lower bits are those of EKF_STATUS_REPORT.flags; the glitch of GPS
     has another bit in each of them and is moved.
+
+    Args:
+        status: The message with the filter's own status word as ``flags``.
     """
-    status = _renamed_message(tables, "EKF_STATUS_REPORT")
     # Before ArduCopter 3.3 there was no status.
     if "flags" not in status.columns:
         return status
@@ -283,6 +291,42 @@ def _estimator_status(tables: Tables) -> NamedMessage:
     flags = filter_flags & SHARED_STATUS_FLAGS
     flags |= np.where(is_glitching, dialect.EKF_GPS_GLITCHING, 0)
     return NamedMessage(status.source_name, {**status.columns, "flags": flags})
+
+
+def _estimator_instances(estimates: FlownEstimates, status: NamedMessage) -> NamedMessage:
+    """Makes the table of all cores of the filter that flies, where the log has more than the primary one.
+
+    Args:
+        estimates: DataFlash's messages, with those of all cores.
+        status: EKF_STATUS_REPORT, which was made of one core.
+
+    Returns:
+        Columns (N,): the number of the core as ``instance``, ``is_primary``, and the test ratios by the names of
+        ``EstimatorRatio``.
+    """
+    name, _, _ = status.source_name.partition("[")
+    logged = estimates.all_cores.get(name, {})
+    if not status.columns or not message_count(logged):
+        return NamedMessage(name, {})
+    core = logged["C"].astype(np.int64)
+    is_primary = core == estimates.primary_cores[name]
+    if is_primary.all():
+        return NamedMessage(name, {})
+    rule = TRANSLATION_RULES["EKF_STATUS_REPORT"]["fields"]
+    ratios = translated_fields(
+        logged, {ratio: rule[field] for ratio, field in RATIO_FIELDS.items()}
+    )
+    fields = {"instance": core, "is_primary": is_primary.astype(np.uint8), **ratios}
+    return NamedMessage(name, with_stamps(logged, fields))
+
+
+RATIO_FIELDS = {
+    EstimatorRatio.VELOCITY: "velocity_variance",
+    EstimatorRatio.POSITION: "pos_horiz_variance",
+    EstimatorRatio.HEIGHT: "pos_vert_variance",
+    EstimatorRatio.COMPASS: "compass_variance",
+}
+"""Fields of EKF_STATUS_REPORT with the test ratios of the filter's innovations."""
 
 
 OUTPUT_MESSAGES = {"RCOU": range(1, 17), "RCO2": range(15, 19), "RCO3": range(19, 33)}

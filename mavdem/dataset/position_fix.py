@@ -1,0 +1,90 @@
+"""Position fixes: whether a satellite receiver, or another sensor, told the estimator where the vehicle is.
+
+Without one, an estimator integrates accelerations, so that its velocity runs away, and some report it as valid.
+"""
+
+import numpy as np
+
+from mavdem.arrays import Array, Flags
+from mavdem.dataset.time_series import float_column
+from mavdem.ingest.telemetry import Columns, Telemetry, last_values
+from mavdem.ingest.vocabulary import mavlink_constant
+
+FIX_3D = mavlink_constant("GPS_FIX_TYPE_3D_FIX")
+"""The least GPS fix type with a position in three dimensions."""
+
+MIN_FIX_SATELLITES = 4
+"""Number of satellites that a position in three dimensions and the receiver's clock need at least."""
+
+RECEIVER_MESSAGES = ("GPS_RAW_INT", "GPS2_RAW")
+"""Messages of the satellite receivers."""
+
+RECEIVER_PARAMETERS = ("GPS_TYPE", "GPS1_TYPE", "GPS_TYPE2", "GPS2_TYPE")
+"""ArduPilot's parameters with the type of each receiver, 0 for none; the names changed in 4.6."""
+
+OTHER_SOURCE_PARAMETERS = ("FLOW_TYPE", "FLOW_ENABLE", "VISO_TYPE", "BCN_TYPE", "EXT_NAV_TYPE")
+"""ArduPilot's parameters of sensors that measure velocity or position without satellites, 0 for none."""
+
+
+def has_fix_by_row(columns: Columns) -> Flags:
+    """Returns for each message of a receiver (N,) whether it had a position in three dimensions.
+
+    Args:
+        columns: Fields of GPS_RAW_INT or GPS2_RAW.
+    """
+    has_fix = np.asarray(columns["fix_type"]) >= FIX_3D
+    if "satellites_visible" in columns:
+        satellites = float_column(columns, "satellites_visible")
+        has_fix &= (satellites >= MIN_FIX_SATELLITES) | ~np.isfinite(satellites)
+    return has_fix
+
+
+def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
+    """Returns when a satellite receiver had a position in three dimensions, as far as the log shows.
+
+    Where receivers were not recorded, they count as having one, unless the parameters say that there is none.
+
+    Args:
+        telemetry: Messages of the vehicle.
+        boot: Number of the boot.
+        time: Times (T,) in that boot, s.
+    """
+    has_fix = np.zeros(len(time), np.bool_)
+    is_recorded = False
+    for message in RECEIVER_MESSAGES:
+        columns = telemetry.messages.get(message, {})
+        if "fix_type" not in columns:
+            continue
+        rows = np.flatnonzero(columns["boot"] == boot)
+        if not len(rows):
+            continue
+        is_recorded = True
+        rows = rows[np.argsort(columns["time"][rows], kind="stable")]
+        has_fix |= last_values(time, columns["time"][rows], has_fix_by_row(columns)[rows]) > 0
+    if is_recorded:
+        return has_fix
+    return np.full(len(time), not _has_no_receiver(telemetry))
+
+
+def measures_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
+    """Returns when a sensor measured the velocity or the position, by which the estimator can know its velocity.
+
+    PX4 says itself whether its velocity is valid. ArduPilot calls it valid without any sensor at times.
+
+    Args:
+        telemetry: Messages of the vehicle.
+        boot: Number of the boot.
+        time: Times (T,) in that boot, s.
+    """
+    has_other_source = any(telemetry.parameters.get(name) for name in OTHER_SOURCE_PARAMETERS)
+    if telemetry.autopilot == "PX4" or has_other_source:
+        return np.ones(len(time), np.bool_)
+    return has_position_fix(telemetry, boot, time)
+
+
+def _has_no_receiver(telemetry: Telemetry) -> bool:
+    """Returns whether the parameters say that no satellite receiver is set up."""
+    types = [
+        telemetry.parameters[name] for name in RECEIVER_PARAMETERS if name in telemetry.parameters
+    ]
+    return bool(types) and not any(types)

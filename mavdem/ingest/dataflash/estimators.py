@@ -1,0 +1,156 @@
+"""Estimators of DataFlash logs: which filter and which of its cores flew, and the messages of each.
+
+ArduPilot has had three filters (EKF1, NKF1 and XKF1 are their first messages). The second and the third run one core
+per IMU, of which one is primary: its states fly the vehicle. Each core is an instance of the messages or, in old
+versions, has messages of its own: XKF6 is XKF1 of core 1, XKF11 that of core 2.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.arrays import Integers
+from mavdem.ingest.dataflash.tables import continuous_time, message_count
+from mavdem.ingest.telemetry import (
+    Columns,
+    Parameters,
+    Tables,
+    concatenated_columns,
+    selected_rows,
+)
+
+FILTERS = {3: "XKF", 2: "NKF", 1: "EKF"}
+"""Beginning of the names of each filter's messages, by the value of AHRS_EKF_TYPE; the latest filter first."""
+
+FILTER_PARAMETER = "AHRS_EKF_TYPE"
+"""Parameter with the filter that flies."""
+
+CORE_MESSAGES = (1, 2, 4)
+"""Numbers of the messages of a filter that are read: motion, wind and biases, and test ratios with its status."""
+
+OLD_CORE_STEP = 5
+"""Step from the number of a core's message to that of the next core, in old versions: XKF1, XKF6, XKF11."""
+
+MAX_OLD_CORES = 3
+"""Number of cores that have messages of their own in old versions."""
+
+STATUS_MESSAGE = 4
+"""Number of the message with the primary core (``PI``)."""
+
+
+def core_message_names() -> tuple[str, ...]:
+    """Returns the names of all messages of cores, those of old versions included."""
+    names = []
+    for prefix in FILTERS.values():
+        for number in CORE_MESSAGES:
+            for core in range(MAX_OLD_CORES):
+                names.append(f"{prefix}{number + OLD_CORE_STEP * core}")
+    return tuple(names)
+
+
+class FlownEstimates(NamedTuple):
+    """The messages of a log, in which those of the filters are of the core that flew."""
+
+    tables: Tables
+    """All messages by name."""
+    all_cores: Tables
+    """Messages of the filters by name ("XKF4"), with rows of all cores and their number as ``C``."""
+    primary_cores: Mapping[str, NDArray[np.integer]]
+    """For messages of the filters that have a primary core: its number at each row of ``all_cores``, by name."""
+    names: Mapping[str, str]
+    """Name of a message with the number of its core ("XKF1[1]"), where only another than the primary was logged."""
+    preferred_filter: str
+    """Beginning of the names of the messages of the filter that flies by the parameter; empty where that is unknown."""
+
+    def by_preference(self, names: Sequence[str]) -> list[str]:
+        """Returns the names of messages of several filters, those of the filter that flies first."""
+        preferred = [name for name in names if self._is_of_preferred_filter(name)]
+        return preferred + [name for name in names if name not in preferred]
+
+    def _is_of_preferred_filter(self, name: str) -> bool:
+        """Returns whether a message is of the filter that flies by the parameter."""
+        return bool(self.preferred_filter) and name.startswith(self.preferred_filter)
+
+
+def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
+    """Selects the messages of the core that flew at each time.
+
+    Where the log has no row of that core, another core stands in for it: that with most rows.
+
+    Args:
+        tables: DataFlash's messages by name, with ``time`` and ``boot``.
+        parameters: The autopilot's parameters by name.
+    """
+    flown: dict[str, Columns] = dict(tables)
+    all_cores: dict[str, Columns] = {}
+    primary_cores: dict[str, NDArray[np.integer]] = {}
+    names: dict[str, str] = {}
+    for prefix in FILTERS.values():
+        status = _with_cores(tables, f"{prefix}{STATUS_MESSAGE}")
+        for number in CORE_MESSAGES:
+            name = f"{prefix}{number}"
+            logged = _with_cores(tables, name)
+            if not message_count(logged):
+                continue
+            primary = _primary_cores(logged, status)
+            core = logged["C"].astype(np.int64)
+            is_flown = core == primary
+            if not is_flown.any():
+                cores, counts = np.unique(core, return_counts=True)
+                other_core = int(cores[counts.argmax()])
+                is_flown = core == other_core
+                names[name] = f"{name}[{other_core}]"
+            flown[name] = selected_rows(logged, is_flown)
+            all_cores[name] = logged
+            primary_cores[name] = primary
+    return FlownEstimates(
+        flown,
+        all_cores,
+        primary_cores,
+        names,
+        FILTERS.get(int(parameters.get(FILTER_PARAMETER, 0)), ""),
+    )
+
+
+def _with_cores(tables: Tables, name: str) -> Columns:
+    """Returns the messages of all cores with the number of each as ``C``; empty where there are none.
+
+    Args:
+        tables: DataFlash's messages by name.
+        name: Name of the first core's message.
+    """
+    logged = tables.get(name, {})
+    if "C" in logged:
+        return logged
+    prefix, number = name[:-1], int(name[-1])
+    parts = []
+    for core in range(MAX_OLD_CORES):
+        columns = tables.get(f"{prefix}{number + OLD_CORE_STEP * core}", {})
+        count = message_count(columns)
+        if count:
+            parts.append({**columns, "C": np.full(count, core)})
+    if not parts:
+        return {}
+    cores = concatenated_columns(parts)
+    return selected_rows(cores, np.argsort(continuous_time(cores), kind="stable"))
+
+
+def _primary_cores(logged: Columns, status: Columns) -> Integers:
+    """Returns the primary core (N,) at each row of a message: the last one that the status named.
+
+    Args:
+        logged: The message (N rows).
+        status: The message with the primary core (``PI``), of all cores. Where it has none, core 0 is primary.
+    """
+    count = message_count(logged)
+    named = status.get("PI", np.zeros(0))
+    is_named = named >= 0
+    if not is_named.any():
+        return np.zeros(count, np.int64)
+    time = continuous_time(status)[is_named]
+    order = np.argsort(time, kind="stable")
+    # Before the first status the core is the one that it names.
+    row = np.searchsorted(time[order], continuous_time(logged), side="right") - 1
+    return named[is_named][order][np.maximum(row, 0)].astype(np.int64)

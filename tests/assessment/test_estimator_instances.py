@@ -1,0 +1,208 @@
+"""Several instances of the state estimator: the one that flies is judged, a spare that rejects is to be watched."""
+
+import dataflash_logs as made
+import numpy as np
+import pytest
+from hover import Hover, changed, columns, evidence_of
+from numpy.testing import assert_allclose, assert_array_equal
+
+from mavdem.assessment.lights.estimator import estimator_light
+from mavdem.assessment.reported import reported_events
+from mavdem.dataset.signals import Signals
+from mavdem.facts.estimator import EstimatorLight
+from mavdem.facts.events import Reported
+from mavdem.facts.sources import Repair
+from mavdem.ingest import read_log
+from mavdem.ingest.px4_messages import estimator_instances, estimator_status
+from mavdem.ingest.vocabulary import INSTANCES_MESSAGE
+
+HOVER = Hover()
+TIME = HOVER.stamps(5.0)
+REJECTING = (TIME > 30.0) & (TIME < 40.0)
+
+
+def evidence(telemetry):
+    return evidence_of(Signals(telemetry))
+
+
+def two_instances(primary, rejecting):
+    """The hover with a filter of two instances, of which one rejects position and compass for ten seconds."""
+    telemetry = HOVER.telemetry(20.0, 20.0)
+    ratios = {}
+    for number in (0, 1):
+        ratios[number] = np.where(REJECTING & (number == rejecting), 1.8, 0.1)
+    telemetry = changed(
+        telemetry,
+        "EKF_STATUS_REPORT",
+        **columns(
+            TIME,
+            flags=np.full(len(TIME), 831),
+            velocity_variance=0.1 + 0 * TIME,
+            pos_horiz_variance=ratios[primary],
+            pos_vert_variance=0.1 + 0 * TIME,
+            compass_variance=ratios[primary],
+        ),
+    )
+    instance = np.tile([0, 1], len(TIME))
+    ratio = np.column_stack([ratios[0], ratios[1]]).ravel()
+    return changed(
+        telemetry,
+        INSTANCES_MESSAGE,
+        **columns(
+            np.repeat(TIME, 2),
+            instance=instance,
+            is_primary=(instance == primary).astype(int),
+            velocity=0.1 + 0 * ratio,
+            position=ratio,
+            height=0.1 + 0 * ratio,
+            compass=ratio,
+        ),
+    )
+
+
+def test_the_instance_that_flies_is_judged_and_named():
+    fact = estimator_light(evidence(two_instances(primary=1, rejecting=1)))
+    assert (fact.code, fact.level) == (EstimatorLight.FILTER_DOUBTED, "bad")
+    assert fact.subject == "core 1" and "(core 1)" in str(fact)
+
+
+def test_a_spare_instance_that_rejects_is_to_be_watched():
+    fact = estimator_light(evidence(two_instances(primary=0, rejecting=1)))
+    assert (fact.code, fact.level) == (EstimatorLight.SPARE_DOUBTED, "watch")
+    assert fact.subject == "core 1" and fact.figures["name"] == "position"
+
+
+def test_agreeing_instances_are_good():
+    fact = estimator_light(evidence(two_instances(primary=0, rejecting=None)))
+    assert (fact.level, fact.subject) == ("good", "core 0")
+
+
+GLITCHING = 831 | 1 << 15
+
+
+@pytest.mark.parametrize(
+    ("receiver", "parameters", "jumps"),
+    [
+        ({"fix_type": 3, "satellites_visible": 9}, {}, True),
+        ({"fix_type": 1, "satellites_visible": 3}, {}, False),
+        (None, {"GPS_TYPE": 0.0}, False),
+        (None, {}, True),
+    ],
+)
+def test_a_position_jumps_only_with_a_position_fix(receiver, parameters, jumps):
+    telemetry = HOVER.telemetry(20.0, 20.0, parameters=parameters)
+    ratios = dict.fromkeys(
+        ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance"), 0.1
+    )
+    flags = np.where(REJECTING, GLITCHING, 831)
+    status = columns(TIME, flags=flags, **ratios)
+    telemetry = changed(telemetry, "EKF_STATUS_REPORT", **status)
+    error = columns(np.array([31.0]), Subsys=np.array([11]), ECode=np.array([2]))
+    telemetry = changed(telemetry, "ERR", **error)
+    if receiver is not None:
+        fields = {name: np.full(len(TIME), value) for name, value in receiver.items()}
+        telemetry = changed(telemetry, "GPS_RAW_INT", **columns(TIME, **fields))
+    fact = estimator_light(evidence(telemetry))
+    assert (fact.code is EstimatorLight.GPS_GLITCHED) == jumps
+    reports = [event.code for event in reported_events(Signals(telemetry))]
+    assert (Reported.GPS_JUMPED in reports) == jumps
+
+
+MOTION = "TimeUS,C,VN,VE,VD,PN,PE,PD"
+STATUS = "TimeUS,C,SV,SP,SH,SM,SS,PI"
+
+
+def estimates(monkeypatch, rows, names=("XKF1", "XKF4"), fields=(MOTION, STATUS)):
+    """Definitions and messages of a filter; rows are pairs of a name and the values."""
+    for kind, name, names_of_fields in zip((160, 161), names, fields, strict=True):
+        count = names_of_fields.count(",")
+        has_core = ",C," in names_of_fields
+        characters = "Q" + ("B" if has_core else "") + "f" * (count - has_core)
+        monkeypatch.setitem(made.MESSAGES, name, (kind, characters, names_of_fields))
+    return [made.message(name, *values) for name, values in rows]
+
+
+def vehicle_with(tmp_path, rows):
+    path = tmp_path / "flight.bin"
+    flight = made.flight([20 + 0.1 * row for row in range(100)])
+    path.write_bytes(made.log(*flight, *rows))
+    return read_log(path).vehicles[0]
+
+
+def test_the_core_that_flies_at_each_time_gives_velocity_and_ratios(tmp_path, monkeypatch):
+    rows = []
+    for second in range(20, 30):
+        primary = 1.0 * (second >= 25)
+        for core in (0, 1):
+            stamp = 1_000_000 * second
+            rows.append(("XKF4", (stamp, core, 0.1 + core, 0.1, 0.1, 0.1, 831, primary)))
+            rows.append(("XKF1", (stamp, core, 10.0 * core + second, 0, 0, 0, 0, 0)))
+    vehicle = vehicle_with(tmp_path, estimates(monkeypatch, rows))
+    velocity = vehicle.messages["LOCAL_POSITION_NED"]["vx"]
+    assert_allclose(velocity, [20, 21, 22, 23, 24, 35, 36, 37, 38, 39])
+    ratios = vehicle.messages["EKF_STATUS_REPORT"]["velocity_variance"]
+    assert_allclose(ratios, [0.1] * 5 + [1.1] * 5, atol=1e-6)
+    instances = vehicle.messages[INSTANCES_MESSAGE]
+    assert instances["is_primary"].sum() == 10 and len(instances["time"]) == 20
+    assert not [fact for fact in vehicle.repairs if fact.code is Repair.OTHER_CORE_READ]
+
+
+def test_another_core_stands_in_for_one_that_was_not_logged(tmp_path, monkeypatch):
+    rows = []
+    for second in range(20, 30):
+        stamp = 1_000_000 * second
+        rows.append(("XKF4", (stamp, 1, 0.2, 0.1, 0.1, 0.1, 831, 0.0)))
+        rows.append(("XKF1", (stamp, 1, second, 0, 0, 0, 0, 0)))
+    vehicle = vehicle_with(tmp_path, estimates(monkeypatch, rows))
+    assert_allclose(vehicle.messages["LOCAL_POSITION_NED"]["vx"], np.arange(20, 30))
+    assert vehicle.name_in_source("LOCAL_POSITION_NED") == "XKF1[1]"
+    (repair,) = [fact for fact in vehicle.repairs if fact.code is Repair.OTHER_CORE_READ]
+    assert repair.figures["names"] == ("XKF1[1]", "XKF4[1]")
+
+
+def test_cores_of_old_versions_have_messages_of_their_own(tmp_path, monkeypatch):
+    old_motion = MOTION.replace("C,", "")
+    rows = []
+    for second in range(20, 30):
+        stamp = 1_000_000 * second
+        rows.append(("XKF6", (stamp, second, 0, 0, 0, 0, 0)))
+        rows.append(("XKF9", (stamp, 0.2, 0.1, 0.1, 0.1, 831, 1.0)))
+    fields = (old_motion, STATUS.replace("C,", ""))
+    vehicle = vehicle_with(tmp_path, estimates(monkeypatch, rows, ("XKF6", "XKF9"), fields))
+    assert_allclose(vehicle.messages["LOCAL_POSITION_NED"]["vx"], np.arange(20, 30))
+    assert vehicle.name_in_source("LOCAL_POSITION_NED") == "XKF1"
+
+
+def test_the_path_of_pos_stands_in_for_a_filter_that_was_not_logged(tmp_path, monkeypatch):
+    definition = (162, "QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt")
+    monkeypatch.setitem(made.MESSAGES, "POS", definition)
+    rows = []
+    for second in range(20, 30):
+        degrees = (520_000_000 + 100 * second, 43_000_000)
+        rows.append(made.message("POS", 1_000_000 * second, *degrees, 5.0, second - 20.0, 1.0))
+    signals = Signals(vehicle_with(tmp_path, rows))
+    assert_allclose(signals.height.values, np.arange(10.0))
+    assert_allclose(np.diff(signals.position.values[:, 0]), 1.11, atol=0.01)
+
+
+def topic(**fields):
+    count = 10
+    columns_of_topic = {name: np.full(count, value) for name, value in fields.items()}
+    return {"time": np.arange(count, dtype=float), **columns_of_topic}
+
+
+def test_px4_s_primary_instance_gives_the_estimator_s_status():
+    ratios = {"hgt_test_ratio": 0.1, "mag_test_ratio": 0.1, "solution_status_flags": 831}
+    topics = {
+        "estimator_status": {
+            0: topic(vel_test_ratio=0.1, pos_test_ratio=0.1, **ratios),
+            1: topic(vel_test_ratio=0.2, pos_test_ratio=1.8, **ratios),
+        },
+        "estimator_selector_status": {0: topic(primary_instance=1)},
+    }
+    assert_allclose(estimator_status(topics)["pos_horiz_ratio"], 1.8)
+    instances = estimator_instances(topics)
+    assert_array_equal(instances["is_primary"], instances["instance"])
+    del topics["estimator_selector_status"], topics["estimator_status"][1]
+    assert_allclose(estimator_status(topics)["pos_horiz_ratio"], 0.1)
+    assert not estimator_instances(topics)
