@@ -33,6 +33,7 @@ class Source(Code):
     MCAP_DAMAGED = "mcap_damaged"
     MCAP_WITHOUT_FLIGHT = "mcap_without_flight"
     ROS2_DAMAGED = "ros2_damaged"
+    TWO_VEHICLES_ONE_ID = "two_vehicles_one_id"
     MOTOR_BASIS = "motor_basis"
 
 
@@ -42,6 +43,7 @@ class Repair(Code):
     FRAMES_LEFT_OUT = "frames_left_out"
     PARAMETERS_ADDED = "parameters_added"
     BYTES_SKIPPED = "bytes_skipped"
+    COPIES_LEFT_OUT = "copies_left_out"
     CARRIAGE_RETURNS_UNDONE = "carriage_returns_undone"
     STAMPS_IGNORED = "stamps_ignored"
     CLOCK_WRAPPED = "clock_wrapped"

@@ -12,6 +12,8 @@ from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.clocks import (
+    MAX_LATE_SECONDS,
+    MAX_RESTART_TIME,
     MAX_STAMP_DEVIATION,
     MAX_WRAP_GAP,
     MIN_RESET_STAMPS,
@@ -82,8 +84,8 @@ class BootClock:
     def _attitude_time(self, message: Message) -> float | None:
         """Places an attitude on the clock, which it moves: across wraps of the stamp, and after a reboot or a jump.
 
-        A single stamp that does not fit may be damaged, so the clock changes only after ``MIN_RESET_STAMPS`` stamps
-        that continue each other. The first of them is then the beginning of the new clock.
+        A single stamp that does not fit may be damaged, so the clock changes only after some that continue each other
+        (``_is_new_clock``). The first of them is then the beginning of the new clock.
 
         Args:
             message: an attitude with a stamp, s, that wraps after ``wrap_period``, s.
@@ -108,7 +110,7 @@ class BootClock:
                 stamps.append(time)
             else:
                 stamps[:] = [time]
-            if len(stamps) < MIN_RESET_STAMPS:
+            if not self._is_new_clock(stamps):
                 return None
             self._restart(stamps[0])
         # The two attitude messages may wrap differently, so the wraps are counted anew from the time that was found.
@@ -118,6 +120,24 @@ class BootClock:
         self.now = max(self.now, time)
         self._stamps_of_new_clock.clear()
         return time
+
+    def _is_new_clock(self, stamps: list[float]) -> bool:
+        """Returns whether stamps show that the clock has changed: the former one goes on no more.
+
+        Any stamp of the former clock ends the list, so that one who comes late, or another vehicle, changes nothing.
+        Where the clock jumped ahead, or fell far and near to zero, a few stamps are enough, as after a restart. Else
+        it may be a second link that is late, and they must last for ``MAX_LATE_SECONDS``.
+
+        Args:
+            stamps: times on the new clock, s, that continue each other; at least one.
+        """
+        if len(stamps) < MIN_RESET_STAMPS:
+            return False
+        first = stamps[0]
+        is_restart = first <= MAX_RESTART_TIME and first < self.now - MAX_LATE_SECONDS
+        if is_restart or not first < self.now:
+            return True
+        return stamps[-1] - first >= MAX_LATE_SECONDS
 
     def _restart(self, first_stamp: float) -> None:
         """Starts the clock anew at ``first_stamp``, s, and reports why.

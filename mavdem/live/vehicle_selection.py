@@ -13,7 +13,8 @@ from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.definitions import definitions_by_id, enum_name
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
-from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE_COMPONENT, missing_messages
+from mavdem.ingest.mavlink.sender_links import SEQUENCE_NUMBERS, SenderLinks
+from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE_COMPONENT
 from mavdem.ingest.motors import MULTIROTORS, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import UNNAMED
@@ -35,12 +36,6 @@ MIN_ATTITUDES_WITHOUT_HEARTBEAT = 500
 
 MAX_LISTED_VEHICLES = 8
 """Vehicles that are named in one sentence: a choice."""
-
-SEQUENCE_NUMBERS = 256
-"""Sequence numbers of a component, after which they wrap: they are sent in one byte."""
-
-COPY_FRAMES = SEQUENCE_NUMBERS // 2
-"""Frames of a component within which an equal one is a copy: later, the same number comes up again."""
 
 MAX_COUNTED_GAP = 1.0
 """Longest time between two frames that counts in their mean interval, s: a choice, so that no pause changes it much."""
@@ -78,10 +73,9 @@ class Component:
         self.parameters: dict[bytes, Message] = {}
         self.uncounted_gap_seconds = 0.0
         self._heartbeat_count = 0
-        # By sequence number: the latest frame with it, and the number of frames then.
-        self._latest_frames: dict[int, tuple[Frame, int]] = {}
-        # Messages missing by the sequence numbers; too small for a moment where one overtakes another.
-        self._missing_count = 0
+        self._links = SenderLinks()
+        # Missing messages that are not counted, since the gap was too long to count them.
+        self._uncounted_messages = 0
         self._last_sequence = 0
         # When the last frame was received, and the mean interval between frames so far, s.
         self._last_frame_time = -inf
@@ -93,7 +87,12 @@ class Component:
 
         A message that was overtaken counts as missing until it comes, so that the sum may be negative for a moment.
         """
-        return max(self._missing_count, 0)
+        return max(self._links.missing - self._uncounted_messages, 0)
+
+    @property
+    def has_two_senders(self) -> bool:
+        """Whether two vehicles send under these ids at present."""
+        return self._links.vehicles.are_two
 
     @property
     def is_identified(self) -> bool:
@@ -132,56 +131,41 @@ class Component:
     def count_frame(self, frame: Frame, now: float) -> bool:
         """Counts a frame of this component, unless it is a copy, and the messages that are missing before it.
 
-        Some links send each frame twice. A copy has the same bytes and sequence number as a recent frame; after
-        ``COPY_FRAMES`` frames an equal one is a new message, since sequence numbers wrap.
-
-        Args:
-            frame: the frame, in the order of arrival.
-            now: when it was received, s; only differences count, so that any clock will do.
-
-        Returns:
-            False for a copy of a frame, as some links send; it is to be ignored.
-        """
-        self.frame_count += 1
-        sequence = frame.sequence
-        same_number = self._latest_frames.get(sequence)
-        if same_number is not None:
-            former_frame, former_count = same_number
-            if former_frame == frame and self.frame_count - former_count < COPY_FRAMES:
-                return False
-        self._latest_frames[sequence] = frame, self.frame_count
-        self._count_missing(sequence, now)
-        self._last_sequence = sequence
-        if frame.checksum == CHECKSUM_MATCHES:
-            self.message_counts[frame.message_id] += 1
-            if definitions_by_id()[frame.message_id].name in ATTITUDE_MESSAGES:
-                self.attitude_count += 1
-        return True
-
-    def _count_missing(self, sequence: int, now: float) -> None:
-        """Counts the messages that are missing before the latest one, by the step of the sequence numbers.
-
         Each sender numbers its messages from 0 to 255 and then from 0 again. The step between two numbers says how many
         messages are missing, but not after a long gap, in which the numbers may have gone round once or more. A gap
         counts as long if 128 messages or more would usually come in it, by the mean interval between frames. Then only
         its duration is counted.
 
         Args:
-            sequence: sequence number of the latest frame, 0 to 255.
-            now: when it was received, s.
+            frame: the frame, in the order of arrival.
+            now: when it was received, s; only differences count, so that any clock will do.
+
+        Returns:
+            False for a copy of a frame that came already, as a second link sends; it is to be ignored.
         """
+        self.frame_count += 1
+        missing_before = self._links.missing
+        sequence = frame.sequence
+        is_readable = frame.checksum == CHECKSUM_MATCHES
+        if not self._links.take(frame.content, frame.message_id, sequence, is_readable):
+            return False
         gap = max(now - self._last_frame_time, 0.0)
         self._last_frame_time = now
-        is_next = (sequence - self._last_sequence) % SEQUENCE_NUMBERS == 1
-        may_have_wrapped = SEQUENCE_NUMBERS / 2 * self._mean_interval < gap < inf
-        if not is_next and may_have_wrapped:
-            self.uncounted_gap_seconds += gap
-        elif self.frame_count > 1:
-            self._missing_count += missing_messages(self._last_sequence, sequence)
+        if gap > SEQUENCE_NUMBERS / 2 * self._mean_interval:
+            is_next = (sequence - self._last_sequence) % SEQUENCE_NUMBERS == 1
+            if gap < inf and not is_next:
+                self.uncounted_gap_seconds += gap
+                self._uncounted_messages += self._links.missing - missing_before
+        self._last_sequence = sequence
         # The mean interval is an exponential moving average over about ``INTERVAL_MEMORY_FRAMES`` frames. A long gap
         # counts as ``MAX_COUNTED_GAP`` only, so that a single one does not spoil it.
         change = min(gap, MAX_COUNTED_GAP) - self._mean_interval
         self._mean_interval += change / INTERVAL_MEMORY_FRAMES
+        if is_readable:
+            self.message_counts[frame.message_id] += 1
+            if definitions_by_id()[frame.message_id].name in ATTITUDE_MESSAGES:
+                self.attitude_count += 1
+        return True
 
     def take_message(self, message: Message) -> None:
         """Takes what a message tells about its component: a parameter, or from a HEARTBEAT its type and autopilot.
@@ -224,6 +208,8 @@ class VehicleSelector:
         self.other_vehicles: set[str] = set()
         self._wanted = wanted
         self._report = report
+        # Names of the components under whose ids two vehicles were found to send.
+        self._refused = set[str]()
 
     @property
     def followed_parameters(self) -> Parameters:
@@ -267,7 +253,9 @@ class VehicleSelector:
         Args:
             sender: component that has just sent a message, which is counted already.
         """
-        if self.followed is not None:
+        if sender.has_two_senders:
+            self._refuse(sender)
+        elif self.followed is not None:
             self._report_other_vehicle(sender, self.followed)
         elif self._wanted is not None:
             has_wanted_system = self._wanted == str(sender.system)
@@ -283,6 +271,24 @@ class VehicleSelector:
                 self._follow(sender)
             elif len(vehicles) > 1:
                 self._report_choice(vehicles)
+
+    def _refuse(self, sender: Component) -> None:
+        """Reports once that two vehicles send under the same ids, and follows neither of them.
+
+        Their messages cannot be told apart, so that alarms about them would be false. Once one of them is silent, the
+        other may be followed.
+
+        Args:
+            sender: component that has just sent a message.
+        """
+        fact = Fact(VehicleFact.TWO_VEHICLES_LIVE, subject=sender.name)
+        if self.followed is sender:
+            self.followed = None
+        if self.followed is None:
+            self.obstacle = fact
+        if sender.name not in self._refused:
+            self._refused.add(sender.name)
+            self._report(fact)
 
     def _follow(self, vehicle: Component) -> None:
         """Follows a vehicle from now on."""

@@ -118,12 +118,21 @@ def test_late_messages_are_no_reboot():
     late[50::2] -= 3.0
     assert not clock_of(late).boot.any()
     rows = np.arange(400)
-    for count in (4, 5):
-        low = np.where((rows >= 50) & (rows < 50 + count), times - 1.6, times)
-        if count == 5:
-            assert clock_of(low).boot.any()
-        else:
-            assert not clock_of(low).boot.any()
+    for count in (4, 5, 30):
+        low = np.where((rows >= 50) & (rows < 50 + count), times - 3.0, times)
+        assert not clock_of(low).boot.any()
+
+
+def test_messages_of_another_time_are_no_reboot_where_the_clock_goes_on():
+    times = 400 + 0.1 * np.arange(400)
+    rows = np.arange(400)
+    other = np.where((rows >= 50) & (rows < 70), times - 150.0, times)
+    assert not clock_of(other).boot.any()
+
+
+def test_a_clock_that_never_comes_back_is_a_reboot():
+    times = np.concatenate([400 + 0.1 * np.arange(200), 250 + 0.1 * np.arange(200)])
+    assert clock_of(times).boot.tolist() == [0] * 200 + [1] * 200
 
 
 def test_a_jump_forward_stays_a_gap():

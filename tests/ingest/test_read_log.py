@@ -20,7 +20,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.ingest.mavlink.vehicles import missing_messages
+from mavdem.ingest.mavlink.sender_links import missing_messages
 
 
 def log_of(content, folder, name="flight.tlog"):

@@ -72,10 +72,10 @@ def test_parameters_and_events_are_bounded():
             0.0, message("PARAM_VALUE", param_id=b"P%d" % number, param_value=1.0, param_type=9)
         )
     assert len(stream.parameters) <= 2048
-    for number in range(3000):  # a reboot every six messages
+    for number in range(3000):  # a jump of the clock every six messages
         stream.feed(
             0.0,
-            message("ATTITUDE", time_boot_ms=500_000_000 - 100_000 * (number // 6) + number % 6),
+            message("ATTITUDE", time_boot_ms=1000 + 100_000 * (number // 6) + number % 6),
         )
     assert len(stream.drain_events()) == MAX_EVENTS
     assert stream.drain_events() == []

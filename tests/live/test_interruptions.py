@@ -150,3 +150,14 @@ def test_pitch_is_read_from_pitch():
     times, outputs, inputs = differences(made, 0, offline([data for _, data in frames]), "pitch")
     assert max(times, outputs, inputs) == 0.0
     assert_allclose(made.rows[-1].outputs, [0.01, 0.1], rtol=1e-6)
+
+
+def test_a_second_link_that_is_late_changes_nothing():
+    frames = FLIGHT.frames(end=18.0)
+    late = [(time + 2.0, data) for time, data in frames]
+    made = replay(sorted(frames + late, key=lambda entry: entry[0]))
+    usual = replay(frames)
+    assert_array_equal(made.table(), usual.table())
+    status = made.stream.status()
+    assert status.lost_messages == 0 and status.late_samples == 0
+    assert VehicleFact.VEHICLE_REBOOTED not in made.codes

@@ -1,5 +1,6 @@
 """Which vehicle is followed."""
 
+from hover import Hover
 from live_hover import Flight, by_time, replay
 from mavlink_streams import heartbeat, message
 from pytest import mark
@@ -114,3 +115,19 @@ def test_parameters_that_name_other_channels_begin_a_new_segment():
     after = made.segments()[1][-1]
     assert before.inputs[0] != before.inputs[1]
     assert after.inputs[0] == after.inputs[3] != after.inputs[1]
+
+
+def test_two_vehicles_under_one_id_are_refused_until_one_is_silent():
+    first = Flight(hover=Hover(hovering=40.0)).frames(end=30.0)
+    second = Flight(hover=Hover(hovering=40.0), clock=500.0).frames(start=8.0, end=14.0)
+    made = replay(by_time(first, second))
+    refusals = [
+        event.fact for event in made.events if event.fact.code is VehicleFact.TWO_VEHICLES_LIVE
+    ]
+    assert [fact.subject for fact in refusals] == ["1:1"]
+    assert VehicleFact.VEHICLE_REBOOTED not in made.codes
+    assert not made.stream.motor_alarms.latest
+    assert made.stream.followed_vehicle.name == "1:1"
+    times = [row.time for row in made.rows]
+    assert not [time for time in times if 9.0 < time < 14.0 or time > 100.0]
+    assert max(times) > 25.0

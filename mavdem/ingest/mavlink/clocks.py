@@ -43,6 +43,15 @@ MIN_RESET_STAMPS = 5
 MIN_RESET_STEP = 1.0
 """Time, s, by which a clock falls at least when it was reset; less is reordering of messages."""
 
+MAX_RESTART_TIME = 60.0
+"""Time, s, that a boot clock reads at most when the first messages come after a restart.
+
+A choice: an autopilot sends within some seconds, and its radio is there within some more.
+"""
+
+MAX_LATE_SECONDS = 10.0
+"""Time, s, by which messages come late at most, over a second link. A choice: 3 s were seen."""
+
 MAX_WRAP_GAP = 60.0
 """Longest silence, s, across which a 32-bit reference clock counts as wrapped; after a longer one, as restarted."""
 
@@ -269,10 +278,13 @@ def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, 
 
 
 def _reboot_rows(time: Times) -> Rows:
-    """Finds the rows at which a clock restarted: it fell by ``MIN_RESET_STEP``, and stays low.
+    """Finds the rows at which a clock restarted: it fell, near to zero, and goes on from there.
 
     A message that arrives late has a low stamp too, but those after it are high again. So a restart needs
-    ``MIN_RESET_STAMPS`` stamps in a row that are all below the highest one since the last restart.
+    ``MIN_RESET_STAMPS`` stamps in a row that are all below the highest one since the last restart. Where the clock
+    fell by less than ``MAX_LATE_SECONDS``, or reads more than ``MAX_RESTART_TIME``, messages of a second link or of
+    another time may be mixed with those of the first. There the former clock must not come back for as long as
+    ``MAX_LATE_SECONDS`` last.
 
     Args:
         time: Stamps (n,) in stream order, s, wraps undone.
@@ -280,21 +292,42 @@ def _reboot_rows(time: Times) -> Rows:
     Returns:
         The first row of each boot but the first, ascending.
     """
-    # The highest of MIN_RESET_STAMPS stamps, from each row on: the filter's window is moved so that it begins there.
-    highest_ahead = maximum_filter1d(
-        time, MIN_RESET_STAMPS, origin=-(MIN_RESET_STAMPS // 2), mode="nearest"
-    )
+    highest_ahead = _highest_ahead(time, MIN_RESET_STAMPS)
     if not (highest_ahead < np.maximum.accumulate(time) - MIN_RESET_STEP).any():
         return np.zeros(0, dtype=np.int64)
+    rising_steps = np.diff(time)
+    rising_steps = rising_steps[rising_steps > 0]
+    median_step = float(np.median(rising_steps)) if len(rising_steps) else MAX_LATE_SECONDS
+    late_stamps = min(len(time), MIN_RESET_STAMPS + round(MAX_LATE_SECONDS / median_step))
+    highest_far_ahead = _highest_ahead(time, late_stamps)
     reboot_rows = []
     highest_of_boot = -np.inf
-    stamps = zip(time.tolist(), highest_ahead.tolist(), strict=True)
-    for row, (stamp, highest_next) in enumerate(stamps):
-        if highest_next < highest_of_boot - MIN_RESET_STEP:
+    stamps = zip(time.tolist(), highest_ahead.tolist(), highest_far_ahead.tolist(), strict=True)
+    for row, (stamp, highest_next, highest_later) in enumerate(stamps):
+        is_near_zero = stamp <= MAX_RESTART_TIME
+        has_fallen_far = highest_next < highest_of_boot - MAX_LATE_SECONDS
+        if is_near_zero and has_fallen_far:
+            has_restarted = True
+        elif is_near_zero or has_fallen_far:
+            has_restarted = highest_later < highest_of_boot - MIN_RESET_STEP
+        else:
+            has_restarted = False
+        if has_restarted:
             reboot_rows.append(row)
             highest_of_boot = stamp
         highest_of_boot = max(highest_of_boot, stamp)
     return np.array(reboot_rows, dtype=np.int64)
+
+
+def _highest_ahead(values: Times, count: int) -> Times:
+    """Returns the highest of ``count`` values from each row on (n,); fewer at the end.
+
+    Args:
+        values: Values (n,).
+        count: Number of values, at least 1.
+    """
+    # The filter's window lies around each row; it is moved so that it begins there.
+    return maximum_filter1d(values, count, origin=-(count // 2), mode="nearest")
 
 
 def _readings_by_reference(

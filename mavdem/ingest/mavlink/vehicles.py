@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
+from mavdem.arrays import Flags
 from mavdem.confidence import Interval
+from mavdem.errors import Unreadable
 from mavdem.facts import Facts
-from mavdem.facts.sources import Flaw, Repair
+from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock, deviates_from_median
 from mavdem.ingest.mavlink.definitions import (
     MessageDefinition,
@@ -28,6 +30,16 @@ from mavdem.ingest.mavlink.framing import (
     Frames,
     Offsets,
     concatenated_frames,
+    rows_of,
+)
+from mavdem.ingest.mavlink.sender_links import (
+    MAX_LATE_STEPS,
+    MAX_MISSING_STEP,
+    READING_LAYOUTS,
+    SEQUENCE_NUMBERS,
+    SenderLinks,
+    clock_reading,
+    missing_messages,
 )
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.telemetry import (
@@ -41,6 +53,7 @@ from mavdem.ingest.telemetry import (
     UnreadFrames,
     repair_facts,
     rows_by_value,
+    selected_rows,
 )
 from mavdem.ingest.vocabulary import (
     NAMES,
@@ -49,49 +62,17 @@ from mavdem.ingest.vocabulary import (
     UNNAMED,
 )
 
-SEQUENCE_NUMBERS = 256
-"""Number of a sender's sequence numbers: they run from 0 to 255 and start again."""
-
-MAX_LATE_STEPS = 32
-"""Number of frames by which a late one is overtaken at most; a larger step back is of a sender that restarted."""
-
-MAX_MISSING_STEP = 128
-"""Largest step forward that is taken for lost frames: half of the sequence numbers."""
-
-
-def missing_messages(before: Any, after: Any) -> Any:
-    """Counts the messages that a sender's sequence numbers say are missing between one message and the next.
-
-    A late message was counted as missing when another overtook it, and the step after it counts the messages between
-    again. It takes both back, so that the sum over a stream is the number of messages sent less the number received, as
-    in RTP (RFC 3550, section 6.4.1). Duplicates make the sum too small.
-
-    Args:
-        before: Sequence number of the message before, or an array of them, as signed integers.
-        after: Sequence number of the message itself, likewise.
-
-    Returns:
-        The increase of the number of missing messages, −33 to 127.
-    """
-    # The step modulo 256, 0 to 255. Its top end stands for steps back: 255 is a message that comes one too late.
-    step = (after - before) & (SEQUENCE_NUMBERS - 1)
-    is_late = step >= SEQUENCE_NUMBERS - MAX_LATE_STEPS
-    is_ahead = (step > 0) & (step <= MAX_MISSING_STEP)
-    # A step of 1 misses nothing. A late step counts as negative; a repeated number, or a restart, counts as 0.
-    return (step - 1 - SEQUENCE_NUMBERS * is_late) * (is_ahead | is_late)
-
-
 NON_VEHICLE_TYPES = frozenset({*NAMES["not_vehicles"], RADIO})
 """MAV_TYPEs of components and ground equipment."""
 
 VEHICLE_MESSAGES = frozenset({"ATTITUDE", "ATTITUDE_QUATERNION", *MOTOR_MESSAGES})
 """A component without a HEARTBEAT is a vehicle if it sent one of these messages."""
 
-PARAMETER_STORE_COMPONENT: int = dialect.MAV_COMP_ID_MISSIONPLANNER
-"""Component id under which MAVProxy logs the parameters of a system."""
-
 BOOT_CLOCK_UNITS = {"time_boot_ms": 1e3, "time_boot_us": 1e6, "time_usec": 1e6}
 """Fields with the boot clock, the more reliable first, and their units per second."""
+
+PARAMETER_STORE_COMPONENT: int = dialect.MAV_COMP_ID_MISSIONPLANNER
+"""Component id under which MAVProxy logs the parameters of a system."""
 
 MAX_STAMP_JUMP = 3600.0
 """Deviation of a receive stamp from the median of those around it, s, beyond which it is wrong: a choice."""
@@ -114,8 +95,10 @@ class _ComponentRecord:
     """Who it is, and how many messages it sent."""
     messages: Tables
     """Its messages on its boot clock."""
-    clock_repairs: Facts
-    """Repairs of that clock."""
+    repairs: Facts
+    """Repairs of that clock, and copies that were left out."""
+    has_two_senders: bool
+    """Whether two vehicles send under its ids."""
 
 
 def assemble(stream: FrameStream) -> Log:
@@ -123,28 +106,44 @@ def assemble(stream: FrameStream) -> Log:
 
     A sender, or component, is a pair of system id and component id. All components are listed in the log; those that
     are vehicles also become a ``Telemetry`` with messages and parameters. Frames that cannot be decoded are listed as
-    ``unread``.
+    ``unread``. Copies of frames, as they come over a second link, are left out. Two vehicles that send under the same
+    ids are no vehicle: nobody can know which of them sent a message without a clock.
 
     Args:
         stream: The frames of a recording.
 
     Returns:
         The log: every component, and those of them that are vehicles with their messages.
+
+    Raises:
+        Unreadable: The only vehicles are two with the same ids.
     """
     frames = stream.frames
     sender_ids = _sender_ids(frames)
+    sender_streams = {}
+    is_first = np.ones(len(frames), dtype=np.bool_)
+    for sender_id, rows in rows_by_value(sender_ids).items():
+        sender_streams[sender_id] = _sender_stream(stream.data, frames[rows])
+        is_first[rows] = sender_streams[sender_id].is_first
+    frames = frames[is_first]
+    sender_ids = sender_ids[is_first]
     frames_of_senders = _matching_frames(frames, sender_ids)
     unread = tuple(_unread_frames(frames, sender_ids, frames_of_senders))
-    rows_of_senders = rows_by_value(sender_ids)
     records = []
     for sender_id, frames_of_messages in frames_of_senders.items():
-        sequence = frames.sequence[rows_of_senders[sender_id]]
-        records.append(_component_record(stream.data, sender_id, frames_of_messages, sequence))
+        records.append(
+            _component_record(stream.data, sender_id, frames_of_messages, sender_streams[sender_id])
+        )
     stream_repairs = _stream_repairs(stream, unread)
     vehicles = []
+    shared_ids = []
     for record in records:
-        if _is_vehicle(record.component):
-            component = record.component
+        component = record.component
+        if not _is_vehicle(component):
+            continue
+        if record.has_two_senders:
+            shared_ids.append(f"{component.system}:{component.component}")
+        else:
             vehicles.append(
                 Telemetry(
                     component.system,
@@ -154,15 +153,17 @@ def assemble(stream: FrameStream) -> Log:
                     messages=record.messages,
                     parameters=_parameters_of(record, records),
                     source=stream.source,
-                    repairs=stream_repairs + record.clock_repairs,
+                    repairs=stream_repairs + record.repairs,
                 )
             )
+    if shared_ids and not vehicles:
+        raise Unreadable(Source.TWO_VEHICLES_ONE_ID, path=stream.source, names=shared_ids)
     return Log(
         source=stream.source,
         vehicles=tuple(vehicles),
         components=tuple(record.component for record in records),
         unread=unread,
-        frames=len(frames),
+        frames=len(stream.frames),
         bytes_skipped=stream.bytes_skipped,
         receive_time=_receive_interval(stream.stamps),
     )
@@ -275,8 +276,121 @@ def _unread_frames(
         )
 
 
+@dataclass(frozen=True)
+class _SenderStream:
+    """What the frames of one sender show of the links over which they came."""
+
+    is_first: Flags
+    """Whether each frame (n,) is no copy of an earlier one."""
+    lost: int
+    """Number of messages that are missing, by the gaps in the sequence numbers."""
+    copies: int = 0
+    """Number of copies."""
+    longest_delay: float = 0.0
+    """How late a copy was at most, s of the boot clock."""
+    has_two_senders: bool = False
+    """Whether they are frames of two vehicles."""
+
+
+MIN_IRREGULAR_SHARE = 0.05
+"""Share of sequence numbers that do not follow the one before, above which every frame is looked at: a choice."""
+
+
+def _sender_stream(data: Bytes, frames: Frames) -> _SenderStream:
+    """Finds out over which links the frames of a sender came, which of them are copies, and how many are missing.
+
+    Over one link the sequence numbers of one vehicle rise, by more than 1 where messages were lost. Only where many do
+    not, or where a frame with a boot clock comes twice, is every frame looked at.
+
+    Args:
+        data: The stream (B,).
+        frames: The frames (n,) of one sender, in stream order.
+    """
+    # Bytes are made signed, so that differences may be negative.
+    sequence = frames.sequence.astype(np.int16)
+    steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)
+    is_irregular = (steps == 0) | (steps > MAX_MISSING_STEP)
+    has_several_links = np.count_nonzero(is_irregular) > MIN_IRREGULAR_SHARE * len(steps)
+    may_have_copies = bool((is_irregular | (steps > MAX_LATE_STEPS)).any())
+    if not may_have_copies:
+        may_have_copies = _first_reading_is_repeated(data, frames)
+    if not has_several_links and not (may_have_copies and _has_copies(data, frames)):
+        lost = int(missing_messages(sequence[:-1], sequence[1:]).sum())
+        return _SenderStream(np.ones(len(frames), dtype=np.bool_), max(lost, 0))
+    links = SenderLinks()
+    content = data.data
+    is_first = []
+    is_readable = frames.checksum == CHECKSUM_MATCHES
+    for start, end, message_id, number, readable in zip(
+        frames.start.tolist(),
+        frames.end.tolist(),
+        frames.message_id.tolist(),
+        frames.sequence.tolist(),
+        is_readable.tolist(),
+        strict=True,
+    ):
+        is_first.append(links.take(bytes(content[start:end]), message_id, number, readable))
+    return _SenderStream(
+        np.array(is_first, dtype=np.bool_),
+        max(links.missing, 0),
+        links.copies,
+        links.longest_delay,
+        links.vehicles.were_two,
+    )
+
+
+def _first_reading_is_repeated(data: Bytes, frames: Frames) -> bool:
+    """Returns whether the first frame with a boot clock comes again, as where a whole recording is repeated.
+
+    Args:
+        data: The stream (B,).
+        frames: The frames (n,) of one sender, in stream order.
+    """
+    rows = np.flatnonzero(np.isin(frames.message_id, list(READING_LAYOUTS)))
+    if not len(rows):
+        return False
+    start, end = int(frames.start[rows[0]]), int(frames.end[rows[0]])
+    content = data.tobytes()
+    return content.find(content[start:end], end) >= 0
+
+
+def _has_copies(data: Bytes, frames: Frames) -> bool:
+    """Returns whether a frame with a boot clock comes twice among the frames of a sender.
+
+    Frames are compared by their sequence number and their last four bytes, the end of the payload and the checksum, or
+    the end of a signature; those that agree, by all bytes.
+
+    Args:
+        data: The stream (B,).
+        frames: The frames (n,) of one sender, in stream order.
+    """
+    last_bytes = rows_of(data, frames.end - LAST_BYTES, LAST_BYTES).view("<u4")[:, 0]
+    keys = frames.sequence.astype(np.uint64) << np.uint64(8 * LAST_BYTES) | last_bytes
+    sorted_keys = np.sort(keys)
+    repeated_keys = sorted_keys[1:][sorted_keys[1:] == sorted_keys[:-1]]
+    if not len(repeated_keys):
+        return False
+    candidates = np.flatnonzero(np.isin(keys, repeated_keys))
+    content = data.data
+    contents = set[bytes]()
+    for row in candidates.tolist():
+        frame = bytes(content[int(frames.start[row]) : int(frames.end[row])])
+        message_id = int(frames.message_id[row])
+        if frame in contents and clock_reading(frame, message_id) is not None:
+            return True
+        contents.add(frame)
+    return False
+
+
+LAST_BYTES = np.dtype(np.uint32).itemsize
+"""Number of a frame's last bytes by which frames are compared first."""
+
+
 def _component_record(
-    data: Bytes, sender_id: int, frames_of_messages: OffsetsByMessage, sequence: Bytes
+    data: Bytes,
+    sender_id: int,
+    frames_of_messages: OffsetsByMessage,
+    sender_stream: _SenderStream,
 ) -> _ComponentRecord:
     """Decodes everything that one component sent, and finds out what it is and how many messages were lost.
 
@@ -286,29 +400,40 @@ def _component_record(
         data: The stream (B,).
         sender_id: Packed sender.
         frames_of_messages: Offsets of its readable frames by message id.
-        sequence: Sequence numbers (n,) of all its frames.
+        sender_stream: What its frames show of the links over which they came.
     """
     messages, clock_repairs = _messages(data, frames_of_messages)
+    if sender_stream.copies:
+        # What only the second link brought came late.
+        messages = {name: _in_time_order(columns) for name, columns in messages.items()}
     kind, autopilot = UNNAMED, UNNAMED
     if "HEARTBEAT" in messages:
         kind, autopilot = vehicle_identity(messages["HEARTBEAT"])
     counts = {name: len(columns["time"]) for name, columns in messages.items()}
     if counts and RADIO_MESSAGES.issuperset(counts):
         kind = RADIO
-    # Lost messages show as steps of more than 1 between successive sequence numbers. Bytes are made signed, so that
-    # differences may be negative.
-    signed_sequence = sequence.astype(np.int16)
-    lost = int(missing_messages(signed_sequence[:-1], signed_sequence[1:]).sum())
     component = Component(
         sender_id >> COMPONENT_BITS,
         sender_id & COMPONENT_MASK,
         kind,
         autopilot,
         messages=counts,
-        # A frame that was recorded twice counts as a message less, so that the sum may be negative.
-        lost=max(lost, 0),
+        lost=sender_stream.lost,
     )
-    return _ComponentRecord(component, messages, clock_repairs)
+    repairs = repair_facts(
+        Repair.COPIES_LEFT_OUT,
+        count=sender_stream.copies,
+        delay=sender_stream.longest_delay,
+        name=f"{component.system}:{component.component}",
+    )
+    return _ComponentRecord(
+        component, messages, repairs + clock_repairs, sender_stream.has_two_senders
+    )
+
+
+def _in_time_order(columns: Columns) -> Columns:
+    """Returns a message's columns in the order of boots and times; messages of the same time keep their order."""
+    return selected_rows(columns, np.lexsort((columns["time"], columns["boot"])))
 
 
 def _is_vehicle(component: Component) -> bool:

@@ -1,0 +1,459 @@
+"""The links over which the frames of one MAVLink sender come: copies, missing frames, and two vehicles under one id.
+
+A sender numbers its frames from 0 to 255 and then from 0 again. Between it and the receiver may lie several links, such
+as two radios, and forwarders that send everything twice. Three things follow:
+
+- The same frame comes over a second link, at once or some seconds late. Its bytes are the same, with the sequence
+  number and the time since boot in them. It is dropped.
+- Frames that one link lost may come late over the other one. They are missing only if they come over none.
+- Two vehicles with the same ids look like one whose clock, heading or position jumps to and fro.
+
+Source: https://mavlink.io/en/guide/serialization.html (the sequence number is "used to detect packet loss").
+"""
+
+import struct
+from collections import OrderedDict, deque
+from dataclasses import dataclass
+from enum import Enum, auto
+from math import cos, hypot, isnan, nan, pi, radians
+from typing import Any, NamedTuple
+
+from pymavlink.dialects.v20 import all as dialect
+
+from mavdem.ingest.mavlink.clocks import MAX_LATE_SECONDS
+from mavdem.ingest.mavlink.definitions import definitions_by_id
+from mavdem.ingest.mavlink.framing import HEADER_BYTES_V1, HEADER_BYTES_V2, LENGTH_BYTE, MARKER_V2
+
+SEQUENCE_NUMBERS = 256
+"""Number of a sender's sequence numbers: they run from 0 to 255 and start again."""
+
+MAX_LATE_STEPS = 32
+"""Number of frames by which a late one is overtaken at most; a larger step back is of a sender that restarted."""
+
+MAX_MISSING_STEP = 128
+"""Largest step forward that is taken for lost frames: half of the sequence numbers."""
+
+RECENT_FRAMES = 8192
+"""Number of a sender's frames that are remembered, to recognise copies: 4 s of the fastest serial ports, a choice."""
+
+MAX_HEADING_PITCH = radians(60)
+"""Pitch, rad, up to which the heading is used: where the nose points up or down it is not defined. A choice."""
+
+MAX_VEHICLES = 4
+"""Number of vehicles under the same ids that are told apart: a choice."""
+
+MIN_CLOCK_STEPS = 3
+"""Number of readings with a rising clock that make a track one of a vehicle: a choice."""
+
+MAX_HEADING_DIFFERENCE = radians(20)
+"""Difference of headings, rad, that is taken for one vehicle at one time: a choice."""
+
+MAX_YAW_RATE = pi
+"""Rate, rad/s, at which a heading may change between two readings: few multirotors yaw faster. A choice."""
+
+MAX_POSITION_DIFFERENCE = 5.0
+"""Distance, m, between two positions that is taken for one vehicle at one time: a choice."""
+
+MAX_SPEED = 40.0
+"""Speed, m/s, at which a position may change between two readings: few multirotors fly faster. A choice."""
+
+METERS_PER_DEGREE = 111_195.0
+"""Length of a degree of latitude, m: of a sphere with a radius of 6371 km."""
+
+DEGREES_PER_UNIT = 1e-7
+"""Unit of latitude and longitude in GLOBAL_POSITION_INT, degrees."""
+
+CLOCK_UNITS_PER_SECOND = 1000.0
+"""Units of ``time_boot_ms`` in a second."""
+
+CLOCK_LAYOUT = struct.Struct("<I")
+"""Beginning of LOCAL_POSITION_NED and ATTITUDE_QUATERNION: ``time_boot_ms``."""
+
+ATTITUDE_LAYOUT = struct.Struct("<I3f")
+"""Beginning of ATTITUDE: ``time_boot_ms``, ``roll``, ``pitch``, ``yaw``."""
+
+POSITION_LAYOUT = struct.Struct("<I2i")
+"""Beginning of GLOBAL_POSITION_INT: ``time_boot_ms``, ``lat``, ``lon``."""
+
+READING_LAYOUTS = {
+    dialect.MAVLINK_MSG_ID_ATTITUDE: ATTITUDE_LAYOUT,
+    dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: CLOCK_LAYOUT,
+    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: CLOCK_LAYOUT,
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: POSITION_LAYOUT,
+}
+"""Beginning of the payloads of those messages that autopilots stamp themselves, by message id."""
+
+STAMP_FIELDS = ("time_boot_ms", "time_boot_us", "time_usec")
+"""Names of fields with a time stamp."""
+
+
+def missing_messages(before: Any, after: Any) -> Any:
+    """Counts the messages that a sender's sequence numbers say are missing between one message and the next.
+
+    A late message was counted as missing when another overtook it, and the step after it counts the messages between
+    again. It takes both back, so that the sum over a stream is the number of messages sent less the number received, as
+    in RTP (RFC 3550, section 6.4.1). Duplicates make the sum too small.
+
+    Args:
+        before: Sequence number of the message before, or an array of them, as signed integers.
+        after: Sequence number of the message itself, likewise.
+
+    Returns:
+        The increase of the number of missing messages, −33 to 127.
+    """
+    # The step modulo 256, 0 to 255. Its top end stands for steps back: 255 is a message that comes one too late.
+    step = (after - before) & (SEQUENCE_NUMBERS - 1)
+    is_late = step >= SEQUENCE_NUMBERS - MAX_LATE_STEPS
+    is_ahead = (step > 0) & (step <= MAX_MISSING_STEP)
+    # A step of 1 misses nothing. A late step counts as negative; a repeated number, or a restart, counts as 0.
+    return (step - 1 - SEQUENCE_NUMBERS * is_late) * (is_ahead | is_late)
+
+
+class Reading(NamedTuple):
+    """What a vehicle reports of itself at one time of its boot clock."""
+
+    clock: float
+    """Time since boot, s."""
+
+    heading: float = nan
+    """Heading, rad; NaN where the message has none."""
+
+    latitude: float = nan
+    """Latitude, degrees; NaN where the message has none."""
+
+    longitude: float = nan
+    """Longitude, degrees; NaN where the message has none."""
+
+
+class SenderLinks:
+    """Recognises copies among the frames of one sender, and counts those that came over no link.
+
+    Attributes:
+        missing: number of frames that came over no link, by the gaps in the sequence numbers. A frame that was
+            overtaken counts as missing until it comes, so that the number may be negative for a moment.
+        copies: number of frames that had come already.
+        longest_delay: how late a copy was at most, s of the boot clock.
+        vehicles: whose readings the frames hold.
+    """
+
+    def __init__(self) -> None:
+        """Begins without a frame."""
+        self.missing = 0
+        self.copies = 0
+        self.longest_delay = 0.0
+        self.vehicles = VehicleTracks()
+        self._frame_count = 0
+        # The latest ``RECENT_FRAMES`` frames by their bytes, the oldest first, and how many had come with each.
+        self._recent: OrderedDict[bytes, int] = OrderedDict()
+        # The latest boot clock, s, and the sequence number of the latest frame that was not late.
+        self._clock = 0.0
+        self._sequence = 0
+        # The sequence number of the latest late frame, and how many frames had come with the latest copy of a reading;
+        # so long ago, before any, that it does not count.
+        self._late_sequence = 0
+        self._copy_count = -SEQUENCE_NUMBERS
+
+    @property
+    def _has_late_link(self) -> bool:
+        """Whether a second link is known: a copy with a reading came within the latest 256 frames."""
+        return self._frame_count - self._copy_count < SEQUENCE_NUMBERS
+
+    def take(self, content: bytes, message_id: int, sequence: int, is_readable: bool) -> bool:
+        """Takes the next frame of the sender.
+
+        Args:
+            content: all bytes of the frame.
+            message_id: number of its message.
+            sequence: its sequence number, 0 to 255.
+            is_readable: whether its checksum matches. Others only show that their number is not missing.
+
+        Returns:
+            False for a copy of a frame that came already, which is to be ignored.
+        """
+        self._frame_count += 1
+        if not is_readable:
+            self._count_missing(sequence, None)
+            return True
+        reading = clock_reading(content, message_id) if message_id in READING_LAYOUTS else None
+        original_count = self._recent.get(content)
+        if original_count is not None:
+            if reading is not None:
+                # A time since boot never comes again.
+                self._copy_count = self._frame_count
+                self.longest_delay = max(self.longest_delay, self._clock - reading.clock)
+            elif not self._is_copy(original_count, content, message_id, sequence):
+                # It is forgotten here, so that the new frame takes the last place.
+                del self._recent[content]
+                original_count = None
+        if original_count is not None:
+            self.copies += 1
+            self._late_sequence = sequence
+            return False
+        self._recent[content] = self._frame_count
+        if len(self._recent) > RECENT_FRAMES:
+            self._recent.popitem(last=False)
+        self._count_missing(sequence, reading)
+        if reading is not None:
+            self.vehicles.add(reading)
+        return True
+
+    def _is_copy(self, original_count: int, content: bytes, message_id: int, sequence: int) -> bool:
+        """Returns whether a frame without a reading of the clock, with the bytes of an earlier one, is its copy.
+
+        Messages such as HEARTBEAT repeat their content, and with the next turn of the sequence numbers an equal one is
+        new. It is a copy where it directly repeats the latest frame. Others are copies only where a second link is
+        known: those with any time stamp, and those whose number follows that of the latest late frame more closely than
+        that of the latest other one.
+
+        Args:
+            original_count: how many frames had come with the earlier frame.
+            content: the bytes of both.
+            message_id: number of their message.
+            sequence: their sequence number.
+        """
+        if self._frame_count - original_count == 1:
+            return True
+        return self._has_late_link and (
+            _has_stamp(content, message_id) or self._follows_late_link(sequence)
+        )
+
+    def _follows_late_link(self, sequence: int) -> bool:
+        """Returns whether a number follows that of the latest late frame more closely than that of the latest other."""
+        late_step = (sequence - self._late_sequence) % SEQUENCE_NUMBERS
+        return late_step < (sequence - self._sequence) % SEQUENCE_NUMBERS
+
+    def _count_missing(self, sequence: int, reading: Reading | None) -> None:
+        """Counts the frames that are missing before a new one; one that comes late is missing no more.
+
+        Args:
+            sequence: its sequence number.
+            reading: the reading in it; None where it has none.
+        """
+        if self._frame_count == 1:
+            self._sequence = sequence
+        if self._has_late_link:
+            if reading is None:
+                is_late = self._follows_late_link(sequence)
+            else:
+                is_late = 0 < self._clock - reading.clock <= MAX_LATE_SECONDS
+            if is_late:
+                # It was counted as missing before, since the first link lost it.
+                self.missing -= 1
+                self._late_sequence = sequence
+                return
+        self.missing += missing_messages(self._sequence, sequence)
+        self._sequence = sequence
+        if reading is not None:
+            self._clock = reading.clock
+
+
+class Contradiction(Enum):
+    """What shows that two readings are not of one vehicle."""
+
+    CLOCK = auto()
+    POSITION = auto()
+    HEADING = auto()
+
+
+class SwitchLimit(NamedTuple):
+    """How often readings must change between two vehicles until these count as two."""
+
+    switches: int
+    """Number of times that a reading is of the former vehicle again."""
+
+    readings: int
+    """Number of readings of this kind in which they are counted."""
+
+
+SWITCH_LIMITS = {
+    Contradiction.CLOCK: SwitchLimit(20, readings=200),
+    Contradiction.POSITION: SwitchLimit(10, readings=100),
+    Contradiction.HEADING: SwitchLimit(40, readings=120),
+}
+"""Limits by what contradicts: choices.
+
+No vehicle comes back to a former clock or position so often. One that tumbles turns its heading over and over, but hits
+the ground before every third heading of 120 has changed.
+"""
+
+RECOGNITION_READINGS = 400
+"""Number of readings after which two vehicles count as two no more, unless they are recognised again: a choice."""
+
+
+@dataclass(slots=True)
+class _VehicleTrack:
+    """The latest readings that can be of one vehicle."""
+
+    latest: Reading
+    """The latest of all."""
+
+    heading: Reading | None = None
+    """The latest with a heading."""
+
+    position: Reading | None = None
+    """The latest with a position."""
+
+    steps: int = 0
+    """Number of readings whose clock was ahead of the one before."""
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether its clock goes on, as that of a vehicle: forged messages may repeat one time."""
+        return self.steps >= MIN_CLOCK_STEPS
+
+    def add(self, reading: Reading) -> None:
+        """Adds the next reading of the vehicle."""
+        if reading.clock > self.latest.clock:
+            self.steps += 1
+        self.latest = reading
+        if not isnan(reading.heading):
+            self.heading = reading
+        if not isnan(reading.latitude):
+            self.position = reading
+
+    def contradiction(self, reading: Reading) -> Contradiction | None:
+        """Returns what shows that a reading is not of this vehicle; None where it can be.
+
+        Args:
+            reading: the next reading under the same ids.
+        """
+        if abs(reading.clock - self.latest.clock) > MAX_LATE_SECONDS:
+            return Contradiction.CLOCK
+        position = self.position
+        if position is not None and not isnan(reading.latitude):
+            north = reading.latitude - position.latitude
+            east = (reading.longitude - position.longitude) * cos(radians(reading.latitude))
+            distance = METERS_PER_DEGREE * hypot(north, east)
+            seconds = abs(reading.clock - position.clock)
+            if distance > MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds:
+                return Contradiction.POSITION
+        heading = self.heading
+        if heading is not None and not isnan(reading.heading):
+            turn = abs(reading.heading - heading.heading) % (2 * pi)
+            turn = min(turn, 2 * pi - turn)
+            seconds = abs(reading.clock - heading.clock)
+            if turn > MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds:
+                return Contradiction.HEADING
+        return None
+
+
+class VehicleTracks:
+    """Recognises that two vehicles send under the same ids: readings that alternate between two that disagree.
+
+    A vehicle that restarts, or whose estimate jumps, does not come back to the former clock, heading or position.
+
+    Attributes:
+        were_two: whether there were two at any time.
+    """
+
+    def __init__(self) -> None:
+        """Begins without a reading."""
+        self.were_two = False
+        # The track of the latest reading is the first.
+        self._tracks: list[_VehicleTrack] = []
+        # By what contradicts: the number of readings that could show it, and at which a former vehicle came back.
+        self._reading_counts = dict.fromkeys(Contradiction, 0)
+        self._switches = {
+            contradiction: deque[int](maxlen=limit.switches)
+            for contradiction, limit in SWITCH_LIMITS.items()
+        }
+        # The number of readings at which two were recognised last.
+        self._latest_recognition = -RECOGNITION_READINGS
+
+    @property
+    def are_two(self) -> bool:
+        """Whether there are two at present: they were recognised within the latest ``RECOGNITION_READINGS``."""
+        count = self._reading_counts[Contradiction.CLOCK]
+        return count - self._latest_recognition < RECOGNITION_READINGS
+
+    def add(self, reading: Reading) -> None:
+        """Adds the next reading under the ids.
+
+        Args:
+            reading: what a vehicle reports.
+        """
+        self._reading_counts[Contradiction.CLOCK] += 1
+        self._reading_counts[Contradiction.POSITION] += not isnan(reading.latitude)
+        self._reading_counts[Contradiction.HEADING] += not isnan(reading.heading)
+        contradiction = None
+        for row, track in enumerate(self._tracks):
+            track_contradiction = track.contradiction(reading)
+            if track_contradiction is None:
+                track.add(reading)
+                if contradiction is not None:
+                    if track.goes_on and self._tracks[0].goes_on:
+                        self._note_switch(contradiction)
+                    self._tracks.insert(0, self._tracks.pop(row))
+                return
+            if row == 0:
+                contradiction = track_contradiction
+        track = _VehicleTrack(reading)
+        track.add(reading)
+        self._tracks.insert(0, track)
+        del self._tracks[MAX_VEHICLES:]
+
+    def _note_switch(self, contradiction: Contradiction) -> None:
+        """Notes that a former vehicle came back; enough of them in a short time show that there are two.
+
+        Args:
+            contradiction: what shows that the reading is not of the vehicle of the reading before.
+        """
+        count = self._reading_counts[contradiction]
+        limit = SWITCH_LIMITS[contradiction]
+        switches = self._switches[contradiction]
+        switches.append(count)
+        if len(switches) == limit.switches and count - switches[0] <= limit.readings:
+            self.were_two = True
+            self._latest_recognition = self._reading_counts[Contradiction.CLOCK]
+
+
+def clock_reading(content: bytes, message_id: int) -> Reading | None:
+    """Returns the boot clock in a frame, with heading or position where it has one.
+
+    Args:
+        content: all bytes of the frame.
+        message_id: number of its message.
+
+    Returns:
+        The reading; None for messages that have another clock or none, and before the clock has begun.
+    """
+    layout = READING_LAYOUTS.get(message_id)
+    if layout is None:
+        return None
+    values = layout.unpack(_payload(content)[: layout.size].ljust(layout.size, b"\0"))
+    clock = values[0] / CLOCK_UNITS_PER_SECOND
+    if not clock:
+        return None
+    if layout is ATTITUDE_LAYOUT:
+        pitch, heading = values[2:]
+        return Reading(clock, heading=heading if abs(pitch) <= MAX_HEADING_PITCH else nan)
+    if layout is POSITION_LAYOUT and (values[1] or values[2]):
+        latitude, longitude = (value * DEGREES_PER_UNIT for value in values[1:])
+        return Reading(clock, latitude=latitude, longitude=longitude)
+    return Reading(clock)
+
+
+def _has_stamp(content: bytes, message_id: int) -> bool:
+    """Returns whether a frame has a time stamp in its payload that is not 0.
+
+    Some messages repeat an old stamp, such as HOME_POSITION.
+
+    Args:
+        content: all bytes of the frame.
+        message_id: number of its message.
+    """
+    definition = definitions_by_id().get(message_id)
+    if definition is None or definition.wire.fields is None:
+        return False
+    payload = _payload(content)
+    for name in STAMP_FIELDS:
+        if name in definition.wire.fields:
+            field_type, offset = definition.wire.fields[name][:2]
+            return any(payload[offset : offset + field_type.itemsize])
+    return False
+
+
+def _payload(content: bytes) -> bytes:
+    """Returns the payload in the bytes of a frame, of either version of MAVLink."""
+    start = HEADER_BYTES_V2 if content[0] == MARKER_V2 else HEADER_BYTES_V1
+    return content[start : start + content[LENGTH_BYTE]]
