@@ -5,7 +5,7 @@ from concurrent.futures import CancelledError, Executor, Future
 from contextlib import suppress
 from dataclasses import replace
 
-from mavdem.assessment.axis.findings import Findings, findings_of, with_own_torque_marked
+from mavdem.assessment.axis.findings import Findings, findings_of, with_oscillation_torque_marked
 from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Learned
 from mavdem.facts import Fact
@@ -129,7 +129,7 @@ class ModelJudging:
                     override.is_bad and override.code in OWN_TORQUE_OVERRIDES
                     for override in self.findings.overrides
                 )
-                model = with_own_torque_marked(model, torque_is_own)
+                model = with_oscillation_torque_marked(model, torque_is_own)
         return model
 
     def set_next_step(self, next_step: Fact) -> None:

@@ -101,8 +101,8 @@ class ArrivalRates:
     """
 
     def __init__(self) -> None:
-        # Times, s, and numbers of messages so far, by id.
-        self._window: deque[tuple[float, dict[int, int]]] = deque()
+        # Times, s, and numbers of messages so far, by id, from the beginning of the window on.
+        self._counts_by_time: deque[tuple[float, dict[int, int]]] = deque()
 
     def update(self, now: float, counts: Mapping[int, int]) -> dict[int, float] | None:
         """Notes the numbers of messages so far, and returns the rate of each message over the window, Hz, by its id.
@@ -114,13 +114,14 @@ class ArrivalRates:
         Returns:
             The rates; None while less than ``DECISION_SECONDS`` have been measured.
         """
-        # A quarter of the shortest measurement is fine enough for the beginning of the window.
-        if not self._window or now - self._window[-1][0] >= DECISION_SECONDS / 4:
-            self._window.append((now, dict(counts)))
+        window = self._counts_by_time
+        # The window can begin at every quarter of the shortest measurement.
+        if not window or now - window[-1][0] >= DECISION_SECONDS / 4:
+            window.append((now, dict(counts)))
         # The window begins with the latest entry that is at least ``RATE_WINDOW_SECONDS`` old.
-        while len(self._window) > 1 and self._window[1][0] <= now - RATE_WINDOW_SECONDS:
-            self._window.popleft()
-        start_time, start_counts = self._window[0]
+        while len(window) > 1 and window[1][0] <= now - RATE_WINDOW_SECONDS:
+            window.popleft()
+        start_time, start_counts = window[0]
         duration = now - start_time
         if duration < DECISION_SECONDS:
             return None
@@ -208,7 +209,7 @@ class RateRequest:
         self._vehicle = vehicle
         self._pending_parameters = deque(MAX_TRIES * [name.encode() for name in parameters])
         # When the next parameter may be requested, s.
-        self._parameter_time = -np.inf
+        self._next_parameter_time = -np.inf
         # When the next interval may be set, s. A confirmation does not name the message that it is about, so that only
         # one setting at a time may await one.
         self._next_setting_time = -np.inf
@@ -272,7 +273,7 @@ class RateRequest:
         return frames
 
     def _parameter_requests(self, now: float, received_parameters: Container[bytes]) -> list[bytes]:
-        """The next request for a parameter, if one is due: one at a time, ``PARAMETER_PERIOD`` apart.
+        """Returns the next request for a parameter, if one is due: one at a time, ``PARAMETER_PERIOD`` apart.
 
         All parameters at once would fill a slow radio. The queue holds each name ``MAX_TRIES`` times, for requests that
         get lost; names that have come are skipped.
@@ -287,9 +288,9 @@ class RateRequest:
         pending = self._pending_parameters
         while pending and pending[0] in received_parameters:
             pending.popleft()
-        if not pending or now < self._parameter_time:
+        if not pending or now < self._next_parameter_time:
             return []
-        self._parameter_time = now + PARAMETER_PERIOD
+        self._next_parameter_time = now + PARAMETER_PERIOD
         # Index −1: the parameter is requested by its name.
         request = dialect.MAVLink_param_request_read_message(
             self._vehicle.system, self._vehicle.component, pending.popleft(), -1
@@ -368,16 +369,24 @@ class RateRequest:
             interval.fall_count += 1
         if interval.fall_count <= 1:
             self._report(interval, RateFact.RATE_FELL, former_rate=interval.rate)
-        # The list holds all messages whose count is at the limit. If it holds this one only, this is the first message
-        # that reached the limit, and the fact has not been reported yet.
-        contested = [
-            each for each in self._intervals if each.fall_count == MAX_TRIES and each.is_reported
+        # All messages whose count is at the limit. If this is the only one, it is the first that reached the limit, and
+        # the fact has not been reported yet.
+        contested_intervals = [
+            other
+            for other in self._intervals
+            if other.fall_count == MAX_TRIES and other.is_reported
         ]
-        if contested == [interval]:
+        if contested_intervals == [interval]:
             self.events.append(Fact(RateFact.RATES_CONTESTED))
 
     def _report(self, interval: _MessageInterval, code: RateFact, **figures: Any) -> None:
-        """Reports a fact about a message, unless nothing is reported of it."""
+        """Reports a fact about a message, unless nothing is reported of that message.
+
+        Args:
+            interval: the message.
+            code: what is reported.
+            **figures: figures of the fact by name.
+        """
         if interval.is_reported:
             self.events.append(Fact(code, subject=interval.name, **figures))
 
@@ -394,19 +403,18 @@ class RateRequest:
             message_id, microseconds = message.values
             self._take_former_interval(message_id, microseconds)
             return
-        command, result, system, component = message.values
-        is_for_us = system in (BROADCAST, GROUND_STATION.system) and component in (
-            BROADCAST,
-            GROUND_STATION.component,
-        )
+        command, result, target_system, target_component = message.values
+        is_to_our_system = target_system in (BROADCAST, GROUND_STATION.system)
+        is_to_our_component = target_component in (BROADCAST, GROUND_STATION.component)
         is_final = result != dialect.MAV_RESULT_IN_PROGRESS
-        if command == SET_INTERVAL and is_for_us and is_final:
+        if command == SET_INTERVAL and is_to_our_system and is_to_our_component and is_final:
             self._take_confirmation(result)
 
     def _take_former_interval(self, message_id: int, microseconds: int) -> None:
         """Takes the vehicle's own interval of a message, which is to be restored at the end.
 
-        An interval that was set already is not the vehicle's own any more. Once it is known, the setting need not wait.
+        An interval that was set already is no longer the vehicle's own. Once its own is known, the message may be set
+        at once.
 
         Args:
             message_id: id of the message.
@@ -418,7 +426,6 @@ class RateRequest:
             is_unknown = interval.former_interval is None and not interval.may_have_changed
             if interval.message_id == message_id and is_unknown:
                 interval.former_interval = microseconds
-                # It may be set at once.
                 interval.request_time = -np.inf
 
     def _take_confirmation(self, result: int) -> None:
@@ -437,12 +444,12 @@ class RateRequest:
                 self.unconfirmed.popleft().is_restored = is_accepted
             return
         self._next_setting_time = -np.inf
-        latest = max(self._intervals, key=lambda interval: interval.request_time)
-        if not is_accepted and latest.set_count:
+        latest_interval = max(self._intervals, key=lambda interval: interval.request_time)
+        if not is_accepted and latest_interval.set_count:
             # Any rate is enough from now on.
-            latest.needed_rate = 0.0
-            latest.may_have_changed = False
-            self._report(latest, RateFact.RATE_REFUSED, result=result)
+            latest_interval.needed_rate = 0.0
+            latest_interval.may_have_changed = False
+            self._report(latest_interval, RateFact.RATE_REFUSED, result=result)
 
     def restart(self) -> None:
         """Allows all rates to be requested again at once: the vehicle may have rebooted, and forgotten them.
@@ -504,11 +511,20 @@ def greeting() -> bytes:
     return _packed(heartbeat, GREETER)
 
 
-_sequence_numbers = count()
+_frame_numbers = count()
 
 
 def _packed(message: Any, sender: FrameSender) -> bytes:
-    """The bytes of a frame with a pymavlink message from a sender; frames are numbered in sequence."""
-    link = dialect.MAVLink(None, sender.system, sender.component)
-    link.seq = next(_sequence_numbers) % 256
-    return bytes(message.pack(link))
+    """Packs a message into a MAVLink frame.
+
+    Args:
+        message: a message of pymavlink.
+        sender: ids that the frame comes from.
+
+    Returns:
+        The bytes of the frame, which has the next sequence number.
+    """
+    encoder = dialect.MAVLink(None, sender.system, sender.component)
+    # The sequence number of a frame is one byte.
+    encoder.seq = next(_frame_numbers) % 256
+    return bytes(message.pack(encoder))

@@ -135,28 +135,28 @@ class SessionStatus(ImmutableResult):
 
     @property
     def overall_judgement(self) -> Judgement:
-        """Headline, lights and next step of the flight: the model's judgement and what was found without a model.
+        """Headline, lights and next step of the flight, by the model and by what needs no model.
 
-        Without a judgement by a model, that of a flight that cannot be judged is completed by what was found. Of each
-        light the worse of the two facts counts. A bad light becomes the headline unless the headline is bad already,
-        and in flight a bad headline makes landing the next step.
+        Before a model is judged, all that needs one is unknown. Of each light the worse of the two facts counts. A bad
+        light becomes the headline unless the headline is bad already, and in flight a bad headline makes landing the
+        next step.
         """
         weak_motors = [alarm.fact for alarm in self.motor_alarms if alarm.is_weak]
         judgement = self.model_judgement
         if judgement is None:
             judgement = unjudged(weak_motors[0] if weak_motors else self._reason_without_model)
 
-        # What was found without a model, by light: by the watchdog, by the test of the motors, and the wind.
-        found_lights = dict(self.worst_lights)
+        # Lights that need no model: those of the watchdog, of the test of the motors, and of the wind.
+        lights_without_model = dict(self.worst_lights)
         if weak_motors:
-            light = found_lights.get(Light.MOTORS, weak_motors[0])
-            found_lights[Light.MOTORS] = worst_fact([*weak_motors, light])
+            motors_light = lights_without_model.get(Light.MOTORS, weak_motors[0])
+            lights_without_model[Light.MOTORS] = worst_fact([*weak_motors, motors_light])
         if self.mean_wind is not None:
-            found_lights[Light.WIND] = self.mean_wind.light
-        lights = {
-            name: worst_fact([found_lights.get(name, fact), fact])
-            for name, fact in judgement.lights.items()
-        }
+            lights_without_model[Light.WIND] = self.mean_wind.light
+        lights = {}
+        for name, light_by_model in judgement.lights.items():
+            light_without_model = lights_without_model.get(name, light_by_model)
+            lights[name] = worst_fact([light_without_model, light_by_model])
 
         headline = judgement.headline
         next_step = judgement.next_step
@@ -189,13 +189,14 @@ class SessionStatus(ImmutableResult):
             estimate: the learner's latest. It has predictions, with bands (K, m), for K horizons; the angle is the
                 first of the m outputs.
         """
-        # The predicted horizons are whole steps, so that the nearest one to that which is reported counts.
+        # Predicted horizons are whole steps, so that the one nearest to ``REPORTED_HORIZON`` is reported.
         horizons = estimate.ahead_times - estimate.time
         reported = abs(horizons - REPORTED_HORIZON).argmin()
-        band = PredictionBand(horizons[reported], estimate.ahead_band[reported, 0])
+        angle_band = PredictionBand(horizons[reported], estimate.ahead_band[reported, 0])
         useful_horizon = self.useful_horizon
-        longest = estimate.useful
-        if longest is not None:
-            error_ratio = estimate.ahead_ratio[longest].mean()
-            useful_horizon = UsefulHorizon(horizons[longest], error_ratio)
-        return replace(self, prediction_band=band, useful_horizon=useful_horizon)
+        longest_useful = estimate.useful
+        if longest_useful is not None:
+            # The mean over the outputs.
+            error_ratio = estimate.ahead_ratio[longest_useful].mean()
+            useful_horizon = UsefulHorizon(horizons[longest_useful], error_ratio)
+        return replace(self, prediction_band=angle_band, useful_horizon=useful_horizon)

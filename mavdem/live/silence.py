@@ -22,15 +22,18 @@ class SilenceMonitor:
         self._sample_count = 0
 
     def note_messages(self, first_arrival: float, last_arrival: float) -> float:
-        """Notes messages that arrived together; returns how long none had come before them, s.
+        """Notes that some messages arrived together.
 
         Args:
-            first_arrival: of the first of them, s of the monotonic clock.
-            last_arrival: of the last of them.
+            first_arrival: arrival of the first of them, s of the monotonic clock.
+            last_arrival: arrival of the last of them, s of the monotonic clock.
+
+        Returns:
+            How long no message had come before them, s.
         """
-        silence = first_arrival - self.message_time
+        silence_before = first_arrival - self.message_time
         self.message_time = last_arrival
-        return silence
+        return silence_before
 
     def note_samples(self, sample_count: int) -> float:
         """Notes whether the latest messages, which ``note_messages`` was called with, had samples of the motion.
@@ -46,13 +49,13 @@ class SilenceMonitor:
         """
         if sample_count == self._sample_count:
             return 0.0
-        silence = self.message_time - self.motion_time
+        silence_before = self.message_time - self.motion_time
         self._sample_count = sample_count
         self.motion_time = self.message_time
-        return silence
+        return silence_before
 
     def silence(self, now: float) -> Fact | None:
-        """Tells whether the link is silent now: whether, for ``SILENCE_SECONDS``, something has not come.
+        """Returns that the link is silent now: something has not come for ``SILENCE_SECONDS``.
 
         Two things may be missing: all messages, as when the radio is lost; or only the motion, that is attitude and
         motor outputs, while slow messages such as HEARTBEAT go on. All messages are tested first, since without them
@@ -66,11 +69,12 @@ class SilenceMonitor:
         Returns:
             The fact NOTHING_RECEIVED, with what is missing and the duration, s; None where nothing is missing.
         """
-        limit = now - SILENCE_SECONDS
+        silent_since = now - SILENCE_SECONDS
+        has_had_motion = self._sample_count > 0
         missing = None
-        if self.message_time < limit:
+        if self.message_time < silent_since:
             missing = Missing.MESSAGES
-        elif self._sample_count and self.motion_time < limit:
+        elif has_had_motion and self.motion_time < silent_since:
             missing = Missing.MOTION
         if missing is None:
             return None
@@ -78,15 +82,15 @@ class SilenceMonitor:
 
 
 def resumption(missing: Missing, silence: float) -> Fact | None:
-    """Returns that something comes again after a silence.
+    """Returns that messages, or those of the motion, come again after a silence.
 
     Args:
         missing: what had not come.
-        silence: for how long, s; infinite where nothing had come before.
+        silence: for how long, s; infinite where nothing had ever come.
 
     Returns:
-        The fact; None where the silence was short, or nothing had come before.
+        The fact; None where the silence was at most ``SILENCE_SECONDS``, or nothing had ever come.
     """
-    if not SILENCE_SECONDS < silence < inf:
+    if silence <= SILENCE_SECONDS or silence == inf:
         return None
     return Fact(Rows.MESSAGES_RESUMED, subject=missing, duration=silence)

@@ -78,10 +78,10 @@ class VehicleReview:
         self.phase = FlightPhase(self.recent_messages)
         self.watchdog = Watchdog(self.recent_messages)
         # The parts of the present review that are not done yet.
-        self._parts: deque[Callable[[RowBuilder], None]] = deque()
+        self._pending_parts: deque[Callable[[RowBuilder], None]] = deque()
         # Times of the boot clock, s: of the latest message, of the present review, of its latest part, and since when
         # reviews have followed each other.
-        self._now = -inf
+        self._message_time = -inf
         self._review_time = -inf
         self._part_time = -inf
         self._connection_start = inf
@@ -101,36 +101,43 @@ class VehicleReview:
             now: s of the boot clock.
             rows: builds the rows of the vehicle.
         """
-        self._now = now
+        self._message_time = now
         # Reviews begin where the clock enters another period, whenever the last one began.
-        is_due = now // REVIEW_PERIOD != self._review_time // REVIEW_PERIOD
-        if is_due:
-            while self._parts:
+        is_review_due = now // REVIEW_PERIOD != self._review_time // REVIEW_PERIOD
+        if is_review_due:
+            while self._pending_parts:
                 self._do_next_part(rows)
             self._begin(now)
-        if is_due or now - self._part_time >= PART_PERIOD:
+        if is_review_due or now - self._part_time >= PART_PERIOD:
             self._part_time = now
-            if self._parts:
+            if self._pending_parts:
                 self._do_next_part(rows)
 
     def _do_next_part(self, rows: RowBuilder) -> None:
-        """Does the next part, which may add others."""
-        part = self._parts.popleft()
-        part(rows)
+        """Does the next part of the review, which may queue others.
+
+        Args:
+            rows: builds the rows of the vehicle.
+        """
+        do_part = self._pending_parts.popleft()
+        do_part(rows)
 
     def _begin(self, now: float) -> None:
-        """Begins a review at ``now``, s of the boot clock, by queueing its parts.
+        """Begins a review by queueing its parts.
 
         Their order matters: inputs are chosen by the messages; the phase needs the inputs' collective; and the watchdog
         needs the phase and the motion. Choosing inputs is a part of its own, which ``_choose_messages`` adds.
+
+        Args:
+            now: s of the boot clock.
         """
-        # After a pause of the link, rates are unknown as at the beginning. The time of a review before the first is
-        # minus infinity, which makes the first one begin a connection, too.
-        is_first = not abs(now - self._review_time) < DECISION_SECONDS
+        # After a pause of the link, rates are unknown as at the beginning. Before the first review, the time of the
+        # last one is minus infinity, so that the first one begins a connection too.
+        follows_a_review = abs(now - self._review_time) < DECISION_SECONDS
         self._review_time = now
-        if is_first:
+        if not follows_a_review:
             self._connection_start = now
-        self._parts = deque(
+        self._pending_parts = deque(
             [
                 self._choose_messages,
                 self._review_phase,
@@ -140,14 +147,14 @@ class VehicleReview:
         )
 
     @property
-    def _followed(self) -> Component:
-        """The vehicle; it is known before any of its messages is reviewed."""
+    def _vehicle(self) -> Component:
+        """The vehicle that is followed; it is known before any of its messages is reviewed."""
         assert self._vehicles.followed is not None
         return self._vehicles.followed
 
     def _vehicle_telemetry(self) -> Telemetry:
         """Identity and parameters of the vehicle, without messages, in the form in which a log has them."""
-        vehicle = self._followed
+        vehicle = self._vehicle
         return Telemetry(
             vehicle.system,
             vehicle.component,
@@ -173,7 +180,7 @@ class VehicleReview:
             rows: builds the rows of the vehicle.
         """
         rows.choose_attitude_message(self._review_time)
-        vehicle = self._followed
+        vehicle = self._vehicle
         # Motors are learned from multirotors only.
         if vehicle.vehicle_type not in POSSIBLE_MULTIROTORS:
             rows.clear_inputs()
@@ -181,11 +188,15 @@ class VehicleReview:
         self._parameters = self._vehicles.followed_parameters
         self._wind.parameter_drag = Drag.from_parameters(vehicle.autopilot, self._parameters)
         self._candidate_messages = rows.candidate_messages()
-        self._parts.appendleft(self._choose_inputs)
+        self._pending_parts.appendleft(self._choose_inputs)
 
     def _choose_inputs(self, rows: RowBuilder) -> None:
-        """Chooses the inputs among the candidates."""
-        rows.choose_inputs(self._candidate_messages, self._vehicle_telemetry(), self._now)
+        """Does the part of a review that chooses the motors' outputs among the candidate messages.
+
+        Args:
+            rows: builds the rows of the vehicle.
+        """
+        rows.choose_inputs(self._candidate_messages, self._vehicle_telemetry(), self._message_time)
 
     def _review_phase(self, rows: RowBuilder) -> None:
         """Does the part of a review that checks the rates of messages and decides whether the vehicle flies.
@@ -208,13 +219,13 @@ class VehicleReview:
         # For how long reviews have followed each other without a pause.
         connected_seconds = now - self._connection_start
         if connected_seconds >= DECISION_SECONDS:
-            obstacle = self._rate_check.update(
-                self._followed.vehicle_type,
+            rate_obstacle = self._rate_check.update(
+                self._vehicle.vehicle_type,
                 rows.attitude_message,
                 rows.motor_message,
                 rows.rates(now),
             )
-            self.obstacle = obstacle or self.phase.obstacle
+            self.obstacle = rate_obstacle or self.phase.obstacle
         if rows.inputs is None and connected_seconds >= AVERAGING_SECONDS / 2:
             self.phase.motors_are_idle = rows.has_motor_messages
         self._telemetry = self._vehicle_telemetry()
@@ -240,8 +251,8 @@ class VehicleReview:
         for fact in self.watchdog.begin_review(now, self._telemetry, is_flying, settled_start):
             self._report(fact)
         if is_flying:
-            self._parts.append(self._review_lights)
-        self._parts.append(self._finish_watchdog_review)
+            self._pending_parts.append(self._review_lights)
+        self._pending_parts.append(self._finish_watchdog_review)
 
     def _review_lights(self, _: RowBuilder) -> None:
         """Judges battery and vibration in flight."""
@@ -250,10 +261,10 @@ class VehicleReview:
     def _finish_watchdog_review(self, _: RowBuilder) -> None:
         """Reports alarms by the motion, and notes whether the motors' balance is watched.
 
-        The balance is tested sample by sample elsewhere (``MotorAlarms``); here only its obstacle is asked.
+        The balance is tested sample by sample elsewhere (``MotorAlarms``). Here it is only noted why it is not, if so.
         """
         for fact in self.watchdog.finish_review(self._motion):
             self._report(fact)
         now = self._review_time
-        obstacle = self._motor_alarms.obstacle(now, self.phase.is_flying)
-        self.watchdog.set_watched(Watched.MOTORS, obstacle, now)
+        balance_obstacle = self._motor_alarms.obstacle(now, self.phase.is_flying)
+        self.watchdog.set_watched(Watched.MOTORS, balance_obstacle, now)

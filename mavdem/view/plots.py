@@ -171,10 +171,10 @@ def _finite_bounds(chart: Chart) -> Iterator[Array]:
     """Yields the values (N,) of each line of a chart and, where it has a band, the lower and the upper edge (N,)."""
     for line in chart.lines:
         yield line.y
-        if line.low is not None:
-            yield line.low
-        if line.high is not None:
-            yield line.high
+        if line.lower_edge is not None:
+            yield line.lower_edge
+        if line.upper_edge is not None:
+            yield line.upper_edge
 
 
 def _band_and_line(line: Line, value_range: Interval) -> Iterator[_DrawnLine]:
@@ -184,10 +184,10 @@ def _band_and_line(line: Line, value_range: Interval) -> Iterator[_DrawnLine]:
         line: the line over the boot clock.
         value_range: smallest and largest value of the plot. Edges of the band are clipped to one span beyond either.
     """
-    if line.low is not None and line.high is not None:
+    if line.lower_edge is not None and line.upper_edge is not None:
         low, high = value_range
         # Edges far beyond what is in sight are drawn as far as the viewer may be scrolled.
-        edges = np.clip([line.low, line.high], 2 * low - high, 2 * high - low).T
+        edges = np.clip([line.lower_edge, line.upper_edge], 2 * low - high, 2 * high - low).T
         # Of a long band every so many samples are drawn.
         step = ceil(len(line.x) / MAX_STROKES)
         # The colour is opaque, since the opacities of strokes that overlap would add up.

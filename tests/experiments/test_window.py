@@ -6,7 +6,7 @@ from pytest import mark
 from refusals import refused
 from simulated import simulated
 
-from mavdem.assessment.axis.analysis import flights_from
+from mavdem.assessment.axis.analysis import flights_after_start
 from mavdem.experiments.window import no_test_window, too_short
 from mavdem.facts.forecasts import Forecasts
 
@@ -36,4 +36,4 @@ def test_a_window_that_fits_into_no_part_is_refused_with_one_that_does():
 
 
 def test_a_start_after_the_end_leaves_nothing():
-    assert refused(flights_from, [FLIGHT], 5.9).code is Forecasts.NOTHING_LEFT
+    assert refused(flights_after_start, [FLIGHT], 5.9).code is Forecasts.NOTHING_LEFT

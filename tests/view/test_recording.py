@@ -83,7 +83,7 @@ def test_forecasts_that_run_away_are_cut_off(assessed):
     away = np.full_like(held_out.band, 1e9)
     diverging = replace(held_out, forecasts={"forecast": away}, band=away)
     _, line = forecast_chart(0, diverging, series, "rad").lines
-    assert np.nanmax(line.high) <= 5 * np.ptp(np.degrees(held_out.measured[0, :, 0]))
+    assert np.nanmax(line.upper_edge) <= 5 * np.ptp(np.degrees(held_out.measured[0, :, 0]))
 
 
 @mark.slow

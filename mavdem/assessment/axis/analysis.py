@@ -19,7 +19,7 @@ from mavdem.assessment.axis.figures import (
     figures_of_axis,
     physical_parameters,
 )
-from mavdem.assessment.axis.findings import with_own_torque_marked
+from mavdem.assessment.axis.findings import with_oscillation_torque_marked
 from mavdem.assessment.condition import condition_of
 from mavdem.assessment.identity import identity_of
 from mavdem.assessment.tier import tier_of
@@ -145,7 +145,7 @@ def analyse(
     learned = _with_cautions(trained.learned, flights, is_slow)
     axis_figures = None if other_axis is None else other_axis.axes.get(axis)
     learned = _with_physical_parameters(learned, signals, flights, analysis, axis_figures, is_slow)
-    learned = with_own_torque_marked(learned, analysis.condition.oscillation is not None)
+    learned = with_oscillation_torque_marked(learned, analysis.condition.oscillation is not None)
     analysis = replace(analysis, flights=flights, learned=learned, held_out=trained.held_out)
     if options.truth is not None:
         truth = truth_of(flights, options.truth)
@@ -296,14 +296,14 @@ def _with_other_axes(
         signals: of the vehicle, with the inputs to use.
         progress: shows the share of the axes that are done.
     """
-    axes = {**analysis.figures_by_axis}
+    figures_by_axis = {**analysis.figures_by_axis}
+    change_times = analysis.motor_change_times
     with progress("Estimating the physical parameters") as show_share:
         for axis in AXES[1:]:
             axis_signals = signals.for_axis(axis, signals.inputs)
-            change_times = analysis.motor_change_times
-            axes[axis] = figures_of_axis(axis_signals, log.components, change_times)
-            show_share(len(axes) / len(AXES))
-    return replace(analysis, axes=ReadOnlyDict(axes))
+            figures_by_axis[axis] = figures_of_axis(axis_signals, log.components, change_times)
+            show_share(len(figures_by_axis) / len(AXES))
+    return replace(analysis, axes=ReadOnlyDict(figures_by_axis))
 
 
 def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
@@ -323,19 +323,19 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         return ()
     alarms = []
     for boot in np.unique(motors.boot).tolist():
-        watch = MotorLossDetector(motors.geometry, boot)
+        detector = MotorLossDetector(motors.geometry, boot)
         commands = motors.range_fractions(boot)
         headings = tracked_headings(signals, boot, commands.time)
-        rows = in_intervals(commands.time, settled_intervals(signals, boot))
-        samples = zip(
-            commands.time[rows].tolist(),
-            commands.values[rows],
-            headings[rows].tolist(),
+        is_settled = in_intervals(commands.time, settled_intervals(signals, boot))
+        settled_samples = zip(
+            commands.time[is_settled].tolist(),
+            commands.values[is_settled],
+            headings[is_settled].tolist(),
             strict=True,
         )
-        for time, command, heading in samples:
-            watch.update(time, command, heading)
-        alarms += watch.alarms
+        for time, command, heading in settled_samples:
+            detector.update(time, command, heading)
+        alarms += detector.alarms
     return tuple(alarms)
 
 
@@ -375,7 +375,7 @@ def _train_and_test(
         with _learning_step(progress):
             learned = learn(training, settings)
         return _TestedModel((training,), learned, held_out_test(training, following, learned))
-    flights = flights_from(segments, options.start)
+    flights = flights_after_start(segments, options.start)
     first_learned = None
     with _learning_step(progress):
         if is_slow:
@@ -426,23 +426,24 @@ def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
         held_out: forecasts of windows that the model was not trained on, with those of the baselines.
     """
     for baseline in BASELINES:
-        ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
-        test = paired(held_out.error_ratios(baseline), np.ones(len(held_out)))
+        error_ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
+        # The ratios by window are compared with 1, that of a forecast which is no better.
+        significance_test = paired(held_out.error_ratios(baseline), np.ones(len(held_out)))
         # The ratio may be NaN, which is no improvement.
-        is_better = ratio <= MAX_SLOW_ERROR_RATIO
-        if not is_better or test.result != TestResult.LOWER:
+        is_better = error_ratio <= MAX_SLOW_ERROR_RATIO
+        if not is_better or significance_test.result != TestResult.LOWER:
             return Fact(
                 NoModel.SLOW_MODEL_TOO_WEAK,
                 name=baseline,
                 windows=len(held_out),
-                ratio=ratio,
-                p_value=test.p_value if is_better else None,
+                ratio=error_ratio,
+                p_value=significance_test.p_value if is_better else None,
                 limit=SIGNIFICANCE if is_better else MAX_SLOW_ERROR_RATIO,
             )
     return None
 
 
-def flights_from(segments: Flights, start: float) -> Flights:
+def flights_after_start(segments: Flights, start: float) -> Flights:
     """Returns the flights that remain if training begins some time after the start, as the option ``--start`` asks.
 
     Only the boot of the longest segment counts: other boots have clocks that cannot be compared.
@@ -456,15 +457,15 @@ def flights_from(segments: Flights, start: float) -> Flights:
     """
     flights = flights_of_longest_boot(segments)
     start_time = flights[0].time[0] + start
-    remaining = []
+    remaining_flights = []
     for flight in flights:
         # Half a step of tolerance, since stamps are rounded.
-        first = int(np.searchsorted(flight.time, start_time - flight.dt / 2))
-        if len(flight) - first >= MIN_SAMPLES:
-            remaining.append(flight[first:] if first else flight)
-    if not remaining:
+        first_sample = int(np.searchsorted(flight.time, start_time - flight.dt / 2))
+        if len(flight) - first_sample >= MIN_SAMPLES:
+            remaining_flights.append(flight[first_sample:] if first_sample else flight)
+    if not remaining_flights:
         raise TooFewSamples(Forecasts.NOTHING_LEFT, samples=MIN_SAMPLES, start=start)
-    return tuple(remaining)
+    return tuple(remaining_flights)
 
 
 def training_and_test(
@@ -484,10 +485,10 @@ def training_and_test(
         TooFewSamples: the flight is too short.
     """
     # A start beyond the end of the flight leaves no sample, which is an error below.
-    first = round(min(start / flight.dt, len(flight)))
+    training_start = round(min(start / flight.dt, len(flight)))
     training_samples, test_samples = part_samples(flight.dt, train, test)
-    split = first + training_samples
-    end = split + test_samples
-    if len(flight) < end:
+    test_start = training_start + training_samples
+    test_end = test_start + test_samples
+    if len(flight) < test_end:
         raise too_short(flight, start, training_samples, test_samples, MIN_SAMPLES)
-    return flight[first:split], flight[split:end]
+    return flight[training_start:test_start], flight[test_start:test_end]

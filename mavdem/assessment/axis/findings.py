@@ -91,9 +91,10 @@ class Findings(NamedTuple):
 
     def grade(self, purpose: Purpose) -> Grade | None:
         """Returns how well the model serves a ``purpose``; None if that was not judged."""
-        return next(
-            (finding.grade for finding in self.purposes if finding.purpose is purpose), None
-        )
+        for finding in self.purposes:
+            if finding.purpose is purpose:
+                return finding.grade
+        return None
 
 
 def findings_of(
@@ -127,12 +128,19 @@ def findings_of(
     return Findings(overrides, tuple(purposes), tuple(model_warnings(learned, held_out)))
 
 
-def with_own_torque_marked(learned: Learned, is_own: bool) -> Learned:
-    """Returns a model whose wind torque, if it is the vehicle's own, as in an oscillation, has that as reason."""
-    torque = learned.wind_torque
-    if not is_own or torque is None:
+def with_oscillation_torque_marked(learned: Learned, oscillates: bool) -> Learned:
+    """Returns a model whose wind torque is not taken for the wind's if the vehicle oscillates.
+
+    In a limit cycle the torque that the motors do not explain is the vehicle's own.
+
+    Args:
+        learned: the model.
+        oscillates: whether the vehicle is in a limit cycle. If not, the model is returned as it is.
+    """
+    wind_torque = learned.wind_torque
+    if not oscillates or wind_torque is None:
         return learned
-    return learned.with_wind_torque(replace(torque, reason=Fact(Because.OWN_TORQUE)))
+    return learned.with_wind_torque(replace(wind_torque, reason=Fact(Because.OWN_TORQUE)))
 
 
 def _overridden(finding: Finding, override: Fact) -> Finding:
@@ -145,14 +153,15 @@ def _overridden(finding: Finding, override: Fact) -> Finding:
         finding: what the model is good for, by its figures alone.
         override: what makes the flight doubtful.
     """
-    was_good = finding.grade is Grade.GOOD
+    is_lowered = finding.grade is Grade.GOOD
     oscillates = override.code is Override.OSCILLATION
     reason = Fact(
         Because.FLIGHT_DOUBTED,
         because=None if oscillates else finding.reason,
-        override=override if oscillates or was_good else None,
+        override=override if oscillates or is_lowered else None,
     )
-    return finding._replace(grade=Grade.LIMITED if was_good else finding.grade, reason=reason)
+    grade = Grade.LIMITED if is_lowered else finding.grade
+    return finding._replace(grade=grade, reason=reason)
 
 
 def _purpose_findings(learned: Learned, held_out: HeldOut | None) -> list[Finding]:
@@ -185,7 +194,7 @@ def _purpose_findings(learned: Learned, held_out: HeldOut | None) -> list[Findin
     return findings
 
 
-def _grade(name: str, relative_half_width: float, status: Status = Status.REPORTED) -> Grade:
+def _grade(parameter: str, relative_half_width: float, status: Status = Status.REPORTED) -> Grade:
     """Returns the grade of an estimate.
 
     It is GOOD if it is reported without bias and its interval is narrow, LIMITED if it is biased or uncertain, and
@@ -193,13 +202,13 @@ def _grade(name: str, relative_half_width: float, status: Status = Status.REPORT
     narrow.
 
     Args:
-        name: key of ``MAX_RELATIVE_HALF_WIDTHS``.
+        parameter: what was estimated, a key of ``MAX_RELATIVE_HALF_WIDTHS``.
         relative_half_width: half width of its 90 % interval over the estimate.
         status: of the estimate.
     """
     if status == Status.NOT_IDENTIFIABLE:
         return Grade.NOT_IDENTIFIABLE
-    is_uncertain = relative_half_width > MAX_RELATIVE_HALF_WIDTHS[name]
+    is_uncertain = relative_half_width > MAX_RELATIVE_HALF_WIDTHS[parameter]
     return Grade.LIMITED if status == Status.BIASED or is_uncertain else Grade.GOOD
 
 
@@ -237,11 +246,14 @@ def _effectiveness_finding(physical: Physical) -> Finding:
 
 
 def _damping_finding(physical: Physical) -> Finding:
-    """Returns the finding on rate damping and motor time constant together.
+    """Judges how well rate damping and motor time constant are known, together.
 
     Both describe how the rate follows a change of the command, and are identified together. The finding is GOOD if both
     are, NOT IDENTIFIABLE if neither is identifiable, and LIMITED otherwise. Its reason has the half widths of the 90 %
     intervals over the estimates, as far as they are known, and the doubts on each.
+
+    Args:
+        physical: physical parameters of the axis.
     """
     half_widths = physical.interval()
     # A parameter that was estimated as 0 has no relative half width.
@@ -281,7 +293,7 @@ def _damping_finding(physical: Physical) -> Finding:
 
 
 def _wind_finding(wind_torque: WindTorque | None, physical: Physical) -> Finding:
-    """Returns the finding on the wind torque, which is what remains of the total torque without that of the motors.
+    """Judges how well the wind torque is known, which is what remains of the total torque without that of the motors.
 
     So it is NOT IDENTIFIABLE without the control effectiveness, and LIMITED if any physical parameter is doubted.
     Otherwise the 90 % interval of its standard deviation decides, relative to that standard deviation.
@@ -310,11 +322,14 @@ def _wind_finding(wind_torque: WindTorque | None, physical: Physical) -> Finding
 
 
 def _prediction_finding(held_out: HeldOut) -> Finding:
-    """Returns the finding on prediction, by the forecasts of windows that no model was trained on.
+    """Judges how well a model predicts, by its forecasts of windows that no model was trained on.
 
     They are compared with two baselines, which forecast the constant mean, or the last sample held. The finding is GOOD
     within all of the ``PREDICTION_LIMITS``, and NOT IDENTIFIABLE if the squared error is no less than that of the
     better baseline. Otherwise it is LIMITED.
+
+    Args:
+        held_out: the forecasts.
     """
     limits = PREDICTION_LIMITS
     baseline = held_out.best_baseline
@@ -359,16 +374,17 @@ def _residual_finding(learned: Learned) -> Finding:
     Returns:
         The finding, with the largest correlations and the bounds that they were compared with.
     """
-    tested = residuals(learned)
-    autocorrelation, cross_correlation = tested.largest
+    rate_residuals = residuals(learned)
+    outcome = rate_residuals.outcome
+    autocorrelation, command_correlation = rate_residuals.largest_correlations
     reason = Fact(
         Because.RESIDUALS_TESTED,
-        outcome=tested.outcome,
+        outcome=outcome,
         autocorrelation=autocorrelation,
-        correlation=cross_correlation,
-        bounds=tested.bounds,
+        correlation=command_correlation,
+        bounds=rate_residuals.bounds,
     )
-    grade = Grade.LIMITED if tested.outcome is BoundTest.FAILED else Grade.GOOD
+    grade = Grade.LIMITED if outcome is BoundTest.FAILED else Grade.GOOD
     return Finding(Purpose.RESIDUALS, grade, reason)
 
 

@@ -48,6 +48,14 @@ class GainSet(NamedTuple):
     values: GainValues
 
 
+class BootTime(NamedTuple):
+    """A time of one boot; the earlier boot comes first in order."""
+
+    boot: int
+    time: float
+    """Time on the boot clock, s."""
+
+
 class OneGainSetParts(NamedTuple):
     """The parts of some flights with one set of gains."""
 
@@ -77,37 +85,39 @@ def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetPar
         NotLearnable: no part is left.
     """
     history = gain_history(signals)
-    parts = defaultdict[GainValues, list[Flight]](list)
+    parts_by_gains = defaultdict[GainValues, list[Flight]](list)
     for flight in flights:
         boot = boot_number(flight)
         autotune = mode_intervals(signals, boot, AUTOTUNE_MODES)
-        for first, last in pairwise(_rows_of_changes(flight, history, autotune)):
-            start = flight.time[first]
-            is_autotuned = any(begin <= start < end for begin, end in autotune)
-            if last - first >= MIN_SAMPLES and not is_autotuned:
-                parts[_gains_at(history, boot, start)].append(flight[first:last])
-    if not parts:
+        for first, end in pairwise(_rows_of_changes(flight, history, autotune)):
+            start_time = flight.time[first]
+            is_autotuned = any(start <= start_time < stop for start, stop in autotune)
+            if end - first >= MIN_SAMPLES and not is_autotuned:
+                gains = _gains_at(history, BootTime(boot, start_time))
+                parts_by_gains[gains].append(flight[first:end])
+    if not parts_by_gains:
         raise NotLearnable(Loops.GAINS_OF_AUTOTUNE)
-    sample_counts = {gains: sum(map(len, flown)) for gains, flown in parts.items()}
-    gains = max(sample_counts, key=lambda gains: sample_counts[gains])
-    kept = tuple(_with_gains(part, gains) for part in parts[gains])
+    sample_counts = {gains: sum(map(len, parts)) for gains, parts in parts_by_gains.items()}
+    longest_flown_gains = max(sample_counts, key=lambda gains: sample_counts[gains])
+    parts_of_longest = parts_by_gains.pop(longest_flown_gains)
+    parts_with_gains = tuple(_with_gains(part, longest_flown_gains) for part in parts_of_longest)
     # No caution is needed if nothing was left out.
-    if sample_counts[gains] == sum(map(len, flights)):
-        return OneGainSetParts(kept, None)
-    del parts[gains]
-    other_parts = [
-        (sum(part.duration for part in flown), sorted(set(other_gains) - set(gains)))
-        for other_gains, flown in parts.items()
-    ]
+    if sample_counts[longest_flown_gains] == sum(map(len, flights)):
+        return OneGainSetParts(parts_with_gains, None)
+    # For each other set of gains: how long it was flown, and the gains that differ.
+    other_sets = []
+    for gains, parts in parts_by_gains.items():
+        changes = sorted(set(gains) - set(longest_flown_gains))
+        other_sets.append((sum(part.duration for part in parts), changes))
     caution = Fact(
         Loops.GAINS_OF_PART,
-        names=sorted({name for _, changes in other_parts for name, _ in changes}),
-        parts=sorted(other_parts, reverse=True),
+        names=sorted({name for _, changes in other_sets for name, _ in changes}),
+        parts=sorted(other_sets, reverse=True),
         ratings=(),
-        duration=sum(part.duration for part in kept),
+        duration=sum(part.duration for part in parts_with_gains),
         settled=sum(flight.duration for flight in flights),
     )
-    return OneGainSetParts(kept, caution)
+    return OneGainSetParts(parts_with_gains, caution)
 
 
 def _rows_of_changes(flight: Flight, history: Sequence[GainSet], autotune: Intervals) -> list[int]:
@@ -128,20 +138,36 @@ def _rows_of_changes(flight: Flight, history: Sequence[GainSet], autotune: Inter
     return unique_rows
 
 
-def _gains_at(history: Sequence[GainSet], boot: int, time: float) -> GainValues:
-    """Returns the gains at a time of a boot, s: those of the last change before.
+def _gains_at(history: Sequence[GainSet], moment: BootTime) -> GainValues:
+    """Returns the gains at a time of a boot: those of the last change before.
 
-    The first entry of a history is from before the log, so that there always is one.
+    Args:
+        history: gains in the order of boot and time. The first entry is from before the log, so that one always
+            applies.
+        moment: boot and time, s.
     """
-    earlier = [gain_set for gain_set in history if (gain_set.boot, gain_set.time) <= (boot, time)]
-    return earlier[-1].values
+    earlier_sets = [
+        gain_set for gain_set in history if BootTime(gain_set.boot, gain_set.time) <= moment
+    ]
+    return earlier_sets[-1].values
 
 
 def _with_gains(flight: Flight, gains: GainValues) -> Flight:
-    """Returns a flight whose provenance has these gains, and no changes of parameters."""
+    """Returns a copy of a flight whose provenance has these ``gains`` as parameters, and no changes of parameters."""
     provenance = flight.provenance
     parameters = {**provenance["parameters"], **dict(gains)}
     return replace(flight, provenance={**provenance, "parameters": parameters, "earlier": {}})
+
+
+class _GainReport(NamedTuple):
+    """The value of one gain, as the autopilot reported it at one time."""
+
+    boot: int
+    time: float
+    """Time on the boot clock, s."""
+    name: str
+    """Name of the parameter."""
+    value: float
 
 
 def gain_history(signals: Signals) -> list[GainSet]:
@@ -166,17 +192,17 @@ def gain_history(signals: Signals) -> list[GainSet]:
         strict=True,
     ):
         if _is_gain_of_axis(name, signals.axis) and isfinite(value):
-            reports.append((boot, time, name, value))
+            reports.append(_GainReport(boot, time, name, value))
     # Backwards, so that the first value of each gain is the one that stays.
-    current = {}
-    for _, _, name, value in reversed(reports):
-        current[name] = value
-    history = [GainSet(-1, -inf, tuple(current.items()))]
-    for boot, time, name, value in reports:
+    current_gains = {}
+    for report in reversed(reports):
+        current_gains[report.name] = report.value
+    history = [GainSet(-1, -inf, tuple(current_gains.items()))]
+    for report in reports:
         # Most reports repeat a value.
-        if current[name] != value:
-            current[name] = value
-            history.append(GainSet(boot, time, tuple(current.items())))
+        if current_gains[report.name] != report.value:
+            current_gains[report.name] = report.value
+            history.append(GainSet(report.boot, report.time, tuple(current_gains.items())))
     return history
 
 
@@ -213,36 +239,37 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
             known.
     """
     texts = _autotune_texts(signals)
-    moments = [(text.boot, text.time) for text in texts]
+    moments = [BootTime(text.boot, text.time) for text in texts]
     if signals.telemetry.autopilot == "PX4":
         moments += _excitation_moments(signals)
     if not moments:
         return None
-    boot, start = min(moments)
+    start = min(moments)
+    end_time = max(moment.time for moment in moments if moment.boot == start.boot)
     history = gain_history(signals)
-    before = dict(_gains_at(history, boot, start))
-    after = before | _reported_gains(texts, signals.axis)
+    gains_before = dict(_gains_at(history, start))
+    gains_after = gains_before | _reported_gains(texts, signals.axis)
     # Parameters that were set outrank the texts.
     for name, value in history[-1].values:
-        if before[name] != value:
-            after[name] = value
-    changes = [
-        (name, before.get(name), value)
-        for name, value in after.items()
-        if before.get(name) != value
-    ]
+        if gains_before[name] != value:
+            gains_after[name] = value
+    # For each changed gain: its name, and its values before and after.
+    changes = []
+    for name, value in gains_after.items():
+        if gains_before.get(name) != value:
+            changes.append((name, gains_before.get(name), value))
     fact = Fact(
         Loops.AUTOTUNED,
-        time=start,
-        until=max(time for moment_boot, time in moments if moment_boot == boot),
+        time=start.time,
+        until=end_time,
         subject=signals.axis,
-        boot=boot,
+        boot=start.boot,
         changes=changes,
         ratings=(),
     )
     if isinstance(loop, Fact):
         return fact
-    ratings = margin_ratings(loop, (before, after))
+    ratings = margin_ratings(loop, (gains_before, gains_after))
     if not ratings:
         return fact
     _, rating_after = ratings
@@ -262,15 +289,16 @@ def _autotune_texts(signals: Signals) -> list[StatusText]:
     return [text for text in status_texts(signals.telemetry) if text.text.startswith(beginnings)]
 
 
-def _excitation_moments(signals: Signals) -> list[tuple[int, float]]:
-    """Returns boot and time, s, of all samples in which the autopilot injected a signal into the axis.
+def _excitation_moments(signals: Signals) -> list[BootTime]:
+    """Returns the times of all samples in which the autopilot injected a signal into the axis of ``signals``.
 
     PX4's AutoTune excites the axis by such a signal to identify it. The recorded signal is 0 at all other times.
     """
-    moments = list[tuple[int, float]]()
-    for _, series in signals.injected_signals:
-        rows = np.flatnonzero(series.values)
-        moments += zip(series.boot[rows], series.time[rows], strict=True)
+    moments = []
+    for injected in signals.injected_signals:
+        series = injected.signal
+        for row in np.flatnonzero(series.values):
+            moments.append(BootTime(series.boot[row], series.time[row]))
     return moments
 
 

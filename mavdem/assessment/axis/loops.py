@@ -5,7 +5,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-from mavdem.assessment.axis.analysis import flights_from
+from mavdem.assessment.axis.analysis import flights_after_start
 from mavdem.assessment.axis.figures import AxisFigures
 from mavdem.assessment.axis.gains import autotune_fact, margin_ratings, parts_with_one_gain_set
 from mavdem.dataset.axes import AXES
@@ -86,7 +86,7 @@ def loop_of_axis(
         segments, learnability = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
     if not segments:
         raise NotLearnable(learnability.reason)
-    flights, caution = parts_with_one_gain_set(signals, flights_from(segments, start))
+    flights, caution = parts_with_one_gain_set(signals, flights_after_start(segments, start))
     # Figures of all flights hold only if all of them have the same gains.
     fitted = None
     if figures is not None and caution is None:

@@ -124,11 +124,12 @@ def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact 
     if loop.disagreement:
         return loop.disagreement
     # Too little of the response was measured.
-    for other in identified_loops(loops).values():
-        if other.disagreement is None or other.measured is None:
+    for other_loop in identified_loops(loops).values():
+        if other_loop.disagreement is None or other_loop.measured is None:
             continue
-        if 2 * other.measured.agreement < MIN_RESPONSE_FIT:
-            return other.disagreement
+        # Less than half of the fit that it should have.
+        if other_loop.measured.agreement < MIN_RESPONSE_FIT / 2:
+            return other_loop.disagreement
     return loop
 
 

@@ -50,7 +50,7 @@ def overrides_of(
     if condition is not None and condition.oscillation is not None:
         overrides.append(_oscillation_override(condition.oscillation))
     elif losses:
-        overrides += map(_loss_override, losses)
+        overrides += [_loss_override(loss) for loss in losses]
     elif condition is not None and condition.hover is not None:
         limited = limited_motors(condition.hover)
         if limited is not None:
@@ -88,7 +88,7 @@ def _oscillation_override(oscillation: Oscillation) -> Fact:
 
 
 def _loss_override(loss: Fact) -> Fact:
-    """Returns the override of a motor that lost thrust in flight; the ``loss`` is the share of its thrust.
+    """Returns the override of a motor that lost thrust in flight, with the lost share as its figure ``loss``.
 
     Args:
         loss: the fact of the motor, from :func:`mavdem.motors.motor_changes.thrust_losses`. It stays as the cause.
@@ -105,8 +105,16 @@ def _loss_override(loss: Fact) -> Fact:
 
 
 def limited_motors(hover: HoverFigures) -> LimitedMotors | None:
-    """Returns the motors that are most at their upper limit; None up to ``MIN_AT_LIMIT_SHARE`` of the time."""
-    share = max(hover.at_upper_limit)
-    if share <= MIN_AT_LIMIT_SHARE:
+    """Returns the motors that are at their upper limit for the largest share of a hover.
+
+    Args:
+        hover: figures of the motors in the hover.
+
+    Returns:
+        The motors; None if their share of the time is at most ``MIN_AT_LIMIT_SHARE``.
+    """
+    largest_share = max(hover.at_upper_limit)
+    if largest_share <= MIN_AT_LIMIT_SHARE:
         return None
-    return LimitedMotors(most_limited_motors(hover.motors, hover.at_upper_limit), share)
+    motors = most_limited_motors(hover.motors, hover.at_upper_limit)
+    return LimitedMotors(motors, largest_share)

@@ -36,7 +36,7 @@ class Residuals(NamedTuple):
     Ljung, System Identification, 2nd ed., sec. 16.6)."""
 
     @property
-    def largest(self) -> Interval:
+    def largest_correlations(self) -> Interval:
         """Largest absolute value of the autocorrelation, and of the correlation with the command.
 
         The autocorrelation at lag 0 is left out: it is always 1.
@@ -52,7 +52,7 @@ class Residuals(NamedTuple):
         Each correlation is divided by its bound, and the larger ratio decides: up to 1 the test is passed, up to
         ``FAILED_BOUND_RATIO`` nearly.
         """
-        ratio = max(np.divide(self.largest, self.bounds))
+        ratio = max(np.divide(self.largest_correlations, self.bounds))
         if ratio <= 1:
             return BoundTest.PASSED
         return BoundTest.NEARLY if ratio <= FAILED_BOUND_RATIO else BoundTest.FAILED
@@ -78,10 +78,10 @@ def residuals(learned: Learned, output: int = -1) -> Residuals:
     # Unpredicted samples are set to the mean, so that they add nothing to the correlations.
     centred_errors = np.where(is_predicted, errors - errors[is_predicted].mean(), 0.0)
     centred_command = command - command.mean()
-    lags = round(MAX_LAG / learned.dt)
-    autocorrelation = lagged_correlation(centred_errors, centred_errors, lags)
-    autocorrelation_of_command = lagged_correlation(centred_command, centred_command, lags)
-    command_correlation = lagged_correlation(centred_command, centred_errors, lags)
+    max_lag = round(MAX_LAG / learned.dt)
+    autocorrelation = lagged_correlation(centred_errors, centred_errors, max_lag)
+    autocorrelation_of_command = lagged_correlation(centred_command, centred_command, max_lag)
+    command_correlation = lagged_correlation(centred_command, centred_errors, max_lag)
     # A correlation of two white series has the variance 1/T. For independent series with autocorrelations r and q it is
     # larger by the factor 1 + 2 Σ r q.
     bound = float(coverage_factor(BOUND_LEVEL) / np.sqrt(len(is_predicted)))
@@ -89,29 +89,29 @@ def residuals(learned: Learned, output: int = -1) -> Residuals:
     command_bound = bound * float(np.sqrt(max(variance_factor, 1.0)))
     return Residuals(
         errors,
-        np.arange(lags + 1.0) * learned.dt,
+        np.arange(max_lag + 1.0) * learned.dt,
         autocorrelation,
         command_correlation,
         (bound, command_bound),
     )
 
 
-def lagged_correlation(first: Array, second: Array, lags: int) -> Array:
-    """Computes the correlation of a series with later samples of another, by Fourier transforms.
+def lagged_correlation(earlier: Array, later: Array, max_lag: int) -> Array:
+    """Computes the cross-correlation of two series at lags from 0 on, by Fourier transforms (Wiener-Khinchin).
 
     Args:
-        first, second: (T,) series with mean 0.
-        lags: largest lag L, in samples.
+        earlier, later: (T,) series with mean 0.
+        max_lag: largest lag L, in samples.
 
     Returns:
-        (L + 1,) correlations of ``first`` with ``second`` 0, 1, …, L samples later; 0 if one of them is constant.
+        (L + 1,) correlations of ``earlier`` with ``later`` 0, 1, …, L samples after it; 0 if one of them is constant.
     """
-    # Padding with as many zeros keeps the end of a series apart from its begin.
-    size = 2 * len(first)
-    spectrum = np.conj(np.fft.rfft(first, size)) * np.fft.rfft(second, size)
-    products = np.fft.irfft(spectrum, size)[: lags + 1]
-    scale = np.sqrt(float(first @ first) * float(second @ second))
-    return products / scale if scale else np.zeros(lags + 1)
+    # Padding with as many zeros keeps the end of a series from being correlated with its beginning.
+    padded_size = 2 * len(earlier)
+    cross_spectrum = np.conj(np.fft.rfft(earlier, padded_size)) * np.fft.rfft(later, padded_size)
+    cross_products = np.fft.irfft(cross_spectrum, padded_size)[: max_lag + 1]
+    norm = np.sqrt(float(earlier @ earlier) * float(later @ later))
+    return cross_products / norm if norm else np.zeros(max_lag + 1)
 
 
 def input_directions(learned: Learned) -> Array:

@@ -1,5 +1,7 @@
 """How an axis follows its setpoint in settled flight: the error without the delay, the delay, and the overshoot."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mavdem.arrays import Array
@@ -37,12 +39,26 @@ MAX_OVERSHOOT = 0.3
 about 36°."""
 
 
+class SetpointErrors(NamedTuple):
+    """How far a response is from the setpoint of some time before, for each of D delays."""
+
+    setpoints: Array
+    """The setpoints (N,)."""
+    errors: Array
+    """Response after each delay minus setpoint (D, N)."""
+
+
 def tracking_of_axes(signals: Signals, segments: Segments) -> NamedFacts:
-    """Returns how roll, pitch and yaw follow their setpoints in some segments, by axis."""
-    return {axis: _tracking(signals.for_axis(axis), segments) for axis in AXES}
+    """Returns how roll, pitch and yaw follow their setpoints, by axis.
+
+    Args:
+        signals: of the vehicle.
+        segments: parts of the flight to judge.
+    """
+    return {axis: _axis_tracking(signals.for_axis(axis), segments) for axis in AXES}
 
 
-def _tracking(signals: Signals, segments: Segments) -> Fact:
+def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     """Judges how the axis of ``signals`` follows the setpoint of its angle.
 
     A vehicle that follows well still follows late. So the angle is compared with the setpoint of each of the ``DELAYS``
@@ -70,13 +86,12 @@ def _tracking(signals: Signals, segments: Segments) -> Fact:
     if signals.attitude is None or setpoint is None:
         return unknown
     angle = signals.attitude.angle_series
-    # The errors are (D, N): for each of D delays at N samples of the setpoint.
-    setpoints, errors = _errors(setpoint, angle, segments, DELAYS)
+    setpoints, errors_by_delay = _setpoint_errors(setpoint, angle, segments, DELAYS)
     if len(setpoints) < MIN_SAMPLES_FOR_STATISTICS:
         return unknown
-    rms_errors = np.sqrt(np.mean(np.square(errors), axis=1))
-    best = np.argmin(rms_errors)
-    angle_error = rms_errors[best]
+    rms_errors = np.sqrt(np.mean(np.square(errors_by_delay), axis=1))
+    best_delay = np.argmin(rms_errors)
+    angle_error = rms_errors[best_delay]
     setpoint_deviation = setpoints.std()
     # A setpoint that hardly moves shows no overshoot.
     overshoot = None
@@ -98,8 +113,8 @@ def _tracking(signals: Signals, segments: Segments) -> Fact:
         level,
         axis=signals.axis,
         angle_error=angle_error,
-        offset_angle=np.mean(errors[best]),
-        delay=DELAYS[best],
+        offset_angle=np.mean(errors_by_delay[best_delay]),
+        delay=DELAYS[best_delay],
         overshoot=overshoot,
         rate_error=rate_error,
     )
@@ -117,17 +132,18 @@ def _rate_error(signals: Signals, segments: Segments) -> float | None:
     Returns:
         RMS difference, rad/s; None if rate or setpoint was not recorded in these segments.
     """
-    setpoints = [setpoint.signal for setpoint in signals.setpoints if setpoint.unit == "rad/s"]
-    if signals.attitude is None or not setpoints:
+    rate_setpoints = [setpoint.signal for setpoint in signals.setpoints if setpoint.unit == "rad/s"]
+    if signals.attitude is None or not rate_setpoints:
         return None
     no_delay = np.zeros(1)
-    _, errors = _errors(setpoints[0], signals.attitude.rate_series, segments, no_delay)
+    body_rate = signals.attitude.rate_series
+    _, errors = _setpoint_errors(rate_setpoints[0], body_rate, segments, no_delay)
     return np.sqrt(np.mean(np.square(errors))) if errors.size else None
 
 
-def _errors(
+def _setpoint_errors(
     setpoint: TimeSeries, response: TimeSeries, segments: Segments, delays: Array
-) -> tuple[Array, Array]:
+) -> SetpointErrors:
     """Compares a response with the setpoint of some time before.
 
     Args:
@@ -137,7 +153,7 @@ def _errors(
         delays: (D,) s.
 
     Returns:
-        The N setpoints in the segments, (N,), and for each delay how far the response then is above them, (D, N).
+        The N setpoints in the segments, and the errors of the response after each delay.
     """
     setpoints = [np.zeros(0)]
     errors = [np.zeros((len(delays), 0))]
@@ -148,15 +164,15 @@ def _errors(
         # One sample cannot be interpolated.
         if np.count_nonzero(response_rows) <= 1:
             continue
-        setpoints_here = setpoint.values[setpoint_rows]
+        segment_setpoints = setpoint.values[setpoint_rows]
         # (D, N): for each delay the times at which the response to each setpoint is due.
         delayed_times = setpoint.time[setpoint_rows] + delays[:, None]
         delayed_response = np.interp(
             delayed_times, response.time[response_rows], response.values[response_rows]
         )
-        setpoints.append(setpoints_here)
-        errors.append(delayed_response - setpoints_here)
-    return np.concatenate(setpoints), np.concatenate(errors, axis=1)
+        setpoints.append(segment_setpoints)
+        errors.append(delayed_response - segment_setpoints)
+    return SetpointErrors(np.concatenate(setpoints), np.concatenate(errors, axis=1))
 
 
 def _overshoot(setpoint: TimeSeries, angle: TimeSeries, segments: Segments) -> float | None:
@@ -164,8 +180,15 @@ def _overshoot(setpoint: TimeSeries, angle: TimeSeries, segments: Segments) -> f
 
     The axis is taken for a second-order system with damping ratio ζ. Its response has the peak
     M = 1 / (2ζ √(1 − ζ²)), which gives ζ² = (1 − √(1 − M⁻²))/2, and its step response the overshoot
-    exp(−πζ / √(1 − ζ²)) (Ogata, Modern Control Engineering). Returns None if no frequency has enough
-    coherence.
+    exp(−πζ / √(1 − ζ²)) (K. Ogata, Modern Control Engineering).
+
+    Args:
+        setpoint: of the angle, rad.
+        angle: the response, rad.
+        segments: parts of the flight to judge.
+
+    Returns:
+        The overshoot, 0 for a response without a peak; None if setpoint and angle are coherent at no frequency.
     """
     estimate = welch_spectra((setpoint, angle), segments, 2 * WELCH_SECONDS, MIN_SLOW_MOTION_RATE)
     if estimate is None:

@@ -75,11 +75,11 @@ def tuned(
     doubts = _doubts_on_vehicle(evidence, judgement)
     notch = assessment.noise.notch if filters and not doubts else None
     notch_parameters = dict(notch.figures.get("settings", ())) if notch else {}
-    by_axis = AdviceByAxis()
-    known_advice = list[Advice]()
+    advice_by_axis = AdviceByAxis()
+    advice_on_loops = list[Advice]()
     refusals = dict[str, Fact]()
     measured_loops = _measured_loops(assessment)
-    is_headline_reason = headline.is_bad and not _has_grounds(evidence, judgement)
+    is_headline_reason = headline.is_bad and not _must_be_repaired(evidence, judgement)
     for axis in axes:
         loop = evidence.loops[axis]
         if isinstance(loop, Loop):
@@ -88,19 +88,19 @@ def tuned(
             # Without refusals the gains are advised anew, for the loop with the notch in it.
             if notch_parameters and not advice.refusals:
                 advice = advise(loop.with_parameters(notch_parameters), margins, more=more)
-            by_axis[axis] = advice
-            known_advice.append(advice)
+            advice_by_axis[axis] = advice
+            advice_on_loops.append(advice)
             continue
         if axis in measured_loops:
             loop = Fact(Loops.NO_LOOP, reasons=(measured_loops[axis], loop))
         if not is_headline_reason and not doubts and len(axes) == 1:
             raise NotLearnable(loop)
-        by_axis[axis] = refusals[axis] = Fact(Loops.NO_LOOP, reasons=doubts or (loop,))
-    if not known_advice:
+        advice_by_axis[axis] = refusals[axis] = Fact(Loops.NO_LOOP, reasons=doubts or (loop,))
+    if not advice_on_loops:
         reasons = [headline] if is_headline_reason else []
         raise NotLearnable(Loops.NO_LOOP, reasons=[*reasons, *_grouped_refusals(refusals)])
     parameters = dict[str, float]()
-    for advice in known_advice:
+    for advice in advice_on_loops:
         # A notch costs phase. Only for loops with new gains it is known that there is enough.
         if advice.gains:
             parameters |= {**advice.parameters, **notch_parameters}
@@ -108,11 +108,11 @@ def tuned(
     if parameters and (not headline.is_bad or headline == judgement.lights[Light.MARGINS]):
         next_step = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
         judgement = replace(judgement, next_step=next_step)
-    return freeze(Tuning(by_axis, known_advice, parameters, notch, judgement))
+    return freeze(Tuning(advice_by_axis, advice_on_loops, parameters, notch, judgement))
 
 
-def _has_grounds(evidence: Evidence, judgement: Judgement) -> bool:
-    """Returns whether the vehicle must not fly, or its motors are bad."""
+def _must_be_repaired(evidence: Evidence, judgement: Judgement) -> bool:
+    """Returns whether the vehicle must be repaired before it is tuned: it must not fly, or its motors are bad."""
     return bool(evidence.reasons_not_to_fly) or judgement.lights[Light.MOTORS].is_bad
 
 

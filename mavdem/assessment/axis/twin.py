@@ -85,17 +85,16 @@ def predicted_errors(evidence: Evidence, gains: Parameters) -> Facts:
         if the log has no setpoints of roll.
     """
     loops = evidence.identified_loops
-    segments = replay_segments(loops) if "roll" in loops else {}
-    if not segments:
+    recorded_segments = replay_segments(loops) if "roll" in loops else {}
+    if not recorded_segments:
         return ()
     dt = loops["roll"].record.dt
     # The beginning, in which the twin settles, is flown but left out of the errors.
     replayed_samples = slice(round(REPLAY_SECONDS / dt))
     settled_samples = slice(round(SETTLING_SECONDS / dt), None)
-    segments = {
-        axis: ReplaySegment(*(values[replayed_samples] for values in segment))
-        for axis, segment in segments.items()
-    }
+    segments = {}
+    for axis, recorded in recorded_segments.items():
+        segments[axis] = ReplaySegment(*(values[replayed_samples] for values in recorded))
     try:
         present_twin = assessed_twin(evidence).twin
         changed_twin = replace(present_twin, parameters={**present_twin.parameters, **gains})

@@ -58,11 +58,13 @@ def taylor_weights(
     Returns:
         Weights (order + 1, window): row k times the samples is the k-th derivative, per second to the k.
     """
-    offsets = np.arange(window) - position
     # The fit is made in units of the sampling step, where it is well conditioned, and scaled to seconds afterwards.
-    taylor_matrix = np.stack([offsets**k / factorial(k) for k in range(order + 1)], axis=1)
-    per_step = np.linalg.pinv(taylor_matrix)
-    return per_step / dt ** np.arange(order + 1)[:, None]
+    steps_from_position = np.arange(window) - position
+    taylor_terms = [steps_from_position**k / factorial(k) for k in range(order + 1)]
+    taylor_matrix = np.stack(taylor_terms, axis=1)
+    weights_per_step = np.linalg.pinv(taylor_matrix)
+    derivative_orders = np.arange(order + 1)
+    return weights_per_step / dt ** derivative_orders[:, None]
 
 
 def embed(
@@ -87,11 +89,14 @@ def embed(
     """
     weights = taylor_weights(order, dt, window, position)
     # The correlation centres its window on window // 2 and pads the ends; the padded rows are cut off again.
-    first_complete = window // 2
-    after_complete = len(samples) - (window - 1 - window // 2)
-    return np.hstack(
-        [correlate1d(samples, row, axis=0)[first_complete:after_complete] for row in weights]
-    )
+    samples_before_center = window // 2
+    samples_after_center = window - 1 - samples_before_center
+    complete_windows = slice(samples_before_center, len(samples) - samples_after_center)
+    derivatives = []
+    for derivative_weights in weights:
+        derivative = correlate1d(samples, derivative_weights, axis=0)
+        derivatives.append(derivative[complete_windows])
+    return np.hstack(derivatives)
 
 
 def temporal_covariance(order: int, smoothness: float) -> Array:
@@ -103,7 +108,7 @@ def temporal_covariance(order: int, smoothness: float) -> Array:
 
     Args:
         order: highest derivative of w.
-        smoothness: kernel width s, s.
+        smoothness: width s of the Gaussian kernel, in seconds.
 
     Returns:
         Covariance (order + 1, order + 1), entry (i, j) in s^−(i + j).
@@ -113,27 +118,28 @@ def temporal_covariance(order: int, smoothness: float) -> Array:
         # Only the j with an even i + j = 2k.
         for j in range(i % 2, order + 1, 2):
             k = (i + j) // 2
-            # The 2k-th derivative of exp(−τ²/4s²) at τ = 0, from its Taylor series.
-            derivative = (-1) ** k * factorial(2 * k) / factorial(k) / (4 * smoothness**2) ** k
-            covariance[i, j] = (-1) ** i * derivative
+            # The 2k-th derivative of ρ(τ) = exp(−τ²/4s²) at τ = 0, from its Taylor series.
+            rho_derivative = (-1) ** k * factorial(2 * k) / factorial(k) / (4 * smoothness**2) ** k
+            covariance[i, j] = (-1) ** i * rho_derivative
     return covariance
 
 
 def temporal_precision(order: int, smoothness: float) -> Array:
     """Returns S(s²), Eq. ``Smatrix``: the precision of [w, w', w'', …] for smooth noise w of variance 1.
 
-    It is the inverse of :func:`temporal_covariance`, computed in units of s, where the condition of the matrix does not
-    depend on the unit of time.
+    It is the inverse of :func:`temporal_covariance`, computed with the width s as the unit of time: the condition of
+    the matrix then does not depend on s.
 
     Args:
         order: highest derivative of w.
-        smoothness: kernel width s, s.
+        smoothness: width s of the Gaussian kernel, in seconds.
 
     Returns:
-        Precision (order + 1, order + 1).
+        Precision (order + 1, order + 1), entry (i, j) in s^(i + j).
     """
-    units = smoothness ** np.arange(order + 1)
-    return inv(temporal_covariance(order, 1.0)) * np.outer(units, units)
+    precision_in_widths = inv(temporal_covariance(order, smoothness=1.0))
+    width_powers = smoothness ** np.arange(order + 1)
+    return precision_in_widths * np.outer(width_powers, width_powers)
 
 
 class Prior(NamedTuple):
@@ -186,7 +192,8 @@ class SufficientStatistics(NamedTuple):
             *segments: (T, (p + 1)m + (d + 1)r) generalized data [ỹ; η̃] of each segment, one row for each sample.
         """
         gram = np.asarray(sum(data.T @ data for data in segments))
-        return cls(sum(map(len, segments)), gram)
+        sample_count = sum(map(len, segments))
+        return cls(sample_count, gram)
 
 
 class ErrorRows(NamedTuple):
@@ -224,11 +231,11 @@ class OperatorStructure(NamedTuple):
 class PrecisionStructure(NamedTuple):
     """How the precision Π̃ of the errors depends on λ: each column is scaled by one noise precision e^λ."""
 
-    at_zero: Array
-    """Π̃ at λ = 0."""
+    precision_at_zero: Array
+    """(dim ε̃, dim ε̃) Π̃ at λ = 0."""
 
-    groups: Indices
-    """Index in λ of each column's noise; −1 for the columns that do not depend on λ."""
+    noise_of_error: Indices
+    """(dim ε̃,) index in λ of the noise of each error; −1 for errors whose precision does not depend on λ."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,43 +349,41 @@ class GenerativeModel:
         """
         n, r, m = self.sizes
         rows = self.error_rows
-        data_columns = rows.inputs.stop
-        generalized_states = n * (self.p + 1)
-        x_columns = slice(data_columns, data_columns + generalized_states)
-        v_columns = slice(x_columns.stop, None)
-        generalized_inputs = data_columns - rows.outputs.stop
+        # Numbers of entries: of ỹ, of η̃ and ṽ each, and of x̃.
+        size_of_y = rows.outputs.stop
+        size_of_v = rows.inputs.stop - rows.inputs.start
+        size_of_x = n * (self.p + 1)
+        y_columns = slice(0, size_of_y)
+        eta_columns = slice(y_columns.stop, y_columns.stop + size_of_v)
+        x_columns = slice(eta_columns.stop, eta_columns.stop + size_of_x)
+        v_columns = slice(x_columns.stop, x_columns.stop + size_of_v)
 
         # The constant parts: x − 0, where x has a prior; ỹ of ỹ − C̃ x̃; and ṽ − η̃.
-        constant = np.zeros((rows.state_prior.stop, x_columns.stop + generalized_inputs))
-        constant[rows.state_prior, x_columns] = np.eye(
-            rows.state_prior.stop - rows.state_prior.start, generalized_states
-        )
-        constant[rows.outputs, : rows.outputs.stop] = np.eye(rows.outputs.stop)
-        constant[rows.inputs, rows.outputs.stop : data_columns] = -np.eye(generalized_inputs)
-        constant[rows.inputs, v_columns] = np.eye(generalized_inputs)
+        constant = np.zeros((rows.state_prior.stop, v_columns.stop))
+        state_prior_rows = rows.state_prior.stop - rows.state_prior.start
+        constant[rows.state_prior, x_columns] = np.eye(state_prior_rows, size_of_x)
+        constant[rows.outputs, y_columns] = np.eye(size_of_y)
+        constant[rows.inputs, eta_columns] = -np.eye(size_of_v)
+        constant[rows.inputs, v_columns] = np.eye(size_of_v)
         # D shifts every order up by one. The derivative of the highest order is not modelled: the last rows of D are
         # zero or, for q < p, absent.
-        constant[rows.states, x_columns] = np.eye(
-            rows.states.stop - rows.states.start, generalized_states, k=n
-        )
+        state_rows = rows.states.stop - rows.states.start
+        constant[rows.states, x_columns] = np.eye(state_rows, size_of_x, k=n)
 
         # The Kronecker products repeat A, B and C for each order. Parameters are numbered from 1 in them, so that 0
         # marks the entries that are no parameters.
         parameter_count = n * n + n * r + m * n
-        A, B, C = (
-            matrix.astype(int) for matrix in unpack(1.0 + np.arange(parameter_count), n, r, m)
-        )
+        A, B, C = unpack(1.0 + np.arange(parameter_count), n, r, m)
         orders_of_y = self.p + 1
         orders_of_v = self.d + 1
         orders_of_w = self.q + 1
-        numbers = np.zeros(constant.shape, int)
-        numbers[rows.outputs, x_columns] = np.kron(np.eye(orders_of_y, dtype=int), C)
-        numbers[rows.states, x_columns] = np.kron(np.eye(orders_of_w, orders_of_y, dtype=int), A)
-        numbers[rows.states, v_columns] = np.kron(np.eye(orders_of_w, orders_of_v, dtype=int), B)
-        entry_rows, entry_columns = np.nonzero(numbers)
-        return OperatorStructure(
-            constant, entry_rows, entry_columns, parameters=numbers[entry_rows, entry_columns] - 1
-        )
+        parameter_numbers = np.zeros(constant.shape, int)
+        parameter_numbers[rows.outputs, x_columns] = np.kron(np.eye(orders_of_y), C)
+        parameter_numbers[rows.states, x_columns] = np.kron(np.eye(orders_of_w, orders_of_y), A)
+        parameter_numbers[rows.states, v_columns] = np.kron(np.eye(orders_of_w, orders_of_v), B)
+        entry_rows, entry_columns = np.nonzero(parameter_numbers)
+        parameters = parameter_numbers[entry_rows, entry_columns] - 1
+        return OperatorStructure(constant, entry_rows, entry_columns, parameters)
 
     @cached_property
     def _entry_parameters(self) -> Array:
@@ -398,7 +403,8 @@ class GenerativeModel:
         Returns:
             (P, P): for entries e and f the precision of their rows times the moment of their columns.
         """
-        _, rows, columns, _ = self._operator_structure
+        rows = self._operator_structure.rows
+        columns = self._operator_structure.columns
         return error_precision[np.ix_(rows, rows)] * moments[np.ix_(columns, columns)]
 
     def error_curvature_in_theta(self, noise_precisions: Array, moments: Array) -> Array:
@@ -409,13 +415,14 @@ class GenerativeModel:
 
         Args:
             noise_precisions: (g,) e^λ.
-            moments: second moments of [ỹ; η̃; X], summed over the samples.
+            moments: (dim z, dim z) second moments of z = [ỹ; η̃; X], summed over the samples.
 
         Returns:
             The second derivative (k, k).
         """
-        products = self._entry_products(self.error_precision(noise_precisions), moments)
-        return self._entry_parameters.T @ products @ self._entry_parameters
+        error_precision = self.error_precision(noise_precisions)
+        curvature_in_entries = self._entry_products(error_precision, moments)
+        return self._entry_parameters.T @ curvature_in_entries @ self._entry_parameters
 
     def error_gradient_in_theta(self, noise_precisions: Array, cross_moments: Array) -> Array:
         """Returns the gradient of −½ Σ ε̃ᵀ Π̃ ε̃ by the parameters θ.
@@ -430,9 +437,10 @@ class GenerativeModel:
         Returns:
             The gradient (k,).
         """
-        _, rows, columns, _ = self._operator_structure
-        by_entry = (self.error_precision(noise_precisions) @ cross_moments)[rows, columns]
-        return by_entry @ self._entry_parameters
+        structure = self._operator_structure
+        gradient_in_operator = self.error_precision(noise_precisions) @ cross_moments
+        gradient_in_entries = gradient_in_operator[structure.rows, structure.columns]
+        return gradient_in_entries @ self._entry_parameters
 
     def mean_field_curvature_in_states(
         self, noise_precisions: Array, theta_covariance: Array
@@ -452,12 +460,13 @@ class GenerativeModel:
             M, (dim X, dim X).
         """
         _, rows, columns, parameters = self._operator_structure
-        error_precision = self.error_precision(noise_precisions)[np.ix_(rows, rows)]
-        products = error_precision * theta_covariance[np.ix_(parameters, parameters)]
+        # For each pair of entries, the precision of their rows times the covariance of their parameters.
+        entry_precision = self.error_precision(noise_precisions)[np.ix_(rows, rows)]
+        entry_products = entry_precision * theta_covariance[np.ix_(parameters, parameters)]
         # The indicator of the state in each entry sums up the products by the states that the entries multiply.
         hidden_size = self.n * (self.p + 1) + self.r * (self.d + 1)
         entry_states = np.eye(hidden_size)[columns - self.hidden_columns.start]
-        return entry_states.T @ products @ entry_states
+        return entry_states.T @ entry_products @ entry_states
 
     def mean_field_squared_errors(self, moments: Array, theta_covariance: Array) -> Array:
         """Returns what the uncertainty of θ adds to the expected squared errors Σ ε̃ᵀ (S⊗Ω_g) ε̃ of each noise.
@@ -476,13 +485,14 @@ class GenerativeModel:
         Returns:
             Added squared errors (g,), one for each entry of λ; they are not yet multiplied by e^λ.
         """
-        at_zero, groups = self._precision_structure
+        precision_at_zero, noise_of_error = self._precision_structure
         _, rows, _, parameters = self._operator_structure
         # Π̃_ij is zero unless the errors i and j are of the same channel, and so have the same noise g. Each column of
         # products, which is one entry f of E, can therefore be summed, and the sum added to the noise of f's row.
-        products = self._entry_products(at_zero, moments)
-        products = products * theta_covariance[np.ix_(parameters, parameters)]
-        return np.asarray(np.bincount(groups[rows], products.sum(axis=0)), float)
+        entry_covariance = theta_covariance[np.ix_(parameters, parameters)]
+        entry_products = self._entry_products(precision_at_zero, moments) * entry_covariance
+        noise_of_entry = noise_of_error[rows]
+        return np.asarray(np.bincount(noise_of_entry, entry_products.sum(axis=0)), float)
 
     def error_precision(self, noise_precisions: Array) -> Array:
         """Returns the precision Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) of the prediction errors ε̃.
@@ -493,10 +503,11 @@ class GenerativeModel:
         Returns:
             Π̃, (dim ε̃, dim ε̃); where x has a prior, its precision is the last block.
         """
-        at_zero, groups = self._precision_structure
+        precision_at_zero, noise_of_error = self._precision_structure
         # Πᶻ and Πʷ are diagonal, so the column of each error is multiplied by the precision e^λ of its noise. Errors of
-        # the inputs and of the prior of x have no such noise: their group is −1, which picks the 1 appended at the end.
-        return at_zero * np.append(noise_precisions, 1.0)[groups]
+        # the inputs and of the prior of x have no such noise: their index is −1, which picks the 1 appended at the end.
+        column_scales = np.append(noise_precisions, 1.0)[noise_of_error]
+        return precision_at_zero * column_scales
 
     @cached_property
     def _precision_structure(self) -> PrecisionStructure:
@@ -506,18 +517,19 @@ class GenerativeModel:
         S of smooth noise and its derivatives; the blocks of the inputs and of a prior of x do not depend on λ.
         """
         rows = self.error_rows
-        at_zero = np.zeros((rows.state_prior.stop, rows.state_prior.stop))
-        at_zero[rows.outputs, rows.outputs] = np.kron(
+        error_count = rows.state_prior.stop
+        precision = np.zeros((error_count, error_count))
+        precision[rows.outputs, rows.outputs] = np.kron(
             self.output_temporal_precision, np.eye(self.m)
         )
-        at_zero[rows.inputs, rows.inputs] = self.input_precision
-        at_zero[rows.states, rows.states] = np.kron(self.state_temporal_precision, np.eye(self.n))
+        precision[rows.inputs, rows.inputs] = self.input_precision
+        precision[rows.states, rows.states] = np.kron(self.state_temporal_precision, np.eye(self.n))
         if self.state_precision is not None:
-            at_zero[rows.state_prior, rows.state_prior] = self.state_precision
-        groups = np.full(len(at_zero), -1)
-        groups[rows.outputs] = np.tile(self.output_groups, self.p + 1)
-        groups[rows.states] = np.tile(self.state_groups, self.q + 1)
-        return PrecisionStructure(at_zero, groups)
+            precision[rows.state_prior, rows.state_prior] = self.state_precision
+        noise_of_error = np.full(error_count, -1)
+        noise_of_error[rows.outputs] = np.tile(self.output_groups, self.p + 1)
+        noise_of_error[rows.states] = np.tile(self.state_groups, self.q + 1)
+        return PrecisionStructure(precision, noise_of_error)
 
     def log_det_error_precision(self, lambda_: Array) -> float:
         """Returns ln|Π̃| for log noise precisions λ (g,)."""
@@ -526,13 +538,14 @@ class GenerativeModel:
     @cached_property
     def log_det_gradient(self) -> Array:
         """∂ ln|Π̃| / ∂λ, (g,): the number of errors that each noise precision scales, since ln|Π̃| is linear in λ."""
-        groups = self._precision_structure.groups
-        return np.bincount(groups[groups >= 0]).astype(float)
+        noise_of_error = self._precision_structure.noise_of_error
+        is_scaled = noise_of_error >= 0
+        return np.bincount(noise_of_error[is_scaled]).astype(float)
 
     @cached_property
     def _log_det_at_zero(self) -> float:
         """ln|Π̃| at λ = 0."""
-        return np.linalg.slogdet(self._precision_structure.at_zero)[1]
+        return np.linalg.slogdet(self._precision_structure.precision_at_zero).logabsdet
 
     @cached_property
     def log_det_prior_precisions(self) -> tuple[float, float]:
@@ -550,12 +563,13 @@ class GenerativeModel:
         Returns:
             Squared errors (g,), in the order of λ.
         """
-        at_zero, groups = self._precision_structure
+        precision_at_zero, noise_of_error = self._precision_structure
         # The elementwise product with the symmetric Π̃, summed up, is the trace of Π̃ Σ ε̃ε̃ᵀ at λ = 0. Each column is one
         # error, so the sums of the columns are added up by the noise of that error. Errors of the inputs and of the
-        # prior of x belong to no noise (group −1) and are left out.
-        is_scaled = groups >= 0
-        squares = np.bincount(groups[is_scaled], (at_zero * error_moments).sum(axis=0)[is_scaled])
+        # prior of x belong to no noise (index −1) and are left out.
+        squares_by_error = (precision_at_zero * error_moments).sum(axis=0)
+        is_scaled = noise_of_error >= 0
+        squares = np.bincount(noise_of_error[is_scaled], squares_by_error[is_scaled])
         return np.asarray(squares, float)
 
 
@@ -576,8 +590,15 @@ class GeneralizedMoments:
     def from_state_map(
         cls, model: GenerativeModel, samples: SufficientStatistics, state_map: Array
     ) -> GeneralizedMoments:
-        """Returns the moments for the estimates X = L [ỹ; η̃], with L = ``state_map``, (dim X, dim [ỹ; η̃])."""
-        return cls(model, samples, np.vstack([np.eye(len(samples.gram)), state_map]))
+        """Returns the moments for linear estimates of the states.
+
+        Args:
+            model: the generative model.
+            samples: statistics of the generalized data.
+            state_map: (dim X, dim [ỹ; η̃]) L of the estimates X = L [ỹ; η̃].
+        """
+        data_map = np.eye(len(samples.gram))
+        return cls(model, samples, joint_map=np.vstack([data_map, state_map]))
 
     @cached_property
     def joint_moments(self) -> Array:
@@ -585,7 +606,7 @@ class GeneralizedMoments:
         return self.joint_map @ self.samples.gram @ self.joint_map.T
 
     def cross_moments(self, theta: Array) -> Array:
-        """Returns Σ_t ε̃ [ỹ; η̃; X]ᵀ for parameters θ (k,)."""
+        """Returns the second moments Σ_t ε̃ [ỹ; η̃; X]ᵀ of errors and joint vector, for parameters θ (k,)."""
         error_map = self.model.error_operator(theta) @ self.joint_map
         return error_map @ self.samples.gram @ self.joint_map.T
 
@@ -599,5 +620,5 @@ class GeneralizedMoments:
         return error_map @ self.samples.gram @ error_map.T
 
     def squared_errors_by_noise(self, theta: Array) -> Array:
-        """Returns Σ_t ε̃ᵀ (S⊗Ω_g) ε̃ for each entry of λ, (g,), at parameters θ (k,)."""
+        """Returns the squared errors Σ_t ε̃ᵀ (S⊗Ω_g) ε̃ of each noise, (g,) in the order of λ, at parameters θ (k,)."""
         return self.model.squared_errors_by_noise(self.error_moments(theta))

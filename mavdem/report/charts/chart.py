@@ -39,7 +39,7 @@ MAX_SAMPLES_DRAWN_SINGLY = 3
 """Samples within two steps of a grid up to which a line is interpolated; of more, minimum and maximum are drawn."""
 
 
-class Kind(StrEnum):
+class LineStyle(StrEnum):
     """How a line is drawn."""
 
     LINE = "line"
@@ -61,14 +61,23 @@ class Axis(NamedTuple):
     label: str
     """What it shows, with its unit."""
 
-    log: bool = False
-    """Whether it is logarithmic."""
+    is_logarithmic: bool = False
+    """Whether its scale is logarithmic."""
 
-    ends: tuple[float | None, float | None] | None = None
-    """Its limits; None where they are those of the lines."""
+    limits: tuple[float | None, float | None] | None = None
+    """Lowest and highest value shown; None where the lines decide."""
 
     names: Names = ()
     """Labels at 0, 1, 2, … where it counts things, such as motors."""
+
+    def as_json(self) -> JsonValues:
+        """Returns the axis by the keys that ``charts.js`` reads."""
+        return {
+            "label": self.label,
+            "log": self.is_logarithmic,
+            "ends": self.limits,
+            "names": self.names,
+        }
 
 
 TIME = Axis("time since boot (s)")
@@ -77,7 +86,7 @@ TIME = Axis("time since boot (s)")
 TIME_AFTER_STEP = Axis("time (s)")
 """Time from the beginning of a step response."""
 
-FREQUENCY = Axis("frequency (Hz)", log=True)
+FREQUENCY = Axis("frequency (Hz)", is_logarithmic=True)
 """Frequency of responses and of spectral densities."""
 
 
@@ -96,16 +105,16 @@ class Line(NamedTuple):
     y: Array
     """Values (N,); NaN where the line breaks."""
 
-    low: Array | None = None
-    """Lower end of the band (N,)."""
+    lower_edge: Array | None = None
+    """Lower edge of the band (N,)."""
 
-    high: Array | None = None
-    """Upper end of the band (N,)."""
+    upper_edge: Array | None = None
+    """Upper edge of the band (N,)."""
 
-    kind: Kind = Kind.LINE
+    style: LineStyle = LineStyle.LINE
     """How it is drawn."""
 
-    right: bool = False
+    is_on_right_axis: bool = False
     """Whether its values belong to the axis on the right of the chart."""
 
     @classmethod
@@ -116,7 +125,7 @@ class Line(NamedTuple):
         x: Array,
         y: Array,
         half_width: Array,
-        kind: Kind = Kind.LINE,
+        style: LineStyle = LineStyle.LINE,
     ) -> Line:
         """Returns a line with a band around it, from ``y - half_width`` to ``y + half_width``.
 
@@ -125,9 +134,9 @@ class Line(NamedTuple):
             colour: colour from ``mavdem.report.palette``.
             x, y: abscissae and values (N,).
             half_width: half width of the band (N,), in the unit of ``y``.
-            kind: line, dots or stems.
+            style: how the line is drawn.
         """
-        return cls(name, colour, x, y, y - half_width, y + half_width, kind)
+        return cls(name, colour, x, y, y - half_width, y + half_width, style)
 
     @property
     def step(self) -> float:
@@ -149,19 +158,18 @@ class Line(NamedTuple):
         """
         # The sample after each grid point; its distance from the one before shows whether the point lies in a gap.
         next_sample = np.clip(np.searchsorted(self.x, grid), 1, len(self.x) - 1)
-        distance = self.x[next_sample] - self.x[next_sample - 1]
-        is_missing = (
-            (distance > MAX_GAP_STEPS * self.step) | (grid < self.x[0]) | (grid > self.x[-1])
-        )
+        sample_distance = self.x[next_sample] - self.x[next_sample - 1]
+        is_in_gap = sample_distance > MAX_GAP_STEPS * self.step
+        is_missing = is_in_gap | (grid < self.x[0]) | (grid > self.x[-1])
 
         def interpolated(values: Array) -> Array:
             return np.where(is_missing, np.nan, np.interp(grid, self.x, values))
 
         y = interpolated(self.y)
         self._keep_extremes(grid, y)
-        low = None if self.low is None else interpolated(self.low)
-        high = None if self.high is None else interpolated(self.high)
-        return self._replace(x=grid, y=y, low=low, high=high)
+        lower_edge = None if self.lower_edge is None else interpolated(self.lower_edge)
+        upper_edge = None if self.upper_edge is None else interpolated(self.upper_edge)
+        return self._replace(x=grid, y=y, lower_edge=lower_edge, upper_edge=upper_edge)
 
     def _keep_extremes(self, grid: Array, y: Array) -> None:
         """Overwrites interpolated values by the extremes of the samples, where many fall into a pair of grid points.
@@ -175,20 +183,22 @@ class Line(NamedTuple):
             y: values (M,) at these, which are changed in place.
         """
         # The last interval ends one step after the last point.
-        end = 2 * grid[-1] - grid[-2]
-        pair_starts = np.searchsorted(self.x, np.append(grid[::2], end))
-        sample_counts = np.diff(pair_starts)[: len(grid) // 2]
+        end_of_grid = 2 * grid[-1] - grid[-2]
+        # The index of the first sample of each pair, and the end of the last pair.
+        first_samples = np.searchsorted(self.x, np.append(grid[::2], end_of_grid))
+        sample_counts = np.diff(first_samples)[: len(grid) // 2]
         # With as many samples as grid points, three of them may fall into one pair.
-        crowded = np.flatnonzero(sample_counts > MAX_SAMPLES_DRAWN_SINGLY)
-        if not len(crowded):
+        crowded_pairs = np.flatnonzero(sample_counts > MAX_SAMPLES_DRAWN_SINGLY)
+        if not len(crowded_pairs):
             return
-        # reduceat takes the extreme from each start up to the next; fmin and fmax pass over NaN.
-        starts = np.minimum(pair_starts[:-1], len(self.x) - 1)
-        minimum = np.fmin.reduceat(self.y, starts)[crowded]
-        maximum = np.fmax.reduceat(self.y, starts)[crowded]
-        is_falling = self.y[starts[crowded]] > self.y[pair_starts[crowded + 1] - 1]
-        y[2 * crowded] = np.where(is_falling, maximum, minimum)
-        y[2 * crowded + 1] = np.where(is_falling, minimum, maximum)
+        # reduceat takes the extreme from each first sample up to the next one; fmin and fmax pass over NaN.
+        starts = np.minimum(first_samples[:-1], len(self.x) - 1)
+        minimum = np.fmin.reduceat(self.y, starts)[crowded_pairs]
+        maximum = np.fmax.reduceat(self.y, starts)[crowded_pairs]
+        last_samples = first_samples[crowded_pairs + 1] - 1
+        is_falling = self.y[starts[crowded_pairs]] > self.y[last_samples]
+        y[2 * crowded_pairs] = np.where(is_falling, maximum, minimum)
+        y[2 * crowded_pairs + 1] = np.where(is_falling, minimum, maximum)
 
 
 class Mark(NamedTuple):
@@ -217,17 +227,17 @@ class Span(NamedTuple):
     """What is written in it."""
 
 
-class Heat(NamedTuple):
-    """A spectrogram: values by colour over two even axes."""
+class Spectrogram(NamedTuple):
+    """Power as a colour, over two axes with even steps."""
 
     x: Array
-    """Abscissae (W,)."""
+    """Abscissae (W,), such as times, s."""
 
-    y: Array
-    """Ordinates (F,), such as frequencies, Hz."""
+    frequency: Array
+    """Ordinates (F,), Hz."""
 
-    values: Array
-    """Values (W, F), such as power, dB."""
+    power: Array
+    """Power (W, F), dB."""
 
 
 class Chart(NamedTuple):
@@ -254,11 +264,11 @@ class Chart(NamedTuple):
     spans: tuple[Span, ...] = ()
     """Shaded parts of the horizontal axis."""
 
-    heat: Heat | None = None
+    spectrogram: Spectrogram | None = None
     """A spectrogram in the place of lines."""
 
     right_axis: Axis | None = None
-    """Vertical axis on the right, of those lines that are ``right``."""
+    """Vertical axis on the right, of the lines that are ``is_on_right_axis``."""
 
     group: str = ""
     """Charts of the same group, unless empty, are zoomed together."""
@@ -289,25 +299,27 @@ class Chart(NamedTuple):
         """
         if not self.lines:
             return self
-        longest = max(self.lines, key=lambda line: len(line.x))
-        has_common_x = all(np.array_equal(line.x, longest.x) for line in self.lines)
+        longest_line = max(self.lines, key=lambda line: len(line.x))
+        has_common_x = all(np.array_equal(line.x, longest_line.x) for line in self.lines)
         # Only over time does a long step mean missing samples; the steps of log-spaced frequencies grow anyway.
         is_over_time = self.x.label == TIME.label
-        has_gaps = is_over_time and (np.diff(longest.x) > MAX_GAP_STEPS * longest.step).any()
-        if has_common_x and not has_gaps and len(longest.x) <= max_points:
+        max_step = MAX_GAP_STEPS * longest_line.step
+        has_gaps = is_over_time and (np.diff(longest_line.x) > max_step).any()
+        if has_common_x and not has_gaps and len(longest_line.x) <= max_points:
             return self
-        first = min(line.x[0] for line in self.lines)
-        last = max(line.x[-1] for line in self.lines)
-        step = max(min(line.step for line in self.lines), (last - first) / max_points)
-        grid = first + step * np.arange(int((last - first) / step) + 1)
+        start = min(line.x[0] for line in self.lines)
+        end = max(line.x[-1] for line in self.lines)
+        densest_step = min(line.step for line in self.lines)
+        step = max(densest_step, (end - start) / max_points)
+        grid = start + step * np.arange(int((end - start) / step) + 1)
         return self._replace(lines=tuple(line.resampled(grid) for line in self.lines))
 
     def as_json(self, max_points: int) -> JsonValues:
         """Returns the chart as a JSON object, from which the script ``charts.js`` of a page draws it.
 
         Arrays are packed as 16-bit integers in base64 (see ``_packed``), which keeps a page small. All lines are put on
-        one grid of x values first, so that the grid is stored only once, under the key "at". A spectrogram takes the
-        place of the lines: it becomes the only element of "lines", and "at" holds just its first and last x value,
+        one grid of abscissae first, so that the grid is stored only once, under the key "at". A spectrogram takes the
+        place of the lines: it becomes the only element of "lines", and "at" holds just its first and last abscissa,
         since its columns are evenly spaced.
 
         Args:
@@ -317,22 +329,26 @@ class Chart(NamedTuple):
             The fields of the chart by the keys that the script reads: "beside" is the vertical axis on the right, and
             "heat" is always null.
         """
-        heat = self.heat
-        if heat is not None:
-            lines = [_heat_as_json(heat)]
-            grid: Array | None = np.array([heat.x[0], heat.x[-1]])
+        spectrogram = self.spectrogram
+        packed_lines = []
+        grid: Array | None = None
+        if spectrogram is not None:
+            packed_lines.append(_spectrogram_as_json(spectrogram))
+            grid = np.array([spectrogram.x[0], spectrogram.x[-1]])
         else:
-            thinned_lines = self.thinned(max_points).lines
-            # Only the left vertical axis may be logarithmic. Lines of the right one are packed as they are.
-            lines = [_line_as_json(line, self.y.log and not line.right) for line in thinned_lines]
-            grid = thinned_lines[0].x if thinned_lines else None
+            for line in self.thinned(max_points).lines:
+                # Only the left vertical axis may be logarithmic. Lines of the right one are packed as they are.
+                is_logarithmic = self.y.is_logarithmic and not line.is_on_right_axis
+                packed_lines.append(_line_as_json(line, is_logarithmic))
+                grid = line.x
+        is_grid_logarithmic = self.x.is_logarithmic
         return {
             "title": self.title,
-            "x": self.x._asdict(),
-            "y": self.y._asdict(),
-            "beside": None if self.right_axis is None else self.right_axis._asdict(),
-            "at": _packed(grid, self.x.log, is_even_grid=not self.x.log),
-            "lines": lines,
+            "x": self.x.as_json(),
+            "y": self.y.as_json(),
+            "beside": None if self.right_axis is None else self.right_axis.as_json(),
+            "at": _packed(grid, is_grid_logarithmic, may_be_even=not is_grid_logarithmic),
+            "lines": packed_lines,
             "levels": self.levels,
             "marks": self.marks,
             "spans": self.spans,
@@ -370,13 +386,24 @@ class Group(NamedTuple):
     """What stands below."""
 
     @classmethod
-    def of(cls, panels: Iterable[Panel | None], caption: str = "") -> Group:
-        """Returns a group with one column for each of the ``panels``; None among them is left out."""
+    def side_by_side(cls, panels: Iterable[Panel | None], caption: str = "") -> Group:
+        """Returns a group with one column for each panel.
+
+        Args:
+            panels: the panels, from left to right; None, for what there is nothing to draw of, is left out.
+            caption: what stands below.
+        """
         return cls(tuple((panel,) for panel in panels if panel is not None), caption)
 
 
 def over_time(title: str, unit: str, lines: Iterable[Line]) -> Chart:
-    """Returns a chart of a flight over the boot clock; all such charts of a page are zoomed together."""
+    """Returns a chart of a flight over the boot clock; all such charts of a page are zoomed together.
+
+    Args:
+        title: what is shown; it is also the label of the vertical axis.
+        unit: unit of the lines.
+        lines: lines over times, s.
+    """
     return Chart(title, TIME, Axis(name_with_unit(title, unit)), tuple(lines), group="flight")
 
 
@@ -388,62 +415,73 @@ def _range_text(line: Line) -> str:
     return f"{line.name or 'values'} from {rounded(finite.min(), 3)} to {rounded(finite.max(), 3)}"
 
 
-def _line_as_json(line: Line, is_log: bool) -> JsonValues:
+def _line_as_json(line: Line, is_logarithmic: bool) -> JsonValues:
     """Returns a line as a JSON object for ``charts.js``, with its values and the edges of its band packed.
 
     Args:
         line: the line. Its abscissae are left out ("x" is null), since all lines of a chart share those of the chart.
-        is_log: whether the vertical axis is logarithmic; then decimal logarithms are packed.
+        is_logarithmic: whether the vertical axis is logarithmic; then decimal logarithms are packed.
     """
     return {
-        **line._asdict(),
+        "name": line.name,
+        "colour": line.colour,
         "x": None,
-        "y": _packed(line.y, is_log),
-        "low": _packed(line.low, is_log),
-        "high": _packed(line.high, is_log),
+        "y": _packed(line.y, is_logarithmic),
+        "low": _packed(line.lower_edge, is_logarithmic),
+        "high": _packed(line.upper_edge, is_logarithmic),
+        "kind": line.style,
+        "right": line.is_on_right_axis,
     }
 
 
-def _heat_as_json(heat: Heat) -> JsonValues:
-    """Returns a spectrogram as JSON: a byte for each value, from the lowest (0) to the highest (255), in base64.
+def _spectrogram_as_json(spectrogram: Spectrogram) -> JsonValues:
+    """Returns a spectrogram as JSON: a byte for each value, from the lowest power (0) to the highest (255), in base64.
 
-    Values come in rows of one abscissa each, as they are in ``Heat.values``; "ends" are the first and the last
-    ordinate.
+    The bytes come in rows of one abscissa each, as in ``Spectrogram.power``; "ends" are the first and the last
+    frequency.
     """
-    levels = 255 * (heat.values - heat.values.min()) / max(np.ptp(heat.values), 1e-9)
+    power = spectrogram.power
+    # The lower limit only avoids a division by zero where all power is the same.
+    power_range = max(np.ptp(power), 1e-9)
+    pixels = 255 * (power - power.min()) / power_range
     return {
-        "heat": b64encode(levels.astype(np.uint8).tobytes()).decode(),
-        "rows": len(heat.x),
-        "ends": (heat.y[0], heat.y[-1]),
+        "heat": b64encode(pixels.astype(np.uint8).tobytes()).decode(),
+        "rows": len(spectrogram.x),
+        "ends": (spectrogram.frequency[0], spectrogram.frequency[-1]),
     }
 
 
-def _packed(values: Array | None, is_log: bool, is_even_grid: bool = False) -> JsonValues | None:
+def _packed(
+    values: Array | None, is_logarithmic: bool, may_be_even: bool = False
+) -> JsonValues | None:
     """Packs an array (N,) into 16-bit integers: value = low + step · (integer + 32767), and −32768 is NaN.
 
     They take a quarter of the room of numbers as text, and resolve more than any screen. ``charts.js`` unpacks them.
 
     Args:
         values: the array; None gives None.
-        is_log: packs decimal logarithms of the values instead, for a logarithmic axis.
-        is_even_grid: whether the values may be evenly spaced. If they are, only start, step and size are returned.
+        is_logarithmic: whether decimal logarithms of the values are packed in their place.
+        may_be_even: whether the values may be evenly spaced. If they are, only start, step and size are returned.
 
     Returns:
         The keys "low", "step" and "counts", the integers in base64; or "low", "step" and "size".
     """
     if values is None:
         return None
-    if is_log:
+    if is_logarithmic:
         with np.errstate(divide="ignore", invalid="ignore"):
             values = np.log10(values)
-    if is_even_grid and len(values) > 1:
+    if may_be_even and len(values) > 1:
         step = values[1] - values[0]
         if np.allclose(np.diff(values), step):
             return {"low": values[0], "step": step, "size": len(values)}
     is_finite = np.isfinite(values)
-    finite = values[is_finite]
-    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
-    step = (high - low) / MAX_COUNT or 1.0
-    steps = (np.where(is_finite, values, np.nan) - low) / step
-    counts = np.nan_to_num(np.rint(steps) + NO_VALUE + 1, nan=NO_VALUE)
-    return {"low": low, "step": step, "counts": b64encode(counts.astype("<i2").tobytes()).decode()}
+    lowest = highest = 0.0
+    if is_finite.any():
+        lowest = float(values[is_finite].min())
+        highest = float(values[is_finite].max())
+    # Any step will do where all values are the same.
+    step = (highest - lowest) / MAX_COUNT or 1.0
+    steps_above_lowest = np.rint((np.where(is_finite, values, np.nan) - lowest) / step)
+    integers = np.nan_to_num(steps_above_lowest + NO_VALUE + 1, nan=NO_VALUE).astype("<i2")
+    return {"low": lowest, "step": step, "counts": b64encode(integers.tobytes()).decode()}

@@ -20,10 +20,10 @@ from mavdem.report.charts.chart import (
     Axis,
     Chart,
     Charts,
-    Heat,
-    Kind,
     Line,
+    LineStyle,
     Mark,
+    Spectrogram,
 )
 from mavdem.report.charts.model_charts import line_with_quantile_band
 from mavdem.report.palette import BAD, COMMAND, MEASURED, PHYSICAL, PREDICTED
@@ -71,7 +71,7 @@ HEAT_PERCENTILES = (20.0, 99.8)
 STEP_RESPONSE = Axis("share of the step")
 """Axis of a response to a step of 1."""
 
-CLOSED_LOOP_GAIN = Axis("gain |T|", log=True)
+CLOSED_LOOP_GAIN = Axis("gain |T|", is_logarithmic=True)
 """Axis of the gain from setpoint to response."""
 
 LOOP_COLOURS = PREDICTED, PHYSICAL
@@ -117,7 +117,7 @@ def _response_charts(title: str, response: LoopResponse, measured: StepResponse)
     gains = [Line("measured", MEASURED, measured.frequency, measured.gain, low, high)]
     if response.predicted_step is not None and response.predicted_gain is not None:
         predicted_step = Line(
-            "predicted", PREDICTED, measured.time, response.predicted_step, kind=Kind.DASHES
+            "predicted", PREDICTED, measured.time, response.predicted_step, style=LineStyle.DASHES
         )
         steps.append(predicted_step)
         gains.append(predicted_step._replace(x=measured.frequency, y=response.predicted_gain))
@@ -160,7 +160,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
         Chart(
             f"{title}: gain (dB)",
             FREQUENCY,
-            Axis("gain (dB)", ends=(-40.0, 30.0)),
+            Axis("gain (dB)", limits=(-40.0, 30.0)),
             tuple(gains),
             levels=(0.0,),
             marks=unnamed,
@@ -168,7 +168,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
         Chart(
             f"{title}: phase (°)",
             FREQUENCY,
-            Axis("phase (°)", ends=(-300.0, -45.0)),
+            Axis("phase (°)", limits=(-300.0, -45.0)),
             tuple(phases),
             levels=(-180.0,),
             marks=tuple(crossovers),
@@ -176,7 +176,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
         Chart(
             f"{title}: sensitivity",
             FREQUENCY,
-            Axis("sensitivity |S|", log=True),
+            Axis("sensitivity |S|", is_logarithmic=True),
             tuple(sensitivities),
             levels=SENSITIVITY_LEVELS,
             marks=unnamed,
@@ -220,12 +220,12 @@ def spectrum_chart(noise: MeasuredNoise, loop: Loop | None = None, name: str = G
     right_axis = None
     if loop is not None:
         lines.append(_filter_line(loop, max_frequency))
-        right_axis = Axis("(dB)", ends=(-80.0, 3.0))
+        right_axis = Axis("(dB)", limits=(-80.0, 3.0))
         marks.append(Mark(loop.crossover, "crossover", BAD))
     return Chart(
         f"{name.replace('_', ' ').capitalize()}, power ({unit})",
-        Axis("frequency (Hz)", ends=(0.0, max_frequency)),
-        Axis(f"power ({unit})", log=True),
+        Axis("frequency (Hz)", limits=(0.0, max_frequency)),
+        Axis(f"power ({unit})", is_logarithmic=True),
         tuple(lines),
         marks=tuple(marks),
         right_axis=right_axis,
@@ -275,7 +275,9 @@ def _filter_line(loop: Loop, max_frequency: float) -> Line:
     frequency = np.linspace(0.1, min(max_frequency, nyquist), MAX_BINS)
     gain = np.maximum(abs(gyro_response(loop.controller, frequency)), MIN_FILTER_GAIN)
     decibels = 20 * np.log10(gain)
-    return Line("filters", COMMAND, frequency, decibels, kind=Kind.DASHES, right=True)
+    return Line(
+        "filters", COMMAND, frequency, decibels, style=LineStyle.DASHES, is_on_right_axis=True
+    )
 
 
 def spectrogram_charts(spectrum: Spectrum) -> Sequence[Chart]:
@@ -287,17 +289,21 @@ def spectrogram_charts(spectrum: Spectrum) -> Sequence[Chart]:
     name = spectrum.name.removesuffix("_before").replace("_", " ").capitalize()
     frequency_axis = Axis("frequency (Hz)")
     order = np.argsort(spectrum.time)
-    over_time = _heat(spectrum.time[order], spectrum.frequency, spectrum.total_density[order])
-    charts = [Chart(f"{name} over time (Hz)", TIME, frequency_axis, heat=over_time, group="flight")]
+    over_time = _spectrogram(
+        spectrum.time[order], spectrum.frequency, spectrum.total_density[order]
+    )
+    charts = [
+        Chart(f"{name} over time (Hz)", TIME, frequency_axis, spectrogram=over_time, group="flight")
+    ]
     throttle_levels, density_by_level = spectrum.density_by_throttle
     if len(throttle_levels) > 1:
-        over_throttle = _heat(100 * throttle_levels, spectrum.frequency, density_by_level)
+        over_throttle = _spectrogram(100 * throttle_levels, spectrum.frequency, density_by_level)
         title = f"{name} over throttle (Hz)"
-        charts.append(Chart(title, Axis("throttle (%)"), frequency_axis, heat=over_throttle))
+        charts.append(Chart(title, Axis("throttle (%)"), frequency_axis, spectrogram=over_throttle))
     return charts
 
 
-def _heat(x: Array, frequency: Array, density: Array) -> Heat:
+def _spectrogram(x: Array, frequency: Array, density: Array) -> Spectrogram:
     """Returns spectral densities as the colours of a spectrogram, in dB.
 
     Args:
@@ -314,4 +320,4 @@ def _heat(x: Array, frequency: Array, density: Array) -> Heat:
     even_x = np.linspace(x[0], x[-1], int(np.clip(len(x), 2, MAX_BINS)))
     nearest = abs(even_x[:, None] - x).argmin(axis=1)
     low, high = np.percentile(decibels, HEAT_PERCENTILES)
-    return Heat(even_x, frequency_bins, np.clip(decibels[nearest], low, high))
+    return Spectrogram(even_x, frequency_bins, np.clip(decibels[nearest], low, high))

@@ -13,7 +13,7 @@ from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.dem import Learned
 from mavdem.dem.record import Record
 from mavdem.experiments.held_out import CONSTANT_MEAN, FORECAST, HeldOut
-from mavdem.report.charts.chart import FREQUENCY, TIME, Axis, Chart, Charts, Kind, Line, Span
+from mavdem.report.charts.chart import FREQUENCY, TIME, Axis, Chart, Charts, Line, LineStyle, Span
 from mavdem.report.charts.frequency_responses import (
     identified_plant,
     model_response,
@@ -60,7 +60,7 @@ def line_with_quantile_band(name: str, colour: str, x: Array, values: Array) -> 
         values: (N, T): the estimate in the first row, then the draws. Without draws the line is dashed.
     """
     if len(values) == 1:
-        return Line(name, colour, x, values[0], kind=Kind.DASHES)
+        return Line(name, colour, x, values[0], style=LineStyle.DASHES)
     low, high = np.quantile(values[1:], INTERVAL_QUANTILES, axis=0)
     return Line(name, colour, x, values[0], low, high)
 
@@ -93,7 +93,7 @@ def bode_charts(learned: Learned, output: int = -1) -> Charts:
     estimate = response[0]
     # The phases of draws are counted from that of the estimate, so that none is a whole turn away from it.
     phase = np.degrees(np.unwrap(np.angle(estimate)) + np.angle(response / estimate))
-    gain_axis = Axis(unit_per_input(unit, command.unit), log=True)
+    gain_axis = Axis(unit_per_input(unit, command.unit), is_logarithmic=True)
     title = f"{output_name} by {command.name} ({gain_axis.label}), by {source}"
     gain = line_with_quantile_band(source, colour, frequency, unit.scale * np.abs(response))
     phase_line = line_with_quantile_band(source, colour, frequency, phase)
@@ -134,7 +134,7 @@ def residual_charts(learned: Learned, output: int = -1) -> Charts:
     }
     for (title, values), bound in zip(correlations.items(), residuals.bounds, strict=True):
         # The autocorrelation at lag 0 is always 1 and says nothing.
-        stems = Line("correlation", PREDICTED, residuals.lag[1:], values[1:], kind=Kind.STEMS)
+        stems = Line("correlation", PREDICTED, residuals.lag[1:], values[1:], style=LineStyle.STEMS)
         levels = (-bound, 0.0, bound)
         charts.append(Chart(title, Axis("lag (s)"), Axis("correlation"), (stems,), levels))
     return tuple(charts)
@@ -167,13 +167,18 @@ def wind_torque_charts(learned: Learned) -> Charts:
     scale = TORQUE_UNIT.scale**2
     spectrum = (
         Line("wind torque", DISTURBANCE, frequency, scale * density),
-        Line("model of it", MEASURED, frequency, scale * model_density, kind=Kind.DASHES),
+        Line("model of it", MEASURED, frequency, scale * model_density, style=LineStyle.DASHES),
     )
     torque_axis = Axis(name_with_unit("wind torque", TORQUE_UNIT.name))
     density_unit = f"({TORQUE_UNIT.name})²/Hz"
     return (
         Chart("Wind torque", TIME, torque_axis, (line,), (0.0,), spans=tuple(gusts)),
-        Chart(f"Its spectrum ({density_unit})", FREQUENCY, Axis(density_unit, log=True), spectrum),
+        Chart(
+            f"Its spectrum ({density_unit})",
+            FREQUENCY,
+            Axis(density_unit, is_logarithmic=True),
+            spectrum,
+        ),
     )
 
 
@@ -227,8 +232,8 @@ def forecast_charts(held_out: HeldOut, labels: Labels, output: int = 0) -> Chart
     errors = []
     for method, colour in ((FORECAST, PREDICTED), (CONSTANT_MEAN, BASELINE)):
         rmse = unit.scale * np.sqrt(held_out.squared_errors(method)[:, output])
-        errors.append(Line(method, colour, held_out.time[:, 0], rmse, kind=Kind.DOTS))
-    rmse_axis = Axis(f"RMSE ({unit.name})", ends=(0.0, None))
+        errors.append(Line(method, colour, held_out.time[:, 0], rmse, style=LineStyle.DOTS))
+    rmse_axis = Axis(f"RMSE ({unit.name})", limits=(0.0, None))
     rmse_chart = Chart(f"RMSE in every window ({unit.name})", TIME, rmse_axis, tuple(errors))
     return (chart, rmse_chart)
 

@@ -74,25 +74,30 @@ class Timeline(NamedTuple):
     @property
     def overview(self) -> Charts:
         """The strip of flight modes, then the charts of flight and wind, all with events and training intervals."""
-        marked = tuple(self.marked(chart) for chart in self.flight_charts + self.wind_charts)
+        charts = tuple(self.marked(chart) for chart in self.flight_charts + self.wind_charts)
         if not self.modes:
-            return marked
-        strip = Chart("Modes", self._time_axis, Axis(""), spans=self.modes, group="flight")
-        return (strip, *marked)
+            return charts
+        mode_strip = Chart("Modes", self._time_axis, Axis(""), spans=self.modes, group="flight")
+        return (mode_strip, *charts)
 
     @property
     def _time_axis(self) -> Axis:
-        return TIME._replace(ends=self.span)
+        return TIME._replace(limits=self.span)
 
     def marked(self, chart: Chart) -> Chart:
-        """Returns a chart of this flight over the span of the timeline, with its events and training intervals."""
-        marks = tuple(
-            Mark(event.seconds, colour=BAD if event.is_alarm else MEASURED)
-            for event in self.events
-            if np.isfinite(event.seconds)
-        )
-        spans = tuple(Span(start, end) for start, end in self.training_intervals)
-        return chart._replace(x=self._time_axis, marks=marks, spans=spans)
+        """Returns a chart of this flight over the span of the timeline, with its events and training intervals.
+
+        Args:
+            chart: a chart over time. Marks and spans that it has already are replaced.
+        """
+        event_marks = []
+        for event in self.events:
+            # The time of an event may be unknown.
+            if np.isfinite(event.seconds):
+                colour = BAD if event.is_alarm else MEASURED
+                event_marks.append(Mark(event.seconds, colour=colour))
+        training_spans = tuple(Span(start, end) for start, end in self.training_intervals)
+        return chart._replace(x=self._time_axis, marks=tuple(event_marks), spans=training_spans)
 
 
 def timeline_of(assessment: Assessment) -> Timeline | None:
@@ -226,9 +231,16 @@ def wind_speed_and_direction_charts(history: WindHistory) -> Iterator[Chart]:
 
 
 def _speed_line(name: str, time: Array, speed: Array, half_width: Array) -> Line:
-    """Returns the line of a wind speed (T,), m/s, over time (T,), s, with its band, which does not go below zero."""
-    low = np.maximum(speed - half_width, 0.0)
-    return Line(name, DISTURBANCE, time, speed, low, speed + half_width)
+    """Returns the line of a wind speed with its band, which does not go below zero.
+
+    Args:
+        name: what the legend calls it.
+        time: (T,) s.
+        speed: (T,) m/s.
+        half_width: (T,) half widths of the band, m/s.
+    """
+    lower_edge = np.maximum(speed - half_width, 0.0)
+    return Line(name, DISTURBANCE, time, speed, lower_edge, speed + half_width)
 
 
 def _wind_torque_chart(analyses: Mapping[str, LogAnalysis]) -> Chart:
@@ -242,10 +254,52 @@ def _wind_torque_chart(analyses: Mapping[str, LogAnalysis]) -> Chart:
         if analysis.learned is None:
             continue
         colour = DISTURBANCE if axis == AXES[0] else COMMAND
-        line = torque_line(analysis.learned, f"on {axis}", colour)
-        if line is not None:
-            lines.append(line)
+        line_of_axis = torque_line(analysis.learned, f"on {axis}", colour)
+        if line_of_axis is not None:
+            lines.append(line_of_axis)
     return over_time("Wind torque", TORQUE_UNIT.name, lines)
+
+
+class _LiveColumns(NamedTuple):
+    """Columns (N,) of the rows of a live history, ``LiveHistory.table``; NaN where a row lacks a value."""
+
+    segment: Array
+    """Number of the segment between two gaps."""
+
+    time: Array
+    """Time, s of the timeline."""
+
+    measured_angle: Array
+    """Measured angle, rad."""
+
+    predicted_angle: Array
+    """Angle predicted ``REPORTED_HORIZON`` s before, rad."""
+
+    predicted_half_width: Array
+    """Half width of the band of the predicted angle, rad."""
+
+    wind_torque: Array
+    """Wind torque, rad/s²."""
+
+    torque_half_width: Array
+    """Half width of the band of the wind torque, rad/s²."""
+
+    wind_speed: Array
+    """Wind speed, m/s."""
+
+    speed_half_width: Array
+    """Half width of the band of the wind speed, m/s."""
+
+    motors: Array
+    """Outputs (k, N) of the k motors, as a share of their range."""
+
+    @classmethod
+    def from_table(cls, table: Array) -> _LiveColumns:
+        """Names the columns of ``LiveHistory.table``, (N, 9 + k)."""
+        # All fields but the motors are one column each.
+        motor_column = len(cls._fields) - 1
+        columns = table.T
+        return cls._make([*columns[:motor_column], columns[motor_column:]])
 
 
 def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
@@ -259,65 +313,59 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
         The timeline, with those charts that have a finite value; None with less than two measured samples.
     """
     table = history.table
-    segments = table[:, 0]
-    times = table[:, 1]
-    measured_angles = table[:, 2]
-    if np.count_nonzero(np.isfinite(measured_angles)) < 2:
+    columns = _LiveColumns.from_table(table)
+    if np.count_nonzero(np.isfinite(columns.measured_angle)) < 2:
         return None
     # A row of NaN at the beginning of each segment breaks the lines there.
-    starts = np.flatnonzero(np.diff(segments)) + 1
-    columns = np.insert(table, starts, np.nan, axis=0).T
-    time = np.insert(times, starts, times[starts])
-    charts = _live_charts(history.motor_names, axis, time, columns)
-    has_values = [
-        chart for chart in charts if any(np.isfinite(line.y).any() for line in chart.lines)
-    ]
+    segment_starts = np.flatnonzero(np.diff(columns.segment)) + 1
+    time = np.insert(columns.time, segment_starts, columns.time[segment_starts])
+    broken_columns = _LiveColumns.from_table(np.insert(table, segment_starts, np.nan, axis=0))
+    drawn_charts = []
+    for chart in _live_charts(history.motor_names, axis, broken_columns._replace(time=time)):
+        if any(np.isfinite(line.y).any() for line in chart.lines):
+            drawn_charts.append(chart)
     return Timeline(
-        flight_charts=tuple(has_values),
+        flight_charts=tuple(drawn_charts),
         span=(time[0], time[-1]),
         training_intervals=tuple(history.learned_intervals),
         events=tuple(history.events),
     )
 
 
-def _live_charts(
-    motor_names: Iterable[str], axis: str, time: Array, columns: Array
-) -> Iterator[Chart]:
+def _live_charts(motor_names: Iterable[str], axis: str, columns: _LiveColumns) -> Iterator[Chart]:
     """Yields charts of angle, motors, wind torque and wind speed of a live flight.
 
     Args:
         motor_names: names of the motors.
         axis: axis that was learned.
-        time: (N,) s of the timeline.
-        columns: (k, N) the columns of ``LiveHistory.table``: segment, time, then measured and predicted angle, rad,
-            wind torque, rad/s², and wind speed, m/s, the last three each followed by the half width of its band, then
-            the outputs of the motors as a share of their range.
+        columns: values over time, with NaN where lines break.
     """
     # Imported here: the timeline of a log needs nothing of live sessions.
     from mavdem.live.history import REPORTED_HORIZON
 
-    measured, predicted, predicted_band, torque, torque_band, wind, wind_band = columns[2:9]
-    motor_columns = columns[9:]
-    measured_line = Line("measured", MEASURED, time, ANGLE_UNIT.scale * measured)
-    predicted_line = Line.with_band(
-        f"{REPORTED_HORIZON:g} s ahead",
-        PREDICTED,
-        time,
-        ANGLE_UNIT.scale * predicted,
-        ANGLE_UNIT.scale * predicted_band,
-    )
-    yield over_time(axis.capitalize(), ANGLE_UNIT.name, [measured_line, predicted_line])
-    motor_lines = [
-        Line(without_remark(name), colour, time, 100 * shares.clip(0.0))
-        for name, colour, shares in zip(motor_names, cycle(DISTINCT), motor_columns, strict=False)
+    time = columns.time
+    measured_angle = ANGLE_UNIT.scale * columns.measured_angle
+    predicted_angle = ANGLE_UNIT.scale * columns.predicted_angle
+    predicted_half_width = ANGLE_UNIT.scale * columns.predicted_half_width
+    horizon = f"{REPORTED_HORIZON:g} s ahead"
+    angle_lines = [
+        Line("measured", MEASURED, time, measured_angle),
+        Line.with_band(horizon, PREDICTED, time, predicted_angle, predicted_half_width),
     ]
+    yield over_time(axis.capitalize(), ANGLE_UNIT.name, angle_lines)
+
+    motor_lines = []
+    for name, colour, shares in zip(motor_names, cycle(DISTINCT), columns.motors, strict=False):
+        percent = 100 * shares.clip(0.0)
+        motor_lines.append(Line(without_remark(name), colour, time, percent))
     yield over_time("Motors", "%", motor_lines)
+
+    wind_torque = TORQUE_UNIT.scale * columns.wind_torque
+    torque_half_width = TORQUE_UNIT.scale * columns.torque_half_width
     torque_band_line = Line.with_band(
-        f"on {axis}",
-        DISTURBANCE,
-        time,
-        TORQUE_UNIT.scale * torque,
-        TORQUE_UNIT.scale * torque_band,
+        f"on {axis}", DISTURBANCE, time, wind_torque, torque_half_width
     )
     yield over_time("Wind torque", TORQUE_UNIT.name, [torque_band_line])
-    yield over_time("Wind now", "m/s", [_speed_line("wind", time, wind, wind_band)])
+
+    speed_line = _speed_line("wind", time, columns.wind_speed, columns.speed_half_width)
+    yield over_time("Wind now", "m/s", [speed_line])

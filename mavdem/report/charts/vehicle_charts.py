@@ -9,7 +9,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.fleet.flights import AxisRows, worst_health
-from mavdem.report.charts.chart import Axis, Chart, Group, Kind, Line, Mark
+from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, Mark
 from mavdem.report.numbers import TORQUE_UNIT, without_remark
 from mavdem.report.palette import BAD, LIMITED, distinct
 
@@ -102,7 +102,7 @@ def _lines(estimates: Estimates) -> Iterator[Line]:
             # An unknown half width is NaN. A whisker of length 0 leaves just the dot.
             whiskers = np.nan_to_num(half_widths)
             colour = distinct(number)
-            yield Line.with_band(name, colour, flight_numbers, values, whiskers, Kind.DOTS)
+            yield Line.with_band(name, colour, flight_numbers, values, whiskers, LineStyle.DOTS)
 
 
 def _quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:

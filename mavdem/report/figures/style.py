@@ -20,7 +20,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import ArrayLike
 
 from mavdem.containers import JsonValues
-from mavdem.report.charts.chart import Axis, Chart, Group, Kind, Line, Plan
+from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, Plan
 from mavdem.report.palette import BAND_OPACITY, DISTINCT, INK_ON_LIGHT, MEASURED, PAPER_LIGHT
 
 FIGURE_WIDTH = 5.2
@@ -91,7 +91,7 @@ class Picture(NamedTuple):
     def group(self) -> Group:
         """The drawn figure as a group of a page."""
         plan = Plan(self.title, self.caption, svg_of(self.draw(), self.title))
-        return Group.of([plan], self.caption)
+        return Group.side_by_side([plan], self.caption)
 
 
 @contextmanager
@@ -161,9 +161,9 @@ def _draw_chart(axes: Axes, chart: Chart) -> None:
         axes.axvspan(span.start, span.end, color=MEASURED, alpha=BAND_OPACITY, linewidth=0)
     for level in chart.levels:
         axes.axhline(level, color=MEASURED, linewidth=0.8, zorder=1.5)
-    axes.set(xlabel=chart.x.label, xscale=_scale(chart.x), xlim=chart.x.ends)
-    axes.set(ylabel=chart.y.label, yscale=_scale(chart.y), ylim=chart.y.ends)
-    if chart.y.log:
+    axes.set(xlabel=chart.x.label, xscale=_scale(chart.x), xlim=chart.x.limits)
+    axes.set(ylabel=chart.y.label, yscale=_scale(chart.y), ylim=chart.y.limits)
+    if chart.y.is_logarithmic:
         # Plain numbers in the place of powers of ten.
         axes.yaxis.set_major_formatter("{x:g}")
     axes.set_title(chart.title)
@@ -174,7 +174,7 @@ def _draw_chart(axes: Axes, chart: Chart) -> None:
 
 def _scale(axis: Axis) -> str:
     """Returns matplotlib's name of the scale of an axis."""
-    return "log" if axis.log else "linear"
+    return "log" if axis.is_logarithmic else "linear"
 
 
 def _draw_line(axes: Axes, line: Line) -> None:
@@ -184,16 +184,16 @@ def _draw_line(axes: Axes, line: Line) -> None:
     area.
     """
     style: JsonValues = {"color": line.colour, "label": line.name}
-    if line.kind is Kind.STEMS:
+    if line.style is LineStyle.STEMS:
         axes.vlines(line.x, 0, line.y, linewidth=1.3, **style)
-    elif line.kind is Kind.DOTS:
+    elif line.style is LineStyle.DOTS:
         whiskers = None
-        if line.low is not None and line.high is not None:
-            whiskers = (line.y - line.low, line.high - line.y)
+        if line.lower_edge is not None and line.upper_edge is not None:
+            whiskers = (line.y - line.lower_edge, line.upper_edge - line.y)
         axes.errorbar(line.x, line.y, whiskers, fmt="o", markersize=3.5, linewidth=1.1, **style)
     else:
-        dashes = (4, 2) if line.kind is Kind.DASHES else ()
+        dashes = (4, 2) if line.style is LineStyle.DASHES else ()
         axes.plot(line.x, line.y, linewidth=1.1, dashes=dashes, **style)
-        if line.low is not None and line.high is not None:
+        if line.lower_edge is not None and line.upper_edge is not None:
             shade: JsonValues = {"alpha": BAND_OPACITY, "linewidth": 0}
-            axes.fill_between(line.x, line.low, line.high, color=line.colour, **shade)
+            axes.fill_between(line.x, line.lower_edge, line.upper_edge, color=line.colour, **shade)

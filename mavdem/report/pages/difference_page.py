@@ -12,7 +12,7 @@ from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table
-from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Kind, Line
+from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
 from mavdem.report.charts.flight_charts import MIN_DENSITY, STEP_RESPONSE
 from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks, surest_change
 from mavdem.report.loops import LOOP_FIGURES
@@ -91,7 +91,7 @@ def _table_chapter(title: str, header: str, rows: list[list[str]]) -> Chapter:
 
 def _chart_group(chart: Chart) -> list[Group]:
     """Returns a group of one chart; none if the chart has no lines."""
-    return [Group.of([chart])] if chart.lines else []
+    return [Group.side_by_side([chart])] if chart.lines else []
 
 
 class _MarginChange(NamedTuple):
@@ -231,7 +231,7 @@ def _spectrum_chart(sides: Reviews) -> Chart:
             frequency = np.array(spectrum["frequency"])[1:]
             power = np.maximum(density, MIN_DENSITY)
             lines.append(Line(side, SIDE_COLOURS[side], frequency, power))
-    power_axis = Axis("power ((rad/s)²/Hz)", log=True)
+    power_axis = Axis("power ((rad/s)²/Hz)", is_logarithmic=True)
     title = "Gyro, power ((rad/s)²/Hz)"
     return Chart(title, Axis("frequency (Hz)"), power_axis, tuple(lines))
 
@@ -253,7 +253,9 @@ def _trim_chart(sides: Reviews) -> Chart:
             motor_count = min(motor_count, len(shares))
             motors = np.arange(float(len(shares)))
             colour = SIDE_COLOURS[side]
-            lines.append(Line.with_band(side, colour, motors, deviation, half_width, Kind.DOTS))
+            lines.append(
+                Line.with_band(side, colour, motors, deviation, half_width, LineStyle.DOTS)
+            )
     motor_names = tuple(str(number + 1) for number in range(motor_count))
     motor_axis = Axis("motor", names=motor_names)
     deviation_axis = Axis("trim deviation (%)")

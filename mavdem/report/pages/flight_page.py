@@ -380,12 +380,12 @@ def _spectrum_groups(
     spectrum = noise.spectra.get(f"{sensor}_before", noise.spectra.get(sensor))
     if spectrum is None:
         return
-    yield Group.of([spectrum_chart(noise, loop, sensor)])
+    yield Group.side_by_side([spectrum_chart(noise, loop, sensor)])
     if is_full:
         charts = [*spectrogram_charts(spectrum)]
         if timeline is not None:
             charts[0] = timeline.marked(charts[0])._replace(spans=())
-        yield Group.of(charts, "The stronger the blue, the higher the power.")
+        yield Group.side_by_side(charts, "The stronger the blue, the higher the power.")
 
 
 def _motors_chapter(analysis: LogAnalysis, evidence: Evidence) -> Chapter:
@@ -400,7 +400,7 @@ def _motors_chapter(analysis: LogAnalysis, evidence: Evidence) -> Chapter:
     if analysis.learned is None or not is_full_tier:
         blocks += render_section("condition", analysis.condition)
     plan = frame_plan(evidence.signals.motors, analysis.condition)
-    groups = [] if plan is None else [Group.of([plan])]
+    groups = [] if plan is None else [Group.side_by_side([plan])]
     return Chapter("Motors", blocks, groups, is_side_by_side=True)
 
 
@@ -421,7 +421,7 @@ def _wind_chapter(
     if wind is not None and wind.direction_identifiable and wind.speed_identifiable:
         rose = rose_of_wind(wind)
     plans = [rose, flown_path(timeline)]
-    groups = [Group.of(plans)] if any(plans) else []
+    groups = [Group.side_by_side(plans)] if any(plans) else []
     return Chapter("Wind and path", blocks, groups, is_side_by_side=True)
 
 
@@ -507,10 +507,10 @@ def _model_chapter(axis: str, analysis: LogAnalysis) -> Chapter:
         blocks += prediction_blocks(labels, held_out)
         if findings.grade(Purpose.CONTROL_EFFECTIVENESS) is not Grade.NOT_IDENTIFIABLE:
             text = "Frequency response of the vehicle without its controller, with a 90 % band."
-            groups.append(Group.of(model_charts.bode_charts(learned), text))
+            groups.append(Group.side_by_side(model_charts.bode_charts(learned), text))
         if held_out is not None and len(held_out):
             text = "Held-out windows, by models that were not trained on them."
-            groups.append(Group.of(model_charts.forecast_charts(held_out, labels), text))
+            groups.append(Group.side_by_side(model_charts.forecast_charts(held_out, labels), text))
     return Chapter(f"Model of {axis}", blocks, groups)
 
 
@@ -519,7 +519,7 @@ def _learning_chapter(axis: str, learned: Learned) -> Chapter:
     settings = [[name, str(value)] for name, value in asdict(learned.settings).items()]
     table = Table(["setting", "value"], settings, words=True)
     text = "Errors one step ahead; correlations between the lines may be chance (99 %)."
-    groups = [Group.of(model_charts.residual_charts(learned), text)]
+    groups = [Group.side_by_side(model_charts.residual_charts(learned), text)]
     title = f"The model of {axis}, and how it was learned"
     return Chapter(title, [*detail_blocks(learned), table], groups, folded=True)
 

@@ -23,11 +23,12 @@ from mavdem.loops.axis_loops import Loop
 from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.step_response import IntervalEstimate, StepResponse
 from mavdem.report.charts import model_charts
-from mavdem.report.charts.chart import TIME, Axis, Chart, Kind, Line
+from mavdem.report.charts.chart import TIME, Axis, Chart, Group, Line, LineStyle
 from mavdem.report.charts.flight_charts import spectrogram_charts, spectrum_chart, step_charts
 from mavdem.report.charts.frequency_responses import model_response, plant_response
 from mavdem.report.labels import AxisCommand, Labels
 from mavdem.report.pages.flight_page import responses_chapter
+from mavdem.report.pages.page import Chapter, render_document
 from mavdem.report.screen import detail_blocks
 from mavdem.vibration.spectra import Spectrum
 from mavdem.vibration.spectral_lines import LineKind, SpectralLine
@@ -58,16 +59,19 @@ def test_a_line_that_is_thinned_keeps_its_peaks_and_its_gaps():
     assert np.isnan(Chart("", TIME, TIME, (few,)).thinned(12_000).lines[0].y).any()
 
 
-@mark.parametrize("log", [False, True])
-def test_what_a_page_holds_is_what_was_drawn_to_five_digits(log):
+@mark.parametrize("is_logarithmic", [False, True])
+def test_what_a_page_holds_is_what_was_drawn_to_five_digits(is_logarithmic):
     x = np.geomspace(0.1, 100, 50)
     y = np.where(x > 50, np.nan, x**2)
-    axes = Axis("x", log=log), Axis("y", log=log)
+    axes = Axis("x", is_logarithmic), Axis("y", is_logarithmic)
     (line,) = Chart("", *axes, (Line("y", "", x, y),)).as_json(1000)["lines"]
     low, step, counts = (line["y"][name] for name in ("low", "step", "counts"))
     counts = np.frombuffer(b64decode(counts), "<i2").astype(float)
     shown = np.where(counts == -32768, np.nan, low + step * (counts + 32767))
-    assert_allclose(10**shown if log else shown, y, rtol=2e-4 if log else 0, atol=0.2 * (not log))
+    if is_logarithmic:
+        assert_allclose(10**shown, y, rtol=2e-4)
+    else:
+        assert_allclose(shown, y, rtol=0, atol=0.2)
 
 
 def test_a_chart_says_in_words_what_it_shows():
@@ -113,8 +117,12 @@ def test_steps_of_known_loops_have_band_and_prediction():
     none = LoopResponse(Fact(StepResponses.NO_SETPOINT, subject="yaw rate"))
     ((step, gain),) = step_charts({"roll": {"rate": found}, "yaw": {"rate": none}})
     seen, predicted = step.lines
-    assert_allclose(seen.high - seen.low, 0.1)
-    assert predicted.kind is Kind.DASHES and gain.y.log and (gain.lines[0].low > 0).all()
+    assert_allclose(seen.upper_edge - seen.lower_edge, 0.1)
+    assert (
+        predicted.style is LineStyle.DASHES
+        and gain.y.is_logarithmic
+        and (gain.lines[0].lower_edge > 0).all()
+    )
     assert step_charts({"yaw": {"rate": none}}) == ()
     never = replace(
         measured, settling=IntervalEstimate(0.5, 0.5, 0.5), delay=IntervalEstimate(0.1, 0.05, 0.5)
@@ -136,11 +144,13 @@ def test_spectra_have_their_lines_and_the_filters_over_them():
         "after the filters",
         "filters",
     ]
-    assert chart.lines[2].right and chart.lines[2].y[0] == approx(0.0, abs=0.1)
+    assert chart.lines[2].is_on_right_axis and chart.lines[2].y[0] == approx(0.0, abs=0.1)
     over_time, over_throttle = spectrogram_charts(shown["gyro"])
-    assert over_time.heat.values.shape == (40, 171) and over_throttle.heat is not None
+    assert over_time.spectrogram.power.shape == (40, 171) and over_throttle.spectrogram is not None
     (pixels,) = over_time.as_json(100)["lines"]
     assert pixels["rows"] == 40 and len(b64decode(pixels["heat"])) == 40 * 171
+    chapter = Chapter("Spectra", (), [Group.side_by_side([over_time])])
+    assert f"<h3>{over_time.title}</h3>" in render_document("flight", "", [], [chapter])
 
 
 @fixture(scope="module")

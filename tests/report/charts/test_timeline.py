@@ -71,4 +71,4 @@ def test_without_a_direction_only_the_speed_is_drawn(lowest_speed):
     estimate = replace(wind(direction=Status.NOT_IDENTIFIABLE), speed_interval=(lowest_speed, 6.0))
     (speed,) = charts(estimate)
     assert_allclose([line.y[0] for line in speed.lines], [SPEED, AUTOPILOT_SPEED])
-    assert_allclose(speed.lines[0].low, SPEED - 1.0)
+    assert_allclose(speed.lines[0].lower_edge, SPEED - 1.0)

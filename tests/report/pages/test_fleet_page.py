@@ -115,7 +115,7 @@ def test_a_fault_is_marked_and_an_unknown_is_a_gap_or_of_all_flights_no_panel():
     chart = drawn["Rate damping (1/s)"]
     assert [(mark.x, mark.name, mark.colour) for mark in chart.marks] == [(2.0, "●", BAD)]
     line = chart.lines[0]
-    ends = [line.y, line.low, line.high]
+    ends = [line.y, line.lower_edge, line.upper_edge]
     assert_allclose(np.transpose(ends), [[0.5, 0.3, 0.7], [np.nan] * 3, [0.6, 0.4, 0.8]])
     assert "Motor time constant (ms)" not in drawn
     assert [line.name for line in drawn["Vibration, first IMU (m/s²)"].lines] == ["x", "y", "z"]

@@ -186,4 +186,4 @@ def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():
     for time in (120.0, 121.0):
         history.add_row(2, time, np.zeros(2), None, (0.5, 2.0))
     wind = live_timeline(history, "roll").flight_charts[-1].lines[0]
-    assert (np.nanmin(wind.low), np.nanmax(wind.high)) == (0.0, 2.5)
+    assert (np.nanmin(wind.lower_edge), np.nanmax(wind.upper_edge)) == (0.0, 2.5)
