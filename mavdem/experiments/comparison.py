@@ -1,8 +1,8 @@
 """Comparison of forecasting methods: all are trained and tested on the same windows of flights, then tested in pairs.
 
-The error ratio of a window is that of the whole test part: its error over that of the constant mean. A flight has the
-median over its windows, because a mean would show one diverged forecast only, and the worst window beside it. Over
-flights it is the geometric mean of these medians, so that each flight counts once.
+The error ratio of a window is its squared error over that of the constant mean, on the whole test part. A flight has
+the median over its windows, because a single diverged forecast would determine a mean; the worst window is stated
+beside it. Over flights it is the geometric mean of these medians, so that each flight counts once.
 """
 
 from __future__ import annotations
@@ -53,14 +53,18 @@ class Method(NamedTuple):
     """A method to compare."""
 
     name: str
-    """unique among the methods"""
+    """Name, unique among the methods."""
+
     learn: Callable[[Flight], Forecaster]
-    """trains a model on a flight; it pickles, since it runs in other processes"""
+    """Trains a model on a flight. It must pickle, since it runs in other processes."""
+
     predicts: bool = False
-    """whether the model is also asked what comes next, the inputs unknown"""
+    """Whether the model also forecasts with unknown inputs."""
 
 
 PLANT = Settings(forecasts="plant")
+"""Settings of DEM's model with the motors as causes."""
+
 DEM_SETTINGS = {
     MethodName.JOINT: Settings(),
     MethodName.PLANT: PLANT,
@@ -68,8 +72,11 @@ DEM_SETTINGS = {
     MethodName.PAPER: Settings.paper(),
     MethodName.PAPER_P1: replace(Settings.paper(), p=1, d=1, window=2),
 }
-"""Settings of DEM by the name of the method. p = 1 is what the paper calls without generalized coordinates (section
-V.G): the first derivative only, which the model itself needs."""
+"""Settings of DEM by the name of the method.
+
+p = 1 is what the paper calls without generalized coordinates (section V.G): the first derivative only, which the model
+itself needs.
+"""
 
 
 def _default_methods() -> Iterator[Method]:
@@ -77,7 +84,7 @@ def _default_methods() -> Iterator[Method]:
 
     They are DEM by several settings; subspace identification, prediction-error method (PEM) and expectation
     maximisation (EM) with 2 or 4 states; joint vector autoregressions (VAR) of 4 and 10 lags; and three trivial
-    forecasts. Those that do not need the inputs of the forecast time are also asked to predict without them.
+    forecasts. Those that need no inputs over the forecast also forecast without them.
     """
     for name, settings in DEM_SETTINGS.items():
         yield Method(name, partial(learn, settings=settings), predicts=name is MethodName.JOINT)
@@ -96,35 +103,49 @@ def _default_methods() -> Iterator[Method]:
 
 
 METHODS = tuple(_default_methods())
-"""The methods of ``mavdem compare``; the first is compared with each of the others. "DEM joint" is the joint model of
-outputs and motors, "DEM plant" DEM's model with the motors as causes, both by the default settings."""
+"""The methods of ``mavdem compare``; the first is compared with each of the others."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """One method on one window; every error is infinite if it has no forecast."""
+    """The forecasts of one method on one window, with their errors; all errors are infinite where it failed."""
 
     method: str
-    """name of the method"""
+    """Name of the method."""
+
     flight: str
-    """name of the flight"""
+    """Name of the flight."""
+
     start: int
-    """first sample of the window"""
+    """Index of the window's first sample in the flight."""
+
     failure: Fact | None
-    """why there is no forecast"""
+    """Reason why there is no forecast; ``None`` where there is one."""
+
     stable: bool | None
-    """whether the model is stable; ``None`` without a model"""
+    """Whether the model is stable; ``None`` without a model."""
+
     cautions: tuple[Fact | str, ...]
-    """limits of the model"""
+    """Known limits of the model."""
+
     seconds: float
-    """processor time of the training, s"""
+    """Processor time of the training, s."""
+
     scores: Mapping[Question, Scores]
-    """errors by question"""
+    """Errors by question: by what the forecast was given."""
+
     forecasts: Mapping[Question, Array]
-    """(H, m) outputs of the whole test part by question"""
+    """Forecast outputs of the whole test part, H samples of m outputs (H, m), by question."""
 
     def mspe(self, question: Question = KNOWN) -> Array:
-        """Returns the MSPE (m,) over the whole test part, in the squares of the outputs' units, of a ``question``."""
+        """Returns the mean squared prediction error of each output over the whole test part.
+
+        Args:
+            question: what the forecast was given.
+
+        Returns:
+            Errors (m,), in the squares of the outputs' units.
+        """
         return self.scores[question].squared_error[-1]
 
     def to_dict(self, question: Question = KNOWN) -> JsonValues:
@@ -134,10 +155,10 @@ class Outcome:
             question: what the forecast was given.
 
         Returns:
-            ``failure``, ``stable``, ``cautions`` and ``seconds`` as in this class; ``mspe``, the mean squared errors
-            over the whole test part, by output and in total; and two lists with a value per horizon: ``relative``, the
-            error over that of the constant mean, and ``inside_90_percent_band``, the share of samples in the band, None
-            without one.
+            Values by key. ``failure``, ``stable``, ``cautions`` and ``seconds`` are as in this class. ``mspe`` has the
+            mean squared errors over the whole test part, by output and in total. Two lists have a value for each
+            horizon: ``relative``, the error over that of the constant mean, and ``inside_90_percent_band``, the share
+            of samples inside the band, ``None`` without a band.
         """
         errors = self.mspe(question)
         scores = self.scores[question]
@@ -147,7 +168,7 @@ class Outcome:
             "cautions": self.cautions,
             "mspe": {"per_output": errors, "total": errors.sum()},
             "relative": scores.ratio,
-            # The mean of one share turns NaN into None.
+            # As the mean of a single share, NaN becomes None, which JSON can state.
             "inside_90_percent_band": [known_mean([share]) for share in scores.inside.tolist()],
             "seconds": round(self.seconds, ROUNDED_SECONDS),
         }
@@ -161,10 +182,10 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
 
     Args:
         method: the method.
-        window: training part and test part.
+        window: the window, with its training part and its test part.
     """
     begin = thread_time()
-    # Overflows and the like show in the errors or the failure of the outcome, so that warnings would only repeat them.
+    # Overflow shows in the errors or the failure of the outcome, so that warnings would only repeat it.
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -227,9 +248,13 @@ def infinite_scores(method: Method, window: Window) -> dict[Question, Scores]:
 
 
 def question_horizons(question: Question, test: Flight) -> tuple[int, ...]:
-    """Returns the horizons, in steps, at which forecasts that answer a question are evaluated.
+    """Returns the horizons, in steps, at which the forecasts of one question are evaluated.
 
     A forecast from state 0 has only the horizon of the whole test part, because it is not renewed from the data.
+
+    Args:
+        question: what the forecast is given.
+        test: the test part.
     """
     return (len(test),) if question == FROM_ZERO else horizons(len(test), test.dt)
 
@@ -244,8 +269,8 @@ def evaluate_model(
     filtered state at its start; the last horizon is the test part as one piece.
 
     Args:
-        method: says whether the model can forecast without the inputs.
-        window: the model was trained on its first part.
+        method: the method, which states whether its models can forecast without the inputs.
+        window: the window, on whose first part the model was trained.
         model: the model. If it estimates its own errors, the share of samples in its 90 % band is scored as well.
 
     Returns:
@@ -291,14 +316,13 @@ def compare(
 ) -> Comparison:
     """Runs all methods on all windows and compares the first method with each of the others.
 
-    Each pair of a method and a window is a trial of its own, which any process may do. The outcomes come in the order
-    of the trials, window by window, and are cut into one tuple for each window. It uses all cores of this process, in
-    processes that import the running script: call it below ``if __name__ == "__main__":``.
+    Each pair of a method and a window is a trial of its own, which any process may do. It uses all cores of this
+    process, in processes that import the running script: call it below ``if __name__ == "__main__":``.
 
     Args:
-        windows: of one flight or several, at least one.
-        methods: to compare.
-        progress: called with the share done.
+        windows: windows of one flight or several, at least one.
+        methods: methods to compare, the reference first.
+        progress: called with the share of the trials that are done, 0 to 1.
 
     Raises:
         ValueError: there is no window.
@@ -312,6 +336,7 @@ def compare(
         for outcome in trial_outcomes:
             outcomes.append(outcome)
             progress(len(outcomes) / len(trials))
+    # The outcomes come in the order of the trials: all methods of a window one after the other.
     outcomes_by_window = []
     for first in range(0, len(trials), len(methods)):
         outcomes_by_window.append(tuple(outcomes[first : first + len(methods)]))
@@ -331,9 +356,9 @@ class Comparison:
     The first of the methods is compared with each of the others.
 
     Attributes:
-        windows: of all flights; those of a flight have the same number of samples.
-        methods: their names.
-        outcomes: by window, and in each by method.
+        windows: windows of all flights; those of one flight have the same number of samples.
+        methods: names of the methods.
+        outcomes: a tuple for each window, with the outcome of each method in the order of ``methods``.
     """
 
     windows: tuple[Window, ...]
@@ -346,7 +371,11 @@ class Comparison:
         return tuple(dict.fromkeys(window.flight for window in self.windows))
 
     def methods_of(self, question: Question) -> Names:
-        """Returns the names of the methods that answer a ``question``."""
+        """Returns the names of the methods that answer a question.
+
+        Args:
+            question: what the forecasts are given.
+        """
         return tuple(outcome.method for outcome in self.outcomes[0] if question in outcome.scores)
 
     def of_flight(self, flight: str) -> Comparison:
@@ -409,7 +438,11 @@ class Comparison:
         return summaries
 
     def _sorted_summaries(self, question: Question) -> tuple[JsonValues, ...]:
-        """Returns the summaries of all methods over the windows of one flight, the lowest error ratio first."""
+        """Returns the summaries of all methods over the windows of this comparison, the lowest error ratio first.
+
+        Args:
+            question: what the forecasts were given.
+        """
         methods = self.methods_of(question)
         summaries = [self._summary(method, question, methods[0]) for method in methods]
         return tuple(sorted(summaries, key=itemgetter("relative")))
@@ -418,13 +451,13 @@ class Comparison:
         """Returns the summary of a method over all windows; :meth:`summaries` says what its keys mean.
 
         Args:
-            method: its name.
+            method: name of the method.
             question: what the forecasts were given.
             reference: name of the method that it is compared with.
         """
         outcomes = self._outcomes_by_method[method]
         scores = [outcome.scores[question] for outcome in outcomes]
-        # Arrays are (windows, horizons) and (windows, horizons, outputs).
+        # Ratios and shares have the shape (windows, horizons), squared errors (windows, horizons, outputs).
         ratios = np.array([window_scores.ratio for window_scores in scores])
         squared_errors = np.array([window_scores.squared_error for window_scores in scores])
         inside = np.array([window_scores.inside for window_scores in scores])
@@ -433,10 +466,10 @@ class Comparison:
             [outcome.scores[question].ratio for outcome in reference_outcomes]
         )
         failures = [outcome.failure for outcome in outcomes if outcome.failure is not None]
-        diverged = 0
+        diverged_count = 0
         for outcome in outcomes:
             if outcome.failure is None and not np.isfinite(outcome.mspe(question)).all():
-                diverged += 1
+                diverged_count += 1
         horizon_values = []
         for index, steps in enumerate(scores[0].steps):
             horizon_values.append(
@@ -447,6 +480,7 @@ class Comparison:
                     "inside": known_mean(inside[:, index].tolist()),
                 }
             )
+        # The last horizon is that of the whole test part.
         whole_test_ratios = ratios[:, -1]
         mean_errors = squared_errors[:, -1].mean(axis=0)
         return {
@@ -454,7 +488,7 @@ class Comparison:
             "windows": len(outcomes),
             "failed": len(failures),
             "failure": failures[0] if failures else None,
-            "diverged": diverged,
+            "diverged": diverged_count,
             "unstable": sum(outcome.stable is False for outcome in outcomes),
             "mspe": mean_errors.tolist(),
             "mspe_total": mean_errors.sum(),
@@ -494,7 +528,12 @@ class Comparison:
         return tests
 
     def _whole_test_ratios(self, method: str, question: Question) -> list[float]:
-        """Returns the error ratio of a method over the whole test part, by window."""
+        """Returns the error ratio of a method over the whole test part, one for each window.
+
+        Args:
+            method: name of the method.
+            question: what the forecasts were given.
+        """
         return [outcome.scores[question].ratio[-1] for outcome in self._outcomes_by_method[method]]
 
     def over_flights(self, question: Question = KNOWN) -> tuple[JsonValues, ...]:
@@ -521,8 +560,8 @@ class Comparison:
             summaries += self.summaries(flight, question)
         overall = []
         for method in self.methods_of(question):
-            rows = [summary for summary in summaries if summary["method"] == method]
-            overall.append(overall_summary(method, rows))
+            summaries_of_method = [summary for summary in summaries if summary["method"] == method]
+            overall.append(overall_summary(method, summaries_of_method))
         return tuple(sorted(overall, key=itemgetter("relative")))
 
     def to_dict(self, question: Question = KNOWN) -> JsonValues:
@@ -594,36 +633,43 @@ class Comparison:
         }
 
 
-def overall_summary(method: str, rows: Sequence[JsonValues]) -> JsonValues:
-    """Returns the summary of a method over flights; :meth:`Comparison.over_flights` says what its keys mean.
+def overall_summary(method: str, flight_summaries: Sequence[JsonValues]) -> JsonValues:
+    """Summarises a method over flights.
 
     Args:
         method: name of the method.
-        rows: its summaries, one for each flight, as :meth:`Comparison.summaries` returns them.
+        flight_summaries: its summaries, one for each flight, as :meth:`Comparison.summaries` returns them.
+
+    Returns:
+        Values by the keys that :meth:`Comparison.over_flights` explains.
     """
-    # Flights sampled at other rates have other numbers of horizons. The last is the whole test part in all of them, so
-    # it is kept, with the shorter horizons that all have.
-    common_horizons = min(len(row["horizons"]) for row in rows)
-    horizon_columns = []
+    # Flights sampled at different rates have different numbers of horizons. The last is the whole test part in all of
+    # them, so it is kept, with the shorter horizons that all have.
+    common_horizons = min(len(summary["horizons"]) for summary in flight_summaries)
+    error_ratios = []
+    inside_shares = []
     for index in (*range(common_horizons - 1), -1):
-        horizon_columns.append([row["horizons"][index] for row in rows])
-    ratios_to_reference = [row["horizons"][-1]["reference"].ratio for row in rows]
+        values_of_flights = [summary["horizons"][index] for summary in flight_summaries]
+        error_ratios.append(geometric_mean([values["relative"] for values in values_of_flights]))
+        inside_shares.append(known_mean(values["inside"] for values in values_of_flights))
+    # Each flight is one pair: its error ratio to the reference is tested against 1.
+    ratios_to_reference = [
+        summary["horizons"][-1]["reference"].ratio for summary in flight_summaries
+    ]
     return {
         "method": method,
-        "flights": len(rows),
-        "relative": geometric_mean([row["relative"] for row in rows]),
-        "horizons": [
-            geometric_mean([values["relative"] for values in column]) for column in horizon_columns
-        ],
-        "inside": [known_mean(values["inside"] for values in column) for column in horizon_columns],
-        **{name: sum(row[name] for row in rows) for name in COUNTS},
-        "mspe_total": np.sum([row["mspe_total"] for row in rows]),
-        "reference": paired(ratios_to_reference, np.ones(len(rows))),
+        "flights": len(flight_summaries),
+        "relative": geometric_mean([summary["relative"] for summary in flight_summaries]),
+        "horizons": error_ratios,
+        "inside": inside_shares,
+        **{name: sum(summary[name] for summary in flight_summaries) for name in COUNTS},
+        "mspe_total": np.sum([summary["mspe_total"] for summary in flight_summaries]),
+        "reference": paired(ratios_to_reference, np.ones(len(flight_summaries))),
     }
 
 
 def known_mean(values: Iterable[float | None]) -> float | None:
-    """Returns the mean of the values that are not None or NaN; None if there are none."""
+    """Returns the mean of the values that are neither ``None`` nor NaN; ``None`` if there are none."""
     known_values = [value for value in values if value is not None and not np.isnan(value)]
     return float(np.mean(known_values)) if known_values else None
 

@@ -36,13 +36,15 @@ Progress = Callable[[float], None]
 """A function that is called with the share that is done, 0 to 1."""
 
 FOLDS = 5
-"""Parts that the settled flight is cut into. Five are usual: each model is trained on 80 % of the data."""
+"""Number of parts that the settled flight is cut into. Five are usual: each model is trained on 80 % of the data."""
 
 MIN_PIECE_SECONDS = 1.0
-"""s. A shorter piece of training data between two cuts is left out: it is mostly the edge of its embedding."""
+"""Shortest piece of training data between two cuts, s: the derivatives at its edges are less certain. A choice."""
 
 FORECAST, PREDICTION, CONSTANT_MEAN, HOLD_LAST = HeldOutForecast
+
 BASELINES = CONSTANT_MEAN, HOLD_LAST
+"""Trivial forecasts that a model has to beat."""
 
 
 class ForecastErrors(NamedTuple):
@@ -60,22 +62,32 @@ class HeldOut(ImmutableResult):
     """W held-out windows of H samples and m outputs, none used to train its model; angles in rad, rates in rad/s."""
 
     time: Array
-    """(W, H) s on the autopilot's boot clock"""
+    """Times of the samples (W, H), s on the autopilot's boot clock."""
+
     measured: Array
-    """(W, H, m) outputs"""
+    """Measured outputs (W, H, m)."""
+
     forecasts: Mapping[HeldOutForecast, Array]
-    """(W, H, m) by name: "forecast", with the recorded motors; "prediction", without them; and the baselines "constant
-    mean", of the training data, and "hold last". NaN where no model could be learned."""
+    """Forecast outputs (W, H, m) by name; NaN where no model could be learned.
+
+    The names are "forecast", with the recorded motors; "prediction", without them; and the baselines "constant mean",
+    of the training data, and "hold last".
+    """
+
     band: Array
-    """(W, H, m) half width of the 90 % band of "forecast"."""
+    """Half width of the 90 % band of "forecast" (W, H, m)."""
+
     expected: Array
-    """(W, H, m) squared error that the model expects of "forecast"."""
+    """Squared error that the model expects of "forecast" (W, H, m)."""
+
     variance: Array
-    """(m,) of the training data: the unit in which the errors of outputs are added up"""
+    """Variance of each output in the training data (m,): the unit in which the errors of outputs are added up."""
+
     failures: Facts = ()
-    """why models of parts could not be learned"""
+    """Reasons why models of parts could not be learned."""
 
     def __len__(self) -> int:
+        """Returns the number of windows."""
         return len(self.time)
 
     @property
@@ -88,16 +100,28 @@ class HeldOut(ImmutableResult):
 
     @may_overflow
     def squared_errors(self, name: HeldOutForecast) -> Array:
-        """Returns the mean squared error (W, m) of the forecast ``name`` in each window; infinite without one."""
+        """Returns the mean squared error of one kind of forecast in each window (W, m); infinite without a forecast.
+
+        Args:
+            name: name of the forecast.
+        """
         squares = ((self.measured - self.forecasts[name]) ** 2).mean(axis=1)
         return np.where(np.isnan(squares), np.inf, squares)
 
     def rmse(self, name: HeldOutForecast = FORECAST) -> Array:
-        """Returns the root mean squared error (m,) of the forecast ``name`` over all windows, in the outputs' units."""
+        """Returns the root mean squared error of one kind of forecast over all windows (m,), in the outputs' units.
+
+        Args:
+            name: name of the forecast.
+        """
         return np.sqrt(self.squared_errors(name).mean(axis=0))
 
     def error_ratio(self, name: HeldOutForecast = FORECAST) -> float:
-        """Returns the mean squared error of the forecast ``name`` over that of the constant mean, of all windows."""
+        """Returns the mean squared error of one kind of forecast, relative to that of the constant mean.
+
+        Args:
+            name: name of the forecast.
+        """
         error = self._total_errors(name).mean()
         return float(error_over(error, self._total_errors(CONSTANT_MEAN).mean()))
 
@@ -120,11 +144,15 @@ class HeldOut(ImmutableResult):
         return {name: float((self.error_ratios(name) > 1).mean()) for name in BASELINES}
 
     def error_ratios(self, baseline: HeldOutForecast = CONSTANT_MEAN) -> Array:
-        """Returns the mean squared error of the forecast over that of the ``baseline``, by window (W,)."""
+        """Returns the mean squared error of the forecast in each window (W,), relative to that of a baseline.
+
+        Args:
+            baseline: name of the baseline.
+        """
         return error_over(self._total_errors(FORECAST), self._total_errors(baseline))
 
     def _total_errors(self, name: HeldOutForecast) -> Array:
-        """Returns squared errors (W,) summed over outputs, each in units of its training variance."""
+        """Returns the squared error of each window (W,), summed over outputs in units of their training variances."""
         return (self.squared_errors(name) / self.variance).sum(axis=1)
 
     @property
@@ -134,10 +162,10 @@ class HeldOut(ImmutableResult):
 
     @property
     def coverage(self) -> float:
-        """How often the 90 % band of the forecast held: 0.9 if the model knows the size of its errors.
+        """Share of the samples inside the 90 % band of the forecast: 0.9 if the model knows the size of its errors.
 
-        It is the share of samples of all windows and outputs whose measurement is inside the band. Samples without a
-        forecast do not count; a forecast that overflowed does, as outside. It is 0 if nothing was forecast.
+        All windows and outputs count. Samples without a forecast are left out; those of a forecast that overflowed are
+        outside. The share is 0 if nothing was forecast.
         """
         forecast = self.forecasts[FORECAST]
         # Windows of a part whose model failed have NaN in both.
@@ -150,7 +178,10 @@ class HeldOut(ImmutableResult):
 
     @property
     def over_expected(self) -> float:
-        """Mean squared error over the one that the model expects, each output in units of its training variance."""
+        """Mean squared error of the forecast, relative to the one that the model expects.
+
+        The errors of the outputs are added up in units of their training variances.
+        """
         expected = (self.expected / self.variance).sum(axis=-1).mean()
         return float(error_over(self._total_errors(FORECAST).mean(), expected))
 
@@ -161,7 +192,7 @@ def held_out_windows(
     steps: int | None = None,
     progress: Progress = lambda _: None,
 ) -> HeldOut:
-    """Forecasts every part of some flights by models that have not seen it (5-fold blocked cross-validation).
+    """Forecasts every part of some flights by models that were not trained on it (5-fold blocked cross-validation).
 
     Each of five models is trained on four fifths of the samples, and forecasts the remaining fifth in windows.
 
@@ -170,9 +201,9 @@ def held_out_windows(
 
     Args:
         flights: segments of one vehicle, sampled alike.
-        settings: of the fits; ``Settings()`` unless given.
-        steps: samples of a window; those of 1.5 s unless given.
-        progress: called with the share done.
+        settings: settings of the fits; ``Settings()`` unless given.
+        steps: number of samples of a window; those of 1.5 s unless given.
+        progress: called with the share of the folds that are done, 0 to 1.
 
     Returns:
         All windows in the order of time, with their forecasts and those of the baselines. Windows whose model could not
@@ -183,7 +214,7 @@ def held_out_windows(
     """
     _, default_steps = part_samples(flights[0].dt)
     steps = default_steps if steps is None else steps
-    # The filter finds its state in whole windows before the first that is evaluated.
+    # The samples before the first window, in which the filter finds its state, are whole windows of at least 1.5 s.
     lead = steps * ceil(default_steps / steps)
     parts = []
     folds = cross_validation_folds([len(flight) for flight in flights], FOLDS)
@@ -216,10 +247,15 @@ def held_out_windows(
 
 
 def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
-    """Returns the one window ``test``, right after the training data ``train`` of ``learned``: the paper's protocol.
+    """Forecasts one window right after the training data, which is the paper's protocol.
+
+    Args:
+        train: the training data of the model.
+        test: the window, whose first sample follows the last of the training data.
+        learned: the model.
 
     Raises:
-        ValueError: samples of other widths than the model's.
+        ValueError: samples have other numbers of inputs or outputs than the model.
     """
     part = HeldOutPart(test, lead=0, steps=len(test), previous_output=train.outputs[-1:])
     return forecast_part(learned, [train], part)
@@ -254,21 +290,24 @@ class HeldOutPart:
     """A contiguous part of a flight that is forecast in windows, with samples before them for the filter."""
 
     samples: Flight
-    """``lead`` samples for the filter, then W windows"""
+    """Samples of the part: ``lead`` samples for the filter, then W windows."""
+
     lead: int
-    """number of samples before the first window"""
+    """Number of samples before the first window."""
+
     steps: int
-    """H, samples of a window"""
+    """Number H of samples of a window."""
+
     previous_output: Array
-    """(1, m) the outputs of the sample before the part"""
+    """Outputs of the sample before the part (1, m)."""
 
     def windows(self, values: Array) -> Array:
-        """Returns values (T, …) of the samples cut into windows (W, H, …)."""
+        """Cuts values of the samples (T, …) into windows (W, H, …), without those before the first window."""
         return values[self.lead :].reshape(-1, self.steps, *values.shape[1:])
 
     @property
     def outputs_before_windows(self) -> Array:
-        """(W, m) the outputs of the sample before each window."""
+        """Outputs of the sample before each window (W, m)."""
         outputs = self.samples.outputs
         shifted = np.concatenate([self.previous_output, outputs])
         return shifted[self.lead : len(outputs) : self.steps]
@@ -286,10 +325,11 @@ def forecast_part(
     mean of the training data, and the last outputs before each window.
 
     Args:
-        model: trained without the part. Without a model only the trivial forecasts are there, the others are NaN.
-        training: what the model was trained on, for its mean and its variance, the unit of errors.
+        model: model that was trained without the part; ``None`` where there is none. Then only the trivial forecasts
+            are made, and the others are NaN.
+        training: data that the model was trained on, for its mean and its variance, the unit of errors.
         part: the windows, with the samples before them that the filter needs.
-        failures: why there is no model.
+        failures: reasons why there is no model.
 
     Returns:
         Measured outputs, forecasts, expected squared errors and 90 % bands, all (W, H, m).
@@ -297,11 +337,9 @@ def forecast_part(
     inputs = part.samples.inputs
     outputs = part.samples.outputs
     measured = part.windows(outputs)
-    unknown = np.full_like(measured, np.nan)
-    forecast, prediction, expected, band = unknown, unknown, unknown, unknown
+    forecast = prediction = expected = band = np.full_like(measured, np.nan)
     if model is not None:
-        # The forecast of an unstable model may overflow, which is a result.
-        # An unstable model may overflow.
+        # The forecast of an unstable model may overflow, which is a result too.
         with np.errstate(over="ignore", invalid="ignore"):
             rolling = model.rolling_forecast_known_inputs(part.steps, inputs, outputs)
             half_widths = model.half_widths(rolling.variance, CONFIDENCE_LEVEL, part.steps)
@@ -333,11 +371,11 @@ def joined_parts(parts: Sequence[HeldOut]) -> HeldOut:
     """Joins the held-out windows of all folds to one result, in the order of time.
 
     Args:
-        parts: results of parts, with the same number of samples in each window.
+        parts: results of single parts, with the same number of samples in each window.
 
     Returns:
-        All W windows. Each fold has training data of its own, so the variance, as the unit of errors, is the mean of
-        the parts' variances.
+        All windows. Each fold has training data of its own, so the variance, which is the unit of errors, is the mean
+        of the parts' variances.
     """
     start_times = np.concatenate([part.time[:, 0] for part in parts])
     order = np.argsort(start_times, kind="stable")

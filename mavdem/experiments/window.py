@@ -17,42 +17,54 @@ TRAIN_SECONDS = 7.0
 """Default length of a training part, s: the paper's 700 samples at 100 Hz."""
 
 SHORT_TEST_FRACTION = 6
-"""A flight that is too short for the window is offered a test part of this fraction of it, close to the default's share
-of 1.5 s in 8.5 s."""
+"""Ratio of a flight to the test part that is offered where the flight is too short for the window.
+
+It is about that of the defaults, 8.5 s to 1.5 s.
+"""
 
 
 class Length(NamedTuple):
     """A length of flight: a number of samples, or of seconds."""
 
     number: float
+    """The number of seconds or samples."""
+
     in_seconds: bool = True
+    """Whether the number is one of seconds."""
 
     def samples(self, dt: float) -> int:
-        """Returns the number of samples at the sampling step ``dt``, s; at least 1."""
+        """Returns the length as a number of samples, at least 1.
+
+        Args:
+            dt: sampling step, s.
+        """
         return max(1, round(self.number / dt)) if self.in_seconds else int(self.number)
 
 
 def part_samples(
     dt: float, train: Length | None = None, test: Length | None = None
 ) -> tuple[int, int]:
-    """Returns the samples of a training and a test part at the sampling step ``dt``, s; 7 s and 1.5 s unless given."""
+    """Returns the numbers of samples of a training part and of a test part.
+
+    Args:
+        dt: sampling step, s.
+        train: length of the training part; 7 s for ``None``.
+        test: length of the test part; 1.5 s for ``None``.
+    """
     train = train or Length(TRAIN_SECONDS)
     test = test or Length(FORECAST_HORIZON_SECONDS)
     return train.samples(dt), test.samples(dt)
 
 
 class TooFewSamples(NotLearnable):
-    """The settled flight is too short; the fact's ``options`` are those with which windows fit, or empty."""
+    """The settled flight is too short; its fact has the ``options`` with which a window fits, if there are any."""
 
 
 def too_short(flight: Flight, start: float, train: int, test: int, min_train: int) -> TooFewSamples:
     """Returns the error that a window does not fit into a flight, with command-line options for one that does.
 
-    The offered window has a shorter test part, in proportion to what remains of the flight, and the longest training
-    part that then fits.
-
-    The options are offered to the user as text to type. They shorten the test part to a share of what remains of the
-    flight, if need be, and give the rest to the training part.
+    The options are shown to the user as text to type. The window that they set has a shorter test part if need be, in
+    proportion to what remains of the flight, and the longest training part that then fits.
 
     Args:
         flight: the flight.
@@ -114,17 +126,20 @@ class Window:
     """A training part of a flight, and the test part right after it."""
 
     flight: str
-    """name of the flight"""
+    """Name of the flight."""
+
     start: int
-    """its first sample, counted in the flight"""
+    """Index of the window's first sample in the flight."""
+
     train: Flight
-    """the part that a model is trained on"""
+    """The part that a model is trained on."""
+
     test: Flight
-    """the part that is forecast"""
+    """The part that is forecast."""
 
     @property
     def stop(self) -> int:
-        """The sample of the flight after the last of the window."""
+        """Index in the flight of the sample after the window."""
         return self.start + len(self.train) + len(self.test)
 
 
@@ -140,11 +155,14 @@ def windows(
     Windows begin every ``hop`` samples as long as they fit into the flight; none does if it is too short.
 
     Args:
-        name: of the flight.
+        name: name of the flight.
         flight: the flight.
-        train: samples of each training part; 7 s unless given.
-        test: samples of each test part; 1.5 s unless given.
-        hop: samples from the start of a window to that of the next; half a window unless given.
+        train: number of samples of each training part; 7 s unless given.
+        test: number of samples of each test part; 1.5 s unless given.
+        hop: number of samples from the start of a window to that of the next; half a window unless given.
+
+    Returns:
+        The windows in order of time; none where the flight is too short.
 
     Raises:
         ValueError: a number of samples is not positive.
@@ -194,8 +212,9 @@ def required_windows(
 def disjoint(windows: Sequence[Window]) -> Indices:
     """Returns the indices of windows that share no sample, as many as possible.
 
-    A statistical test needs windows that are independent. The greedy rule of interval scheduling finds the most: of
-    each flight take the window that ends first, then of those that begin after it the one that ends first, and so on.
+    A statistical test needs windows that are independent. The greedy rule of interval scheduling finds the largest
+    number: of each flight, take the window that ends first, then of those that begin after it the one that ends first,
+    and so on.
 
     Args:
         windows: windows of one or several flights, which may overlap.
@@ -207,6 +226,7 @@ def disjoint(windows: Sequence[Window]) -> Indices:
     end_of_chosen: dict[str, int] = {}
     for index in sorted(range(len(windows)), key=lambda index: windows[index].stop):
         window = windows[index]
+        # The first window of a flight overlaps none.
         if window.start >= end_of_chosen.get(window.flight, window.start):
             chosen.append(index)
             end_of_chosen[window.flight] = window.stop

@@ -28,7 +28,11 @@ class Limits(NamedTuple):
     """Largest figure with which a parameter is reported as biased; beyond it is not identifiable."""
 
     def status(self, figure: float) -> Status:
-        """Returns the status of a parameter with this figure."""
+        """Returns the status of a parameter: reported, biased or not identifiable.
+
+        Args:
+            figure: the figure by which it is judged, such as its relative standard deviation; small is good.
+        """
         if figure <= self.reported:
             return Status.REPORTED
         if figure <= self.biased:
@@ -169,10 +173,10 @@ class _Obstacle(NamedTuple):
 def identifiability(
     figures: IdentifiabilityFigures,
 ) -> tuple[dict[str, Status], dict[str, Fact | None]]:
-    """Judges which parameters a flight identifies.
+    """Judges which of effect, damping and lag a flight identifies.
 
-    The worst obstacle of a parameter decides. Damping and lag are no better than the effect, because a wrong effect is
-    compensated by a wrong lag.
+    Several obstacles may stand in the way of a parameter, such as too much wind; the worst of them decides. Damping and
+    lag are identified no better than the effect, because a fit compensates a wrong effect by a wrong lag.
 
     Args:
         figures: figures of the fit that are compared with the limits of this module.
@@ -188,19 +192,19 @@ def identifiability(
         ]
         # The effect comes first in PARAMETERS, so its status is known when damping and lag are judged.
         effect_status = statuses.get("effect", Status.REPORTED)
-        found_statuses = [obstacle.status for obstacle in obstacles]
-        if effect_status != Status.REPORTED and effect_status not in found_statuses:
-            follows = Fact(ParameterDoubt.FOLLOWS_FROM_EFFECT, status=effect_status)
-            obstacles.append(_Obstacle(effect_status, follows))
+        obstacle_statuses = [obstacle.status for obstacle in obstacles]
+        if effect_status != Status.REPORTED and effect_status not in obstacle_statuses:
+            doubt = Fact(ParameterDoubt.FOLLOWS_FROM_EFFECT, status=effect_status)
+            obstacles.append(_Obstacle(effect_status, doubt))
         statuses[name], reasons[name] = _worst(obstacles)
     return statuses, reasons
 
 
 def _worst(obstacles: list[_Obstacle]) -> tuple[Status, Fact | None]:
-    """Returns the status that obstacles leave a parameter, and the reason for it.
+    """Returns the status that the worst of several obstacles leaves a parameter, and the reason for it.
 
-    A single obstacle that makes a parameter not identifiable outweighs all that only bias it, and these are not
-    mentioned then.
+    An obstacle that makes a parameter not identifiable outweighs all that only bias it. The reason then states only
+    those of the first kind.
 
     Args:
         obstacles: obstacles of one parameter, each BIASED or NOT_IDENTIFIABLE; empty where nothing is in the way.
@@ -223,7 +227,7 @@ def _worst(obstacles: list[_Obstacle]) -> tuple[Status, Fact | None]:
 
 
 def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[_Obstacle]:
-    """Compares the figures of a fit with their limits, and yields what may stand in the way of a parameter.
+    """Compares the figures of a fit with their limits, and yields the result of each check for one parameter.
 
     Args:
         name: the parameter, "effect", "damping" or "lag".
@@ -235,7 +239,7 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[_Obstacle
     rate = 1 / figures.dt
 
     wind_status = WIND_SHARE.status(figures.wind_share)
-    # Autopilots counter the wind, so that motors seem to do less than they do: the effect comes out too low.
+    # Autopilots counter the wind, so motors seem to do less than they do, and the effect is estimated too low.
     has_known_bias = wind_status == Status.BIASED and name == "effect"
     wind_doubt = Fact(
         ParameterDoubt.WIND_SHARE_HIGH,
@@ -251,22 +255,23 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[_Obstacle
         yield _Obstacle(Status.NOT_IDENTIFIABLE, aliased)
 
     # Random error of the estimate.
-    sd = figures.sd[name]
-    uncertain = Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=sd)
-    yield _Obstacle(RELATIVE_SD[name].status(sd), uncertain)
+    relative_sd = figures.sd[name]
+    uncertain = Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=relative_sd)
+    yield _Obstacle(RELATIVE_SD[name].status(relative_sd), uncertain)
 
     spectrum_range = figures.spectrum_range[name]
     # The spectrum of the wind is assumed. An estimate that depends on the assumption is in doubt. The fact states the
     # range of the logarithm as a relative change; beyond a factor of e it gives no figure.
     relative_change = np.expm1(spectrum_range) if spectrum_range < 1 else None
-    depends = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=relative_change)
-    yield _Obstacle(SPECTRUM_RANGE[name].status(spectrum_range), depends)
+    depends_on_spectrum = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=relative_change)
+    yield _Obstacle(SPECTRUM_RANGE[name].status(spectrum_range), depends_on_spectrum)
 
     # Where motors are too quick to be resolved, delays by gyro filters pass for motor lag and bias the effect.
     if name == "effect" and figures.lag_unresolved:
-        taken_for_lag = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=OmissionErrors.lag_bias)
-        yield _Obstacle(Status.BIASED, taken_for_lag)
+        filter_as_lag = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=OmissionErrors.lag_bias)
+        yield _Obstacle(Status.BIASED, filter_as_lag)
 
+    # A lag shorter than RESOLVED_LAG time steps cannot be distinguished from a delay.
     if name == "lag" and figures.lag < RESOLVED_LAG * figures.dt:
         too_short = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=figures.dt)
         yield _Obstacle(Status.NOT_IDENTIFIABLE, too_short)

@@ -1,4 +1,4 @@
-"""Gray-box model of one axis in the frequency domain, and its one-step prediction errors.
+"""Gray-box model of one axis in the frequency domain: rate by motors, wind torque and noise; one-step errors.
 
 The sampled rate of a window has the transform
 
@@ -89,7 +89,7 @@ REFINEMENT_PRIOR = Prior(0.0, 0.3)
 
 
 class GrayBoxModel(NamedTuple):
-    """Gray-box model of one axis, as functions of its k parameters θ.
+    """Gray-box model of one axis' body rate, as functions of its k parameters θ.
 
     The entries of θ, in this order: log effect; deviation of each motor (r of them); log damping; log lag; delay; log
     size and log time of each component of the wind torque; log noise; refinements. The effect of motor i is
@@ -176,7 +176,15 @@ class GrayBoxModel(NamedTuple):
         return 1 / (np.exp(-thetas[..., self.damping_index]) + 1 / MAX_DAMPING)
 
     def lag(self, thetas: Array, dt: float) -> Array:
-        """Returns the motor lag (…), s, for θ (…, k), at least half a step of dt seconds: a shorter one is a delay."""
+        """Returns the motor lag (…), s, for θ (…, k).
+
+        It approaches a lower bound of ``RESOLVED_LAG`` time steps smoothly: samples cannot distinguish a shorter lag
+        from a delay.
+
+        Args:
+            thetas: parameters θ (…, k).
+            dt: time step of the samples, s.
+        """
         return np.hypot(np.exp(thetas[..., self.lag_index]), RESOLVED_LAG * dt)
 
     def wind_sizes(self, thetas: Array) -> Array:
@@ -188,7 +196,7 @@ class GrayBoxModel(NamedTuple):
         return np.exp(thetas[..., self.wind_index + 1 : self.noise_index : 2])
 
     def noise(self, thetas: Array) -> Array:
-        """Returns the standard deviation of the rate's white noise (…), rad/s, for θ (…, k)."""
+        """Returns the standard deviation of the rate's white noise (…), rad/s, for θ (…, k), above ``min_noise``."""
         return np.hypot(np.exp(thetas[..., self.noise_index]), self.min_noise)
 
     def refinement_values(self, thetas: Array) -> Array:
@@ -196,7 +204,7 @@ class GrayBoxModel(NamedTuple):
         return thetas[..., self.noise_index + 1 :]
 
     def rate_by_motors(self, thetas: Array, windows: FlightWindows) -> ComplexArray:
-        """Returns the transform of the rate that the motors alone cause.
+        """Returns the Fourier transform of the body rate that the motors alone cause.
 
         The inputs are delayed, brought from samples to continuous time, and multiplied by the motors' effects and by
         the frequency response of the axis, 1 / ((damping + jω) (1 + lag jω)). Sampling folds (aliases) frequencies
@@ -206,7 +214,7 @@ class GrayBoxModel(NamedTuple):
         signal between samples is modelled. Each refinement of the model has one more channel.
 
         Args:
-            thetas: b parameter vectors (b, k).
+            thetas: b parameter vectors θ (b, k).
             windows: W windows with F frequencies.
 
         Returns:
@@ -245,7 +253,7 @@ class GrayBoxModel(NamedTuple):
         return np.einsum("cbwf,cbf->bwf", torques, responses)
 
     def noise_density(self, thetas: Array, windows: FlightWindows) -> Array:
-        """Returns the density of the rate that wind torque and measurement noise cause.
+        """Returns the spectral density of the part of the body rate that wind torque and measurement noise cause.
 
         The density of the wind torque, the sum of its components, passes the damped axis, 1 / (ω² + damping²). Sampling
         folds it: the densities at all aliases of a frequency add up. White measurement noise comes on top.
@@ -271,18 +279,20 @@ class GrayBoxModel(NamedTuple):
         return rate_density.sum(axis=1) / windows.dt + self.noise(thetas)[:, None] ** 2
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> ArrayPair:
-        """Returns the one-step prediction errors of all windows, without their beginnings.
+        """Returns the one-step prediction errors (innovations) of all windows, without their beginnings.
+
+        The rate less that of the motors is divided by the minimum-phase factor of the noise's density, in the frequency
+        domain. That whitens it: what remains of each sample cannot be predicted from those before it.
 
         Args:
-            thetas: b parameter vectors (b, k).
+            thetas: b parameter vectors θ (b, k).
             windows: W windows of N samples.
 
         Returns:
             Prediction errors (b, W, N′), rad/s, without their mean in each window, since a constant acceleration
             explains that; and the variance (b,) that the model gives them.
         """
-        # Dividing the transform by the minimum-phase factor whitens the residual: what remains of each sample cannot be
-        # predicted from those before it. The first samples of a window lack a past, and are left out.
+        # The first samples of a window lack a past, and are left out.
         factor, variance = minimum_phase(self.noise_density(thetas, windows), windows.samples)
         residual = (windows.rate - self.rate_by_motors(thetas, windows)) / factor[:, None]
         first = round(SETTLING_SECONDS / windows.dt) + 1
@@ -297,9 +307,10 @@ def _aliases(windows: FlightWindows) -> Array:
 
 
 def minimum_phase(density: Array, samples: int) -> tuple[ComplexArray, Array]:
-    """Factorises densities as variance · |factor|², with a factor that is causal and has a causal inverse.
+    """Factorises spectral densities as variance · |factor|², with a factor that is causal and has a causal inverse.
 
-    By the cepstrum (Oppenheim and Schafer, Discrete-Time Signal Processing, 3rd ed., ch. 13).
+    The cepstrum of a minimum-phase factor is the causal half of that of the density (Oppenheim and Schafer,
+    Discrete-Time Signal Processing, 3rd ed., ch. 13).
 
     Args:
         density: b densities (b, F) at the frequencies of a real transform.
@@ -310,8 +321,10 @@ def minimum_phase(density: Array, samples: int) -> tuple[ComplexArray, Array]:
     """
     cepstrum = irfft(np.log(density), samples)
     variance = np.exp(cepstrum[:, 0])
-    # The causal half of the cepstrum stays. An even number of samples has one in the middle, of which half stays.
+    # The causal half of the cepstrum stays, without sample 0, which is the variance. An even number of samples has one
+    # in the middle that belongs to both halves: half of it stays.
     cepstrum[:, 0] = 0.0
-    cepstrum[:, samples // 2 + 1 :] = 0.0
-    cepstrum[:, (samples + 1) // 2 : samples // 2 + 1] /= 2
+    first_anticausal = samples // 2 + 1
+    cepstrum[:, first_anticausal:] = 0.0
+    cepstrum[:, (samples + 1) // 2 : first_anticausal] /= 2
     return np.exp(rfft(cepstrum)), variance

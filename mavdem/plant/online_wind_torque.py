@@ -52,7 +52,7 @@ NO_TORQUE = (np.nan, np.nan)
 
 
 class WeakenedMotors(NamedTuple):
-    """Weakened motors, as the commands with which sound motors would give the same thrust."""
+    """Motors that have lost thrust, described by the commands with which sound motors would give the same thrust."""
 
     start_time: float
     """Time since which the motors are weak, s on the stream's clock."""
@@ -61,7 +61,7 @@ class WeakenedMotors(NamedTuple):
     """Commands (r,) for sound motors that give the thrust of the weakened ones."""
 
     band: Array
-    """Half widths (r,) of their 90 % intervals."""
+    """Half widths (r,) of the 90 % intervals of these commands."""
 
 
 class WindTorqueSmoother(NamedTuple):
@@ -92,7 +92,7 @@ class WindTorqueSmoother(NamedTuple):
     """Time step, s."""
 
     def torques(self, inputs: Array, outputs: Array) -> Array:
-        """Estimates the wind torque in the latest samples of one segment, with its 90 % band.
+        """Estimates the wind torque in the latest T samples of one segment, with its 90 % band.
 
         The wind torque is what the rate needs beyond the motors' torque, by the model of the axis with a Kalman
         smoother. The band adds up, in squares, these errors:
@@ -105,8 +105,8 @@ class WindTorqueSmoother(NamedTuple):
           its mean command (trim) balances.
 
         Args:
-            inputs: (T, r) inputs, in the unit of the record that was fitted.
-            outputs: (T, m) outputs, with the rate, rad/s, in one column.
+            inputs: inputs (T, r), in the unit of the record that was fitted.
+            outputs: outputs (T, m), with the rate, rad/s, in one column.
 
         Returns:
             Torque and half width of its band (T, 2), rad/s².
@@ -115,6 +115,7 @@ class WindTorqueSmoother(NamedTuple):
         from scipy.signal import lfilter
 
         parameters = self.physical
+        # The constant torque acts like a steady command.
         deviation = inputs - self.trim
         commanded = deviation @ parameters.effect + self.constant
         rate = outputs[:, self.rate_column]
@@ -143,20 +144,21 @@ class WindTorqueSmoother(NamedTuple):
             [self.trim_torque_gradient - lagged_inputs, rate, torque_change, torque_change]
         )
         variance += ((gradient @ parameters.covariance) * gradient).sum(axis=1)
+        # The smoother estimates the wind torque about its mean, since the mean is part of the commanded torque.
         mean = self.constant + parameters.effect @ self.trim_torque_gradient
         return np.column_stack([smoothed.mean + mean, half_width(variance)])
 
 
 def fit_wind_torque_smoother(record: Record, prior: Physical | None = None) -> WindTorqueSmoother:
-    """Fits the physical parameters to a record, and returns the smoother of the wind torque with them.
+    """Fits the physical parameters to the latest samples, and returns the smoother of the wind torque with them.
 
     The physical parameters are the effect of each input on the angular acceleration, the rate damping, and lag and
     delay of the motors. All that stays the same until the next fit is computed here once: the discretised plant, its
-    Kalman filter, the mean inputs and the steady torque. This is the slow part, which runs beside the stream.
+    Kalman filter, the mean inputs and the steady torque. This is the slow part, which an executor can run.
 
     Args:
-        record: the latest samples.
-        prior: physical parameters by an earlier flight, as :func:`physical` takes them.
+        record: the latest samples of the stream.
+        prior: physical parameters by an earlier flight; ``None`` without one.
 
     Raises:
         ValueError: no physical parameters can be fitted to the record.
@@ -204,9 +206,9 @@ class OnlineWindTorque:
         """Begins without a sample.
 
         Args:
-            memory: the memory of the latest samples; each sample is in it before :meth:`update` is called.
-            executor: where the fits run; without one, they run inside :meth:`add`.
-            prior: the vehicle's physical parameters by an earlier flight.
+            memory: memory of the latest samples; each sample is in it before :meth:`update` is called.
+            executor: executor of the fits; without one, they run inside :meth:`add`.
+            prior: physical parameters of the vehicle by an earlier flight; ``None`` without one.
         """
         self.smoother: WindTorqueSmoother | None = None
         self._dt = memory.dt
@@ -224,17 +226,19 @@ class OnlineWindTorque:
         self._inputs: deque[Array] = deque(maxlen=self._smoothed_samples)
         self._weakened: WeakenedMotors | None = None
         self._pending: Future[WindTorqueSmoother] | None = None
+        # Number of samples of sound motors so far, and that at which the next fit is due.
         self._sample_count = 0
         self._next_fit = round(FIRST_FIT_SECONDS / self._dt)
 
     def update(self, inputs: Array, weak: WeakenedMotors | None = None) -> Interval:
         """Takes the inputs of the next sample, and returns the wind torque ``delay`` seconds before it.
 
-        Samples of weakened motors are smoothed with the commands of sound ones, and nothing is fitted to them.
+        The physical parameters are those of sound motors. So samples of weakened motors are smoothed with the commands
+        that would give sound motors the same thrust, and no parameters are fitted to them.
 
         Args:
             inputs: inputs of the sample (r,).
-            weak: the weakened motors, if there are any.
+            weak: the weakened motors; ``None`` if all are sound.
 
         Returns:
             Torque and half width of its 90 % band, rad/s²; NaN without an estimate.
@@ -253,7 +257,7 @@ class OnlineWindTorque:
         return self._upcoming.popleft()
 
     def end_segment(self) -> None:
-        """Ends a segment, because a gap follows or a motor has changed."""
+        """Ends a segment, because a gap follows or a motor has changed: later samples are smoothed by themselves."""
         self._upcoming.clear()
         self._inputs.clear()
 
@@ -264,7 +268,7 @@ class OnlineWindTorque:
         samples is smoothed with the newest fit.
 
         Args:
-            block: the block that the memory has just closed.
+            block: the block that the memory has just completed.
             fits: whether a new fit may start.
         """
         follows_gap = False
@@ -275,6 +279,7 @@ class OnlineWindTorque:
             follows_gap = elapsed > (len(block.outputs) + 1) * self._dt
         starts_segment = block.starts_segment or bool(follows_gap)
         self._blocks.append(block._replace(starts_segment=starts_segment))
+        # A fit that has ended is adopted before another may start.
         if self._pending is not None and self._pending.done():
             pending = self._pending
             self._pending = None
@@ -284,7 +289,11 @@ class OnlineWindTorque:
         self._smooth_latest()
 
     def drop_blocks_since(self, time: float) -> None:
-        """Forgets the samples since a time, s, which turned out to be wrong, and cancels a fit to them."""
+        """Forgets the samples since a time, which turned out not to be of a sound vehicle in flight, and a fit to them.
+
+        Args:
+            time: the time, s on the stream's clock.
+        """
         if drop_blocks_since(self._blocks, time) and self._pending is not None:
             self._pending.cancel()
             self._pending = None
@@ -309,10 +318,10 @@ class OnlineWindTorque:
             return
 
     def _adopt(self, fit_result: Callable[[], WindTorqueSmoother]) -> None:
-        """Adopts the result of a fit, unless it failed or has lost what an earlier fit had identified.
+        """Adopts the result of a fit, unless it failed, or does not identify the effect as an earlier fit did.
 
         Args:
-            fit_result: returns the smoother, or raises what the fit raised.
+            fit_result: function that returns the smoother, or raises the error of the fit.
         """
         # LinAlgError is a ValueError.
         with suppress(ValueError, RuntimeError, CancelledError):
@@ -337,10 +346,10 @@ class OnlineWindTorque:
         if min(len(self._inputs), len(outputs)) < self._smoothed_samples:
             return
         torques = smoother.torques(np.array(self._inputs), outputs)
-        # Estimates of the samples that are ``delay`` old now, and of the later ones, which will be when they are
-        # needed.
+        # The sample that is ``delay`` old now, and those after it, which will be as old when their estimates are
+        # returned: one for each sample of the next block.
         torques = torques[-self._delay_samples :][: self._memory.block_size]
-        # How weak a motor is, is uncertain too: the uncertainty of its command adds to the band, in squares.
+        # The loss of thrust of a weakened motor is uncertain, which adds to the band, in squares.
         if self._weakened is not None:
             weakness_band = np.linalg.norm(smoother.physical.effect * self._weakened.band)
             torques[:, 1] = np.hypot(torques[:, 1], weakness_band)
@@ -349,7 +358,7 @@ class OnlineWindTorque:
 
 
 def _start_time(weakened: WeakenedMotors | None) -> float | None:
-    """Returns since when motors are weakened, s; ``None`` if none are."""
+    """Returns the time since which motors are weakened, s; ``None`` if none are."""
     if weakened is None:
         return None
     return weakened.start_time

@@ -130,10 +130,13 @@ class Physical(NamedTuple):
             level: probability of the interval.
         """
         r = len(self.effect)
+        # The mean magnitude is a linear function of the effects.
         weights = np.sign(self.effect) / r
         mean = float(weights @ self.effect)
-        half = float(half_width(weights @ self.covariance[:r, :r] @ weights, level))
-        return mean, half if self.identifiable else np.nan
+        if not self.identifiable:
+            return mean, np.nan
+        variance = weights @ self.covariance[:r, :r] @ weights
+        return mean, float(half_width(variance, level))
 
     @property
     def identifiable(self) -> bool:
@@ -178,15 +181,16 @@ class Physical(NamedTuple):
         Returns:
             The half widths, in the units of the parameters.
         """
-        half = half_width(self.covariance.diagonal(), level)
-        parts = {"effect": half[EFFECTS], "damping": half[DAMPING], "lag": half[LAG]}
-        known = {
-            name: np.where(self.status[name] == Status.NOT_IDENTIFIABLE, np.nan, parts[name])
-            for name in PARAMETERS
-        }
-        delay = np.nan if self.status["lag"] == Status.NOT_IDENTIFIABLE else half[DELAY]
+        half_widths = half_width(self.covariance.diagonal(), level)
+        # NaN where a parameter is not identifiable, else 1.
+        factors = {}
+        for name in PARAMETERS:
+            factors[name] = np.nan if self.status[name] == Status.NOT_IDENTIFIABLE else 1.0
         return PhysicalInterval(
-            known["effect"], float(known["damping"]), float(known["lag"]), float(delay)
+            effect=factors["effect"] * half_widths[EFFECTS],
+            damping=float(factors["damping"] * half_widths[DAMPING]),
+            lag=float(factors["lag"] * half_widths[LAG]),
+            delay=float(factors["lag"] * half_widths[DELAY]),
         )
 
     @property
@@ -294,14 +298,14 @@ def combined_with_earlier_flight(plant: Physical, prior: Physical) -> Physical:
 
 
 def _reasons_of_earlier_flight(prior: Physical) -> dict[str, Fact | None]:
-    """Returns the remark on each parameter where a flight adds nothing to those of an earlier one.
+    """Returns the reasons of all parameters where those of an earlier flight replace those of this flight.
 
     Args:
-        prior: physical parameters by the earlier flight, which are used instead of those of this flight.
+        prior: physical parameters by the earlier flight.
 
     Returns:
-        By parameter name ("effect", "damping", "lag"): why the earlier flight did not identify it; or, where it did,
-        that it is known from there.
+        By parameter name ("effect", "damping", "lag"): the reason why the earlier flight did not identify it; or, where
+        it did, the fact that it is known from an earlier flight.
     """
     reasons = dict[str, Fact | None]()
     for name in PARAMETERS:

@@ -1,4 +1,4 @@
-"""Simulation of one axis by its physical parameters: what commanded motors would do, with no autopilot in the loop."""
+"""Simulation of one axis by its physical parameters under commanded motors, with no autopilot in the loop."""
 
 from functools import partial
 from typing import NamedTuple
@@ -118,12 +118,17 @@ def _simulated_mean(
 
 
 def _wind_variance(physical: Physical, dt: float, steps: int) -> Array:
-    """Returns the variance (H, 2) that the wind torque gives angle and rate, both known at the beginning.
+    """Returns the variance that the wind torque causes in angle and rate, both known at the beginning.
+
+    The covariance P of the states follows P⁺ = A P Aᵀ + Q, step by step.
 
     Args:
         physical: physical parameters of the axis, with the components of the wind torque.
         dt: time step, s.
-        steps: H, number of steps.
+        steps: number H of steps.
+
+    Returns:
+        Variances of angle, rad², and rate, (rad/s)² (H, 2).
     """
     plant = sampled_plant(physical.damping, physical.lag, physical.components, dt)
     augmented = _with_angle(plant, dt)
@@ -152,10 +157,10 @@ class _AngleAugmented(NamedTuple):
 
 
 def _with_angle(plant: SampledPlant, dt: float) -> _AngleAugmented:
-    """Adds the angle as first state of a plant; it is the integral of the rate by the trapezoidal rule.
+    """Adds the angle as first state of a sampled plant; it is the integral of the rate by the trapezoidal rule.
 
-    In one step the angle grows by (dt/2) (p + p⁺), with the rate p at the sample and p⁺ at the next. All that is added
-    to p⁺, by inputs or noise, adds dt/2 times as much to the angle; the input map states that.
+    In one step the angle grows by (dt/2) (p + p⁺), with the rate p at the sample and p⁺ at the next. So whatever is
+    added to p⁺, by inputs or noise, also adds dt/2 times as much to the angle. The input map states that.
 
     Args:
         plant: the sampled axis with n states, of which the rate (rad/s) is the first.
@@ -165,6 +170,7 @@ def _with_angle(plant: SampledPlant, dt: float) -> _AngleAugmented:
         Transition of the n + 1 states, and the map of what is added to the plant's states.
     """
     n = len(plant.wind_output)
+    # Row that gives dt/2 times the rate, the first of the plant's states.
     half_step_of_rate = np.eye(1, n) * dt / 2
     input_map = np.vstack([half_step_of_rate, np.eye(n)])
     transition = np.eye(n + 1)

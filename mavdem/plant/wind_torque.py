@@ -131,11 +131,12 @@ class _TorqueErrors(NamedTuple):
 def estimate_wind_torque(
     physical: Physical, record: Record, changes: Sequence[float] = ()
 ) -> WindTorque:
-    """Estimates the wind torque in a record, each sample from all of its segment.
+    """Estimates the course of the wind torque in a recorded flight, its strength, spectrum and gusts.
 
-    The course is smoothed with the estimated parameters. Its derivatives by the parameters, by finite differences, say
-    how their uncertainty carries over. A sudden step of the level, as by a shifted load, is cut like a change of the
-    vehicle, so that it does not count as strong wind.
+    The course is computed by a Kalman smoother with the estimated physical parameters. Its derivatives by the
+    parameters, by finite differences, propagate their uncertainty. Its strength is the standard deviation about the
+    mean of each part between changes of the vehicle. A sudden step of the level, as by a shifted load, separates parts
+    like such a change, so that it does not count as strong wind.
 
     Args:
         physical: physical parameters of the axis.
@@ -155,7 +156,7 @@ def estimate_wind_torque(
         torque, smoother_variance = _smoothed_torque(theta, physical, record, column)
         gradient = parameter_gradient(torque_at, theta, torque)
 
-    # The strength of the wind is that about the mean of each part between changes of the vehicle.
+    # Samples at which a new part begins.
     cuts = record.sample_indices(changes)
     step = _step(_without_part_means(torque, cuts), record.dt)
     if step is not None:
@@ -241,12 +242,12 @@ def _variance_by_parameters(gradient: Array, covariance: Array) -> Array:
 def _torque_errors(
     deviation: Array, gradient: Array, other_variance: Array, theta: Array, covariance: Array
 ) -> _TorqueErrors:
-    """Splits the errors of a wind torque by its physical parameters into those of its size and others.
+    """Splits the errors that uncertain physical parameters cause in a wind torque: those of its scale, and others.
 
     The wind torque is what the motors balance. If they do more than assumed, the whole course of the torque is larger
     by the same factor: such an error does not change when and how the wind acts. Other errors change the form of the
     course. So the gradient of each parameter is split, by regression on the course, into a part that is proportional
-    to the course and a rest. Whether the torque is resolved is decided by the errors without the scaling ones.
+    to the course and a rest. The errors without those of the scale decide whether the torque is resolved.
 
     Args:
         deviation: wind torque about its means (T,), rad/s².
@@ -256,7 +257,7 @@ def _torque_errors(
         covariance: their covariance (r + 3, r + 3).
 
     Returns:
-        Variance of the errors other than of size, and the relative error of the size.
+        Variance of the errors without those of the scale, and relative error of the course's standard deviation.
     """
     samples = len(deviation)
     power = float(np.mean(deviation**2))

@@ -1,4 +1,4 @@
-"""Windows of about 7 s of a flight, as Fourier transforms of rate and inputs, to which the gray-box model is fitted."""
+"""Windows of about 7 s of a flight, as Fourier transforms of body rate and motor inputs, for the gray-box fit."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class FlightWindows(NamedTuple):
         """
         refined = {
             Refinement.JUMPS: with_early_jumps(inputs, 1.0) - inputs,
-            # The integral of an effect that grows in proportion to the input.
+            # If the effect grows in proportion to the input, the torque grows with the integral, half of the square.
             Refinement.THRUST_CURVE: inputs**2 / 2,
         }
         channels = [inputs - responses, responses]
@@ -100,7 +100,7 @@ class FlightWindows(NamedTuple):
             channels.append(refined[name])
         input_transforms = rfft(np.moveaxis(np.array(channels), 3, 1))
         rate_transforms = rfft(rate)
-        # The mean of each window is its trim, which the model does not explain.
+        # The frequency 0 has the mean of each window. That is its trim, which the model does not explain.
         input_transforms[..., 0] = 0.0
         rate_transforms[..., 0] = 0.0
         return cls(rate_transforms, input_transforms, rate.shape[1], dt, unit)
@@ -112,7 +112,11 @@ class FlightWindows(NamedTuple):
         return np.asarray(step * np.arange(self.rate.shape[1]))
 
     def select(self, windows: slice | Indices) -> FlightWindows:
-        """Returns only some of the windows."""
+        """Returns some of the windows.
+
+        Args:
+            windows: slice or indices of the windows to keep.
+        """
         return self._replace(rate=self.rate[windows], inputs=self.inputs[:, :, windows])
 
 
@@ -135,27 +139,28 @@ def cut_windows(record: Record) -> FlightWindows:
     if 1 / record.dt < MIN_RATE:
         raise NotLearnable(NoPhysical.SAMPLED_TOO_SLOWLY, rate=1 / record.dt)
     column = rate_column(record)
+    # Indices in the record of the N samples of each of W windows.
     samples = _window_samples(record)
     inputs = record.inputs[samples]
-    inputs = inputs - inputs.mean(axis=(0, 1))
-    unit = np.sqrt(np.mean(inputs**2))
+    deviations = inputs - inputs.mean(axis=(0, 1))
+    unit = np.sqrt(np.mean(deviations**2))
     if not unit:
         raise NotLearnable(NoPhysical.MOTORS_STILL)
+    scaled_inputs = deviations / unit
+    rate = record.outputs[samples, column]
+    responses = responses_to_innovations(scaled_inputs, rate)
     # Thinned samples have a longer time step than the record.
     dt = (samples[0, 1] - samples[0, 0]) * record.dt
-    inputs = inputs / unit
-    rate = record.outputs[samples, column]
-    responses = responses_to_innovations(inputs, rate)
-    return FlightWindows.from_samples(inputs, rate, responses, dt, unit)
+    return FlightWindows.from_samples(scaled_inputs, rate, responses, dt, unit)
 
 
 def responses_to_innovations(inputs: Array, rate: Array) -> Array:
     """Separates the part of the inputs that is the controller's immediate response to the rate at the same sample.
 
-    A controller may answer to a gyro sample before the motors' outputs of that sample are logged. That part of the
-    inputs must not be used to predict the sample. It is found in two regressions: that of rate and inputs on the
-    samples before leaves their innovations, and that of the inputs' innovations on the rate's gives the gain of the
-    response.
+    A controller may answer a gyro sample before the motors' outputs of that sample are logged. That part of the inputs
+    must not be used to predict the sample, since it is its consequence. It follows from two regressions. The first, of
+    rate and inputs on the samples before, leaves their innovations: what cannot be predicted. The second, of the
+    inputs' innovations on those of the rate, gives the gain of the response.
 
     Args:
         inputs: inputs (W, N, r) in W windows of N samples.
@@ -164,25 +169,27 @@ def responses_to_innovations(inputs: Array, rate: Array) -> Array:
     Returns:
         The responses (W, N, r), in the unit of the inputs; 0 in the first ``REGRESSION_LAGS`` samples of each window.
     """
+    # The rate comes first, the r inputs follow.
     signals = np.concatenate([rate[:, :, None], inputs], axis=2)
     count = rate.shape[1]
-    # Columns of a regression: the signals of each of the samples before, side by side, of all windows below each other.
+    # A row of the regression has the signals of the REGRESSION_LAGS samples before, side by side. There is a row for
+    # each sample of each window that has so many before it.
     lagged = [signals[:, lag : count - REGRESSION_LAGS + lag] for lag in range(REGRESSION_LAGS)]
     past = np.concatenate(lagged, axis=2)
     past = past.reshape(-1, past.shape[2])
     present = signals[:, REGRESSION_LAGS:].reshape(-1, signals.shape[2])
     innovations = present - past @ np.linalg.lstsq(past, present)[0]
     rate_innovations = innovations[:, 0]
-    gains = rate_innovations @ innovations[:, 1:] / (rate_innovations @ rate_innovations)
+    input_innovations = innovations[:, 1:]
+    gains = rate_innovations @ input_innovations / (rate_innovations @ rate_innovations)
+    immediate_responses = rate_innovations[:, None] * gains
     responses = np.zeros_like(inputs)
-    responses[:, REGRESSION_LAGS:] = (innovations[:, :1] * gains).reshape(
-        len(rate), -1, inputs.shape[2]
-    )
+    responses[:, REGRESSION_LAGS:] = immediate_responses.reshape(len(rate), -1, inputs.shape[2])
     return responses
 
 
 def rate_column(record: Record) -> int:
-    """Finds the body rate among the outputs of a record: the derivative of another output, or the only one.
+    """Returns which output of a record is the body rate: the derivative of another output, or the only output.
 
     Args:
         record: inputs and outputs of a flight.
@@ -251,6 +258,7 @@ def _window_length(record: Record) -> int:
     longest = min(int(MAX_WINDOW_STRETCH * usual), record.longest_segment)
 
     def used_samples(length: int) -> int:
+        """Returns the number of samples that windows of this length cover."""
         return sum(segment_length // length for segment_length in record.lengths) * length
 
     return max(range(usual, longest + 1, max(1, usual // LENGTH_STEPS)), key=used_samples)

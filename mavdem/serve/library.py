@@ -6,15 +6,13 @@ The table ``entries`` of ``FOLDER/fleet.sqlite`` is the index; the figures of fl
 and index are safely on the disk.
 
 Several servers may share a folder. Each holds a lock on a file of its own in ``servers/``; when the lock is free the
-server has died, and the others read the logs that it had claimed.
+server has died, and the others read the logs that it had claimed (``recovery``).
 """
 
-import errno
 import fcntl
 import hashlib
 import json
 import os
-import re
 import secrets
 import shutil
 import sqlite3
@@ -45,33 +43,20 @@ from mavdem.serve.index import (
     insert_entry,
     new_id,
 )
-
-LOGS = "logs"
-"""Folder of the logs, with a folder for each digest."""
-
-RESULTS = "results"
-"""Folder of the results, with a folder for each digest."""
-
-INCOMING = "incoming"
-"""Folder of uploads and recordings that are being written."""
-
-SERVERS = "servers"
-"""Folder of the lock files of running servers."""
-
-PROGRESS = "progress.json"
-"""File in a folder of results with the columns of the index that are known while the log is read."""
-
-FORMER_INDEX = "library.sqlite"
-"""Name of the SQLite file in which earlier versions had the index."""
-
-SERVER_NAME_BYTES = 8
-"""Random bytes in the name of a server and of an upload, written as hexadecimal digits."""
-
-RESERVED_BYTES = 64 << 20
-"""Bytes of the disk that uploads leave free: deleting flights needs some, since SQLite writes a journal."""
-
-MAX_FILE_NAME_BYTES = 150
-"""Bytes of the name of a stored log. File systems allow 255, and names beside it are longer."""
+from mavdem.serve.recovery import import_former_index, recover, release_claims
+from mavdem.serve.stored_files import (
+    INCOMING,
+    LOGS,
+    PROGRESS,
+    RESERVED_BYTES,
+    RESULTS,
+    SERVER_NAME_BYTES,
+    SERVERS,
+    random_name,
+    refuse_full_disk,
+    stored_file_name,
+    sync_folder,
+)
 
 
 class Library:
@@ -79,13 +64,17 @@ class Library:
 
     Attributes:
         folder: absolute path of the folder.
-        quota: bytes that all logs and results may take; None for no limit.
+        quota: number of bytes that all logs and results may take; ``None`` for no limit.
         name: random name of this server among those that share the folder.
         table_is_outdated: set when rows of the fleet have changed since its table of flights was written.
     """
 
     def __init__(self, folder: Path, quota: int | None = None) -> None:
-        """Opens or creates the library, and takes over what servers that died have left.
+        """Opens or creates the library, and takes over the work of servers that died.
+
+        Args:
+            folder: folder of the library, which may not exist yet.
+            quota: number of bytes that all logs and results may take; ``None`` for no limit.
 
         Raises:
             Unreadable: the folder cannot be written to.
@@ -101,17 +90,17 @@ class Library:
             self._lock_file = (self.folder / INCOMING / self.name).open("w")
             fcntl.flock(self._lock_file, fcntl.LOCK_EX)
             os.rename(self._lock_file.name, self.folder / SERVERS / self.name)
-            create_or_update_table(self._db)
-            self._import_former_index()
+            create_or_update_table(self.db)
+            import_former_index(self)
         except (OSError, sqlite3.Error) as error:
             reason = Fact(Start.FOLDER_NOT_WRITABLE, path=folder, because=error_message(error))
             raise Unreadable(reason) from None
-        self.recover()
+        recover(self)
 
     def close(self) -> None:
         """Gives the logs that this server was reading back to the queue, and releases its lock."""
-        with self._transaction() as db:
-            self._release_claims(db, self.name)
+        with self.transaction() as db:
+            release_claims(db, self.name)
         (self.folder / SERVERS / self.name).unlink(missing_ok=True)
         self._lock_file.close()
 
@@ -126,9 +115,10 @@ class Library:
     # Paths and space on the disk
 
     def log_path(self, entry: Entry) -> Path:
-        """Returns the path of a log.
+        """Returns the path of the log of an entry.
 
-        A log with a digest is always taken from the library's own folder, whatever path an altered index has.
+        A log with a digest is always in the library's own folder. The path in the index is not trusted there, since
+        somebody may have altered the index.
         """
         if entry.digest:
             return self.folder / LOGS / entry.digest / Path(entry.path).name
@@ -143,6 +133,12 @@ class Library:
 
         The file is in the final folder of results or, while the log is read, in a hidden folder beside it. It is
         missing before reading begins, and for a moment while the folder is renamed; then there are no columns.
+
+        Args:
+            entry: the log that is being read.
+
+        Returns:
+            Values by the names of the columns.
         """
         for folder_name in (entry.digest, f".{entry.digest}"):
             with suppress(OSError, ValueError):
@@ -154,11 +150,14 @@ class Library:
     @property
     def used_bytes(self) -> int:
         """Bytes of all logs and results."""
-        (total,) = self._db.execute("select total(size + kept) from entries").fetchone()
+        (total,) = self.db.execute("select total(size + kept) from entries").fetchone()
         return int(total)
 
     def check_space(self, size: int) -> None:
-        """Checks that the quota and the disk have room for a log of ``size`` bytes.
+        """Checks that the quota and the disk have room for another log.
+
+        Args:
+            size: size of the log, bytes.
 
         Raises:
             Refusal: there is no room.
@@ -182,7 +181,7 @@ class Library:
             recording_name: name of the recording of a live session; empty for an upload. If this server dies, another
                 one adds its recordings to the library and removes its uploads.
         """
-        return self.folder / INCOMING / f"{self.name}-{recording_name or _random_name()}"
+        return self.folder / INCOMING / f"{self.name}-{recording_name or random_name()}"
 
     def _create_folders(self) -> None:
         """Creates the folders of the library that do not exist."""
@@ -192,7 +191,16 @@ class Library:
     # Adding logs
 
     def add(self, incoming: Path, name: str, **columns: Any) -> Entry:
-        """Moves a complete file into the library, as :meth:`add_with_digest` does, after computing its digest."""
+        """Moves a complete file into the library, after computing its digest.
+
+        Args:
+            incoming: path of the file, in the folder for incoming files.
+            name: name of the log that users see.
+            **columns: further columns of its entry, such as ``note`` and ``sharing``.
+
+        Returns:
+            The entry of the log, as :meth:`add_with_digest` returns it.
+        """
         with refuse_full_disk(), incoming.open("rb") as file:
             os.fsync(file.fileno())
             digest = hashlib.file_digest(file, "sha256").hexdigest()
@@ -218,7 +226,7 @@ class Library:
             Refusal: the disk is full.
         """
         stored_path = Path(LOGS, digest, stored_file_name(name))
-        with self._transaction() as db:
+        with self.transaction() as db:
             former_entry = find_by_digest(db, digest)
             if former_entry is not None:
                 if former_entry.stage != Stage.FAILED:
@@ -242,24 +250,24 @@ class Library:
             folder = (self.folder / stored_path).parent
             folder.mkdir(exist_ok=True)
             os.replace(incoming, self.folder / stored_path)
-            _sync_folder(folder)
-            _sync_folder(self.folder / LOGS)
+            sync_folder(folder)
+            sync_folder(self.folder / LOGS)
         return entry
 
     def add_fleet_logs(self) -> None:
         """Adds entries of logs that ``mavdem track`` has read, if the SQLite file changed since the last call.
 
-        A log is left out that the index has by its path, or by another path of the same content. SQLite's data version
-        changes with every commit of another connection; comparing it is cheap enough to be done every second.
+        A log is left out if the index has its path, or another path of the same content. SQLite's data version changes
+        with every commit of another connection; comparing it is cheap enough to be done every second.
         """
-        (version,) = self._db.execute("pragma data_version").fetchone()
+        (version,) = self.db.execute("pragma data_version").fetchone()
         if version == self._thread_state.fleet_version:
             return
         # Paths in the index may be relative to the library's folder, those of the fleet are absolute.
         indexed_logs = "select logs.log from entries join logs on logs.path in (entries.path, ? || entries.path)"
         query = f"""select row, file from flights where file is not null and log not in ({indexed_logs})
         and not exists (select 1 from entries where path = file) order by rowid"""
-        with self._transaction() as db:
+        with self.transaction() as db:
             rows = self.store.sound_rows(query, [utf8_text(f"{self.folder}/")])
             for file, rows_of_file in group_by(rows, lambda row: row.file).items():
                 insert_entry(db, entry_of_fleet_log(file, rows_of_file))
@@ -268,12 +276,12 @@ class Library:
     # Looking up and changing entries
 
     def entry(self, id: str) -> Entry:
-        """Returns the entry with this id.
+        """Returns the entry with this id, the last part of the flight's link.
 
         Raises:
-            Refusal: there is none.
+            Refusal: there is no such entry.
         """
-        row = self._db.execute("select * from entries where id = ?", [id]).fetchone()
+        row = self.db.execute("select * from entries where id = ?", [id]).fetchone()
         if row is None:
             raise Refusal(Request.NO_SUCH_FLIGHT)
         return entry_from_row(row)
@@ -293,18 +301,18 @@ class Library:
             The entries, the newest first, and the number of all for which the condition holds.
         """
         values = list(values)
-        rows = self._db.execute(
+        rows = self.db.execute(
             f"select * from entries where {where} order by sorted_by desc limit ? offset ?",
             [*values, limit, offset],
         ).fetchall()
         count_query = f"select count(*) from entries where {where}"
-        (total,) = self._db.execute(count_query, values).fetchone()
+        (total,) = self.db.execute(count_query, values).fetchone()
         return [entry_from_row(row) for row in rows], total
 
     def vehicle_names(self) -> list[str]:
         """Returns the names of all vehicles, in alphabetical order."""
         query = "select distinct vehicle from entries where vehicle <> '' order by vehicle"
-        return [name for (name,) in self._db.execute(query)]
+        return [name for (name,) in self.db.execute(query)]
 
     def flight_rows(self, entries: Iterable[Entry]) -> FlightRows:
         """Returns the fleet's rows of these logs: one for each axis of each vehicle."""
@@ -324,7 +332,7 @@ class Library:
         Raises:
             Refusal: there is no entry with this id.
         """
-        with self._transaction() as db:
+        with self.transaction() as db:
             assignments = ", ".join(f"{name} = :{name}" for name in ("id", *columns))
             row = db.execute(
                 f"update entries set {assignments} where id = :id returning *",
@@ -348,7 +356,11 @@ class Library:
         return self.change(entry.id, sharing=widest, note=entry.note or note)
 
     def set_baseline(self, ids: Iterable[str]) -> None:
-        """Makes these flights the healthy ones with which the other flights of their vehicles are compared."""
+        """Makes some flights the healthy ones with which the other flights of their vehicles are compared.
+
+        Args:
+            ids: ids of the healthy flights; others are not healthy any more.
+        """
         rows = self.flight_rows([self.entry(id) for id in ids])
         with refuse_full_disk():
             self.store.healthy = [row for row in rows if row.is_read]
@@ -358,7 +370,7 @@ class Library:
         """Deletes a flight: its entry, log, results and rows. A log outside the library's folder stays on the disk."""
         entry = self.entry(id)
         source = source_of(str(self.log_path(entry)))
-        with self._transaction() as db:
+        with self.transaction() as db:
             db.execute("delete from entries where id = ?", [id])
             self.store.remove(source)
             self._remove_files_of_deleted_log(db, entry)
@@ -372,9 +384,9 @@ class Library:
         Finding and marking it are one SQL statement, so that no two threads or servers get the same log.
 
         Returns:
-            Its entry; None if no log waits.
+            The entry of the log; ``None`` if no log waits.
         """
-        with self._transaction() as db:
+        with self.transaction() as db:
             row = db.execute(
                 """update entries set stage = ?, claimed = ? where id =
                 (select id from entries where stage = ? and digest glob ? order by received limit 1)
@@ -391,8 +403,8 @@ class Library:
 
         Args:
             entry: the log, as it was claimed.
-            outcome: what came of reading it.
-            limits: the limits within which it was read.
+            outcome: result of reading it, with the fleet's rows.
+            limits: the limits of time and memory within which it was read.
         """
         # The index, the rows and the log on the disk change together, or not at all.
         columns = self._columns_of_outcome(entry, outcome)
@@ -402,7 +414,7 @@ class Library:
             columns |= {"size": 0, "path": entry.id}
         source = source_of(str(self.log_path(entry)))
         try:
-            with self._transaction():
+            with self.transaction():
                 self.change(entry.id, **columns)
                 self.store.add(source, outcome, limits)
                 self.store.track([source])
@@ -412,7 +424,7 @@ class Library:
         except Refusal as error:
             if error.fact.code is not Request.NO_SUCH_FLIGHT:
                 raise
-            with self._transaction() as db:
+            with self.transaction() as db:
                 self._remove_files_of_deleted_log(db, entry)
             return
         self.table_is_outdated.set()
@@ -425,7 +437,10 @@ class Library:
 
         Args:
             entry: the log, as it was claimed.
-            outcome: what came of reading it.
+            outcome: result of reading it, with the fleet's rows.
+
+        Returns:
+            New values by the names of the columns.
         """
         results = self.results_folder(entry)
         columns = self.progress_columns(entry) | {"claimed": ""}
@@ -442,96 +457,14 @@ class Library:
             "files": ",".join(path.name for path in paths),
         }
 
-    # Recovery after a server has died
-
-    def dead_servers(self) -> list[str]:
-        """Returns the names of servers of this folder that have ended without releasing their claims."""
-        dead_servers = []
-        for path in (self.folder / SERVERS).glob("[0-9a-f]" * 2 * SERVER_NAME_BYTES):
-            if path.name != self.name and not _is_locked(path):
-                dead_servers.append(path.name)
-        return dead_servers
-
-    def recover(self) -> None:
-        """Takes over the work of servers that died, and makes the index and the folders agree again.
-
-        Logs that the index lacks are added: their upload was not acknowledged yet, or the index is lost.
-        """
-        # The list is made once: if a server dies meanwhile, its recordings would be removed instead of added.
-        dead_servers = self.dead_servers()
-        for server in dead_servers:
-            self._add_recordings(server)
-        with self._transaction() as db:
-            for server in dead_servers:
-                self._release_claims(db, server)
-                for path in (self.folder / INCOMING).glob(f"{server}-*"):
-                    path.unlink(missing_ok=True)
-                (self.folder / SERVERS / server).unlink(missing_ok=True)
-            _restore_digests(db)
-            query = "select digest from entries union select '.' || digest from entries where claimed <> ''"
-            used_names = {name for (name,) in db.execute(query)}
-            self._remove_orphaned_results(used_names)
-            self._add_unindexed_logs(db, used_names)
-
-    def _add_recordings(self, server: str) -> None:
-        """Adds the recordings of live sessions of a dead server to the library."""
-        for path in (self.folder / INCOMING).glob(f"{server}-*.tlog"):
-            # Another server that recovers at the same time may take the file.
-            with suppress(FileNotFoundError):
-                if path.stat().st_size:
-                    self.add(path, path.name.removeprefix(f"{server}-"))
-
-    def _release_claims(self, db: sqlite3.Connection, server: str) -> None:
-        """Gives the logs that a server has claimed back to the queue."""
-        db.execute(
-            "update entries set stage = ?, claimed = '' where claimed = ?", [Stage.WAITING, server]
-        )
-
-    def _remove_orphaned_results(self, used_names: set[str]) -> None:
-        """Removes the folders of results, also unfinished ones, that no entry of the index uses.
-
-        Args:
-            used_names: names of the folders that entries use. Folders whose names are no digest are left alone: others
-                have put them there.
-        """
-        for pattern in (DIGEST_GLOB, f".{DIGEST_GLOB}"):
-            for path in (self.folder / RESULTS).glob(pattern):
-                if path.name not in used_names:
-                    shutil.rmtree(path, ignore_errors=True)
-
-    def _add_unindexed_logs(self, db: sqlite3.Connection, indexed_digests: set[str]) -> None:
-        """Adds entries for logs that lie in the library's folder but are missing in the index.
-
-        A log lies at ``logs/DIGEST/NAME``, so that its entry can be made again from the path. It is then waiting to be
-        read. In place of the time of its upload, which is lost, the file's time of change is taken.
-
-        Args:
-            db: the connection, within a transaction.
-            indexed_digests: digests of the logs that the index has.
-        """
-        for path in (self.folder / LOGS).glob(f"{DIGEST_GLOB}/*"):
-            digest = path.parent.name
-            if digest in indexed_digests:
-                continue
-            status = path.stat()
-            modified = datetime.fromtimestamp(status.st_mtime, UTC)
-            entry = Entry(
-                new_id(),
-                path.name,
-                digest,
-                f"{LOGS}/{digest}/{path.name}",
-                status.st_size,
-                received=status.st_mtime,
-                sorted_by=modified.isoformat(),
-            )
-            insert_entry(db, entry)
-
     # Files and SQL
 
     def _remove_files_of_deleted_log(self, db: sqlite3.Connection, entry: Entry) -> None:
         """Removes the log and the results of a deleted entry, unless the same log was uploaded again meanwhile.
 
-        It must be called within a transaction, which keeps such an upload waiting.
+        Args:
+            db: the connection, within a transaction, which keeps such an upload waiting.
+            entry: the entry that was deleted.
         """
         if entry.digest and find_by_digest(db, entry.digest) is None:
             shutil.rmtree(self.results_folder(entry), ignore_errors=True)
@@ -540,98 +473,27 @@ class Library:
     def _remove_log(self, entry: Entry) -> None:
         """Removes a log from the library's folder.
 
-        Errors are raised, so that the transaction fails and the entry stays: without it the next start would add the
-        log again.
+        An error of the disk is raised, so that the transaction fails and the entry stays: the next start would add a
+        log without an entry again.
+
+        Args:
+            entry: the entry of the log; one outside the library's folder stays on the disk.
         """
         if entry.digest:
             with suppress(FileNotFoundError):
                 shutil.rmtree(self.folder / LOGS / entry.digest)
 
-    def _import_former_index(self) -> None:
-        """Copies the entries of an earlier version's index, a file of its own, into this one, and removes that file.
-
-        Entries with an id that this index has already were copied before, by an import that was interrupted. The
-        columns of the earlier version are a part of those of today; the others get their defaults.
-        """
-        former_index = self.folder / FORMER_INDEX
-        if not former_index.is_file():
-            return
-        db = self._db
-        db.execute("attach ? as earlier", [str(former_index)])
-        columns = db.execute("pragma earlier.table_info(entries)")
-        names = ", ".join(row["name"] for row in columns)
-        with self._transaction():
-            db.execute(
-                f"""insert into entries ({names}) select {names} from earlier.entries
-                where id not in (select id from entries)"""
-            )
-        db.execute("detach earlier")
-        former_index.unlink(missing_ok=True)
-
     @property
-    def _db(self) -> sqlite3.Connection:
+    def db(self) -> sqlite3.Connection:
         """The connection of the calling thread to the SQLite file."""
         return self.store.db
 
     @contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Connection]:
+    def transaction(self) -> Iterator[sqlite3.Connection]:
         """Makes all changes of its block or none, while other threads and servers wait.
 
         Raises:
             Refusal: the disk is full.
         """
         with refuse_full_disk(), self.store.transaction():
-            yield self._db
-
-
-def stored_file_name(name: str) -> str:
-    """Returns the name that a log has on the disk: its own name, without characters that could form a path."""
-    plain_name = re.sub(r"[^\w.()-]", "_", name).lstrip(".")
-    # Cutting bytes may leave a part of a character at the beginning, which is dropped.
-    short_name = plain_name.encode()[-MAX_FILE_NAME_BYTES:].decode(errors="ignore").lstrip(".")
-    return short_name or "log"
-
-
-@contextmanager
-def refuse_full_disk() -> Iterator[None]:
-    """Raises ``Refusal`` in place of an error of SQLite or the operating system that the disk or a quota is full."""
-    try:
-        yield
-    except (sqlite3.OperationalError, OSError) as error:
-        error_number = getattr(error, "errno", None)
-        sqlite_code = getattr(error, "sqlite_errorcode", None)
-        if error_number in (errno.ENOSPC, errno.EDQUOT) or sqlite_code == sqlite3.SQLITE_FULL:
-            raise Refusal(Request.DISK_FULL) from None
-        raise
-
-
-def _restore_digests(db: sqlite3.Connection) -> None:
-    """Sets the digest of each entry to that in the path of its log, in case somebody has altered the index."""
-    # In the path logs/DIGEST/NAME the digest has 64 characters, from the sixth.
-    db.execute(
-        """update entries set digest = substr(path, 6, 64)
-        where path glob ? and digest is not substr(path, 6, 64)""",
-        [f"{LOGS}/{DIGEST_GLOB}/*"],
-    )
-
-
-def _random_name() -> str:
-    """Returns a random name for a file of an upload."""
-    return secrets.token_hex(SERVER_NAME_BYTES)
-
-
-def _is_locked(path: Path) -> bool:
-    """Returns whether the lock file of a server exists and its process, which lives, holds the lock."""
-    with suppress(OSError), path.open() as file:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return False
-    return path.exists()
-
-
-def _sync_folder(folder: Path) -> None:
-    """Makes the names of files in a folder survive a power failure."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+            yield self.db

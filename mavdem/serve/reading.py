@@ -36,7 +36,7 @@ from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.pages.flight_page import review_page
 from mavdem.results import PAGE_FILE, result_files, write_result_files
 from mavdem.serve.index import columns_of_flight
-from mavdem.serve.library import PROGRESS, RESULTS
+from mavdem.serve.stored_files import PROGRESS, RESULTS
 
 LOWER_PRIORITY = 5
 """Nice value of the worker processes: the server, which answers users, goes first (0 is normal, 19 the lowest)."""

@@ -9,8 +9,10 @@ from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import Job, JobLimits, LogReader, ReadLog, outcome_of
 from mavdem.live.link import RETRY_SECONDS
 from mavdem.serve.index import Entry
-from mavdem.serve.library import SERVERS, Library
+from mavdem.serve.library import Library
 from mavdem.serve.reading import publish_table, read_for_library
+from mavdem.serve.recovery import dead_servers, recover
+from mavdem.serve.stored_files import SERVERS
 
 MAX_CLUSTER_JOBS = 32
 """Logs that are given to a cluster at a time, at most."""
@@ -99,8 +101,8 @@ class ReadingThreads:
 
         Before, it takes over the logs of servers that have died, and adds those that ``mavdem track`` has read.
         """
-        if self._library.dead_servers():
-            self._library.recover()
+        if dead_servers(self._library):
+            recover(self._library)
         self._library.add_fleet_logs()
         with self._log_added:
             self._log_added.wait(RETRY_SECONDS)

@@ -13,7 +13,8 @@ from starlette.requests import Request as HttpRequest
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Request
 from mavdem.ingest.contents import MAX_LOG_BYTES
-from mavdem.serve.library import Library, refuse_full_disk
+from mavdem.serve.library import Library
+from mavdem.serve.stored_files import refuse_full_disk
 
 MAX_CHUNK_DELAY = 30.0
 """Seconds until the next bytes of a request's body must come. A telephone on a field loses its network for a while."""

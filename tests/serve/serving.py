@@ -19,9 +19,10 @@ from mavdem.report.pages.page import render_document
 from mavdem.results import PAGE_FILE, REPORT_FILE
 from mavdem.serve.app import Server
 from mavdem.serve.index import columns_of_flight
-from mavdem.serve.library import PROGRESS, RESULTS, Library
+from mavdem.serve.library import Library
 from mavdem.serve.rights import Rights
 from mavdem.serve.run import Connection
+from mavdem.serve.stored_files import PROGRESS, RESULTS
 
 TOKEN = "0123456789abcdef"
 LIMITS = JobLimits(1, 256)

@@ -26,8 +26,8 @@ from mavdem.facts.serve import Request, Sharing, Stage, Start
 from mavdem.facts.sources import Source
 from mavdem.report.pages.library_page import interface_words
 from mavdem.serve import api, run, uploads
-from mavdem.serve.library import refuse_full_disk
 from mavdem.serve.rights import rights_for_host
+from mavdem.serve.stored_files import refuse_full_disk
 from mavdem.serve.viewers import RecordingViewer
 
 

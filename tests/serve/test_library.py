@@ -23,11 +23,13 @@ from mavdem.fleet.store import read_rows
 from mavdem.fleet.workers import Job, JobLimits, outcome_of
 from mavdem.ingest import read_log
 from mavdem.results import PAGE_FILE, REPORT_FILE
-from mavdem.serve.library import Library, stored_file_name
+from mavdem.serve.library import Library
 from mavdem.serve.reading import read_for_library
 from mavdem.serve.reading_threads import ReadingThreads
+from mavdem.serve.recovery import recover
 from mavdem.serve.run import ServerOptions, serve
 from mavdem.serve.search import search_condition
+from mavdem.serve.stored_files import stored_file_name
 
 ALL = search_condition("")
 
@@ -80,7 +82,7 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
     assert {entry.stage for entry in again.find(*ALL, 10)[0]} == {Stage.DONE}
 
 
-@mark.parametrize("moment", ["os.replace", "_sync_folder", "insert_entry"])
+@mark.parametrize("moment", ["os.replace", "sync_folder", "insert_entry"])
 def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
     library, tmp_path, monkeypatch, moment
 ):
@@ -98,7 +100,7 @@ def test_an_upload_that_breaks_off_at_any_moment_is_whole_or_not_there(
     again = Library(tmp_path)
     there = [*(tmp_path / "logs").rglob("*.ulg")]
     assert [again.log_path(entry) for entry in again.find(*ALL, 1)[0]] == there
-    if moment == "_sync_folder":
+    if moment == "sync_folder":
         assert len(there) == 1
     else:
         assert len(there) == 0
@@ -121,10 +123,10 @@ def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
     assert one.claim() is None
     part = one.new_incoming_path()
     part.write_bytes(b"half of a log")
-    other.recover()
+    recover(other)
     assert part.is_file() and other.claim() is None
     killed(one)
-    other.recover()
+    recover(other)
     assert not part.is_file()
     assert [other.claim().id for _ in range(2)] == [entries[0].id, entries[2].id]
 
@@ -171,11 +173,11 @@ def test_a_fleet_is_shown_as_it_is(tmp_path):
     library.change(entries[0].id, note="mine")
     # as while `mavdem track` reads a log that has changed
     for change in ("update flights set log = 'other'", "delete from logs"):
-        library._db.execute(change)
+        library.db.execute(change)
     library._thread_state.fleet_version = None
     library.add_fleet_logs()
     assert library.entry(entries[0].id).note == "mine"
-    library._db.execute("update flights set row = '['")
+    library.db.execute("update flights set row = '['")
     with serving(tmp_path) as server:
         for place in ("/", f"/f/{entries[0].id}"):
             assert server.get(place).status == 200
@@ -216,7 +218,7 @@ def test_ten_thousand_flights_are_searched_by_their_index(library):
     received(library)
     assert (
         "by_order"
-        in library._db.execute(
+        in library.db.execute(
             "explain query plan select * from entries order by sorted_by desc limit 100"
         ).fetchone()["detail"]
     )
@@ -225,16 +227,16 @@ def test_ten_thousand_flights_are_searched_by_their_index(library):
 def test_a_library_of_an_earlier_version_opens_and_what_is_new_stands_first(library, tmp_path):
     first = received(library)
     AtOnce(library).run()
-    library._db.execute("alter table entries drop column next_step")
+    library.db.execute("alter table entries drop column next_step")
     library.close()
     again = Library(tmp_path)
     second = received(again, "Two.")
     assert [entry.id for entry in again.find(*ALL, 2)[0]] == [second.id, first.id]
     assert again.entry(first.id).next_step == ""
-    again._db.execute("attach ? as earlier", [str(tmp_path / "library.sqlite")])
-    again._db.execute("create table earlier.entries as select * from main.entries")
-    again._db.execute("detach earlier")
-    again._db.execute("drop table entries")
+    again.db.execute("attach ? as earlier", [str(tmp_path / "library.sqlite")])
+    again.db.execute("create table earlier.entries as select * from main.entries")
+    again.db.execute("detach earlier")
+    again.db.execute("drop table entries")
     killed(again)
     last = Library(tmp_path)
     assert last.find(*ALL, 2) == ([last.entry(second.id), last.entry(first.id)], 2)

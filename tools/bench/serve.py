@@ -114,7 +114,7 @@ def list_command() -> None:
     chance = random.Random(1)
     with TemporaryDirectory() as folder:
         library = Library(Path(folder))
-        with library._transaction() as db:
+        with library.transaction() as db:
             for number in range(10_000):
                 entry = Entry(
                     f"{number:022}",

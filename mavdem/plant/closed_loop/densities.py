@@ -1,4 +1,4 @@
-"""Model of the cross-spectral densities of one axis in its closed loop, and their gradient by the parameters.
+"""Model of the cross-spectral densities of rate, output and setpoint of one axis in its closed loop, with gradient.
 
 All sources of the loop (see :mod:`~mavdem.plant.closed_loop.response`) are Gaussian and stationary: the reference,
 white noise before and behind the gyro filters and of the angle, a share of the output's own density for what the output
@@ -109,10 +109,10 @@ class SynchronousSteps:
 
 
 class DensityModel:
-    """Cross-spectral densities of one axis as functions of θ, at the frequencies and stamps of given spectra.
+    """Modelled cross-spectral densities of one axis as functions of the logarithms θ of the loop's parameters.
 
-    J are the frequencies of the spectra, F the aliases of each, C the modelled quantities, S the sources, k the
-    parameters.
+    J are the frequencies of the spectra, F the aliases that sampling folds onto each, C the modelled quantities (rate,
+    output, setpoint), S the sources (reference, gyro noise, actuation, wind), k the parameters.
     """
 
     def __init__(self, spectra: CrossSpectra, controller: KnownController, rounding: float) -> None:
@@ -150,7 +150,7 @@ class DensityModel:
         self._alias_numbers = np.arange(-count, count + 1)
         frequency = spectra.frequency[:, None] + self._alias_numbers * self._message_rate
         self._in_range = np.abs(frequency) < highest
-        # Out of range, any frequency but 0 will do: the densities there are 0.
+        # Frequencies out of range are replaced by 1 Hz, which avoids division by 0. The densities there are set to 0.
         self._frequency = np.where(self._in_range, frequency, 1.0)
         self._s = 2j * np.pi * self._frequency
         self._angular_frequency = np.abs(self._s)
@@ -205,11 +205,12 @@ class DensityModel:
         self._reference_density = np.where(self._in_range, reference, 1.0)
 
     def _set_alias_phases(self, spectra: CrossSpectra) -> None:
-        """Sets by how much each alias of two quantities is out of phase, because their messages have different stamps.
+        """Sets the phase by which aliases of two quantities differ, because their messages have different time stamps.
 
-        A content at f + k f_s that is sampled t seconds later turns by exp(2πj k f_s t) more than one at f. The phase
-        between two quantities (C, C, 1, F) is the mean over all messages, since their distance varies; where it varies
-        much, the mean is below 1, and the alias adds little coherence.
+        If a quantity is sampled t seconds later than another, its content at f + k f_s gets a phase that is larger by
+        2πj k f_s t than that of the content at f. The phase factor exp(2πj k f_s t) between two quantities (C, C, 1, F)
+        is the mean over all messages, since t varies. Where it varies much, the magnitude of the mean is below 1, and
+        the alias adds little coherence.
 
         Args:
             spectra: estimated spectra, with the stamps of each quantity relative to the first.
@@ -220,10 +221,10 @@ class DensityModel:
         mean_products = phases @ phases.mT.conj() / offsets.shape[1]
         self._alias_phases = mean_products.transpose(1, 2, 0)[:, :, None]
 
-        # Where a setpoint is of another cycle than the rate, the angle that is added to it to get the reference has
-        # noise that the setpoint does not have: its own, and that of the angle in the setpoint.
-        difference = np.abs(offsets[Quantity.SETPOINT] - offsets[Quantity.RATE])
-        is_other_cycle = difference > self._cycle_time / 2
+        # The reference is computed as the setpoint plus K times the logged angle. If both are of one controller cycle,
+        # the noise of the angle cancels. If not, it is there twice: that of the logged angle, and that in the setpoint.
+        distance = np.abs(offsets[Quantity.SETPOINT] - offsets[Quantity.RATE])
+        is_other_cycle = distance > self._cycle_time / 2
         self._reference_noise_gain = 2 * is_other_cycle.mean() * self._angle_gain**2
 
     def density(self, theta: Array, with_reference: bool = True) -> ComplexArray:
@@ -248,14 +249,17 @@ class DensityModel:
         return density
 
     def density_and_gradient(self, theta: Array) -> tuple[ComplexArray, ComplexArray]:
-        """Returns the modelled density (J, C, C), and its derivatives by each entry of θ (J, k, C, C).
+        """Returns the modelled cross-spectral density, and its derivatives by the logarithm of each parameter.
 
-        The density is that of :meth:`density`. Parameters of the loop change the responses to every source; the time of
-        the synchronous steps changes their phases. All other parameters change only the density of a source. Its
-        derivative is then the density times a logarithmic slope, d ln density / d θ, and passes the same responses.
+        Parameters act in three ways. Those of the loop change the responses to every source. The time of the
+        synchronous steps changes their phases. All others change only the density of a source: the derivative of that
+        density is the density times a logarithmic slope, d ln density / dθ, and passes the same responses.
 
         Args:
             theta: logarithms of the parameters (k,).
+
+        Returns:
+            Density (J, C, C), as :meth:`density` returns it, and derivatives (J, k, C, C).
         """
         parameters = LoopParameters.from_logarithms(theta)
         loop = self._closed_loop(parameters)
@@ -293,7 +297,11 @@ class DensityModel:
         return density, gradient
 
     def _closed_loop(self, parameters: LoopParameters) -> ClosedLoopResponse:
-        """Returns the frequency responses of the closed loop at all frequencies and aliases."""
+        """Returns the frequency responses of the closed loop at all J frequencies and F aliases of each.
+
+        Args:
+            parameters: parameters of the loop.
+        """
         return closed_loop_response(
             parameters, self._controller, self._gyro_filter, self._angle_gain, self._s
         )
@@ -325,6 +333,7 @@ class DensityModel:
         filtered_noise = parameters.filtered_noise**2 * self._white_density
         actuation = parameters.actuation**2 * self._output_density
         lag_power = np.abs(loop.motor_lag) ** 2
+        # The torque of the motors is effect · output, through their lag.
         torque_fraction = UNMODELLED_TORQUE_FRACTION * parameters.effect
         unmodelled_torque = torque_fraction**2 * lag_power * self._output_density
         return [
@@ -412,18 +421,23 @@ class DensityModel:
         )
 
     def _reference_noise(self, parameters: LoopParameters) -> float:
-        """Returns the variance, (rad/s)², of noise in the estimated reference by the angle that is added to it."""
+        """Returns the variance of the noise in the logged reference that comes from the estimated angle, (rad/s)².
+
+        Args:
+            parameters: parameters of the loop, with the noise of the angle.
+        """
         return self._reference_noise_gain * parameters.angle_noise**2
 
     def _step_responses(self, alias_shares: ComplexArray, response: ComplexArray) -> ComplexArray:
-        """Adds the aliases of responses to synchronous steps coherently.
+        """Sums the responses to synchronous steps over all aliases with their phases (coherently).
 
         Args:
-            alias_shares: n sets of shares of each alias in the sampled steps (n, J, F).
-            response: each quantity per reference (C, J, F).
+            alias_shares: n sets of complex shares of each alias in the sampled steps (n, J, F).
+            response: response of each quantity to the reference (C, J, F).
 
         Returns:
-            Sampled responses (J, n, C), with the phase of each quantity's stamps relative to the setpoint's.
+            Sampled responses (J, n, C). Each quantity has the phase of its time stamps relative to those of the
+            setpoint.
         """
         phased = response * self._alias_phases[:, Quantity.SETPOINT]
         return alias_shares.swapaxes(0, 1) @ phased.transpose(1, 2, 0)
@@ -431,7 +445,10 @@ class DensityModel:
     def _folded_products(
         self, weights: NDArray[np.inexact], left: ComplexArray, right: ComplexArray
     ) -> ComplexArray:
-        """Sums products of responses over all aliases, which add in power.
+        """Sums weighted products of responses over all aliases: Σ_alias weight · left rightᵀ ∘ alias phases.
+
+        With the density of a source as weight, and its response and conjugate response as factors, this is the
+        cross-spectral density that the source adds to the sampled quantities. Aliases of it add in power.
 
         Args:
             weights: n densities or other weights (n, J, F).
@@ -453,13 +470,14 @@ class DensityModel:
         source_densities: Array,
         steps: SynchronousSteps,
     ) -> ComplexArray:
-        """Returns the derivatives (J, 5, C, C) of the density by the plant's parameters and the controller's gain.
+        """Returns the derivatives of the density by the plant's parameters and the controller's gain.
 
-        With X the body rate by a source and Q the quantities per body rate, a relative change dA/A of the path from
-        output to rate changes the quantities by Q S X dA/A, but for wind torque, which enters behind the motors, by
-        Q (S − 1) X dA/A. A relative change of the plant alone changes them by Q S X for every source. One of the
-        controller acts like dA/A, with (S − 1) for what the output does besides, and changes the output directly. The
-        derivative of q qᴴ is that of q, times qᴴ, plus its adjoint.
+        Let X be the body rate that a source causes, Q the quantities per body rate, S the sensitivity, and A the path
+        from the controller's output to the body rate. A relative change dA/A changes the quantities by Q S X dA/A. For
+        wind torque, which enters behind the motors, it is Q (S − 1) X dA/A. A relative change of the plant alone
+        changes them by Q S X for every source. A relative change of the controller acts like dA/A, with S − 1 for
+        actuation, and also changes the output directly. With the response q of the quantities to a source, the
+        derivative of q qᴴ is dq qᴴ plus its adjoint.
 
         Args:
             parameters: the parameters of the loop.
@@ -469,7 +487,8 @@ class DensityModel:
             steps: the synchronous steps at these parameters.
 
         Returns:
-            Derivatives by the logarithms of effect, damping, lag, delay and controller gain, in the order of θ.
+            Derivatives (J, 5, C, C) by the logarithms of effect, damping, lag, delay and controller gain, in the order
+            of θ.
         """
         # Relative changes of the path from output to rate by the logarithm of each parameter.
         damping_slope = -parameters.damping * loop.plant
@@ -484,7 +503,7 @@ class DensityModel:
         actuation = rate_spectra[Source.ACTUATION] * conjugate[Source.ACTUATION]
         by_actuation_path = all_sources - wind
 
-        # The derivative of q times qᴴ; the adjoint, which is the other half, is added at the end.
+        # One half of each derivative, dq qᴴ. The other half is its adjoint, which is added at the end.
         half = np.empty((len(unit_slope), LOOP_PARAMETERS, QUANTITIES, QUANTITIES), complex)
         path_slopes = np.array([unit_slope, lag_slope, delay_slope])
         half[:, [EFFECT, LAG, DELAY]] = self._folded_products(
@@ -494,7 +513,7 @@ class DensityModel:
         half[:, [CONTROLLER]] = self._folded_products(
             unit_slope[None], loop.from_rate, by_actuation_path - actuation
         )
-        # The output by the control law, without what it does besides, is proportional to the gain.
+        # The output without actuation noise is proportional to the controller's gain.
         control_law = loop.from_source[:, Quantity.OUTPUT].copy()
         control_law[Source.ACTUATION] -= 1
         direct = np.einsum("sjf,scjf->cjf", source_densities * control_law, conjugate)
@@ -515,11 +534,11 @@ class DensityModel:
     def _step_time_gradient(
         self, parameters: LoopParameters, loop: ClosedLoopResponse, steps: SynchronousSteps
     ) -> ComplexArray:
-        """Returns the derivative of the density by the logarithm of ``step_time_odds``.
+        """Returns the derivative of the density by the logarithm of ``step_time_odds``, the odds of the steps' time.
 
         The time of the steps changes the phase of each alias a_k of the steps, and nothing else. With the time as a
-        share p of the surplus interval T, d p / d ln odds = p (1 − p), so the phase of alias k changes by
-        2πj k f_s T p (1 − p). The shares a_k are normalised to a sum of 1, so the mean change is taken off.
+        share p of the surplus interval T, dp / d ln odds = p (1 − p), so the phase of alias k changes by
+        2πj k f_s T p (1 − p). The shares a_k are normalised to a sum of 1, so their mean change is subtracted.
 
         Args:
             parameters: the parameters of the loop.
@@ -540,12 +559,16 @@ class DensityModel:
 
 
 def _share_from_odds(odds: float) -> float:
-    """Returns the share p of the odds p / (1 − p)."""
+    """Returns the share p, 0 to 1, whose odds are p / (1 − p)."""
     return odds / (1 + odds)
 
 
 def _source_densities(components: list[DensityComponent]) -> Array:
-    """Returns the sum of all components of each source (S, J, F)."""
+    """Returns the density of each source, the sum of its components (S, J, F).
+
+    Args:
+        components: components of all sources, each with a density (J, F).
+    """
     densities = np.zeros((len(Source), *components[0].density.shape))
     for component in components:
         densities[component.source] += component.density

@@ -60,8 +60,8 @@ CONTINUED_ASCENTS = 2
 LOG_STEP_TIME_ODDS = (-2.0, 0.0, 2.0)
 """Logarithms of ``step_time_odds`` from which each of these ascents goes on, where messages do not come every cycle.
 
-There may be a mode near each, with another plant. With one ascent only, one flight in five of those at 50 Hz in half of
-``tools/validation/loops.py`` ended 3 nats below the highest mode.
+The posterior may have a mode with another plant near each of them. With one ascent only, one flight in five of those at
+50 Hz in half of ``tools/validation/loops.py`` ended 3 nats below the highest mode.
 """
 
 LIKELIHOOD_VARIANCE_FACTOR = 0.6
@@ -134,8 +134,10 @@ class IdentifiedAxis(NamedTuple):
 def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
     """Identifies the parameters of one axis by the modes of its posterior.
 
-    Short ascents begin from several plants. The best go on to convergence, from several times of synchronous steps,
-    because the posterior may have a mode near each.
+    The posterior may have several modes, so it is maximised from several starts. First, short ascents begin from
+    typical plants. The best of them go on to convergence, each from several values of ``step_time_odds``, the time of
+    reference steps between two messages, since there may be a mode near each. An ascent ends early where it comes close
+    to a known mode.
 
     Args:
         posterior: the log posterior of the axis.
@@ -150,16 +152,17 @@ def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
     for initial in INITIAL_PLANTS:
         start = _initial_parameters(posterior, initial)
         first_ascents.append(_ascend(posterior, start, INITIAL_STEPS))
-    # In rising order of the posterior, so that the best come last.
+    # In ascending order of the posterior: the best come last.
     first_ascents.sort(key=lambda ascent: ascent.value)
 
     log_odds: tuple[float, ...] = LOG_STEP_TIME_ODDS
     if not posterior.densities.surplus_interval:
-        # Every cycle is logged, and the time of steps has no effect.
+        # Where every cycle of the controller is logged, the time of steps has no effect.
         log_odds = (0.0,)
     ascents = list[QuadraticExpansion]()
     for ascent in first_ascents[-CONTINUED_ASCENTS:]:
         for step_time in log_odds:
+            # The plant may have ended with motor lag and damping exchanged, which has the same response.
             start = with_quicker_pole_as_lag(ascent.point)
             start[STEP_TIME] = step_time
             ascents.append(_ascend(posterior, start, MAX_STEPS, ascents))
@@ -190,14 +193,18 @@ def _initial_parameters(posterior: AxisPosterior, initial: InitialPlant) -> Arra
 def _mixture_of_modes(
     posterior: AxisPosterior, ascents: Sequence[QuadraticExpansion]
 ) -> IdentifiedAxis:
-    """Combines the ends of ascents to one normal approximation of the posterior.
+    """Combines the modes that ascents have found to one normal approximation of the posterior.
 
-    Ends with different step times count as different modes. Each mode has a weight proportional to its evidence by
-    Laplace's approximation. The covariance is that of a mixture: the mean within the modes, and that between them.
+    Ascents that end at different step times found different modes. Each mode has a weight proportional to its evidence
+    by Laplace's approximation. The covariance is that of a mixture: the mean of those within the modes, plus that of
+    the modes' positions.
 
     Args:
         posterior: the log posterior.
-        ascents: the posterior to second order about the end of each ascent.
+        ascents: expansion of the posterior to second order about the end of each ascent.
+
+    Returns:
+        Mean and covariance of the mixture, and the mode with the largest weight.
 
     Raises:
         numpy.linalg.LinAlgError: no ascent has a finite value.
@@ -283,13 +290,14 @@ def _ascend(
 
     Args:
         posterior: the log posterior.
-        start: θ (k,) to begin with.
-        max_steps: number of steps, at most.
-        known_modes: modes near which the ascent ends early, since nothing new is to be found there.
+        start: parameters θ (k,) to begin with.
+        max_steps: largest number of steps.
+        known_modes: modes of earlier ascents, near which this one ends early.
     """
 
-    def is_near_known_mode(now: QuadraticExpansion) -> bool:
-        return any(_nats_below(mode, now.point) < SAME_MODE_NATS for mode in known_modes)
+    def is_near_known_mode(iterate: QuadraticExpansion) -> bool:
+        """Returns whether an iterate is so near to a known mode that it would only converge to it."""
+        return any(_nats_below(mode, iterate.point) < SAME_MODE_NATS for mode in known_modes)
 
     damping = Damping(
         initial=INITIAL_DAMPING,
@@ -304,6 +312,10 @@ def _ascend(
 
 
 def _limited_step(step: Array) -> Array:
-    """Shortens a step (k,) of θ so that no entry changes by more than is trusted, and keeps its direction."""
+    """Shortens a step of θ (k,), in its direction, so that no entry changes by more than its limit.
+
+    The limit is the prior standard deviation of the entry, at most ``MAX_PARAMETER_STEP``: beyond it, the quadratic
+    expansion of the posterior is not trusted.
+    """
     largest = np.minimum(PRIOR_SD, MAX_PARAMETER_STEP)
     return step / max(1.0, np.abs(step / largest).max())

@@ -84,7 +84,8 @@ class AxisPosterior:
         self.controller = controller
         self.densities = DensityModel(spectra, controller, rounding)
         self.saturated_share = min(saturated_share, MAX_SATURATED_SHARE)
-        # The logarithm of the gain lies between 0 and ln(1 − share): half of that is the middle, and the added width.
+        # The logarithm of the gain lies between 0 and ln(1 − share). Half of that is the middle, and also the added
+        # standard deviation.
         half_log_loss = -np.log1p(-self.saturated_share) / 2
         is_controller = np.arange(len(PARAMETER_NAMES)) == CONTROLLER
         self.prior_mean = PRIOR_MEAN - half_log_loss * is_controller
@@ -100,7 +101,7 @@ class AxisPosterior:
         return whitened.log_likelihood + self._log_prior(at)
 
     def expand(self, at: Array) -> QuadraticExpansion:
-        """Returns the log posterior about a point to second order, as Fisher scoring needs it.
+        """Expands the log posterior about a point to second order, as Fisher scoring needs it.
 
         The likelihood's gradient by an entry of θ, with the density's derivative A_j in band j, is
         Σ_j n_j tr(Φ_j⁻¹ A_j (Φ_j⁻¹ I_j − 1)), and the curvature is its Fisher information (see the module's equations).
@@ -114,8 +115,9 @@ class AxisPosterior:
         """
         density, gradient = self.densities.density_and_gradient(at)
         whitened = self._whiten(density)
-        # A whitened gradient is C⁻¹ A C⁻ᴴ. Flattened, with the root of the count in it, the information is a product
-        # of real matrices: tr(Φ⁻¹ A Φ⁻¹ B) is the inner product of the whitened A and B.
+        # With Φ = C Cᴴ, tr(Φ⁻¹ A Φ⁻¹ B) is the inner product of the whitened derivatives C⁻¹ A C⁻ᴴ and C⁻¹ B C⁻ᴴ. So
+        # they are multiplied by the root of the count n_j, and flattened to one row for each entry of θ. Then the
+        # information is a product of two matrices.
         root_counts = np.sqrt(self._counts)
         whitening = np.einsum(
             "j,jab,jdc->jbcad", root_counts, whitened.whitener, whitened.whitener.conj()
@@ -133,10 +135,14 @@ class AxisPosterior:
         return QuadraticExpansion(at, value, slope, curvature)
 
     def reference_share(self, theta: Array) -> float:
-        """Returns the share of the gyro rate's variance that follows the reference, by the model with θ (k,)."""
-        rate = (..., Quantity.RATE, Quantity.RATE)
-        total = self.densities.density(theta)[rate].real
-        without_reference = self.densities.density(theta, with_reference=False)[rate].real
+        """Returns the share of the gyro rate's variance that follows the reference, by the model, 0 to 1.
+
+        Args:
+            theta: logarithms of the parameters (k,).
+        """
+        rate_density = (..., Quantity.RATE, Quantity.RATE)
+        total = self.densities.density(theta)[rate_density].real
+        without_reference = self.densities.density(theta, with_reference=False)[rate_density].real
         bandwidth = np.gradient(self.spectra.frequency)
         return 1 - float(bandwidth @ without_reference) / float(bandwidth @ total)
 

@@ -6,7 +6,7 @@ With s = jω, the axis is modelled as this loop. Its controller C runs once a cy
                                     motor lag M = 1 / (τ s + 1) and dead time θ
     y   = F p + n                   gyro rate behind the gyro filters F, with noise n
     r   = r₀ − K (p / s)            rate setpoint: reference r₀ and angle feedback with gain K
-    u   = C_r r − C_y y + a         output (demand) of the controller, and what it does besides, a
+    u   = C_r r − C_y y + a         output (demand) of the controller, with actuation noise a
 
 With A = G b M e^(−sθ), the rate that an output causes, the loop gain is L = A (C_y F + C_r K / s), and the sensitivity
 S = 1 / (1 + L). Notation as in Ljung, System Identification, 2nd ed., sec. 13.4.
@@ -57,7 +57,7 @@ class Source(IntEnum):
     """Noise n of the gyro rate."""
 
     ACTUATION = 2
-    """What the output does besides the control law, a: limits, or the mixer's other axes."""
+    """Actuation noise a: what the output does besides the control law, by limits or the mixer's other axes."""
 
     WIND = 3
     """Wind torque w per moment of inertia, rad/s²."""
@@ -122,17 +122,20 @@ def closed_loop_response(
     angle_gain: float,
     s: ComplexArray,
 ) -> ClosedLoopResponse:
-    """Computes the frequency responses of the closed loop.
+    """Computes the frequency responses of the closed rate loop of one axis, from each source to each quantity.
+
+    The notation is that of the module: body rate p, gyro rate y, rate setpoint r, output u. Sources act on the body
+    rate through the closed loop, with the sensitivity 1 / (1 + L), and some also act on a quantity directly.
 
     Args:
-        parameters: parameters of the loop, of which the plant's and the controller's gain are used.
-        controller: C_r and C_y by the logged gains, (J, F) each.
-        gyro_filter: F (J, F).
-        angle_gain: K, 1/s.
-        s: jω (J, F), rad/s.
+        parameters: parameters of the loop, of which those of the plant and the controller's gain are used.
+        controller: responses C_r and C_y of the controller by the logged gains, (J, F) each.
+        gyro_filter: response F of the gyro filters (J, F).
+        angle_gain: gain K of the angle feedback, 1/s.
+        s: jω at J frequencies and F aliases of each (J, F), rad/s.
 
     Returns:
-        The responses, in the notation of the module's equations.
+        The responses of the plant, of the loop, and from each source.
     """
     C_r = parameters.controller * controller.from_setpoint
     C_y = parameters.controller * controller.from_rate

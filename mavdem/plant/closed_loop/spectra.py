@@ -103,7 +103,7 @@ class CrossSpectra(NamedTuple):
 
 
 def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpectra:
-    """Estimates the cross-spectral densities of several streams of messages, such as a body rate and its setpoint.
+    """Estimates the cross-spectral densities of several logged quantities, such as a body rate and its setpoint.
 
     The steps:
 
@@ -144,8 +144,8 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
     frequency = frequency[in_range]
     transforms = transforms[:, :, in_range]
 
-    # The cross-spectrum x yᴴ of each pair of quantities, averaged over the frequencies of each band. ``reduceat`` sums
-    # from each edge to the next; the last edge only marks the end.
+    # The products x y* of each pair of quantities, averaged over the frequencies of each band. ``reduceat`` sums from
+    # each edge to the next; the last edge only marks the end.
     edges = _band_edges(frequency)
     counts = np.diff(edges)
     products = np.einsum("wcf,wdf->wfcd", transforms, transforms.conj())

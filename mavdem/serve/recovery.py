@@ -1,0 +1,177 @@
+"""Recovery of a library after a server has died: its unfinished work, and an index that agrees with the files."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mavdem.facts.serve import Stage
+from mavdem.serve.index import DIGEST_GLOB, Entry, insert_entry, new_id
+from mavdem.serve.stored_files import (
+    INCOMING,
+    LOGS,
+    RESULTS,
+    SERVER_NAME_BYTES,
+    SERVERS,
+    is_locked,
+)
+
+if TYPE_CHECKING:
+    from mavdem.serve.library import Library
+
+FORMER_INDEX = "library.sqlite"
+"""Name of the SQLite file in which earlier versions had the index."""
+
+
+def dead_servers(library: Library) -> list[str]:
+    """Returns the names of servers of a library's folder that have ended without releasing their claims.
+
+    A running server holds a lock on the file with its name in the folder of servers.
+
+    Args:
+        library: the library of this server, which does not count itself.
+    """
+    server_names = []
+    for path in (library.folder / SERVERS).glob("[0-9a-f]" * 2 * SERVER_NAME_BYTES):
+        if path.name != library.name and not is_locked(path):
+            server_names.append(path.name)
+    return server_names
+
+
+def recover(library: Library) -> None:
+    """Takes over the work of servers that died, and makes the index and the folders agree again.
+
+    Recordings of their live sessions are added to the library, their uploads that were not acknowledged are removed,
+    and the logs that they were reading wait again. Then results without an entry are removed. Logs without an entry get
+    one: their upload was not acknowledged yet, or the index is lost.
+
+    Args:
+        library: the library of this server.
+    """
+    # The list is made once: if a server dies meanwhile, its recordings would be removed instead of added.
+    server_names = dead_servers(library)
+    for server in server_names:
+        _add_recordings(library, server)
+    with library.transaction() as db:
+        for server in server_names:
+            release_claims(db, server)
+            for path in (library.folder / INCOMING).glob(f"{server}-*"):
+                path.unlink(missing_ok=True)
+            (library.folder / SERVERS / server).unlink(missing_ok=True)
+        _restore_digests(db)
+        # The results of a log lie in a folder with its digest, and in a hidden one while it is read.
+        query = (
+            "select digest from entries union select '.' || digest from entries where claimed <> ''"
+        )
+        used_names = {name for (name,) in db.execute(query)}
+        _remove_orphaned_results(library.folder / RESULTS, used_names)
+        _add_unindexed_logs(library.folder / LOGS, db, used_names)
+
+
+def release_claims(db: sqlite3.Connection, server: str) -> None:
+    """Gives the logs that a server has claimed back to the queue of waiting logs.
+
+    Args:
+        db: the connection, within a transaction.
+        server: name of the server.
+    """
+    db.execute(
+        "update entries set stage = ?, claimed = '' where claimed = ?", [Stage.WAITING, server]
+    )
+
+
+def import_former_index(library: Library) -> None:
+    """Copies the entries of an earlier version's index, a file of its own, into this one, and removes that file.
+
+    Entries with an id that this index has already were copied before, by an import that was interrupted. The columns of
+    the earlier version are a part of those of today; the others get their defaults.
+
+    Args:
+        library: the library, whose folder may hold the earlier index.
+    """
+    former_index = library.folder / FORMER_INDEX
+    if not former_index.is_file():
+        return
+    db = library.db
+    db.execute("attach ? as earlier", [str(former_index)])
+    columns = db.execute("pragma earlier.table_info(entries)")
+    names = ", ".join(row["name"] for row in columns)
+    with library.transaction():
+        db.execute(
+            f"""insert into entries ({names}) select {names} from earlier.entries
+            where id not in (select id from entries)"""
+        )
+    db.execute("detach earlier")
+    former_index.unlink(missing_ok=True)
+
+
+def _add_recordings(library: Library, server: str) -> None:
+    """Adds the recordings of live sessions of a dead server to the library.
+
+    Args:
+        library: the library of this server.
+        server: name of the dead server, with which the names of its recordings begin.
+    """
+    for path in (library.folder / INCOMING).glob(f"{server}-*.tlog"):
+        # Another server that recovers at the same time may take the file.
+        with suppress(FileNotFoundError):
+            if path.stat().st_size:
+                library.add(path, path.name.removeprefix(f"{server}-"))
+
+
+def _restore_digests(db: sqlite3.Connection) -> None:
+    """Sets the digest of each entry to that in the path of its log, in case somebody has altered the index."""
+    # In the path logs/DIGEST/NAME the digest has 64 characters, from the sixth.
+    db.execute(
+        """update entries set digest = substr(path, 6, 64)
+        where path glob ? and digest is not substr(path, 6, 64)""",
+        [f"{LOGS}/{DIGEST_GLOB}/*"],
+    )
+
+
+def _remove_orphaned_results(results: Path, used_names: set[str]) -> None:
+    """Removes the folders of results, also unfinished ones, that no entry of the index uses.
+
+    Folders whose names are no digest are left alone: others have put them there.
+
+    Args:
+        results: the folder with all results.
+        used_names: names of the folders in it that entries use.
+    """
+    for pattern in (DIGEST_GLOB, f".{DIGEST_GLOB}"):
+        for path in results.glob(pattern):
+            if path.name not in used_names:
+                shutil.rmtree(path, ignore_errors=True)
+
+
+def _add_unindexed_logs(logs: Path, db: sqlite3.Connection, indexed_digests: set[str]) -> None:
+    """Adds entries for logs that lie in the library's folder but are missing in the index.
+
+    A log lies at ``logs/DIGEST/NAME``, so that its entry can be made again from the path. It is then waiting to be
+    read. In place of the time of its upload, which is lost, the file's time of change is taken.
+
+    Args:
+        logs: the folder with all logs.
+        db: the connection, within a transaction.
+        indexed_digests: digests of the logs that the index has.
+    """
+    for path in logs.glob(f"{DIGEST_GLOB}/*"):
+        digest = path.parent.name
+        if digest in indexed_digests:
+            continue
+        status = path.stat()
+        modified = datetime.fromtimestamp(status.st_mtime, UTC)
+        entry = Entry(
+            new_id(),
+            path.name,
+            digest,
+            f"{LOGS}/{digest}/{path.name}",
+            status.st_size,
+            received=status.st_mtime,
+            sorted_by=modified.isoformat(),
+        )
+        insert_entry(db, entry)

@@ -1,0 +1,97 @@
+"""Files of the library: its folders, the names in them, the locks of its servers, and writing that is safe on disk."""
+
+import errno
+import fcntl
+import os
+import re
+import secrets
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from mavdem.errors import Refusal
+from mavdem.facts.serve import Request
+
+LOGS = "logs"
+"""Folder of the logs, with a folder for each digest."""
+
+RESULTS = "results"
+"""Folder of the results, with a folder for each digest."""
+
+INCOMING = "incoming"
+"""Folder of uploads and recordings that are being written."""
+
+SERVERS = "servers"
+"""Folder of the lock files of running servers."""
+
+PROGRESS = "progress.json"
+"""File in a folder of results with the columns of the index that are known while the log is read."""
+
+SERVER_NAME_BYTES = 8
+"""Number of random bytes in the name of a server and of an upload, written as hexadecimal digits."""
+
+RESERVED_BYTES = 64 << 20
+"""Number of bytes of the disk that uploads leave free: deleting flights needs some for SQLite's journal."""
+
+MAX_FILE_NAME_BYTES = 150
+"""Largest length of the name of a stored log, bytes. File systems allow 255, and derived names are longer."""
+
+
+def stored_file_name(name: str) -> str:
+    """Returns the name that a log has on the disk: its own name, without characters that could form a path.
+
+    Names of more than ``MAX_FILE_NAME_BYTES`` lose their beginning, so that the extension stays.
+
+    Args:
+        name: name of the uploaded file, of any characters.
+    """
+    plain_name = re.sub(r"[^\w.()-]", "_", name).lstrip(".")
+    # Cutting bytes may leave a part of a character at the beginning, which is dropped.
+    short_name = plain_name.encode()[-MAX_FILE_NAME_BYTES:].decode(errors="ignore").lstrip(".")
+    return short_name or "log"
+
+
+@contextmanager
+def refuse_full_disk() -> Iterator[None]:
+    """Turns an error of SQLite or the operating system within its block that the disk is full into a refusal.
+
+    Raises:
+        Refusal: the disk, or the quota of the user on it, is full.
+    """
+    try:
+        yield
+    except (sqlite3.OperationalError, OSError) as error:
+        error_number = getattr(error, "errno", None)
+        sqlite_code = getattr(error, "sqlite_errorcode", None)
+        if error_number in (errno.ENOSPC, errno.EDQUOT) or sqlite_code == sqlite3.SQLITE_FULL:
+            raise Refusal(Request.DISK_FULL) from None
+        raise
+
+
+def random_name() -> str:
+    """Returns a random name for a file of an upload."""
+    return secrets.token_hex(SERVER_NAME_BYTES)
+
+
+def is_locked(path: Path) -> bool:
+    """Returns whether the process of a server lives: its lock file exists, and another process holds the lock.
+
+    The operating system releases the lock when the process ends in any way.
+
+    Args:
+        path: path of the server's lock file.
+    """
+    with suppress(OSError), path.open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return False
+    return path.exists()
+
+
+def sync_folder(folder: Path) -> None:
+    """Writes the entries of a folder to the disk, so that the names of its files survive a power failure."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
