@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
 from mavdem.errors import Unreadable, error_message
-from mavdem.facts.command import Place
+from mavdem.facts.command import Unwritable
 
 PathName = str | os.PathLike[str]
 """Path of a file, as text or as an object."""
@@ -102,7 +102,9 @@ def write_text_atomically(path: Path, text: str) -> None:
 
 
 @contextmanager
-def reporting_write_errors(*files: Path, code: Place = Place.FILE_FAILED) -> Iterator[None]:
+def reporting_write_errors(
+    *files: Path, code: Unwritable = Unwritable.FILE_FAILED
+) -> Iterator[None]:
     """Turns an ``OSError`` of the block into an ``Unreadable`` that names the files.
 
     Args:

@@ -9,7 +9,7 @@ import click
 
 from mavdem.containers import Names
 from mavdem.errors import Unreadable
-from mavdem.facts.command import Place
+from mavdem.facts.command import Unwritable
 from mavdem.files import (
     PathName,
     atomic_writes,
@@ -37,10 +37,10 @@ def check_output_folder(folder: Path, names: Names = (), *inputs: PathName | Non
     candidates = (folder, *folder.absolute().parents)
     existing = next(path for path in candidates if os.path.lexists(path))
     if not existing.is_dir():
-        raise Unreadable(Place.OUT_IS_A_FILE, path=folder, existing=existing)
+        raise Unreadable(Unwritable.OUT_IS_A_FILE, path=folder, existing=existing)
     if not is_writable(existing):
-        raise Unreadable(Place.OUT_NOT_WRITABLE, path=folder, existing=existing)
-    with reporting_write_errors(folder, code=Place.OUT_FAILED):
+        raise Unreadable(Unwritable.OUT_NOT_WRITABLE, path=folder, existing=existing)
+    with reporting_write_errors(folder, code=Unwritable.OUT_FAILED):
         for part in folder.parts:
             # The status of a path that does not exist shows whether its name is too long for the file system.
             with suppress(FileNotFoundError):
@@ -53,7 +53,7 @@ def check_output_folder(folder: Path, names: Names = (), *inputs: PathName | Non
     targets = {os.path.realpath(folder / name) for name in names}
     for path in inputs:
         if path and os.path.realpath(path) in targets:
-            raise Unreadable(Place.OUT_REPLACES_INPUT, path=folder, existing=path)
+            raise Unreadable(Unwritable.OUT_REPLACES_INPUT, path=folder, existing=path)
 
 
 def check_output_file(path: Path | None, option: str, endings: Names) -> None:
@@ -94,7 +94,7 @@ def replaced_files(
     Raises:
         Unreadable: A file cannot be written; then none is replaced.
     """
-    with reporting_write_errors(folder, code=Place.OUT_FAILED):
+    with reporting_write_errors(folder, code=Unwritable.OUT_FAILED):
         folder.mkdir(parents=True, exist_ok=True)
         with atomic_writes(*(folder / name for name in names)) as temporary_paths:
             yield temporary_paths

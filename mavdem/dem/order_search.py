@@ -43,7 +43,7 @@ A choice: wide enough to average noise, narrow enough to keep fast states visibl
 """
 
 MIN_KERNEL_SAMPLES = 100.0
-"""Fewest effective samples that the kernel leaves of a flight: a short flight has a narrower kernel."""
+"""Least number of effective samples that the kernel leaves of a flight: a short flight has a narrower kernel."""
 
 MIN_KERNEL_STEPS = 1.5
 """Smallest width σ of the kernel, in sampling steps: derivatives of a narrower kernel are undersampled."""
@@ -52,7 +52,7 @@ KERNEL_REACH = 6.0
 """Widths σ to either side at which the kernel is cut off; beyond, even its eighth derivative is below 5e-5."""
 
 SPARE_VALUES = 3
-"""Values that a generalized output has beyond the states of the largest model: they distinguish the orders."""
+"""Number of values of a generalized output beyond the states of the largest model: they distinguish the orders."""
 
 MIN_EMBEDDING_ORDER = 2
 """Lowest embedding order p of the outputs: below the second derivative the noise cannot be estimated."""
@@ -258,12 +258,12 @@ def embed_by_kernel(
 
 
 def _samples_per_effective_sample(width: float, dt: float) -> float:
-    """Returns how many samples of smooth noise carry as much information as one independent sample.
+    """Returns the number of samples of smooth noise that carry as much information as one independent sample.
 
-    That is Σₖ ρ(k dt)², with the autocorrelation ρ(τ) = exp(−τ²/4s²) of noise of kernel width s; the sum is √(2π) s/dt.
+    It is Σₖ ρ(k dt)², with the autocorrelation ρ(τ) = exp(−τ²/4s²) of noise of kernel width s. The sum is √(2π) s/dt.
 
     Args:
-        width: kernel width s, s.
+        width: kernel width s, in seconds.
         dt: sampling step, s.
     """
     return sqrt(2 * pi) * width / dt
@@ -288,9 +288,9 @@ def kernel_width(record: Record) -> float:
         rate_kernel_width = 2 * record.dt
         derivatives_of_segments.append(embed_by_kernel(scaled, 1, rate_kernel_width, record.dt))
     derivatives = np.concatenate(derivatives_of_segments)
-    # The widest kernel: the number of samples per effective sample is proportional to the width in steps, and this is
-    # the number for a width of one step.
-    samples_per_step_of_width = _samples_per_effective_sample(1.0, 1.0)
+    # The widest kernel leaves MIN_KERNEL_SAMPLES effective samples. The number of samples per effective sample is
+    # proportional to the width in steps; for a width of one step it is the following.
+    samples_per_step_of_width = _samples_per_effective_sample(width=1.0, dt=1.0)
     width = len(record) * record.dt / (samples_per_step_of_width * MIN_KERNEL_SAMPLES)
     # Segments that are too short for a kernel show no rates.
     if len(derivatives):
@@ -303,8 +303,8 @@ def _time_of_change(values: Array, rates: Array) -> float:
     """Returns the time in which signals change by their standard deviation: the ratio of their size to their rate.
 
     Args:
-        values: (T, m) signals, of about the same variance.
-        rates: (T, m) their rates, per second.
+        values: m signals of about the same variance, T samples (T, m).
+        rates: derivatives of the signals (T, m), per second.
 
     Returns:
         RMS deviation of the signals over the RMS deviation of the rates, s.
@@ -333,7 +333,10 @@ def fits_by_order(data: BlackBoxData, max_order: int) -> tuple[Iterate | None, .
 
 
 def _fit(data: BlackBoxData, order: int) -> Iterate:
-    """Fits a model of ``order`` states by DEM, from θ that regressions give and the prior means of the noises.
+    """Fits a black-box model with a given number of states by DEM.
+
+    The rounds of DEM start from θ by regressions (:func:`theta_from_data`), since the free energy has many maxima, and
+    from the prior means of the noise precisions.
 
     Args:
         data: the generalized data.
@@ -358,15 +361,15 @@ def _fit(data: BlackBoxData, order: int) -> Iterate:
 
 
 def theta_from_data(data: BlackBoxData, order: int) -> Array:
-    """Estimates θ of a model with ``order`` states by regressions, as a start for the fit.
+    """Estimates the parameters θ = (A, B, C) of a model by regressions, as a start for the fit.
 
-    The states are linear functions of the generalized data: first the outputs, then those parts of their first, second,
-    … derivative that the states so far and the inputs do not explain, the largest parts first. The rate of each state
-    is the same function of the next higher derivatives. With states and rates as functions of the data, A, B and C
-    follow by regression.
+    The states are chosen as linear functions of the generalized data. The first ones are the outputs. Further ones are
+    those parts of the outputs' first, second, … derivative that the states so far and the inputs do not explain, the
+    largest parts first, until there are enough. The rate of each state is the same function of the next higher
+    derivatives. With states and rates as functions of the data, A, B and C follow by regression.
 
     Args:
-        data: the generalized data.
+        data: the generalized data: outputs and inputs with their derivatives.
         order: number of states.
 
     Returns:
@@ -375,22 +378,23 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
     Raises:
         numpy.linalg.LinAlgError: there are too few derivatives for as many states.
     """
+    # y[k] and v[k] select the k-th derivatives of the outputs and of the inputs.
     y, v = _signal_selectors(data)
-    # Linear functions of the data, one in each row: as many states as have been found so far, and their rates.
+    # The states so far and their rates: linear functions of the data, one in each row.
     states = np.zeros((0, len(data.statistics.gram)))
     rates = states
     for k in range(data.p):
         unexplained = y[k]
         rate_of_unexplained = y[k + 1]
-        # From the first derivative on, what the states and the inputs up to order k − 1 explain is taken off.
+        # From the first derivative on, what the states and the inputs up to order k − 1 explain is subtracted.
         if k:
             regressors = np.vstack([states, *v[:k]])
             regressor_rates = np.vstack([rates, *v[1 : k + 1]])
             coefficients = _regression(data, y[k], regressors, ROUNDING_TOLERANCE)
             unexplained = unexplained - coefficients @ regressors
             rate_of_unexplained = rate_of_unexplained - coefficients @ regressor_rates
-        # The unexplained parts are compared in units of the derivative's standard deviation, and their principal
-        # components, the largest first, become further states, as many as are still missing.
+        # The principal components of the unexplained parts, the largest first, become further states, as many as are
+        # still missing. The parts are compared in units of the derivatives' standard deviations.
         deviation = np.sqrt(np.diag(_mean_products(data, y[k], y[k])))
         scaled = unexplained / deviation[:, None]
         directions = _principal_directions(_mean_products(data, scaled, scaled))
@@ -404,10 +408,13 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
 
 
 def _signal_selectors(data: BlackBoxData) -> tuple[list[Array], list[Array]]:
-    """Returns the matrices that select y, y', … and v, v', … from a sample of the generalized data.
+    """Returns the matrices that select each derivative of outputs and inputs from a sample of the generalized data.
+
+    A sample is the vector [ỹ; η̃]: the m outputs, their first derivatives and so on up to order p, and then the r inputs
+    likewise up to order p − 1.
 
     Args:
-        data: the generalized data [ỹ; η̃].
+        data: the generalized data.
 
     Returns:
         p + 1 matrices (m, dim [ỹ; η̃]), one for each derivative of the outputs, and p matrices (r, dim [ỹ; η̃]), one for
@@ -425,8 +432,8 @@ def _mean_products(data: BlackBoxData, left: Array, right: Array) -> Array:
 
     Args:
         data: the generalized data.
-        left: (a, dim [ỹ; η̃]) functions, one in each row.
-        right: (b, dim [ỹ; η̃]) functions.
+        left: coefficients of a functions, one in each row (a, dim [ỹ; η̃]).
+        right: coefficients of b functions (b, dim [ỹ; η̃]).
 
     Returns:
         Mean products (a, b).
@@ -446,20 +453,22 @@ def _regression(
 
     Args:
         data: the generalized data.
-        targets: (a, dim [ỹ; η̃]) functions to explain, one in each row.
-        regressors: (b, dim [ỹ; η̃]) functions that explain them.
+        targets: coefficients of a functions to explain, one in each row (a, dim [ỹ; η̃]).
+        regressors: coefficients of b functions that explain them (b, dim [ỹ; η̃]).
         ridge: ridge, as a fraction of each regressor's variance.
 
     Returns:
         Coefficients (a, b).
     """
-    # Regressors are scaled to variance 1, so that the ridge means the same for each; one that is 0 stays so.
+    # Regressors are scaled to variance 1, so that the ridge means the same for each; one that is always 0 stays so.
     deviation = np.sqrt(np.diag(_mean_products(data, regressors, regressors)))
-    unit = np.where(deviation > 0, deviation, 1.0)[:, None]
-    scaled = regressors / unit
-    normal_matrix = _mean_products(data, scaled, scaled) + ridge * np.eye(len(scaled))
-    scaled_coefficients = np.linalg.solve(normal_matrix, _mean_products(data, scaled, targets))
-    return (scaled_coefficients / unit).T
+    scale = np.where(deviation > 0, deviation, 1.0)[:, None]
+    scaled_regressors = regressors / scale
+    normal_matrix = _mean_products(data, scaled_regressors, scaled_regressors)
+    normal_matrix += ridge * np.eye(len(scaled_regressors))
+    moments = _mean_products(data, scaled_regressors, targets)
+    scaled_coefficients = np.linalg.solve(normal_matrix, moments)
+    return (scaled_coefficients / scale).T
 
 
 def _principal_directions(symmetric: Array) -> Array:
@@ -468,15 +477,16 @@ def _principal_directions(symmetric: Array) -> Array:
 
 
 def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Array:
-    """Estimates θ by regression, in coordinates in which states have variance 1 and their noises are independent.
+    """Estimates θ by regression of rates and outputs on states and inputs, in the coordinates of the priors.
 
-    The data determine the states only up to a linear map. The priors are for these coordinates: x has variance 1, and
-    each state a noise of its own.
+    The data determine the states only up to an invertible linear map. The priors fix it: they are for states of
+    variance 1 with independent noises. So the states are first whitened, and then rotated to the principal axes of the
+    process noise.
 
     Args:
         data: the generalized data.
-        states: (n, dim [ỹ; η̃]) linear functions of the data that are the states.
-        rates: (n, dim [ỹ; η̃]) linear functions of the data that are their rates.
+        states: linear functions of the data that are the n states, one in each row (n, dim [ỹ; η̃]).
+        rates: linear functions of the data that are their rates (n, dim [ỹ; η̃]).
 
     Returns:
         θ (k,) in the units of the data.
@@ -485,7 +495,7 @@ def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Arr
     output_derivatives, input_derivatives = _signal_selectors(data)
     outputs = output_derivatives[0]
     inputs = input_derivatives[0]
-    # The states are whitened: divided by their standard deviations along their principal axes.
+    # Whitening: the states are divided by their standard deviations along their principal axes.
     variances, axes = np.linalg.eigh(_mean_products(data, states, states))
     min_variance = ROUNDING_TOLERANCE * variances.max()
     whitening = (axes / np.sqrt(np.maximum(variances, min_variance))).T
@@ -498,11 +508,11 @@ def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Arr
     dynamics = _regression(data, rates, regressors, ridge)
     noise = rates - dynamics @ regressors
     noise_covariance = _mean_products(data, noise, noise)
-    # A rotation keeps the variance of the states, and makes their noises independent.
+    # A rotation keeps the states' variances of 1, and makes their noises independent.
     rotation = _principal_directions(noise_covariance)
     A, B = np.split(rotation @ dynamics, [n], axis=1)
-    # An unknown input has no data, and a fit that starts with its column of B at 0 would leave all of its effect to the
-    # process noise. So each one starts with the size of one state's noise, one state after the other.
+    # An unknown input has no data, so its column of B is 0 so far. A fit that starts from there would leave all of its
+    # effect to the process noise. So each unknown input starts as driving one state, by the size of that state's noise.
     unknown_inputs = np.flatnonzero(np.diag(_mean_products(data, inputs, inputs)) == 0)
     driven_states = unknown_inputs % n
     noise_deviations = np.sqrt(np.diag(rotation @ noise_covariance @ rotation.T)[driven_states])

@@ -3,7 +3,7 @@
 from mavdem.facts.fact import Code
 
 
-class Place(Code):
+class Unwritable(Code):
     """Why a file or folder cannot be written."""
 
     OUT_IS_A_FILE = "out_is_a_file"

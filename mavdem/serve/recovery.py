@@ -1,13 +1,11 @@
 """Recovery of a library after a server has died: its unfinished work, and an index that agrees with the files."""
 
-from __future__ import annotations
-
 import shutil
 import sqlite3
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 from mavdem.facts.serve import Stage
 from mavdem.serve.index import DIGEST_GLOB, Entry, insert_entry, new_id
@@ -20,14 +18,31 @@ from mavdem.serve.stored_files import (
     is_locked,
 )
 
-if TYPE_CHECKING:
-    from mavdem.serve.library import Library
-
 FORMER_INDEX = "library.sqlite"
 """Name of the SQLite file in which earlier versions had the index."""
 
 
-def dead_servers(library: Library) -> list[str]:
+class RecoverableLibrary(Protocol):
+    """What recovery uses of a library (``mavdem.serve.library.Library``)."""
+
+    folder: Path
+    """Absolute path of its folder."""
+
+    name: str
+    """Name of this server among those that share the folder."""
+
+    @property
+    def db(self) -> sqlite3.Connection:
+        """The connection of the calling thread to the index."""
+
+    def transaction(self) -> AbstractContextManager[sqlite3.Connection]:
+        """Makes all changes of its block or none."""
+
+    def add(self, incoming: Path, name: str, **columns: Any) -> Entry:
+        """Moves a complete file into the library."""
+
+
+def dead_servers(library: RecoverableLibrary) -> list[str]:
     """Returns the names of servers of a library's folder that have ended without releasing their claims.
 
     A running server holds a lock on the file with its name in the folder of servers.
@@ -42,7 +57,7 @@ def dead_servers(library: Library) -> list[str]:
     return server_names
 
 
-def recover(library: Library) -> None:
+def recover(library: RecoverableLibrary) -> None:
     """Takes over the work of servers that died, and makes the index and the folders agree again.
 
     Recordings of their live sessions are added to the library, their uploads that were not acknowledged are removed,
@@ -84,7 +99,7 @@ def release_claims(db: sqlite3.Connection, server: str) -> None:
     )
 
 
-def import_former_index(library: Library) -> None:
+def import_former_index(library: RecoverableLibrary) -> None:
     """Copies the entries of an earlier version's index, a file of its own, into this one, and removes that file.
 
     Entries with an id that this index has already were copied before, by an import that was interrupted. The columns of
@@ -109,7 +124,7 @@ def import_former_index(library: Library) -> None:
     former_index.unlink(missing_ok=True)
 
 
-def _add_recordings(library: Library, server: str) -> None:
+def _add_recordings(library: RecoverableLibrary, server: str) -> None:
     """Adds the recordings of live sessions of a dead server to the library.
 
     Args:

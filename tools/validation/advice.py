@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Gains that are advised, judged by the truth of the simulated flights of loops.py, thinned to one rate.
+"""Gains that are advised, evaluate_flight by the truth of the simulated flights of loops.py, thinned to one rate.
 
 The goal is that of --margins, in the rate and the attitude loop of the true plant, with the flight's control
 effectiveness, and with 1.2 and 1.44 times that, as by 20 % more volts. The lean is that in the flight's wind, by the
@@ -17,22 +17,36 @@ import click
 import numpy as np
 import pandas as pd
 from flights import Values, command, evaluate_flights, print_table
-from loops import CACHE, HALF, HALVES, PLANT, loops_in, simulated
+from loops import CACHE, HALF, HALVES, PLANT, identified_loops, simulated_log
 
 from mavdem.assessment.record import NoLoop
 from mavdem.loops.advice import advise
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, MarginTarget, margin_scores
 
-# Times the control effectiveness of the flight
 EFFECTS = {"after": 1.0, "1.2 times": 1.2, "1.44 times": 1.44}
+"""Factors on the control effectiveness of the flight, by the column of the table."""
+
 GOALS = ["goal met before", *EFFECTS]
+"""Columns that count loops with the margins."""
+
 LEANS = {"lean": (True, False), "lean, goal met before": (True,), "lean, not met": (False,)}
+"""Columns with a median lean: of all loops, and of those that had the margins before, or not."""
 
 
-def outcome(
+def evaluate_gains(
     loop: Loop, plant: list[float], gains: Mapping[str, float], target: MarginTarget
 ) -> Values:
-    """Whether the loops of the true ``plant`` have the goal with these ``gains``, and their lean in the wind."""
+    """Judges gains by the true plant.
+
+    Args:
+        loop: identified loop of the axis, with its controller and the wind.
+        plant: control effectiveness, damping, lag and delay of the true plant, as in ``PLANT``.
+        gains: gains to set, by the autopilot's name; those of the log for none.
+        target: margins to have.
+
+    Returns:
+        "met", whether both loops of the true plant have the margins, and "lean" in the wind, degrees.
+    """
     effect, *dynamics = plant
     flown = replace(loop, effectiveness=np.array([effect]), dynamics=np.array([dynamics]))
     true = flown.with_parameters(gains)
@@ -41,11 +55,18 @@ def outcome(
     return {"met": bool(met), "lean": true.lean_in_wind}
 
 
-def judged(seed: int, rate: float, margins: str, cache: Path) -> list[Values]:
-    """A row for each axis with a loop in the flight of a seed."""
-    log, truth = simulated(seed, cache)
+def evaluate_flight(seed: int, rate: float, margins: str, cache: Path) -> list[Values]:
+    """Returns a row for each axis with a loop in the simulated flight of a seed.
+
+    Args:
+        seed: seed of the flight.
+        rate: rate of the messages, Hz.
+        margins: name of the margins to have.
+        cache: folder with the simulated flights.
+    """
+    log, truth = simulated_log(seed, cache)
     rows = []
-    for axis, loop in loops_in(log, rate).items():
+    for axis, loop in identified_loops(log, rate).items():
         if isinstance(loop, NoLoop):
             continue
         advice = advise(loop, margins, more=True)
@@ -54,11 +75,11 @@ def judged(seed: int, rate: float, margins: str, cache: Path) -> list[Values]:
         if advice.refusals:
             continue
         effect, *dynamics = (truth[axis][name] for name in PLANT)
-        before = outcome(loop, [effect, *dynamics], {}, advice.target)
+        before = evaluate_gains(loop, [effect, *dynamics], {}, advice.target)
         row["goal met before"] = before["met"]
         for name, factor in EFFECTS.items():
             plant = [factor * effect, *dynamics]
-            after = outcome(loop, plant, advice.parameters, advice.target)
+            after = evaluate_gains(loop, plant, advice.parameters, advice.target)
             row[name] = after["met"]
             if factor == 1.0:
                 row["lean"] = after["lean"] / before["lean"]
@@ -72,7 +93,7 @@ def judged(seed: int, rate: float, margins: str, cache: Path) -> list[Values]:
 @HALF
 @CACHE
 def main(half: str, rate: float, margins: str, flights: int, cache: Path, jobs: int) -> None:
-    judge = partial(judged, rate=rate, margins=margins, cache=cache)
+    judge = partial(evaluate_flight, rate=rate, margins=margins, cache=cache)
     rows = evaluate_flights(judge, HALVES[half][:flights], jobs)
     rows = rows.reindex(columns=["advice", *GOALS, "lean"])
     for name, met in LEANS.items():

@@ -55,13 +55,24 @@ SHIFTED = "shifted load"
 SECOND = "chipped while another is weak"
 KINDS = {SOUND: 72, HOVER: 100, WIND: 100, CHIPPED: 40, SHIFTED: 120, SECOND: 40}
 """Flights of each kind; the sound ones of ten minutes, which makes twelve hours with about ten of them settled."""
-BROKEN = {"thrust": 0.8, "torque": 0.76}  # times those of a sound propeller
-ARMS = {"iris": 250.0, "ardrone2": 178.0, "crazyflie": 43.0}  # mm
-SHIFT = (0.05, 0.14)  # of the arm
+CHIPPED_PROPELLER = {"thrust": 0.8, "torque": 0.76}
+"""Thrust and torque of a chipped propeller, relative to a sound one."""
+
+ARMS = {"iris": 250.0, "ardrone2": 178.0, "crazyflie": 43.0}
+"""Length of the arm of each model, mm."""
+
+SHIFT_RANGE = (0.05, 0.14)
+"""Least and largest shift of the centre of mass by a load, relative to the arm."""
 
 
 def scenario(kind: str, number: int, rate: float) -> Scenario:
-    """The flight of a kind and number, its motors at ``rate``, Hz."""
+    """Returns the scenario of a flight.
+
+    Args:
+        kind: kind of the flight, a key of ``KINDS``.
+        number: number of the flight within its kind.
+        rate: rate of the motors' messages, Hz.
+    """
     kind_number = list(KINDS).index(kind)
     rng = default_rng([kind_number, number])
     length, flights = (200.0, 3) if kind == SOUND else (50.0, 1)
@@ -78,12 +89,12 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
     if kind in (HOVER, WIND, SECOND):
         values["vehicle"] |= {"weak_motor": motor, "weak_from": start, "weak_thrust": 0.8}
     if kind == CHIPPED:
-        values["propeller"] = BROKEN | {"motor": motor, "start": start}
+        values["propeller"] = CHIPPED_PROPELLER | {"motor": motor, "start": start}
     elif kind == SECOND:
-        values["propeller"] = BROKEN | {"motor": other, "start": second}
+        values["propeller"] = CHIPPED_PROPELLER | {"motor": other, "start": second}
     elif kind == SHIFTED:
         arm = ARMS[values["vehicle"]["model"]]
-        far = rng.uniform(*SHIFT) * arm
+        far = rng.uniform(*SHIFT_RANGE) * arm
         bearing = rng.uniform(0.0, 2 * np.pi)
         values["load"] = {
             "start": start,
@@ -94,35 +105,41 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
     return scenario_from_values(values, "SERVO_OUTPUT_RAW")
 
 
-def watched(flight: Scenario) -> tuple[float, tuple[MotorAlarm, ...]]:
-    """Hours settled, and what is said of the motors in a flight."""
+def hours_and_alarms(flight: Scenario) -> tuple[float, tuple[MotorAlarm, ...]]:
+    """Returns the hours of settled flight, and the alarms on motors and loads in it."""
     signals = Signals(simulated_telemetry(flight, fly(flight)))
     hours = sum(end - begin for begin, end in settled_intervals(signals, 0)) / 3600
     return hours, motor_alarms(signals)
 
 
-def judged(case: tuple[str, int], rate: float) -> list[Values]:
-    """A row: what of one flight the tables count."""
+def evaluate_flight(case: tuple[str, int], rate: float) -> list[Values]:
+    """Returns the row of one flight: delay of the first alarm, whether it names the motor, and number of alarms.
+
+    Args:
+        case: kind and number of the flight.
+        rate: rate of the motors' messages, Hz.
+    """
     kind, number = case
     flight = scenario(kind, number, rate)
-    hours, alarms = watched(flight)
+    hours, alarms = hours_and_alarms(flight)
     vehicle = flight.vehicle
     propeller = flight.propeller
-    begin = propeller.start if propeller.motor else max(vehicle.weak_from, flight.load.start)
-    # The first two seconds are before the arming that scenarios count from.
-    breaks = np.inf if kind == SOUND else begin + 2.0
-    after = (alarm for alarm in alarms if alarm.time >= breaks)
-    first = next(after, None)
+    scenario_time = (
+        propeller.start if propeller.motor else max(vehicle.weak_from, flight.load.start)
+    )
+    # Scenarios count from the arming, two seconds after the beginning of the recording.
+    fault_time = np.inf if kind == SOUND else scenario_time + 2.0
+    first_alarm = next((alarm for alarm in alarms if alarm.time >= fault_time), None)
     row = {"flights": kind, "half": ("even", "odd")[number % 2], "hours": hours}
-    row["delay"] = np.inf if first is None else first.time - breaks
-    broken = propeller.motor or vehicle.weak_motor
-    row["right"] = first is not None and first.motor == broken
+    row["delay"] = np.inf if first_alarm is None else first_alarm.time - fault_time
+    faulty_motor = propeller.motor or vehicle.weak_motor
+    row["right"] = first_alarm is not None and first_alarm.motor == faulty_motor
     row["on a motor"] = sum(alarm.motor is not None for alarm in alarms)
     return [row]
 
 
-def line_of(flights: pd.DataFrame) -> pd.Series:
-    """A row: what was found where a motor broke, and the alarms on sound motors."""
+def alarm_statistics(flights: pd.DataFrame) -> pd.Series:
+    """Returns the row of the flights of one kind and half: faults found, delays, and alarms on motors."""
     delays = flights["delay"]
     finite = delays[np.isfinite(delays)]
     line = {"number": len(flights), "hours settled": f"{flights['hours'].sum():.2f}"}
@@ -134,8 +151,8 @@ def line_of(flights: pd.DataFrame) -> pd.Series:
     return pd.Series(line)
 
 
-def replayed(recording: Path) -> list[Values]:
-    """A row: what a live session finds in a recording, on a clock of its stamps."""
+def evaluate_recording(recording: Path) -> list[Values]:
+    """Returns the row of a recording: what a live session finds in it, on a clock that follows its time stamps."""
     stamped = read_stream(recording).stamped_frames()
     frames = sorted((stamp / 1e6, data) for stamp, data in stamped)
     link = Mock(awaits_greeting=False, dropped_datagrams=0, drain_events=list)
@@ -167,14 +184,14 @@ def replayed(recording: Path) -> list[Values]:
 @click.argument("recordings", nargs=-1, type=click.Path(exists=True, path_type=Path))
 def main(recordings: tuple[Path, ...], rate: float, flights: int, jobs: int) -> None:
     if recordings:
-        rows = evaluate_flights(replayed, recordings, jobs)
+        rows = evaluate_flights(evaluate_recording, recordings, jobs)
         print_table("A live session", rows.sort_values("0 in band"))
         return
-    asked = [
+    cases = [
         (kind, number) for kind, count in KINDS.items() for number in range(min(count, flights))
     ]
-    rows = evaluate_flights(partial(judged, rate=rate), asked, jobs)
-    lines = rows.groupby(["flights", "half"], sort=False).apply(line_of)
+    rows = evaluate_flights(partial(evaluate_flight, rate=rate), cases, jobs)
+    lines = rows.groupby(["flights", "half"], sort=False).apply(alarm_statistics)
     print_table(f"Motors at {rate:g} Hz", lines.reset_index())
 
 

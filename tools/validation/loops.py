@@ -46,70 +46,94 @@ from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import axis_model, truth
 from sitl_scenarios.vehicles import airframe
 
-GIVEN = load_adjacent_toml(__file__, "loops.toml")
-HALVES = {"choose": range(1000, 1024), "report": range(2000, 2024)}  # seeds
-RATE = DEFAULT_LOOP_RATES["ardupilot"]  # of the simulated autopilots' loops, and of their messages
-AT_LIMIT = 0.15  # share of the time in the air with a motor at a limit, at most
-LEAST_PHASE = 15.0  # ° of the loops that are flown
-KINDS = ("type_mask", "axis", "port")  # fields by which messages of one name are of several kinds
+TABLES = load_adjacent_toml(__file__, "loops.toml")
+"""Vehicles, winds, steering, gains and ranges from which flights are drawn, and plants of recorded logs."""
+
+HALVES = {"choose": range(1000, 1024), "report": range(2000, 2024)}
+"""Seeds of the flights to choose a method on, and of those to report."""
+
+LOOP_RATE = DEFAULT_LOOP_RATES["ardupilot"]
+"""Rate of the simulated autopilots' loops, and of their messages, Hz."""
+
+MAX_AT_LIMIT_SHARE = 0.15
+"""Largest share of the time in the air with a motor at a limit."""
+
+MIN_PHASE_MARGIN = 15.0
+"""Least phase margin of the loops that are flown, degrees."""
+
+KIND_FIELDS = ("type_mask", "axis", "port")
+"""Fields by which messages of one name are of several kinds."""
+
 MARGINS = ("crossover", "phase_margin", "gain_margin", "ms")
 PLANT = ("effect", "damping", "lag", "delay")
 LOOPS = ("rate", "attitude")
-SHOWN = ("effect", *(f"rate_{name}" for name in MARGINS))
-CLOSE = 1.5  # dB
-LARGEST = 30.0  # dB, that the error of a gain margin counts at most, as of one that there is not
+SHOWN_FIGURES = ("effect", *(f"rate_{name}" for name in MARGINS))
+CLOSE_GAIN_ERROR = 1.5
+"""Largest error of a gain margin that is called close, dB."""
+
+MAX_GAIN_ERROR = 30.0
+"""Largest error of a gain margin, dB: one that does not exist has an infinite error."""
+
 Array = NDArray[np.float64]
 Truth = dict[str, dict[str, float]]
 """Figures by axis and name."""
 
 
-def drawn(seed: int, rng: Generator) -> Scenario:
-    """Draws a scenario whose gains have the proportions of the autopilot's defaults, and margins that are drawn."""
+def random_scenario(seed: int, rng: Generator) -> Scenario:
+    """Draws a scenario whose gains have the proportions of the autopilot's defaults, and random margins.
 
-    def one(name: str) -> float:
-        return float(rng.uniform(*GIVEN["ranges"][name]))
+    It is drawn again until all loops have ``MIN_PHASE_MARGIN``.
+
+    Args:
+        seed: seed of the flight, by which autopilots, filters and steering take turns.
+        rng: source of the random numbers.
+    """
+
+    def random_value(name: str) -> float:
+        """Draws a value uniformly from its range in the tables."""
+        return float(rng.uniform(*TABLES["ranges"][name]))
 
     autopilot = ("ardupilot", "px4")[seed % 2]
-    vehicle = rng.choice(GIVEN["vehicles"])
-    wind = str(rng.choice(GIVEN["winds"]))
-    like = Case("iris", wind, "none", RATE, autopilot, varied(rng), seed)
+    vehicle = rng.choice(TABLES["vehicles"])
+    wind = str(rng.choice(TABLES["winds"]))
+    like = Case("iris", wind, "none", LOOP_RATE, autopilot, varied(rng), seed)
     wanted = scenario(like).model_dump(mode="json")
-    parameters = {LOOP_RATE_PARAMETERS[autopilot]: RATE, **GIVEN["filters"][autopilot]}
+    parameters = {LOOP_RATE_PARAMETERS[autopilot]: LOOP_RATE, **TABLES["filters"][autopilot]}
     if seed % 3:  # of three flights two have the gyro's low-pass
-        parameters |= GIVEN["gyro"][autopilot]
+        parameters |= TABLES["gyro"][autopilot]
     wanted["vehicle"] |= {**vehicle, "parameters": parameters}
-    steering = GIVEN["steering"]
+    steering = TABLES["steering"]
     turn = seed // 2 % len(steering)
     wanted["excitation"] = steering[turn]
-    wanted["sensors"] |= {name: one(name) for name in ("delay", "rate_sd")}
-    wanted["stream"]["rates"] = {"ATTITUDE_TARGET": RATE}
+    wanted["sensors"] |= {name: random_value(name) for name in ("delay", "rate_sd")}
+    wanted["stream"]["rates"] = {"ATTITUDE_TARGET": LOOP_RATE}
     of = scenario_of(wanted)
     body = airframe(of.vehicle)
     share = body.command_for(body.hover_speed) / body.full_command
     hover = [share] * 4
     least = 180.0
     for axis in AXES:
-        controller = flown_by(of, axis)
+        controller = axis_controller(of, axis)
         effect = axis_model(of.vehicle, axis).B[-1]
-        plant = plant_of(of, axis, effect, hover)
+        plant = true_plant(of, axis, effect, hover)
         names = [controller.parameter_names[name] for name in "pid"]
-        usual = dict(zip(names, GIVEN["gains"][autopilot][axis], strict=True))
+        usual = dict(zip(names, TABLES["gains"][autopilot][axis], strict=True))
         default = controller.with_parameters(usual)
-        margin = truth_of(default, plant)["rate_gain_margin"]
-        excess = margin - one("gain_margin")
+        margin = true_figures(default, plant)["rate_gain_margin"]
+        excess = margin - random_value("gain_margin")
         factor = 10 ** (excess / 20)
         gains = {name: factor * default.parameters[name] for name in names}
-        gains[controller.parameter_names["angle_gain"]] = one("angle")
-        truth = truth_of(default.with_parameters(gains), plant)
+        gains[controller.parameter_names["angle_gain"]] = random_value("angle")
+        truth = true_figures(default.with_parameters(gains), plant)
         least = min(least, truth["rate_phase_margin"], truth["attitude_phase_margin"])
         parameters |= gains
-    if least > LEAST_PHASE:
+    if least > MIN_PHASE_MARGIN:
         return scenario_of(wanted)
-    return drawn(seed, rng)
+    return random_scenario(seed, rng)
 
 
-def flown_by(of: Scenario, axis: Axis) -> Controller:
-    """The controller of one axis that a scenario flies."""
+def axis_controller(of: Scenario, axis: Axis) -> Controller:
+    """Returns the controller of one axis that a scenario flies."""
     row = 2 + AXES.index(axis)
     columns = rotor_frame(of.vehicle.frame, airframe(of.vehicle).arm)
     weights = columns[row]
@@ -117,43 +141,69 @@ def flown_by(of: Scenario, axis: Axis) -> Controller:
     return controller_from_parameters(parameters, axis, weights)
 
 
-def plant_of(of: Scenario, axis: Axis, effect: Array, shares: Sequence[float]) -> list[float]:
-    """As ``PLANT``: of a demand where outputs, each of ``effect`` (4,) rad/s² per µs, are at ``shares`` of a ms."""
+def true_plant(of: Scenario, axis: Axis, effect: Array, shares: Sequence[float]) -> list[float]:
+    """Returns the true plant of one axis, in the order of ``PLANT``.
+
+    Args:
+        of: the scenario.
+        axis: the axis.
+        effect: angular acceleration per output of each motor (4,), rad/s² per µs.
+        shares: mean output of each motor (4,), as a share of its range of 1 ms.
+
+    Returns:
+        Control effectiveness, rad/s² per demand, damping, 1/s, lag, s, and delay, s.
+    """
     damping = -axis_model(of.vehicle, axis).A[-1, -1]
-    per_demand = flown_by(of, axis).outputs_per_demand(shares)
+    per_demand = axis_controller(of, axis).outputs_per_demand(shares)
     gain = 1000 * effect @ per_demand
     lag = sum(airframe(of.vehicle).rotor_lags) / 2
     delay = of.sensors.delay + of.cycle / 2
     return [float(gain), float(damping), lag, delay]
 
 
-def figures_of(gains: Array, draws: Array, *loops: OpenLoop) -> dict[str, Array]:
-    """(N,) each figure of the plant and its rate and attitude loop by name: the estimate, and draws."""
+def figures_by_name(gains: Array, draws: Array, *loops: OpenLoop) -> dict[str, Array]:
+    """Returns the figures of N plants and of their rate and attitude loops by name (N,).
+
+    Args:
+        gains: control effectiveness of each plant (N,), rad/s² per demand.
+        draws: damping, 1/s, lag, s, and delay, s, of each plant (N, 3).
+        loops: rate loop and attitude loop of these plants.
+    """
     parameters = dict(zip(PLANT, (gains, *draws.T), strict=True))
     for name, loop in zip(LOOPS, loops, strict=True):
         parameters |= {f"{name}_{margin}": loop.figures[margin] for margin in MARGINS}
     return parameters
 
 
-def truth_of(controller: Controller, plant: Sequence[float]) -> dict[str, float]:
-    """Likewise, of a known plant."""
+def true_figures(controller: Controller, plant: Sequence[float]) -> dict[str, float]:
+    """Returns the figures of a known plant and of its rate and attitude loop by name.
+
+    Args:
+        controller: controller of the axis.
+        plant: the plant, in the order of ``PLANT``.
+    """
     plants = np.array(plant[:1]), np.array([plant[1:]])
     rate = rate_loop(controller, *plants)
     attitude = attitude_loop(controller, rate)
-    figures = figures_of(*plants, rate, attitude)
+    figures = figures_by_name(*plants, rate, attitude)
     return {name: float(figure[0]) for name, figure in figures.items()}
 
 
-def flown(seed: int, cache: Path) -> Path:
-    """The folder of a flight, with its log and truth.json: made unless it is there."""
+def flight_folder(seed: int, cache: Path) -> Path:
+    """Returns the folder of a simulated flight, with its log and truth.json; the flight is flown if it is not there.
+
+    Args:
+        seed: seed of the flight.
+        cache: folder of all flights.
+    """
     folder = cache / str(seed)
     if (folder / "truth.json").exists():
         return folder
     folder.mkdir(parents=True, exist_ok=True)
     rng = default_rng(seed)
     limited = np.ones(1)
-    while limited.mean() > AT_LIMIT:
-        of = drawn(seed, rng)
+    while limited.mean() > MAX_AT_LIMIT_SHARE:
+        of = random_scenario(seed, rng)
         with suppress(ValueError):  # it tumbles
             motion = fly(of)
             outputs = motion.outputs[motion.landed_state == IN_AIR]
@@ -164,19 +214,26 @@ def flown(seed: int, cache: Path) -> Path:
     effects = truth(of, motion)
     truths = {}
     for axis in AXES:
-        plant = plant_of(of, axis, effects[f"{axis}_effect"], shares)
-        truths[axis] = truth_of(flown_by(of, axis), plant)
+        plant = true_plant(of, axis, effects[f"{axis}_effect"], shares)
+        truths[axis] = true_figures(axis_controller(of, axis), plant)
     write_log(folder / "flight.tlog", of, motion)
     (folder / "truth.json").write_text(json.dumps(truths, indent=1), "utf-8")
     return folder
 
 
-def simulated(seed: int, cache: Path) -> tuple[Log, Truth]:
-    """The log of a flight, with exact stamps as in autopilots' own logs and not of whole ms; and the truth."""
-    folder = flown(seed, cache)
+def simulated_log(seed: int, cache: Path) -> tuple[Log, Truth]:
+    """Returns the log of a simulated flight, and its true figures.
+
+    Its stamps are exact, as in autopilots' own logs, and not rounded to a millisecond.
+
+    Args:
+        seed: seed of the flight.
+        cache: folder of all flights.
+    """
+    folder = flight_folder(seed, cache)
     log = read_log(folder / "flight.tlog")
     exact = {
-        name: {**columns, "time": np.round(columns["time"] * RATE) / RATE}
+        name: {**columns, "time": np.round(columns["time"] * LOOP_RATE) / LOOP_RATE}
         for name, columns in log.vehicles[0].messages.items()
     }
     truth = json.loads((folder / "truth.json").read_text("utf-8"))
@@ -184,18 +241,23 @@ def simulated(seed: int, cache: Path) -> tuple[Log, Truth]:
     return replace(log, vehicles=(vehicle,)), truth
 
 
-def loops_in(log: Log, rate: float) -> Mapping[str, Loop | NoLoop]:
-    """What ``mavdem tune`` finds by axis, where messages faster than ``rate``, Hz, but one in so many are left out."""
+def identified_loops(log: Log, rate: float) -> Mapping[str, Loop | NoLoop]:
+    """Returns the loops that ``mavdem tune`` identifies by axis, with messages thinned to a rate.
+
+    Args:
+        log: the log.
+        rate: rate of the messages, Hz; infinite for all messages.
+    """
     vehicles = tuple(thinned(vehicle, rate) for vehicle in log.vehicles)
     slower = replace(log, vehicles=vehicles)
     return assess(slower, options=Options(with_model=False)).loops
 
 
 def thinned(vehicle: Telemetry, rate: float) -> Telemetry:
-    """The vehicle's messages, fewer of those that come faster than ``rate``, Hz."""
+    """Returns the telemetry without some of the messages that come faster than a rate, in Hz."""
     kept = {}
     for name, columns in vehicle.messages.items():
-        recorded = (columns[key] for key in KINDS if key in columns)
+        recorded = (columns[key] for key in KIND_FIELDS if key in columns)
         kinds = next(recorded, columns["boot"])
         rows = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
         rates = (rate_without_gaps(np.diff(columns["time"][part])) for part in rows)
@@ -205,55 +267,66 @@ def thinned(vehicle: Telemetry, rate: float) -> Telemetry:
     return replace(vehicle, messages=kept)
 
 
-def estimates_of(loop: Loop) -> dict[str, Array]:
-    """(3,) of each figure by name: the estimate and the ends of its 90 % interval."""
-    figures = figures_of(loop.effectiveness, loop.dynamics, loop.rate, loop.attitude)
+def estimates_with_intervals(loop: Loop) -> dict[str, Array]:
+    """Returns the figures of a loop by name: the estimate and the ends of its 90 % interval (3,)."""
+    figures = figures_by_name(loop.effectiveness, loop.dynamics, loop.rate, loop.attitude)
     return {
         name: np.append(figure[0], np.quantile(figure[1:], INTERVAL_QUANTILES, method="nearest"))
         for name, figure in figures.items()
     }
 
 
-def cause(fact: Fact) -> str:
-    """The code of what a reason follows from."""
+def root_cause(fact: Fact) -> str:
+    """Returns the name of the fact that a reason follows from in the end."""
     because = fact.figures.get("because")
     if isinstance(because, Fact):
-        return cause(because)
+        return root_cause(because)
     return fact.code.name
 
 
-def known_of(log: Log, name: str) -> Truth:
-    """What is true of the axes of a recorded log, where that is known."""
+def recorded_truth(log: Log, name: str) -> Truth:
+    """Returns the true figures of the axes of a recorded log, where they are known.
+
+    Args:
+        log: the log, with the parameters of the autopilot.
+        name: name of its file.
+    """
     return {
-        axis: truth_of(
+        axis: true_figures(
             controller_from_parameters(log.vehicles[0].parameters, axis, (1.0,)), recording["plant"]
         )
-        for recording in GIVEN["recorded"]
+        for recording in TABLES["recorded"]
         if name.startswith(tuple(recording["files"]))
         for axis in recording["axes"]
     }
 
 
-def judged(source: Path | int, rates: Sequence[float], cache: Path) -> list[Values]:
-    """A row for each figure of an axis at a rate of a log, or of the flight of a seed; or one with the cause."""
+def evaluate_log(source: Path | int, rates: Sequence[float], cache: Path) -> list[Values]:
+    """Returns a row for each figure of each axis at each rate, or a row with the cause where there is no loop.
+
+    Args:
+        source: path of a log, or seed of a simulated flight.
+        rates: rates to which messages are thinned, Hz.
+        cache: folder of all simulated flights.
+    """
     name = source.name if isinstance(source, Path) else str(source)
     try:
         if isinstance(source, Path):
             log = read_log(source)
-            truth = known_of(log, name)
+            truth = recorded_truth(log, name)
         else:
-            log, truth = simulated(source, cache)
+            log, truth = simulated_log(source, cache)
     except Refusal as error:
         row = {"log": name, "rate": np.nan, "axis": "", "figure": ""}
-        return [row | {"cause": cause(error.fact)}]
+        return [row | {"cause": root_cause(error.fact)}]
     rows = []
     for rate in rates:
-        for axis, loop in loops_in(log, rate).items():
+        for axis, loop in identified_loops(log, rate).items():
             row = {"log": name, "rate": rate, "axis": axis, "figure": "", "cause": ""}
             if isinstance(loop, NoLoop):
-                rows.append(row | {"cause": cause(loop.refusal)})
+                rows.append(row | {"cause": root_cause(loop.refusal)})
                 continue
-            for figure, (estimate, low, high) in estimates_of(loop).items():
+            for figure, (estimate, low, high) in estimates_with_intervals(loop).items():
                 true = truth.get(axis, {}).get(figure, np.nan)
                 rows.append(
                     row
@@ -268,16 +341,20 @@ def judged(source: Path | int, rates: Sequence[float], cache: Path) -> list[Valu
     return rows
 
 
-def line_of(rows: Any) -> pd.Series:
-    """Statistics of the errors of one figure, and the share of intervals that hold the truth."""
+def error_statistics(rows: Any) -> pd.Series:
+    """Returns statistics of the errors of one figure, and the share of intervals that hold the truth.
+
+    Args:
+        rows: rows of this figure, as :func:`evaluate_log` returns them.
+    """
     errors = rows["estimate"] - rows["true"]
     if rows.name[0].endswith("gain_margin"):
-        errors = errors.fillna(0.0).clip(-LARGEST, LARGEST)
+        errors = errors.fillna(0.0).clip(-MAX_GAIN_ERROR, MAX_GAIN_ERROR)
     elif "margin" not in rows.name[0]:
         errors = errors / rows["true"]
     line = {"given": len(rows), "rms": (errors**2).mean() ** 0.5}
     line |= {"median": errors.median(), "size": errors.abs().median()}
-    line["close"] = percent_true(errors.abs() <= CLOSE)
+    line["close"] = percent_true(errors.abs() <= CLOSE_GAIN_ERROR)
     line["inside"] = percent_true(rows["true"].between(rows["low"], rows["high"]))
     return pd.Series(line)
 
@@ -295,10 +372,10 @@ def main(
     logs: tuple[Path, ...], half: str, rates: str, flights: int, cache: Path, jobs: int
 ) -> None:
     hertz = [float(rate) for rate in rates.split()]
-    read = partial(judged, rates=hertz, cache=cache)
+    read = partial(evaluate_log, rates=hertz, cache=cache)
     rows = evaluate_flights(read, logs or HALVES[half][:flights], jobs)
     if logs:
-        is_shown = rows["figure"].isin(SHOWN) | (rows["cause"] != "")
+        is_shown = rows["figure"].isin(SHOWN_FIGURES) | (rows["cause"] != "")
         print_table("Logs", rows[is_shown])
         return
     axes = rows.drop_duplicates(["log", "rate", "axis"])
@@ -306,7 +383,7 @@ def main(
     print_table("Given or refused, axes", counts.reset_index(name="axes"))
     given = rows[rows["cause"] == ""]
     both = pd.concat([given, given.assign(axis="all")])
-    grouped = both.groupby(["figure", "rate", "axis"], sort=False).apply(line_of)
+    grouped = both.groupby(["figure", "rate", "axis"], sort=False).apply(error_statistics)
     for figure, table in grouped.reset_index().groupby("figure", sort=False):
         print_table(figure, table.drop(columns="figure"))
 

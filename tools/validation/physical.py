@@ -49,189 +49,246 @@ from sitl_scenarios.truth import truth
 Array = NDArray[np.float64]
 
 PARAMETERS = ("effect", "damping", "lag")
-# and how it marks an estimate
+"""Names of the physical parameters that are compared with the truth."""
+
 STATUSES = {Status.REPORTED: "", Status.BIASED: " (biased)", Status.NOT_IDENTIFIABLE: " (no)"}
-FLOWN = load_adjacent_toml(__file__, "physical.toml")
-RATES = (50.0, 100.0, 200.0)  # Hz
-*_, RATE = RATES  # of the Crazyflie
-# Column of the gyro, and the sign of each motor's torque
+"""Mark of an estimate in a table, by its status."""
+
+CONDITIONS = load_adjacent_toml(__file__, "physical.toml")
+"""Winds, steering and moments of the simulated flights."""
+
+SAMPLE_RATES = (50.0, 100.0, 200.0)
+"""Rates of the simulated streams, Hz."""
+
+CRAZYFLIE_RATE = 200.0
+"""Rate to which the Crazyflie's log is resampled, Hz."""
+
 AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1.0, 1.0, -1.0])}
+"""Column of the Crazyflie's gyro, and the sign of each motor's torque, by axis."""
 
 
 class Case(NamedTuple):
+    """A simulated flight of the bank: what flies, in which wind, and how."""
+
     vehicle: str
+    """Model of the vehicle."""
+
     wind: str
+    """Name of the wind."""
+
     steering: str
+    """Name of the steering."""
+
     rate: float
+    """Rate of the stream, Hz."""
+
     autopilot: str
+    """"px4" or "ardupilot"."""
+
     varied: dict[str, float]
+    """Values of the vehicle that are not the published ones."""
+
     seed: int
+    """Seed of wind and noise."""
 
 
 def cases(seed: int, every: int) -> Iterator[Case]:
-    """Every vehicle in every wind with every steering, or one of ``every`` so many drawn by seed."""
+    """Yields the flights of the bank: every vehicle in every wind with every steering, or a part of them.
+
+    Args:
+        seed: seed by which the part, and what varies, is drawn.
+        every: number of flights of which one is drawn; 1 for all.
+    """
     rng = default_rng(seed)
-    places = list(product(TABLES["scales"]["wind"], FLOWN["winds"]))
-    kept = len(places) // every
+    vehicles_and_winds = list(product(TABLES["scales"]["wind"], CONDITIONS["winds"]))
+    count = len(vehicles_and_winds) // every
     # Steering, and rates with autopilots, take turns: a part of the bank has as many of each.
-    chosen = rng.permutation(len(places))[:kept]
-    drawn = [[(*places[number], steering) for number in chosen] for steering in FLOWN["steering"]]
-    turns = [case for some in zip(*drawn, strict=True) for case in some]
-    combinations = product(RATES, ("px4", "ardupilot"))
+    chosen = rng.permutation(len(vehicles_and_winds))[:count]
+    flights_by_steering = [
+        [(*vehicles_and_winds[number], steering) for number in chosen]
+        for steering in CONDITIONS["steering"]
+    ]
+    flights = [flight for turn in zip(*flights_by_steering, strict=True) for flight in turn]
+    combinations = product(SAMPLE_RATES, ("px4", "ardupilot"))
     streams = cycle(combinations)
-    for (vehicle, air, steering), (rate, autopilot) in zip(turns, streams, strict=False):
-        other = varied(rng)
-        other = other if rng.random() < 0.3 else {}
+    for (vehicle, wind, steering), (rate, autopilot) in zip(flights, streams, strict=False):
+        values = varied(rng)
+        values = values if rng.random() < 0.3 else {}
         seed = int(rng.integers(1_000_000))
-        yield Case(vehicle, air, steering, rate, autopilot, other, seed)
+        yield Case(vehicle, wind, steering, rate, autopilot, values, seed)
 
 
 def varied(rng: Generator) -> dict[str, float]:
-    """Thrust curve, lag, inertia and battery that are not the published ones."""
-    up = rng.uniform(0.015, 0.06)
+    """Draws a thrust curve, rotor lags, inertia and a battery's sag that are not the published ones."""
+    lag_up = rng.uniform(0.015, 0.06)
     return {
         "quadratic_thrust": rng.uniform(0.3, 1.0),
-        "lag_up": up,
-        "lag_down": up * rng.uniform(1.0, 2.0),
+        "lag_up": lag_up,
+        "lag_down": lag_up * rng.uniform(1.0, 2.0),
         "inertia_scale": rng.uniform(0.7, 1.6),
         "battery_sag": rng.uniform(0.0, 0.15),
     }
 
 
 def scenario(case: Case) -> Scenario:
-    """The flight of a case."""
+    """Returns the scenario of a case."""
     values = {
         "duration": 60.0,
         "seed": case.seed,
         "height": 1.5 if case.wind == "jet" else 8.0,
         "vehicle": {"model": case.vehicle, **case.varied},
-        "wind": FLOWN["winds"][case.wind],
-        "moments": FLOWN["moments"].get(case.wind, []),
+        "wind": CONDITIONS["winds"][case.wind],
+        "moments": CONDITIONS["moments"].get(case.wind, []),
         "stream": {"rate": case.rate, "autopilot": case.autopilot},
     }
-    return scenario_from_values(values | {"excitation": FLOWN["steering"][case.steering]})
+    return scenario_from_values(values | {"excitation": CONDITIONS["steering"][case.steering]})
 
 
-def truth_of(motion: Motion, of: Scenario, part: Flight) -> Values:
-    """Each motor's effect (r,) at the trim of ``part``, damping (1/s) and lag (s), the mean of up and down."""
+def true_values(motion: Motion, flown_scenario: Scenario, part: Flight) -> Values:
+    """Returns the true physical parameters of roll in a part of a simulated flight.
+
+    Args:
+        motion: the simulated motion.
+        flown_scenario: the scenario that was flown.
+        part: the part of the flight.
+
+    Returns:
+        "effect" of each motor (r,) at the trim of the part, "damping", 1/s, "lag", s, the mean of speeding up and
+        slowing down, and "wind", the wind torque at the samples of the part (T,), rad/s².
+    """
     within = (motion.time >= part.time[0]) & (motion.time <= part.time[-1])
     airborne = within & (motion.landed_state == IN_AIR)
     landed = np.where(airborne, IN_AIR, 1).astype(np.uint8)
-    truths = truth(of, replace(motion, landed_state=landed))
-    turning = np.interp(part.time, motion.time, truths["roll_disturbance"])
+    truths = truth(flown_scenario, replace(motion, landed_state=landed))
+    wind_torque = np.interp(part.time, motion.time, truths["roll_disturbance"])
     damping = -float(truths["roll_A"][1, 1])
     lag = truths["lag"][0]
-    return {"effect": truths["roll_effect"], "damping": damping, "lag": lag, "wind": turning}
+    return {"effect": truths["roll_effect"], "damping": damping, "lag": lag, "wind": wind_torque}
 
 
-def estimate_of(plant: Physical, name: str) -> tuple[float, float]:
-    """Of the mean effect, damping or lag, and the half width of its interval, NaN where it is not identifiable."""
+def estimate_with_half_width(plant: Physical, name: str) -> tuple[float, float]:
+    """Returns an estimate and the half width of its 90 % interval, NaN where it is not identifiable.
+
+    Args:
+        plant: physical parameters.
+        name: "effect" for the mean of all motors, "damping" or "lag".
+    """
     if name == "effect":
         return plant.mean_effect()
     half_width = float(getattr(plant.interval(), name))
     return float(getattr(plant, name)), half_width
 
 
-def parts_of(flight: Flight) -> dict[int | None, Flight]:
-    """The whole flight, and its windows of 7 s."""
+def flight_and_windows(flight: Flight) -> dict[int | None, Flight]:
+    """Returns the whole flight by the key ``None``, and its windows of 7 s by their numbers."""
     size = round(7.0 / flight.dt)
     numbers = range(len(flight) // size)
     windows = {number: flight[number * size :][:size] for number in numbers}
     return {None: flight} | windows
 
 
-def judged(case: Case) -> list[Values]:
-    """A row of each window of a flight, and of the whole: estimates and the wind torque beside the truth."""
+def evaluate_case(case: Case) -> list[Values]:
+    """Returns a row for each window of a simulated flight, and for the whole: errors of estimates and intervals."""
     try:
-        of = scenario(case)
-        flight = simulated_flight(of)
-        motion = fly(of)
+        flown_scenario = scenario(case)
+        flight = simulated_flight(flown_scenario)
+        motion = fly(flown_scenario)
     except (NotLearnable, Unreadable) as reason:
         click.echo(f"{case}: refused: {reason}", err=True)
         return []
     rows = []
-    for window, part in parts_of(flight).items():
+    for window, part in flight_and_windows(flight).items():
         plant = physical(part)
         if isinstance(plant, NotIdentifiable):
             click.echo(f"{case}: refused: {plant.reason}", err=True)
             continue
-        truths = truth_of(motion, of, part)
+        truths = true_values(motion, flown_scenario, part)
         row = {"steering": case.steering, "rate": case.rate, "seed": case.seed}
         row["of"] = "flights" if window is None else "7 s"
         for name in PARAMETERS:
-            value, half = estimate_of(plant, name)
-            true = float(np.mean(abs(truths[name])))
-            error = value / true - 1
+            value, half_width = estimate_with_half_width(plant, name)
+            true_value = float(np.mean(abs(truths[name])))
+            error = value / true_value - 1
             row |= {f"{name} status": plant.status[name], f"{name} error": error}
-            row[f"{name} inside"] = abs(value - true) <= half
+            row[f"{name} inside"] = abs(value - true_value) <= half_width
         if window is None:
             torque = estimate_wind_torque(plant, Record.from_flights(part))
-            row |= wind_of(torque, truths["wind"])
+            row |= wind_torque_results(torque, truths["wind"])
         rows.append(row)
     return rows
 
 
-def wind_of(torque: WindTorque, true: Array) -> Values:
-    """Of the wind torque, where it is resolved: how much of it intervals and band hold."""
+def wind_torque_results(torque: WindTorque, true_torque: Array) -> Values:
+    """Returns whether the intervals of the wind torque hold the truth, and how much of it the band holds.
+
+    Args:
+        torque: estimated wind torque; nothing is returned where it is not resolved.
+        true_torque: true wind torque at the same samples (T,), rad/s².
+    """
     if not torque.resolved:
         return {}
-    half = coverage_factor() * torque.scale_error * torque.sd
-    in_band = abs(torque.torque - true) <= torque.band
+    half_width = coverage_factor() * torque.scale_error * torque.sd
+    in_band = abs(torque.torque - true_torque) <= torque.band
     return {
-        "standard deviation inside": abs(torque.sd - true.std()) <= half,
-        "mean inside": abs(torque.mean - true.mean()) <= torque.mean_band,
+        "standard deviation inside": abs(torque.sd - true_torque.std()) <= half_width,
+        "mean inside": abs(torque.mean - true_torque.mean()) <= torque.mean_band,
         "course inside": np.mean(in_band),
     }
 
 
-def line_of(some: Any, name: str) -> pd.Series:
-    """Of a parameter: share that is reported, and how often intervals hold the truth."""
-    status = some[f"{name} status"]
-    line = {"number": len(some)} | {kind: percent_true(status == kind) for kind in STATUSES}
-    reported = some[status == Status.REPORTED]
+def status_statistics(rows: Any, name: str) -> pd.Series:
+    """Returns the share of each status of a parameter, and how often its intervals hold the truth.
+
+    Args:
+        rows: rows of flights or windows, as :func:`evaluate_case` returns them.
+        name: name of the parameter.
+    """
+    status = rows[f"{name} status"]
+    line = {"number": len(rows)} | {kind: percent_true(status == kind) for kind in STATUSES}
+    reported = rows[status == Status.REPORTED]
     line["inside"] = percent_true(reported[f"{name} inside"])
     worst = max(reported[f"{name} error"], key=abs, default=np.nan)
     line["worst"] = f"{worst:+.0%}"
-    biased = some[status == Status.BIASED]
+    biased = rows[status == Status.BIASED]
     line["inside, where biased"] = percent_true(biased[f"{name} inside"])
     return pd.Series(line)
 
 
 def simulated(seed: int, part: int, jobs: int) -> None:
-    """Share that is reported, and how often intervals hold the truth, by steering; and of the wind torque."""
-    rows = evaluate_flights(judged, cases(seed, part), jobs)
+    """Prints the shares that are reported, and how often intervals hold the truth, by steering and status."""
+    rows = evaluate_flights(evaluate_case, cases(seed, part), jobs)
     click.echo(f"{rows['seed'].nunique()} flights, seed {seed}.\n")
     is_slow = rows["rate"] == 50
     slow = rows[is_slow].assign(steering="all, 50 Hz")
     quick = rows[~is_slow].assign(steering="all, 100 Hz or more")
     grouped = pd.concat([slow, rows, quick]).groupby(["steering", "of"], sort=False)
     for name in PARAMETERS:
-        lines = grouped.apply(line_of, name)
+        lines = grouped.apply(status_statistics, name)
         print_table(f"**{name.capitalize()}**", lines.reset_index())
     insides = ["standard deviation inside", "mean inside", "course inside"]
     table = []
     for status in STATUSES:
-        alike = rows[rows["effect status"] == status]
-        some = alike.dropna(subset=insides)
-        shares = {inside: percent_true(some[inside]) for inside in insides}
-        table.append({"effect": status, "flights": len(some), **shares})
+        rows_of_status = rows[rows["effect status"] == status]
+        resolved = rows_of_status.dropna(subset=insides)
+        shares = {inside: percent_true(resolved[inside]) for inside in insides}
+        table.append({"effect": status, "flights": len(resolved), **shares})
     print_table("**Wind torque**, where it is resolved", table)
 
 
-def row_of(flight: Flight) -> Values:
-    """A row of a table without a truth: estimates with their intervals, marked unless they are reported."""
+def row_of_estimates(flight: Flight) -> Values:
+    """Returns a row of estimates with their intervals, marked unless they are reported, where no truth is known."""
     plant = physical(flight)
     if isinstance(plant, NotIdentifiable):
         return {"effect": plant.reason.advised}
     row = {}
     for name in PARAMETERS:
-        value, half = estimate_of(plant, name)
-        row[name] = f"{value:.3g} ± {half:.2g}{STATUSES[plant.status[name]]}"
+        value, half_width = estimate_with_half_width(plant, name)
+        row[name] = f"{value:.3g} ± {half_width:.2g}{STATUSES[plant.status[name]]}"
     return row
 
 
-def usdlog(path: Path) -> NDArray[Any]:
-    """Rows of a Crazyflie's log, version 2, of one kind of event; ``time`` in µs, other columns as logged."""
+def crazyflie_log(path: Path) -> NDArray[Any]:
+    """Returns the rows of a Crazyflie's log, version 2, of one kind of event; ``time`` in µs."""
     content = path.read_bytes()
     variables = list(re.finditer(rb"([\w.]+)\((\w)\)\0", content[:1000]))
     named = [(each[1].decode(), f"<{each[2].decode()}") for each in variables]
@@ -243,24 +300,28 @@ def usdlog(path: Path) -> NDArray[Any]:
 
 
 def crazyflie(axis: str) -> list[Values]:
-    """Rows of an axis of a Crazyflie 2.1 with roll and pitch excited, really flown."""
-    rows = usdlog(DATA_FOLDER / "real/crazyflie/roll_pitch_excitation.usdlog")
+    """Returns the row of one axis of a Crazyflie 2.1 with roll and pitch excited, really flown."""
+    rows = crazyflie_log(DATA_FOLDER / "real/crazyflie/roll_pitch_excitation.usdlog")
     gyro, directions = AXES[axis]
-    time = np.arange(56.0 * RATE, 89.0 * RATE) / RATE  # where it is excited
-    columns = [rows[f"motor.m{motor}"] / 65535 for motor in range(1, 5)]
-    given = [*columns, np.radians(rows[gyro])]
+    # Roll and pitch are excited from 56 to 89 s.
+    time = np.arange(56.0 * CRAZYFLIE_RATE, 89.0 * CRAZYFLIE_RATE) / CRAZYFLIE_RATE
     seconds = rows["time"] / 1e6
-    *motors, turning = (np.interp(time, seconds, column) for column in given)
-    inputs = np.stack(motors, 1)
-    effects = np.array(directions)
-    flight = Flight(time, inputs, turning[:, None], dt=1 / RATE, effect_directions=effects)
-    return [{"axis": axis} | row_of(flight)]
+    motors = [np.interp(time, seconds, rows[f"motor.m{motor}"] / 65535) for motor in range(1, 5)]
+    rate = np.interp(time, seconds, np.radians(rows[gyro]))
+    flight = Flight(
+        time,
+        np.stack(motors, 1),
+        rate[:, None],
+        dt=1 / CRAZYFLIE_RATE,
+        effect_directions=np.array(directions),
+    )
+    return [{"axis": axis} | row_of_estimates(flight)]
 
 
-# By published thrust curves and inertia.
 TITLE = (
     "**Crazyflie** (effect in rad/s² per unit of one motor's command; published: 318–403 for roll)"
 )
+"""Title of the Crazyflie's table; the published effect follows from thrust curves and inertia."""
 
 
 @command(__doc__, seed=0, every=1)

@@ -39,67 +39,90 @@ from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
-GAINS = re.compile(r"(ATC_RAT_(RLL|PIT)|MC_(ROLL|PITCH)RATE)_[PID]$")
-MARGIN = 9.0  # dB of the flight that is learned from
-TIMES = 3.2  # half of ArduCopter's default gains, and 1.6 times them
-FILTERS = {"ardupilot": "INS_GYRO_FILTER", "px4": "IMU_GYRO_CUTOFF"}
+RATE_GAIN_NAMES = re.compile(r"(ATC_RAT_(RLL|PIT)|MC_(ROLL|PITCH)RATE)_[PID]$")
+"""Names of the rate controllers' gains of roll and pitch."""
+
+FLIGHT_GAIN_MARGIN = 9.0
+"""Gain margin of the flight that the twin is learned from, dB."""
+
+GAIN_FACTOR = 3.2
+"""Factor on the gains with which vehicle and twin oscillate: from half to 1.6 times ArduCopter's defaults."""
+
+GYRO_FILTER_PARAMETERS = {"ardupilot": "INS_GYRO_FILTER", "px4": "IMU_GYRO_CUTOFF"}
+"""Parameter of the gyro's low-pass, by autopilot."""
 
 
-def vehicle(seed: int, number: int) -> Scenario:
-    """Returns a flight of a vehicle of its own, all axes excited."""
+def random_vehicle(seed: int, number: int) -> Scenario:
+    """Draws a vehicle, and returns its flight with all axes excited and a gain margin of ``FLIGHT_GAIN_MARGIN``.
+
+    Args:
+        seed: seed of all vehicles.
+        number: number of the vehicle.
+    """
     rng = default_rng([seed, number])
     values = draw_values(TABLES["twin"], rng) | {"seed": number}
     defaults = load("iris_identification").model_dump(mode="json")
-    name = FILTERS[values["stream"]["autopilot"]]
+    name = GYRO_FILTER_PARAMETERS[values["stream"]["autopilot"]]
     values["vehicle"]["parameters"] = {name: values.pop("cutoff")}
     sections = {key: defaults[key] | values[key] for key in ("vehicle", "sensors", "stream")}
     scenario = scenario_from_values(defaults | values | sections)
     hover = in_hover(scenario, 1.0)
     margin = truth(hover, fly(hover))["roll_rate_margins"][2]
-    excess = margin - MARGIN
+    excess = margin - FLIGHT_GAIN_MARGIN
     return with_gains(scenario, 10 ** (excess / 20))
 
 
-def with_gains(scenario: Scenario, times: float) -> Scenario:
-    """Returns the scenario with ``times`` the gains of roll and pitch."""
+def with_gains(scenario: Scenario, factor: float) -> Scenario:
+    """Returns the scenario with the gains of roll and pitch multiplied by a factor."""
     parameters = control_parameters(scenario)
-    raised = [f"{name}={times * value}" for name, value in parameters.items() if GAINS.match(name)]
+    raised = [
+        f"{name}={factor * value}"
+        for name, value in parameters.items()
+        if RATE_GAIN_NAMES.match(name)
+    ]
     return with_parameters(scenario, raised)
 
 
-def in_hover(scenario: Scenario, times: float) -> Scenario:
-    """Returns a calm hover of the scenario's vehicle with ``times`` the gains."""
+def in_hover(scenario: Scenario, factor: float) -> Scenario:
+    """Returns a calm hover of the scenario's vehicle with the gains multiplied by a factor."""
     changes = {"duration": 20.0, "seed": scenario.seed}
     calm = load("calm").model_copy(update=changes)
-    return with_gains(with_vehicle(calm, scenario), times)
+    return with_gains(with_vehicle(calm, scenario), factor)
 
 
 def oscillation(rates: Array, dt: float) -> tuple[float, float]:
-    """Returns frequency, Hz, and sd, °/s, of the stronger oscillation above 4 Hz of ``rates`` (T, 2), rad/s."""
+    """Measures the stronger oscillation of roll and pitch above 4 Hz.
+
+    Args:
+        rates: rates of roll and pitch (T, 2), rad/s.
+        dt: time step, s.
+
+    Returns:
+        Frequency, Hz, and standard deviation, °/s, of the spectral line within 1.5 Hz of the peak.
+    """
     frequency, _, windows = spectrogram(rates.T, 1 / dt, nperseg=round(2.5 / dt))
     powers = np.median(windows, axis=-1) * (frequency > 4)
-    strongest = powers.max(axis=1).argmax()
-    power = powers[strongest]
-    peak = frequency[power.argmax()]
-    power *= abs(frequency - peak) < 1.5
+    strongest_axis = powers.max(axis=1).argmax()
+    power = powers[strongest_axis]
+    peak_frequency = frequency[power.argmax()]
+    power *= abs(frequency - peak_frequency) < 1.5
     variance = power.sum() * frequency[1]
-    size = np.degrees(np.sqrt(variance))
-    mean = power @ frequency / power.sum()
-    return float(mean), float(size)
+    standard_deviation = np.degrees(np.sqrt(variance))
+    mean_frequency = power @ frequency / power.sum()
+    return float(mean_frequency), float(standard_deviation)
 
 
-def simulated(scenario: Scenario) -> tuple[float, float]:
+def simulated_oscillation(scenario: Scenario) -> tuple[float, float]:
     """Returns the oscillation of the scenario's vehicle in hover with larger gains."""
-    hovering = in_hover(scenario, TIMES)
+    hovering = in_hover(scenario, GAIN_FACTOR)
     motion = fly(hovering)
     hover = (motion.time > 8) & (motion.time < 16)
     return oscillation(motion.known_rates[hover, :2], scenario.cycle)
 
 
-def recorded(path: str) -> tuple[float, float]:
-    """Returns the oscillation in a log."""
-    flown = choose_vehicle(read_log(path).vehicles)
-    attitude = flown.messages["ATTITUDE"]
+def recorded_oscillation(path: str) -> tuple[float, float]:
+    """Returns frequency, Hz, and standard deviation, °/s, of the oscillation in a log."""
+    attitude = choose_vehicle(read_log(path).vehicles).messages["ATTITUDE"]
     time, first = np.unique(attitude["time"], return_index=True)
     step = np.median(np.diff(time))
     grid = np.arange(time[0], time[-1], step)
@@ -107,27 +130,33 @@ def recorded(path: str) -> tuple[float, float]:
     return oscillation(np.column_stack(rates), grid[1] - grid[0])
 
 
-def compared(name: str, log: str, truth: tuple[float, float]) -> list[Values]:
-    """A row: the known oscillation, and that of the twin of a log."""
+def comparison_row(name: str, log: str, truth: tuple[float, float]) -> list[Values]:
+    """Returns a row with the known oscillation of a vehicle, and that of the twin that is learned from its log.
+
+    Args:
+        name: name of the vehicle for the table.
+        log: path of the log that the twin is learned from.
+        truth: frequency, Hz, and standard deviation, °/s, of the known oscillation.
+    """
     row = {"vehicle": name, "Hz": truth[0], "°/s": truth[1]}
     with TemporaryDirectory() as folder:
-        made = Path(folder) / "twin.toml"
-        result = CliRunner().invoke(twin_command, [log, "--out", str(made)])
+        twin_file = Path(folder) / "twin.toml"
+        result = CliRunner().invoke(twin_command, [log, "--out", str(twin_file)])
         if result.exception:
             return [row | {"why not": str(result.exception)}]
-        row["Hz of the twin"], row["°/s of the twin"] = simulated(load(made))
+        row["Hz of the twin"], row["°/s of the twin"] = simulated_oscillation(load(twin_file))
     return [row]
 
 
-def judged(number: int, seed: int) -> list[Values]:
-    """A row of a simulated vehicle."""
-    scenario = vehicle(seed, number)
+def evaluate_vehicle(number: int, seed: int) -> list[Values]:
+    """Returns the row of a simulated vehicle, by its number."""
+    scenario = random_vehicle(seed, number)
     lag = 1e3 * (scenario.vehicle.lag_up or 0.0)
     name = f"{scenario.stream.autopilot}, {lag:.0f} ms, {scenario.stream.rate:.0f} Hz"
     with TemporaryDirectory() as folder:
         path = f"{folder}/flight.tlog"
         write_log(path, scenario, fly(scenario))
-        return compared(name, path, simulated(scenario))
+        return comparison_row(name, path, simulated_oscillation(scenario))
 
 
 @command(__doc__, seed=0, vehicles=8)
@@ -135,9 +164,9 @@ def judged(number: int, seed: int) -> list[Values]:
 def main(logs: tuple[str, ...], seed: int, vehicles: int, jobs: int) -> None:
     if logs:
         log, hot = logs
-        print_table("Recorded", compared(Path(log).name, log, recorded(hot)))
+        print_table("Recorded", comparison_row(Path(log).name, log, recorded_oscillation(hot)))
         return
-    rows = evaluate_flights(partial(judged, seed=seed), range(vehicles), jobs)
+    rows = evaluate_flights(partial(evaluate_vehicle, seed=seed), range(vehicles), jobs)
     close, like = (
         (abs(np.log(rows[f"{unit} of the twin"] / rows[unit])) <= np.log(factor)).sum()
         for unit, factor in (("Hz", 1.05), ("°/s", 1.5))

@@ -55,14 +55,26 @@ class ForecasterBase:
         raise NotImplementedError
 
     def forecast_from_zero_state(self, inputs: Array) -> Array:
-        """Forecasts the outputs (H, m) with ``inputs`` (H, r), from state 0: the outputs at their trim."""
+        """Forecasts the outputs with known inputs, from state 0: the outputs at their trim.
+
+        Args:
+            inputs: inputs of the forecast (H, r).
+
+        Returns:
+            Outputs (H, m).
+        """
         raise NotImplementedError
 
     def predict(self, steps: int) -> Array:
-        """Returns what comes next (steps, m), inputs unknown; row 0 is the first sample after the training data.
+        """Predicts the outputs after the training data (steps, m), with the inputs unknown.
+
+        Row 0 is the first sample after the training data.
 
         >>> learned.predict(100).shape
         (100, 2)
+
+        Args:
+            steps: number of samples to predict.
         """
         return self.predict_with_variance(steps).mean
 

@@ -52,13 +52,13 @@ Without it the angle, which follows from its rate almost exactly, would dominate
 """
 
 MIN_STUDENT_FREEDOM = 3.0
-"""Fewest degrees of freedom of Student's t in a band; with 2 or fewer its variance would be infinite."""
+"""Least degrees of freedom of Student's t in a band; with 2 or fewer its variance would be infinite."""
 
 FORECASTS_PER_INDEPENDENT_ERROR = 4
 """Number of consecutive forecasts that count as one independent error, since consecutive errors are correlated."""
 
 MIN_SAMPLES_PER_LAG = 4
-"""Fewest samples of the longest segment for each lag."""
+"""Least number of samples of the longest segment for each lag: a choice."""
 
 
 class VarHyperparameters(NamedTuple):
@@ -147,14 +147,13 @@ def axis_mixer(record: Record) -> Array:
 
 
 def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array) -> float:
-    """Returns how much the outputs and a combination of the inputs tell of each other, nats.
+    """Returns the mutual information of the outputs and a combination of the inputs, up to a constant, nats.
 
-    The log evidence F̄ of a joint autoregression of both exceeds that of two separate ones by what they tell of each
-    other. That of the outputs alone is the same for every combination, and is left out.
+    It is the log evidence F̄ of a joint autoregression of both, less those of two separate ones. That of the outputs
+    alone is the same for every combination, and is left out.
 
-    F̄ of the outputs given the combination would be no criterion. In closed loop the controller computes the combination
-    that turns the axis from the motion itself, so that it adds little to what the past of the motion shows. A slow
-    combination, whose few distinct coefficients cost fewer nats, might have as high a F̄.
+    The evidence of the outputs given the combination would be no criterion. In closed loop the controller computes the
+    combination that turns the axis from the motion itself, so it adds little to what the past of the motion shows.
 
     Args:
         record: the training data.
@@ -169,18 +168,25 @@ def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array
     _, statistics = var.LagStatistics.from_record(combined, lags)
     k = record.outputs.shape[1] + 1
     # A row of the statistics has the k channels of each lag, the constant, and the k channels of the sample. The
-    # combination is the last channel. Its own regression uses its column at each lag, the constant, and its sample.
+    # combination is the last channel. The regression of it alone uses its column at each lag, the constant, and its
+    # sample.
     constant_column = lags * k
     lag_columns = np.arange(k - 1, constant_column, k)
-    own_columns = np.append(lag_columns, [constant_column, constant_column + k])
-    own_gram = statistics.gram[np.ix_(own_columns, own_columns)]
+    sample_column = constant_column + k
+    columns_of_combination = np.append(lag_columns, [constant_column, sample_column])
+    gram_of_combination = statistics.gram[np.ix_(columns_of_combination, columns_of_combination)]
     joint = var.regress(statistics.gram, statistics.row_count, prior_precision, MIXER_NOISE)
-    alone = var.regress(own_gram, statistics.row_count, prior_precision, MIXER_NOISE)
+    alone = var.regress(gram_of_combination, statistics.row_count, prior_precision, MIXER_NOISE)
     return joint.free_energy - alone.free_energy
 
 
 def _with_combined_inputs(record: Record, mixer: Array) -> Record:
-    """Returns the record with the combinations ``mixer`` (r, c) of its inputs in the place of the inputs."""
+    """Returns a record whose inputs are replaced by combinations of them.
+
+    Args:
+        record: the record, with r inputs.
+        mixer: c combinations of the inputs, one in each column (r, c).
+    """
     return replace(record, inputs=record.inputs @ mixer, effect_directions=None)
 
 
@@ -189,7 +195,7 @@ def select_hyperparameters(
     lags: int,
     candidates: Sequence[VarHyperparameters] = HYPERPARAMETER_GRID,
 ) -> tuple[VarHyperparameters, var.Regression]:
-    """Selects the hyperparameters of the highest free energy.
+    """Selects the number of lags and the ridge of the joint autoregression by the highest free energy F̄.
 
     Args:
         statistics: statistics of the samples with ``lags`` lags.
@@ -304,7 +310,14 @@ class JointModel(ImmutableResult):
         )
 
     def one_step_predictions(self, record: Record) -> Array:
-        """Predicts each sample of a record, (T, m), from those before it in its segment and from its own inputs."""
+        """Predicts the outputs of each sample of a record from the samples before it and from its own inputs.
+
+        Args:
+            record: T samples in any number of segments.
+
+        Returns:
+            Outputs (T, m).
+        """
         return self.process.one_step_predictions(_with_combined_inputs(record, self.mixer))
 
     def half_widths(self, variance: Array, level: float, steps: int) -> Array:

@@ -50,7 +50,7 @@ MIN_HORIZON_SECONDS = 0.05
 """Shortest horizon, s: a shorter simulation shows no more than the derivatives that the ascent has used."""
 
 STARTS_PER_HORIZON = 4
-"""Number of pieces that begin within one horizon; pieces overlap."""
+"""Number of pieces that begin within one horizon; pieces overlap. A choice."""
 
 MAX_PIECES = 500
 """Largest number of pieces, spread over the whole record, however long it is: a bound on the cost of the fit."""
@@ -65,13 +65,16 @@ def models_for_parameters(
     gain: Array,
     dt: float,
 ) -> StateSpace:
-    """Returns the discrete models of several parameter vectors, with a leading axis in all matrices but C.
+    """Returns the discrete-time state-space models of several parameter vectors, to be simulated together.
 
     Args:
-        thetas: (b, k) parameters, which differ in A and B only: C is that of the first.
-        sizes: numbers of states, inputs and outputs.
-        gain: (n, m) gain of the filter, the same for all.
+        thetas: b parameter vectors (b, k), which differ in A and B only.
+        sizes: numbers of states n, inputs r and outputs m.
+        gain: gain of the filter (n, m), the same for all models.
         dt: sampling step, s.
+
+    Returns:
+        The models, with a leading axis of length b in all matrices but C, which they share.
     """
     matrices = [unpack(theta, *sizes) for theta in thetas]
     A = np.stack([A for A, _, _ in matrices])
@@ -146,20 +149,17 @@ class SimulationPieces(NamedTuple):
         Returns:
             The pieces as arrays, step by step, so that all of them are simulated at once.
         """
-        starts = [
-            (inputs, outputs, start)
-            for inputs, outputs in segments
-            for start in _piece_starts(len(outputs), horizon)
-        ]
+        # The filter and the simulation take a horizon each; one more sample sets the filter's first state.
+        piece_length = 2 * horizon + 1
+        all_pieces = []
+        for inputs, outputs in segments:
+            for start in _piece_starts(len(outputs), horizon):
+                end = start + piece_length
+                all_pieces.append((inputs[start:end], outputs[start:end]))
         # Where there are fewer pieces than MAX_PIECES, each is selected once.
-        selection = np.unique(np.linspace(0, len(starts) - 1, MAX_PIECES).astype(int))
-        input_pieces = []
-        output_pieces = []
-        for inputs, outputs, start in [starts[i] for i in selection]:
-            # The filter and the simulation take a horizon each; the first sample sets the filter's state.
-            end = start + 2 * horizon + 1
-            input_pieces.append(inputs[start:end])
-            output_pieces.append(outputs[start:end])
+        selection = np.unique(np.linspace(0, len(all_pieces) - 1, MAX_PIECES).astype(int))
+        input_pieces = [all_pieces[index][0] for index in selection]
+        output_pieces = [all_pieces[index][1] for index in selection]
         return cls(
             np.stack(input_pieces, axis=2),
             np.stack(output_pieces, axis=2),
@@ -180,17 +180,19 @@ def _piece_starts(length: int, horizon: int) -> range:
     Returns:
         The first sample of each piece; none where the segment is too short for a piece.
     """
-    return range(0, length - 2 * horizon, max(1, horizon // STARTS_PER_HORIZON))
+    samples_between_starts = max(1, horizon // STARTS_PER_HORIZON)
+    end_of_starts = length - 2 * horizon
+    return range(0, end_of_starts, samples_between_starts)
 
 
 def effective_piece_count(lengths: Sequence[int], horizon: int) -> float:
     """Returns the effective number of simulations, by which the fit counts its data.
 
-    Pieces overlap, so that their errors are not independent. They count as often as a simulation fits into the samples
-    without overlap, and at most as often as there are pieces.
+    Pieces overlap, so their errors are not independent. Their effective number is that of simulations which fit into
+    the samples without overlap, at most the number of pieces.
 
     Args:
-        lengths: numbers of samples of the segments; those too short for a piece, of two horizons, do not count.
+        lengths: numbers of samples of the segments; segments too short for a piece of two horizons are left out.
         horizon: number of samples of each simulation.
 
     Returns:
@@ -207,7 +209,7 @@ def simulation_horizon(
     scaling: Scaling,
     record: Record,
 ) -> int | None:
-    """Returns the number of samples of each simulation, ``settings.horizon`` at most.
+    """Returns the horizon of the fit: the number of samples of each simulation, at most ``settings.horizon``.
 
     A shorter horizon gives more independent simulations. So it is shortened, for a short record, until the effective
     sample size is ``MIN_SAMPLES_PER_PARAMETER`` for each free parameter of A and B.
@@ -270,12 +272,13 @@ class SimulationFit:
         return self.effective_samples - len(self.free)
 
     def theta_covariance(self, prior_covariance: Array) -> Array:
-        """Returns the posterior covariance of all parameters θ, (k, k).
+        """Returns the posterior covariance of all parameters θ (k, k).
 
-        Free parameters have the covariance of the fit, and none with the others, which were held during the fit.
+        Free parameters have the covariance of the fit. Their covariance with the others, which the fit did not change,
+        is 0.
 
         Args:
-            prior_covariance: (k, k) covariance of the prior, which parameters that were not free keep.
+            prior_covariance: covariance of the prior (k, k), which parameters that were not free keep.
         """
         covariance = prior_covariance.copy()
         covariance[self.free] = 0.0
@@ -356,10 +359,10 @@ class SimulationObjective:
         steps = FINITE_DIFFERENCE_STEP * np.maximum(1.0, abs(point))
         errors = self.errors(np.vstack([point, point + np.diag(steps)]))
         residuals = errors[0]
-        # (f, number of errors): one row for each parameter.
+        # The derivatives of all errors by one parameter in each row (f, number of errors).
         jacobian = (errors[1:] - residuals).reshape(len(point), -1) / steps[:, None]
         mean_square = _mean_square(residuals)
-        # The pieces overlap, so that each error counts as a fraction of an independent sample.
+        # The pieces overlap, so each error counts as a fraction of an independent sample.
         samples_per_error = self.effective_samples / residuals.size
         # The derivatives of −N/2 ln(mean square), and of the log prior.
         gradient = -samples_per_error * jacobian @ residuals.ravel() / mean_square - (
@@ -415,9 +418,10 @@ def fit_simulation_error(
     gain: Array,
     record: Record,
 ) -> SimulationFit | None:
-    """Fits A and B to simulations over a short horizon, by Gauss-Newton steps that each increase F̄.
+    """Fits A and B so that simulations over a short horizon have the least errors, by Gauss-Newton steps.
 
-    Parameters of A and B with a prior precision below ``KINEMATIC_PRECISION`` are free.
+    Each step increases the free energy F̄. Parameters of A and B are free where their prior precision is below
+    ``KINEMATIC_PRECISION``; the others are fixed by kinematics.
 
     Args:
         model: the generative model, whose prior is used.

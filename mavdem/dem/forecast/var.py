@@ -44,20 +44,20 @@ class Forecast(NamedTuple):
     """Forecast outputs with their uncertainty."""
 
     mean: Array
-    """(…, H, m) expected outputs."""
+    """Expected outputs (…, H, m) at H samples."""
 
     variance: Array
-    """(…, H, m) expected squared error of the mean."""
+    """Expected squared errors of the mean (…, H, m)."""
 
 
 class ChannelScaling(NamedTuple):
     """Scaling of each channel, outputs first, to mean 0 and variance 1; a constant channel is only centred."""
 
     center: Array
-    """(k,) means of the channels, in physical units."""
+    """Means of the k channels (k,), in physical units."""
 
     scale: Array
-    """(k,) standard deviations of the channels, in physical units; 1 for a constant channel."""
+    """Standard deviations of the k channels (k,), in physical units; 1 for a constant channel."""
 
     @classmethod
     def from_record(cls, record: Record) -> ChannelScaling:
@@ -74,9 +74,13 @@ class ChannelScaling(NamedTuple):
         return cls(channels.mean, np.where(channels.varying, np.sqrt(channels.variance), 1.0))
 
     def scaled(self, channels: Array) -> Array:
-        """Scales channels (…, k), or their first columns only, such as the outputs alone, from physical units."""
-        width = channels.shape[-1]
-        return (channels - self.center[:width]) / self.scale[:width]
+        """Scales channels from physical units to mean 0 and variance 1.
+
+        Args:
+            channels: the k channels (…, k), or only the first of them, such as the outputs.
+        """
+        count = channels.shape[-1]
+        return (channels - self.center[:count]) / self.scale[:count]
 
     def scaled_segments(self, record: Record) -> list[Array]:
         """Returns the scaled channels (T, k) of each segment of a record, outputs first."""
@@ -84,23 +88,29 @@ class ChannelScaling(NamedTuple):
 
 
 def lagged_rows(samples: Array, lags: int) -> Array:
-    """Returns for each sample the samples before it, side by side.
+    """Returns for each sample the samples before it, side by side: the regressors of an autoregression.
 
     Args:
-        samples: (…, T, k) samples in time order.
+        samples: samples z of k channels in time order (…, T, k).
         lags: number L of samples before each.
 
     Returns:
-        (…, T − L, L · k): [z_{t−1}, …, z_{t−L}] for each sample z_t that has L samples before it; empty where T < L.
+        Rows [z_{t−1}, …, z_{t−L}] (…, T − L, L · k), one for each sample z_t that has L samples before it; none where
+        T < L.
     """
     rows = max(0, samples.shape[-2] - lags)
-    # Block i has, for each of the samples, the sample i steps before it.
+    # Each block has, for each of the samples, the sample ``lag`` steps before it.
     blocks = [samples[..., lags - lag : lags - lag + rows, :] for lag in range(1, lags + 1)]
     return np.concatenate(blocks, axis=-1)
 
 
 def latest_samples(channels: Array, count: int) -> Array:
-    """Returns the last ``count`` of ``channels`` (T, k), T at least 1; where they are fewer, the first is repeated."""
+    """Returns the last samples of channels; where there are fewer than asked for, the first is repeated before them.
+
+    Args:
+        channels: samples of k channels (T, k), at least one sample.
+        count: number of samples to return.
+    """
     rows = np.arange(len(channels) - count, len(channels))
     return channels[np.maximum(rows, 0)]
 
@@ -162,7 +172,12 @@ class LagStatistics(NamedTuple):
         return scaling, statistics
 
     def plus_discounted(self, earlier: LagStatistics, weight: float) -> LagStatistics:
-        """Returns the sum with the statistics of ``earlier`` samples, each of which counts only ``weight`` of one."""
+        """Adds the statistics of earlier samples, each of which counts as a fraction of a sample.
+
+        Args:
+            earlier: statistics of the earlier samples.
+            weight: the fraction, 0 to 1.
+        """
         return LagStatistics(
             self.row_count + weight * earlier.row_count, self.gram + weight * earlier.gram
         )
@@ -205,7 +220,15 @@ class Regression(NamedTuple):
 
 
 def lag_prior_precision(lags: int, ridge: float) -> Array:
-    """Returns the prior precision of a channel's coefficients by lag, (lags, lags): ``ridge`` · i² at lag i."""
+    """Returns the prior precision of a channel's coefficients by lag, which grows with the square of the lag.
+
+    Args:
+        lags: number L of lags.
+        ridge: precision at lag 1.
+
+    Returns:
+        Diagonal matrix (L, L) with ridge · i² at lag i.
+    """
     return np.diag(ridge * np.arange(1.0, lags + 1) ** 2)
 
 
@@ -368,13 +391,13 @@ class VectorAutoregression(NamedTuple):
         """Returns the L samples before each of S rolling forecasts, which start at every ``steps``-th sample.
 
         Args:
-            past: (L or more, k) samples before the first one.
+            past: at least L samples of all channels before the first forecast (T, k).
             steps: number of samples from one forecast to the next.
-            inputs: (H, r) inputs.
-            outputs: (H, m) outputs.
+            inputs: inputs from the first forecast on (H, r).
+            outputs: outputs from the first forecast on (H, m).
 
         Returns:
-            (S, L, k) samples before each forecast, the latest last, in physical units.
+            Samples before each forecast (S, L, k), the latest last, in physical units.
         """
         channels = np.concatenate([past[len(past) - self.lags :], np.hstack([outputs, inputs])])
         # With L samples of the past before the first one, the past of sample i is in the rows i to i + L − 1.
@@ -383,10 +406,13 @@ class VectorAutoregression(NamedTuple):
 
     @may_overflow
     def forecast_unknown_inputs(self, past: Array, steps: int) -> Forecast:
-        """Forecasts all channels, with the inputs unknown.
+        """Forecasts all channels, outputs and inputs, from the past alone.
+
+        The process has linear forecasts, so the mean at each step is a linear map of the past. The variance grows with
+        each step by that of one more innovation.
 
         Args:
-            past: (…, L, k) samples up to the forecast, the latest last; leading axes are separate forecasts.
+            past: samples up to the forecast (…, L, k), the latest last; leading axes are separate forecasts.
             steps: number of samples to forecast.
 
         Returns:
@@ -433,7 +459,7 @@ class VectorAutoregression(NamedTuple):
     def output_map(self, m: int) -> ArrayPair:
         """Returns the expected outputs of a sample as a linear function of its own inputs and of the past.
 
-        The inputs of the sample count since their innovations are correlated with those of the outputs:
+        The inputs u of the sample help to predict its outputs y, since their innovations are correlated:
         E[y | u, past] = E[y | past] + Σ_yu Σ_uu⁻¹ (u − E[u | past]).
 
         Args:
@@ -640,13 +666,28 @@ class VectorAutoregression(NamedTuple):
 
 
 def _rows_by_forecast(forecasts: int, steps: int, length: int) -> Indices:
-    """Returns the rows of each forecast's samples, (forecasts, steps), among ``length`` samples.
+    """Returns the rows of the samples that each rolling forecast covers.
 
     Forecasts follow one another without overlap. The last may reach beyond the end; it repeats the last row there.
+
+    Args:
+        forecasts: number S of forecasts.
+        steps: number of samples of each.
+        length: number of samples of all together.
+
+    Returns:
+        Rows (S, steps).
     """
     return np.minimum(np.arange(forecasts * steps), length - 1).reshape(-1, steps)
 
 
 def _latest_first(past: Array) -> Array:
-    """Flattens samples (…, L, k), the latest last, to the order of the coefficients, (…, L · k), the latest first."""
+    """Flattens samples to the order of the coefficients: the latest sample first.
+
+    Args:
+        past: L samples of k channels (…, L, k), the latest last.
+
+    Returns:
+        The samples side by side (…, L · k).
+    """
     return past[..., ::-1, :].reshape(*past.shape[:-2], past.shape[-2] * past.shape[-1])

@@ -210,7 +210,15 @@ class OnlineForecaster:
                     self._fit(self.axis_mixer, statistics, self._scaling)
 
     def _channels(self, block: MemoryBlock, axis_mixer: Array) -> Array:
-        """Returns the channels of a block, (b, m + c): its outputs, and its inputs' combinations, not scaled."""
+        """Returns the channels of a block, its outputs and the combinations of its inputs, in physical units.
+
+        Args:
+            block: The block, of b samples.
+            axis_mixer: (r, c) combinations of the inputs.
+
+        Returns:
+            (b, m + c) channels.
+        """
         return np.hstack([block.outputs, block.inputs @ axis_mixer])
 
     def _scaling_of_first_second(self, axis_mixer: Array) -> ChannelScaling | None:
@@ -279,8 +287,8 @@ class OnlineForecaster:
         # A mode is an eigenvalue of the autoregression. With the magnitude 1 + 1/h it grows about by the factor
         # (1 + 1/h)ʰ ≈ e over the longest horizon of h steps.
         if process.spectral_radius > 1 + 1 / self._horizons[-1]:
-            # The beginning of a manoeuvre can look like motion that grows for ever. The last model is kept, and the
-            # next block, which shows how the manoeuvre goes on, is fitted at once.
+            # The beginning of a manoeuvre can look like motion that grows without end. Then the last model is kept, and
+            # the model is fitted again with the next block, which shows how the manoeuvre goes on.
             self._samples_since_fit = round(REFIT_SECONDS / self._dt)
             return
         self._hyperparameters = chosen

@@ -75,11 +75,16 @@ FIRST_FIT_RUNNING = Fact(Online.FIRST_LEARNING)
 
 
 class _Sample(NamedTuple):
-    """One checked sample: its time in s, inputs (r,) and outputs (m,)."""
+    """One checked sample of the stream."""
 
     time: float
+    """Time of the sample, s."""
+
     inputs: Array
+    """(r,) motor outputs."""
+
     outputs: Array
+    """(m,) measured motion."""
 
 
 def _learn_and_monitor(record: Record, settings: Settings, end_time: float) -> FreeEnergyMonitor:
@@ -257,7 +262,7 @@ class OnlineLearner:
         return estimate
 
     def forget_since(self, time: float) -> None:
-        """Forgets the samples from a time on, where they proved to be of something else, as of a vehicle on the ground.
+        """Forgets the samples since a time, because they turned out not to be of flight, as of a vehicle on the ground.
 
         The forecasts are learned anew from the samples before; a running call of ``learn`` is cancelled.
 
@@ -280,7 +285,7 @@ class OnlineLearner:
             self._next_fit_sample += self._samples_before_fit
 
     def learn_now(self, timeout: float | None = None) -> Learned:
-        """Learns a model from the samples in the memory at once; the model in use is not changed.
+        """Learns a model from the samples in the memory at once, and returns it; the model in use is not changed.
 
         Args:
             timeout: Longest time to wait for the executor, s; without an end unless given.
@@ -526,6 +531,11 @@ def _checked_row(values: Any, name: str, columns: int) -> Array:
 
 
 def _is_same_mixer(mixer: Array, other_mixer: Array) -> bool:
-    """Returns whether two axis mixers, (r, c) with columns of unit length, differ by chance only, apart from signs."""
+    """Returns whether two axis mixers are so much alike that their difference may be chance, apart from signs.
+
+    Args:
+        mixer: (r, c) combinations of the inputs, as columns of unit length.
+        other_mixer: (r, c) the other ones.
+    """
     cosines = np.sum(mixer * other_mixer, axis=0)
     return bool(abs(cosines).min() >= MIN_MIXER_COSINE)
