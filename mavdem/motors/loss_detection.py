@@ -12,26 +12,34 @@ bound; ``FALSE_ALARMS`` has what was measured. Which change it is, is decided by
 as in S. Dayanik, C. Goulding and H. V. Poor, "Bayesian sequential change diagnosis", Mathematics of Operations Research
 2008.
 
-After a change, the balance that it left is the reference, and the noise before it is the prior of the noise after it.
+After a change, the balance that it left is the reference, and the noise before it is the prior of the noise after it. A
+loss that does not last is withdrawn (``loss_confirmation.py``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import floor, inf, log, nan
-from typing import Any, NamedTuple
+from math import inf, log
+from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import STRONG_EVIDENCE_NATS, coverage_factor
+from mavdem.confidence import STRONG_EVIDENCE_NATS
 from mavdem.containers import Numbers
 from mavdem.dataset.phases import TRANSIENT_SECONDS
-from mavdem.dataset.steady_flight import MAX_HEADING_CHANGE
 from mavdem.facts import Fact
 from mavdem.facts.motors import InFlight
 from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.balance import MIN_STEADY_SECONDS
+from mavdem.motors.balance_blocks import (
+    MIN_SAMPLE_RATE,
+    BalanceBlocks,
+    BlockAverager,
+    CommandBlock,
+    SampleRate,
+)
+from mavdem.motors.balance_model import BalanceModel
 from mavdem.motors.change_causes import (
     RISES,
     CauseEvidence,
@@ -47,22 +55,10 @@ from mavdem.motors.change_statistics import (
     log_t_density,
     window_changes,
 )
-from mavdem.motors.heading_sectors import heading_change, is_independent_of_heading
-from mavdem.motors.motor_changes import THRUST_EXPONENTS, MotorAlarm
+from mavdem.motors.heading_sectors import is_independent_of_heading
+from mavdem.motors.loss_confirmation import LossConfirmation
+from mavdem.motors.motor_changes import MotorAlarm
 from mavdem.motors.signatures import motor_signatures
-from mavdem.motors.thrust_loss import lost_thrust
-
-MIN_BLOCK_SAMPLES = 3
-"""Number of samples that a block must have."""
-
-MIN_SAMPLE_RATE = MIN_BLOCK_SAMPLES / BLOCK_SECONDS
-"""Rate of the samples, Hz, that the detection needs."""
-
-SAMPLE_RATE_TOLERANCE = 0.9
-"""Share of that rate which is still enough, for jitter."""
-
-MIN_PRESENT_SHARE = 0.8
-"""Share of the blocks that must be present: where more are missing, changes are not tested for. A choice."""
 
 REFERENCE_SECONDS = 8.0
 """Seconds of flight that must precede the first change, and that a change in roll and pitch alone must last.
@@ -109,20 +105,29 @@ A load that shifts in wind changes yaw too.
 OTHERS_PER_MOTOR = 0.1
 """Prior odds of such a change against one of a motor. They are high: the worst mistake is to name a sound motor."""
 
-SETTLING_ERROR = 0.04
-"""Standard error of a motor's rise a second after it began, as a fraction of it: yaw settles last."""
-
 TOO_SLOW = Fact(InFlight.MOTOR_OUTPUTS_TOO_SLOW, needed_rate=MIN_SAMPLE_RATE)
 """Obstacle where motor outputs come too slowly."""
 
 
-class _RiseEstimate(NamedTuple):
-    """Estimated rise of each of k motors' commands in a change, as a fraction of the command before it."""
+class _DatedChange(NamedTuple):
+    """A change of the balance, with the time at which it most probably began."""
 
-    rises: Array
-    """(k,) rises; 0 of motors that the change does not concern."""
-    half_widths: Array
-    """(k,) half widths of their 90 % intervals."""
+    changes: WindowChanges
+    """Change for each window: for each assumption on when it began."""
+    window: int
+    """Index of the window that explains the change best."""
+    block_count: int
+    """Number of blocks since the change began: the length of that window."""
+
+    @property
+    def size(self) -> Array:
+        """(a,) change of the balance."""
+        return self.changes.change[self.window]
+
+    @property
+    def variance(self) -> Array:
+        """(a,) its variance."""
+        return self.changes.variance[self.window]
 
 
 class MotorLossDetector:
@@ -147,49 +152,29 @@ class MotorLossDetector:
         self.weak_motors: dict[int, MotorAlarm] = {}
         self.latest_time = -inf
         self.reference_time: float | None = None
-        signatures = motor_signatures(geometry)
-        self._is_identifiable = signatures.is_motor_identifiable
+        mixer = motor_signatures(geometry)
+        self._is_identifiable = mixer.is_motor_identifiable
         self.obstacle = None if self._is_identifiable else Fact(InFlight.MOTOR_PLACES_UNKNOWN)
         self._geometry = geometry
         self._boot = boot
         self._threshold = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)
-
-        # Rows (a, k) of the mixer without thrust turn commands of motors into torque commands of the a axes.
-        self._torque_rows = signatures.mixer_rows[1:]
-        # A motor that must work harder by 1 raises its own command by this ratio (k,), since its neighbours help it.
-        self._own_rise_ratio = np.diag(signatures.weak_motor_commands)
-        # The balance changes by these rows (k, a) where the own command of a motor rises by 1.
-        self._signatures = self._torque_rows.T / self._own_rise_ratio[:, None]
-        # The allocation (k, 1 + a) turns thrust and torque commands into commands of motors.
-        self._allocation = np.linalg.pinv(signatures.mixer_rows)
-        # A shifted load or wind changes roll and pitch, which have a 1 in this vector (a,), and not yaw, which has a 0.
-        is_tilt_axis = [axis != "yaw" for axis in signatures.axes[1:]]
-        self._tilt_axes = np.array(is_tilt_axis, dtype=np.float64)
-
-        # Each block since the last gap has its end, s, its balance (a,) and its heading, rad, which is NaN in turns.
-        self._times: list[float] = []
-        self._blocks: list[Array] = []
-        self._headings: list[float] = []
-        self._steady_blocks = 0
+        self._model = BalanceModel(mixer)
+        self._averager = BlockAverager()
+        self._sample_rate = SampleRate()
+        self._blocks = BalanceBlocks()
+        # The loss of thrust that was detected a moment ago, and is not confirmed yet; None without one.
+        self._unconfirmed_loss: LossConfirmation | None = None
         # The long-run variance (a,) of a block has this prior, with its degrees of freedom.
-        self._noise = np.full(len(self._torque_rows), PRIOR_BLOCK_SD**2)
+        self._noise = np.full(len(self._model.torque_rows), PRIOR_BLOCK_SD**2)
         self._freedom = PRIOR_FREEDOM
-        # The block that is being filled has a number, commands, and the heading at its start.
-        self._block_number = 0
-        self._block_commands: list[Any] = []
-        self._block_heading = nan
-        # Samples are counted from a time on, s, to know their rate.
-        self._count_start = -inf
-        self._sample_count = 0
 
     def update(
         self, time: float, commands: Sequence[float] | Array, heading: float = 0.0
     ) -> list[MotorAlarm]:
         """Takes a sample of settled flight, and tests for a change whenever a block of samples is complete.
 
-        Samples are averaged over blocks of ``BLOCK_SECONDS`` of the clock, which takes out fast noise. The first sample
-        of a new block closes the one before. If that has enough samples, it is added to the flight and tested. After a
-        gap of ``MAX_GAP``, or if the clock goes back by as much, the test begins anew.
+        A complete block is added to the flight and tested. After a gap of ``MAX_GAP``, or if the clock goes back by as
+        much, the test begins anew.
 
         Args:
             time: Seconds on the clock of the boot.
@@ -209,18 +194,13 @@ class MotorLossDetector:
         if not 0 < step < MAX_GAP:
             self._restart(time, heading)
         self.latest_time = time
-        self._check_sample_rate(time)
+        is_rate_enough = self._sample_rate.is_enough(time, REFERENCE_SECONDS)
+        if is_rate_enough is not None:
+            self.obstacle = None if is_rate_enough else TOO_SLOW
         alarm_count = len(self.alarms)
-        block_number = floor(time / BLOCK_SECONDS)
-        if block_number != self._block_number:
-            if len(self._block_commands) >= MIN_BLOCK_SAMPLES:
-                block_end = (self._block_number + 1) * BLOCK_SECONDS
-                mean_commands = np.mean(self._block_commands, axis=0)
-                self._add_block(block_end, mean_commands, heading)
-            self._block_heading = heading
-            self._block_number = block_number
-            self._block_commands = []
-        self._block_commands.append(commands)
+        completed_block = self._averager.add(time, commands, heading)
+        if completed_block is not None:
+            self._add_block(completed_block)
         return self.alarms[alarm_count:]
 
     def _restart(self, time: float, heading: float) -> None:
@@ -230,68 +210,37 @@ class MotorLossDetector:
             time: Time of the next sample, s.
             heading: Heading at that sample, rad.
         """
-        self._times = []
-        self._blocks = []
-        self._headings = []
-        self._steady_blocks = 0
-        self._noise = np.full(len(self._torque_rows), PRIOR_BLOCK_SD**2)
+        self._averager.restart(time, heading)
+        self._sample_rate.restart(time)
+        self._blocks.clear()
+        self._unconfirmed_loss = None
+        self._noise = np.full(len(self._model.torque_rows), PRIOR_BLOCK_SD**2)
         self._freedom = PRIOR_FREEDOM
         self.reference_time = None
         self.weak_motors.clear()
-        self._block_number = floor(time / BLOCK_SECONDS)
-        self._block_commands = []
-        self._block_heading = heading
-        self._count_start = time
-        self._sample_count = 0
 
-    def _check_sample_rate(self, time: float) -> None:
-        """Counts a sample, and decides every ``REFERENCE_SECONDS`` whether samples come fast enough.
-
-        If they do not, ``obstacle`` says so until they do.
-
-        Args:
-            time: Time of the sample, s.
-        """
-        elapsed = time - self._count_start
-        if elapsed >= REFERENCE_SECONDS:
-            min_samples = SAMPLE_RATE_TOLERANCE * MIN_SAMPLE_RATE * elapsed
-            self.obstacle = TOO_SLOW if self._sample_count <= min_samples else None
-            self._count_start = time
-            self._sample_count = 0
-        self._sample_count += 1
-
-    def _add_block(self, time: float, commands: Array, heading: float) -> None:
+    def _add_block(self, block: CommandBlock) -> None:
         """Adds a block, ``BLOCK_SECONDS`` of flight, and tests whether the motors' balance changed lately.
 
-        The balance is the torque about each axis that the motors' commands make, relative to their mean. The block's
-        heading is stored too, to tell later whether wind explains a change; in a turn it is NaN. Then the test is run
-        with windows of several lengths, each one assumption on how many blocks ago a change began. A window is used
-        only if enough flight precedes it to compare with. There is no test while too many blocks are missing.
+        The balance is the torque about each axis that the motors' commands make, relative to their mean. First it is
+        tested whether a loss that was detected before lasts. Then the test is run with windows of several lengths, each
+        one assumption on how many blocks ago a change began. A window is used only if enough flight precedes it to
+        compare with. There is no test while too many blocks are missing, since the variances would be wrong.
 
         Args:
-            time: End of the block, s.
-            commands: (k,) mean motor outputs as fractions of the range.
-            heading: Heading at its end, rad.
+            block: Mean commands of the block.
         """
         # The mean command stands for the thrust. Motors that stand still have no balance.
-        thrust = commands.mean()
+        thrust = block.commands.mean()
         if not thrust > 0:
             return
         # The balance is relative to the thrust, so that neither battery nor climb changes it.
-        self._times.append(time)
-        self._blocks.append(self._torque_rows @ (commands / thrust))
-        # A block is steady if the heading turned slower than MAX_HEADING_CHANGE, rad/s; NaN headings are not steady.
-        turn = heading_change(heading, self._block_heading)
-        is_steady = abs(turn) <= MAX_HEADING_CHANGE * BLOCK_SECONDS
-        self._headings.append(heading if is_steady else nan)
-        if is_steady:
-            self._steady_blocks += 1
-        self._keep_last_blocks(round(KEPT_SECONDS / BLOCK_SECONDS))
-
-        # With too many blocks missing, as after lost messages, the variances would be wrong.
-        expected_blocks = (self._times[-1] - self._times[0]) / BLOCK_SECONDS + 1
-        if len(self._blocks) < MIN_PRESENT_SHARE * expected_blocks:
+        balance = self._model.torque_rows @ (block.commands / thrust)
+        self._blocks.add(block.end, balance, block.heading)
+        self._blocks.keep_last(round(KEPT_SECONDS / BLOCK_SECONDS))
+        if self._blocks.has_gaps:
             return
+        self._confirm_or_withdraw_loss()
         # After a motor's change, the noise before it is the prior, with more degrees of freedom than at the beginning.
         # So the noise is known already, and a shorter reference is enough.
         has_changed_before = self._freedom > PRIOR_FREEDOM
@@ -301,8 +250,31 @@ class MotorLossDetector:
             length for length in WINDOW_BLOCKS if len(self._blocks) >= length + reference_blocks
         ]
         if windows:
-            self.reference_time = self.reference_time or time
+            self.reference_time = self.reference_time or block.end
             self._test_for_change(np.array(windows, dtype=int))
+
+    def _confirm_or_withdraw_loss(self) -> None:
+        """Withdraws the loss that was detected last if the balance is again as before it, however noisy it is.
+
+        The motor counts as recovered then, since when the change was over. A loss that is not withdrawn in time is
+        confirmed.
+        """
+        loss = self._unconfirmed_loss
+        time = self._blocks.times[-1]
+        if loss is None or not loss.is_decidable(time):
+            return
+        first = int(np.searchsorted(self._blocks.times, loss.detection, side="right"))
+        balances = self._blocks.balances[first:]
+        log_odds = loss.log_odds_of_return(self._blocks.times[first:], balances)
+        if log_odds >= STRONG_EVIDENCE_NATS:
+            self._unconfirmed_loss = None
+            self.weak_motors.pop(loss.motor)
+            block_count = loss.blocks_since_return(balances)
+            self._record(loss.motor, block_count, log_odds, 0.0)
+            # From now on, flight is compared with that since the balance returned.
+            self._blocks.keep_last(block_count)
+        elif loss.is_over(time):
+            self._unconfirmed_loss = None
 
     def _test_for_change(self, windows: Windows) -> None:
         """Tests whether the motors' balance changed within the last blocks, and records the change of a motor if so.
@@ -320,14 +292,15 @@ class MotorLossDetector:
         Args:
             windows: (w,) lengths of the windows, in blocks: the change may have begun so many blocks ago.
         """
-        changes = window_changes(np.array(self._blocks), windows, self._noise, self._freedom)
+        balances = np.array(self._blocks.balances)
+        changes = window_changes(balances, windows, self._noise, self._freedom)
         no_change = log_t_density(changes, 0.0)
-        motor_causes = len(self._signatures) + len(self.weak_motors)
+        motor_causes = len(self._model.signatures) + len(self.weak_motors)
         if not can_reach_threshold(changes, no_change, motor_causes, self._threshold):
             return
         weak_motor_sizes = {motor: alarm.size for motor, alarm in self.weak_motors.items()}
         evidence = cause_evidence(
-            changes, no_change, self._signatures, self._tilt_axes, weak_motor_sizes
+            changes, no_change, self._model.signatures, self._model.tilt_axes, weak_motor_sizes
         )
         # The odds of the best cause are its Bayes factor over the sum of those of all the others.
         best = int(np.argmax(evidence.motors))
@@ -340,11 +313,11 @@ class MotorLossDetector:
         if is_enough and log_odds >= STRONG_EVIDENCE_NATS:
             # The window in which the cause explains the change best tells when the change began.
             window = int(np.argmax(evidence.motor_windows[best]))
-            blocks_since = int(windows[window])
-            if self._is_independent_of_heading(blocks_since, changes, window):
+            change = _DatedChange(changes, window, int(windows[window]))
+            if self._is_independent_of_heading(change):
                 # The last size is the largest. Only the ratios between the motors matter.
                 largest_rises = evidence.rises[best, -1]
-                self._record_motor_change(largest_rises, blocks_since, changes, window, log_odds)
+                self._record_motor_change(largest_rises, change, log_odds)
             return
         self._test_for_torque_change(windows, changes, evidence)
 
@@ -382,47 +355,34 @@ class MotorLossDetector:
         stale_change = np.where(seconds >= STALE_SECONDS, 0.0, -inf) + any_cause
         if load >= self._threshold and log_odds >= STRONG_EVIDENCE_NATS:
             window = int(np.argmax(lasting_load))
-            blocks_since = int(windows[window])
-            size = float(np.linalg.norm(changes.change[window] * self._tilt_axes))
-            if self._is_independent_of_heading(blocks_since, changes, window):
-                self._record(None, blocks_since, log_odds, size)
+            change = _DatedChange(changes, window, int(windows[window]))
+            block_count = change.block_count
+            size = float(np.linalg.norm(change.size * self._model.tilt_axes))
+            if self._is_independent_of_heading(change):
+                self._record(None, block_count, log_odds, size)
         elif stale_change.max() >= self._threshold:
-            blocks_since = int(windows[np.argmax(stale_change)])
+            block_count = int(windows[np.argmax(stale_change)])
         else:
             return
         # From now on, flight is compared with that since the change.
-        self._keep_last_blocks(blocks_since)
+        self._blocks.keep_last(block_count)
 
-    def _is_independent_of_heading(
-        self, blocks_since: int, changes: WindowChanges, window: int
-    ) -> bool:
+    def _is_independent_of_heading(self, change: _DatedChange) -> bool:
         """Returns whether a change holds at each heading, so that no turn of the vehicle in wind explains it.
 
         It is not known, and so denied, before ``MIN_STEADY_SECONDS`` of flight at steady headings.
-
-        Args:
-            blocks_since: Number of blocks since the change began.
-            changes: Change of the balance for each window.
-            window: Index of the window of that length.
         """
-        if self._steady_blocks * BLOCK_SECONDS < MIN_STEADY_SECONDS:
+        if self._blocks.steady_count * BLOCK_SECONDS < MIN_STEADY_SECONDS:
             return False
         return is_independent_of_heading(
-            np.array(self._blocks),
-            np.array(self._headings),
-            blocks_since,
-            changes.change[window],
-            changes.variance[window],
+            np.array(self._blocks.balances),
+            np.array(self._blocks.headings),
+            change.block_count,
+            change.size,
+            change.variance,
         )
 
-    def _record_motor_change(
-        self,
-        rises: Array,
-        blocks_since: int,
-        changes: WindowChanges,
-        window: int,
-        log_odds: float,
-    ) -> None:
+    def _record_motor_change(self, rises: Array, change: _DatedChange, log_odds: float) -> None:
         """Records the loss or the recovery of one motor, or the recovery of several, and makes a new reference.
 
         A weak motor needs a higher command for the same thrust. Its rise is the relative increase of its command since
@@ -433,13 +393,19 @@ class MotorLossDetector:
 
         Args:
             rises: (k,) rises of the motors' commands of the hypothesis, up to their size.
-            blocks_since: Number of blocks since the change began.
-            changes: Change of the balance for each window.
-            window: Index of the window of that length.
+            change: The change of the balance.
             log_odds: Logarithm of the odds that this is the cause.
         """
-        estimate = self._estimated_rises(rises, blocks_since, changes, window)
+        block_count = change.block_count
+        balance_before = np.mean(self._blocks.balances[-block_count:], axis=0) - change.size
+        # The block in which the change began is partly from before it, and is left out.
+        balance_after = np.mean(self._blocks.balances[1 - block_count :], axis=0)
+        estimate = self._model.estimated_rises(
+            rises, balance_before, balance_after, change.variance
+        )
         moved_motors = np.flatnonzero(rises).tolist()
+        # A change of a motor that is weak already says nothing on its first loss any more.
+        self._unconfirmed_loss = None
         for motor in moved_motors:
             previous = self.weak_motors.pop(motor, None)
             previous_rise = 0.0 if previous is None else previous.size
@@ -452,76 +418,30 @@ class MotorLossDetector:
             )
             is_sound_again = rise < max(RISES[0], previous_rise * MAX_RECOVERED_SHARE)
             if rises[motor] < 0 and (len(moved_motors) > 1 or is_sound_again):
-                self._record(motor, blocks_since, log_odds, 0.0)
-            else:
-                loss = self._thrust_loss(motor, max(lowest, 0.0), highest)
-                rise = max(rise, RISES[0])
-                self.weak_motors[motor] = self._record(motor, blocks_since, log_odds, rise, loss)
+                self._record(motor, block_count, log_odds, 0.0)
+                continue
+            loss = self._model.thrust_loss(motor, max(lowest, 0.0), highest)
+            alarm = self._record(motor, block_count, log_odds, max(rise, RISES[0]), loss)
+            self.weak_motors[motor] = alarm
+            if previous is None:
+                self._unconfirmed_loss = LossConfirmation(
+                    motor,
+                    start=alarm.since,
+                    detection=alarm.time,
+                    balance_before=balance_before,
+                    change=balance_after - balance_before,
+                    variance=change.variance,
+                )
         # From now on, flight is compared with that since the change, once the vehicle has settled. The noise before the
         # change is the prior of the noise after it.
-        self._keep_last_blocks(blocks_since - SETTLING_BLOCKS)
-        self._noise = changes.noise[window]
-        self._freedom = min(changes.freedom[window], MAX_PRIOR_FREEDOM)
-
-    def _estimated_rises(
-        self, rises: Array, blocks_since: int, changes: WindowChanges, window: int
-    ) -> _RiseEstimate:
-        """Returns by how much the motors' commands rose in a change, relative to what they were before it.
-
-        The size of the change is the weighted least-squares estimate along its signature: with balance before and
-        after it b₀ and b₁, signature g and variance V, it is gᵀ V⁻¹ (b₁ − b₀) / (gᵀ V⁻¹ g).
-
-        The signature is the change of the balance that a change of size 1, all of ``rises``, would make. The balance is
-        relative to the mean command, which itself rises by mean_rise: so the signature is less by mean_rise · b₁.
-
-        Args:
-            rises: (k,) rises of the motors' commands of the hypothesis, up to their size.
-            blocks_since: Number of blocks since the change began.
-            changes: Change of the balance for each window.
-            window: Index of the window of that length.
-        """
-        balance_before = np.mean(self._blocks[-blocks_since:], axis=0) - changes.change[window]
-        # The block in which the change began is partly from before it, and is left out.
-        balance_after = np.mean(self._blocks[1 - blocks_since :], axis=0)
-        mean_rise = (rises / self._own_rise_ratio).mean()
-        signature = rises @ self._signatures - mean_rise * balance_after
-        weighted_signature = signature / changes.variance[window]
-        precision = weighted_signature @ signature
-        # Commands before the change, relative to their mean: thrust 1 and the balance.
-        commands = self._allocation @ [1.0, *balance_before]
-        relative_rises = rises / commands
-        estimates = (
-            weighted_signature @ (balance_after - balance_before) / precision * relative_rises
-        )
-        # Two independent errors: that of least squares, and that of a vehicle that has not settled yet.
-        standard_errors = np.hypot(precision**-0.5 * relative_rises, SETTLING_ERROR * estimates)
-        return _RiseEstimate(estimates, coverage_factor() * standard_errors)
-
-    def _thrust_loss(self, motor: int, lowest_rise: float, highest_rise: float) -> Numbers:
-        """Returns the interval of the fraction of its thrust that a motor lost, for all ``THRUST_EXPONENTS``.
-
-        The interval is as wide as what is not known: how far the command rose, and with which power of it thrust goes.
-        On vehicles whose neighbours help a weak motor, its own command rises by less than it lacks: so the loss is
-        divided by that ratio. Nothing loses more than all its thrust.
-
-        Args:
-            motor: Index of the motor.
-            lowest_rise: Lower end of the interval of its command's rise, as a fraction.
-            highest_rise: Upper end.
-
-        Returns:
-            Lower and upper end, fractions of the thrust.
-        """
-        smallest_exponent, largest_exponent = THRUST_EXPONENTS
-        own_rise_ratio = self._own_rise_ratio[motor]
-        smallest_loss = lost_thrust(lowest_rise, smallest_exponent) / own_rise_ratio
-        largest_loss = lost_thrust(highest_rise, largest_exponent) / own_rise_ratio
-        return min(smallest_loss, 1.0), min(largest_loss, 1.0)
+        self._blocks.keep_last(block_count - SETTLING_BLOCKS)
+        self._noise = change.changes.noise[change.window]
+        self._freedom = min(change.changes.freedom[change.window], MAX_PRIOR_FREEDOM)
 
     def _record(
         self,
         motor: int | None,
-        blocks_since: int,
+        block_count: int,
         log_odds: float,
         size: float,
         loss: Numbers = (),
@@ -530,15 +450,15 @@ class MotorLossDetector:
 
         Args:
             motor: Index of the motor; None where the change is no motor's.
-            blocks_since: Number of blocks since the change began.
+            block_count: Number of blocks since the change began.
             log_odds: Logarithm of the odds that this is the cause.
             size: Rise of the motor's command, or size of the change of the torque.
             loss: Interval of the thrust that the motor lost.
         """
         geometry = self._geometry
         alarm = MotorAlarm(
-            time=self._times[-1],
-            since=self._times[-blocks_since] - BLOCK_SECONDS,
+            time=self._blocks.times[-1],
+            since=self._blocks.start_of_last(block_count),
             motor=None if motor is None else geometry.motors[motor],
             name="" if motor is None else geometry.names[motor],
             size=size,
@@ -549,10 +469,3 @@ class MotorLossDetector:
         )
         self.alarms.append(alarm)
         return alarm
-
-    def _keep_last_blocks(self, count: int) -> None:
-        """Forgets all blocks but the last ``count``."""
-        excess = max(len(self._times) - count, 0)
-        del self._times[:excess]
-        del self._blocks[:excess]
-        del self._headings[:excess]

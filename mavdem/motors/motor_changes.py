@@ -24,6 +24,10 @@ The lower end of an interval of lost thrust is for the first, the upper end for 
 """
 
 
+MIN_LOSS_SECONDS = 8.0
+"""Seconds that a loss of thrust must last: a gust, or a lean of the vehicle in a correction, is over by then."""
+
+
 class CommandFraction(NamedTuple):
     """Fraction of its command by which a sound motor would give the thrust of a weak one."""
 
@@ -123,7 +127,8 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     """Returns the losses of thrust in a flight, the worst first.
 
     Of what a motor lost until it recovered, the largest loss counts. A loss that lasts is bad. One that ended is to be
-    watched, and has its end; it is bad too if a motor that still lacks thrust lost less.
+    watched, and has its end; it is bad too if a motor that still lacks thrust lost less. One that ended within
+    ``MIN_LOSS_SECONDS`` was none.
 
     Args:
         changes: All changes of the flight, in the order of time.
@@ -141,7 +146,9 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
             if previous is None or change.size > previous.size:
                 lasting_losses[motor] = change
         elif motor in lasting_losses:
-            ended_losses.append((lasting_losses.pop(motor), change.since))
+            loss = lasting_losses.pop(motor)
+            if change.since - loss.since >= MIN_LOSS_SECONDS:
+                ended_losses.append((loss, change.since))
 
     smallest_lasting = min((loss.size for loss in lasting_losses.values()), default=inf)
     losses = [loss.fact for loss in lasting_losses.values()]

@@ -52,7 +52,8 @@ from mavdem.flight import Flight, Flights
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
-from mavdem.motors.loss_detection import MIN_SAMPLE_RATE, MotorLossDetector
+from mavdem.motors.balance_blocks import MIN_SAMPLE_RATE
+from mavdem.motors.loss_detection import MotorLossDetector
 from mavdem.motors.motor_changes import MotorAlarm
 from mavdem.motors.trim_pattern import trim_of_signals
 from mavdem.plant.wind_torque import estimate_wind_torque

@@ -1,0 +1,181 @@
+"""Blocks of the motors' balance in flight: samples averaged over half a second, and the blocks of the flight so far."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import floor, inf, nan
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dataset.steady_flight import MAX_HEADING_CHANGE
+from mavdem.motors.change_statistics import BLOCK_SECONDS
+from mavdem.motors.heading_sectors import heading_change
+
+MIN_BLOCK_SAMPLES = 3
+"""Number of samples that a block must have."""
+
+MIN_SAMPLE_RATE = MIN_BLOCK_SAMPLES / BLOCK_SECONDS
+"""Rate of the samples, Hz, that the detection needs."""
+
+SAMPLE_RATE_TOLERANCE = 0.9
+"""Share of that rate which is still enough, for jitter."""
+
+MIN_PRESENT_SHARE = 0.8
+"""Share of the blocks that must be present for variances to be right. A choice."""
+
+
+class CommandBlock(NamedTuple):
+    """Mean of the samples of one block."""
+
+    end: float
+    """End of the block, s."""
+    commands: Array
+    """(k,) mean commands of the motors, as fractions of the range."""
+    heading: float
+    """Heading at its end, rad; NaN if the vehicle turned, or did not follow its attitude setpoint."""
+
+
+class BlockAverager:
+    """Averages samples over blocks of ``BLOCK_SECONDS`` of the clock, which takes out fast noise.
+
+    The first sample of a new block completes the one before.
+    """
+
+    def __init__(self) -> None:
+        """Begins without a sample."""
+        self.restart(0.0, nan)
+
+    def restart(self, time: float, heading: float) -> None:
+        """Begins anew with the block that a sample lies in.
+
+        Args:
+            time: Time of the sample, s.
+            heading: Heading, rad.
+        """
+        self._number = floor(time / BLOCK_SECONDS)
+        self._samples: list[Any] = []
+        self._start_heading = heading
+
+    def add(
+        self, time: float, commands: Sequence[float] | Array, heading: float
+    ) -> CommandBlock | None:
+        """Adds a sample.
+
+        Args:
+            time: Seconds on the clock of the boot.
+            commands: (k,) motor outputs as fractions of the range.
+            heading: Heading, rad; NaN where the attitude does not follow its setpoint.
+
+        Returns:
+            The block that this sample completes; None if it completes none, or one with too few samples.
+        """
+        number = floor(time / BLOCK_SECONDS)
+        completed = None
+        if number != self._number:
+            if len(self._samples) >= MIN_BLOCK_SAMPLES:
+                # A NaN heading is not steady either.
+                turn = heading_change(heading, self._start_heading)
+                is_steady = abs(turn) <= MAX_HEADING_CHANGE * BLOCK_SECONDS
+                completed = CommandBlock(
+                    end=(self._number + 1) * BLOCK_SECONDS,
+                    commands=np.mean(self._samples, axis=0),
+                    heading=heading if is_steady else nan,
+                )
+            self._number = number
+            self._samples = []
+            self._start_heading = heading
+        self._samples.append(commands)
+        return completed
+
+
+class SampleRate:
+    """Counts samples, to tell whether they come fast enough for blocks."""
+
+    def __init__(self) -> None:
+        """Begins without a sample."""
+        self.restart(-inf)
+
+    def restart(self, time: float) -> None:
+        """Begins to count anew.
+
+        Args:
+            time: Time of the next sample, s.
+        """
+        self._start = time
+        self._count = 0
+
+    def is_enough(self, time: float, seconds: float) -> bool | None:
+        """Counts a sample, and decides whenever so many seconds have passed whether samples come fast enough.
+
+        Args:
+            time: Time of the sample, s.
+            seconds: Seconds between two decisions.
+
+        Returns:
+            None between decisions.
+        """
+        elapsed = time - self._start
+        decision = None
+        if elapsed >= seconds:
+            decision = self._count > SAMPLE_RATE_TOLERANCE * MIN_SAMPLE_RATE * elapsed
+            self.restart(time)
+        self._count += 1
+        return decision
+
+
+class BalanceBlocks:
+    """The blocks of the flight that later flight is compared with, in order of time.
+
+    Attributes:
+        times: Ends of the blocks, s.
+        balances: (a,) balance of each block: torque commands relative to the mean command.
+        headings: Heading of each block, rad; NaN in turns.
+        steady_count: Number of all blocks at a steady heading since the last gap, also of those that were forgotten.
+    """
+
+    def __init__(self) -> None:
+        """Begins without a block."""
+        self.clear()
+
+    def clear(self) -> None:
+        """Forgets all blocks."""
+        self.times: list[float] = []
+        self.balances: list[Array] = []
+        self.headings: list[float] = []
+        self.steady_count = 0
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    @property
+    def has_gaps(self) -> bool:
+        """Whether too many blocks are missing, as after lost messages."""
+        expected_count = (self.times[-1] - self.times[0]) / BLOCK_SECONDS + 1
+        return len(self) < MIN_PRESENT_SHARE * expected_count
+
+    def add(self, time: float, balance: Array, heading: float) -> None:
+        """Adds a block.
+
+        Args:
+            time: Its end, s.
+            balance: (a,) its balance.
+            heading: Its heading, rad; NaN in a turn.
+        """
+        self.times.append(time)
+        self.balances.append(balance)
+        self.headings.append(heading)
+        if not np.isnan(heading):
+            self.steady_count += 1
+
+    def keep_last(self, count: int) -> None:
+        """Forgets all blocks but the last ``count``."""
+        excess = max(len(self) - count, 0)
+        del self.times[:excess]
+        del self.balances[:excess]
+        del self.headings[:excess]
+
+    def start_of_last(self, count: int) -> float:
+        """Returns the time, s, at which the last ``count`` blocks began."""
+        return self.times[-count] - BLOCK_SECONDS

@@ -1,0 +1,116 @@
+"""How the commands of a vehicle's motors make its balance, and how a weak motor changes both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.confidence import coverage_factor
+from mavdem.containers import Numbers
+from mavdem.motors.motor_changes import THRUST_EXPONENTS
+from mavdem.motors.signatures import MotorSignatures
+from mavdem.motors.thrust_loss import lost_thrust
+
+SETTLING_ERROR = 0.04
+"""Standard error of a motor's rise a second after it began, as a fraction of it: yaw settles last."""
+
+
+class RiseEstimate(NamedTuple):
+    """Estimated rise of each of k motors' commands in a change, as a fraction of the command before it."""
+
+    rises: Array
+    """(k,) rises; 0 of motors that the change does not concern."""
+    half_widths: Array
+    """(k,) half widths of their 90 % intervals."""
+
+
+@dataclass(frozen=True, eq=False)
+class BalanceModel:
+    """The mixer of a vehicle with k motors, without thrust: the balance about a axes, and how weak motors change it.
+
+    The balance is the torque about each axis that the motors' commands make, relative to their mean command.
+    """
+
+    mixer: MotorSignatures
+    """Mixer with thrust, whose row is the first, and the a other axes."""
+
+    @cached_property
+    def torque_rows(self) -> Array:
+        """(a, k) rows of the mixer that turn commands of motors into torque commands."""
+        return self.mixer.mixer_rows[1:]
+
+    @cached_property
+    def own_rise_ratios(self) -> Array:
+        """(k,) rise of a motor's own command if it must work harder by 1; the rest comes from its neighbours."""
+        return np.diag(self.mixer.weak_motor_commands)
+
+    @cached_property
+    def signatures(self) -> Array:
+        """(k, a) change of the balance where the own command of the motor of the row rises by 1."""
+        return self.torque_rows.T / self.own_rise_ratios[:, None]
+
+    @cached_property
+    def allocation(self) -> Array:
+        """(k, 1 + a) turns thrust and torque commands into commands of motors."""
+        return np.linalg.pinv(self.mixer.mixer_rows).astype(np.float64)
+
+    @cached_property
+    def tilt_axes(self) -> Array:
+        """(a,) 1 for roll and pitch, which a shifted load or wind changes, and 0 for yaw."""
+        is_tilt_axis = [axis != "yaw" for axis in self.mixer.axes[1:]]
+        return np.array(is_tilt_axis, dtype=np.float64)
+
+    def estimated_rises(
+        self, rises: Array, balance_before: Array, balance_after: Array, variance: Array
+    ) -> RiseEstimate:
+        """Estimates by how much the motors' commands rose in a change, relative to what they were before it.
+
+        The size of the change is the weighted least-squares estimate along its signature: with balance before and
+        after it b₀ and b₁, signature g and variance V, it is gᵀ V⁻¹ (b₁ − b₀) / (gᵀ V⁻¹ g).
+
+        The signature is the change of the balance that a change of size 1, all of ``rises``, would make. The balance is
+        relative to the mean command, which itself rises by mean_rise: so the signature is less by mean_rise · b₁.
+
+        Args:
+            rises: (k,) rises of the motors' commands of the hypothesis, up to their size.
+            balance_before: (a,) balance before the change.
+            balance_after: (a,) balance after it.
+            variance: (a,) variance of the change.
+        """
+        mean_rise = (rises / self.own_rise_ratios).mean()
+        signature = rises @ self.signatures - mean_rise * balance_after
+        weighted_signature = signature / variance
+        precision = weighted_signature @ signature
+        # Commands before the change, relative to their mean: thrust 1 and the balance.
+        commands = self.allocation @ [1.0, *balance_before]
+        relative_rises = rises / commands
+        size = weighted_signature @ (balance_after - balance_before) / precision
+        estimates = size * relative_rises
+        # Two independent errors: that of least squares, and that of a vehicle that has not settled yet.
+        standard_errors = np.hypot(precision**-0.5 * relative_rises, SETTLING_ERROR * estimates)
+        return RiseEstimate(estimates, coverage_factor() * standard_errors)
+
+    def thrust_loss(self, motor: int, lowest_rise: float, highest_rise: float) -> Numbers:
+        """Returns the interval of the fraction of its thrust that a motor lost, for all ``THRUST_EXPONENTS``.
+
+        The interval is as wide as what is not known: how far the command rose, and with which power of it thrust goes.
+        On vehicles whose neighbours help a weak motor, its own command rises by less than it lacks: so the loss is
+        divided by that ratio. Nothing loses more than all its thrust.
+
+        Args:
+            motor: Index of the motor.
+            lowest_rise: Lower end of the interval of its command's rise, as a fraction.
+            highest_rise: Upper end.
+
+        Returns:
+            Lower and upper end, fractions of the thrust.
+        """
+        smallest_exponent, largest_exponent = THRUST_EXPONENTS
+        own_rise_ratio = self.own_rise_ratios[motor]
+        smallest_loss = lost_thrust(lowest_rise, smallest_exponent) / own_rise_ratio
+        largest_loss = lost_thrust(highest_rise, largest_exponent) / own_rise_ratio
+        return min(smallest_loss, 1.0), min(largest_loss, 1.0)
