@@ -201,9 +201,9 @@ class SenderLinks:
         """Returns whether a frame without a reading of the clock, with the bytes of an earlier one, is its copy.
 
         Messages such as HEARTBEAT repeat their content, and with the next turn of the sequence numbers an equal one is
-        new. It is a copy where it directly repeats the latest frame. Others are copies only where a second link is
-        known: those with any time stamp, and those whose number follows that of the latest late frame more closely than
-        that of the latest other one.
+        new. Only where a second link is known they may be copies: those that directly repeat a frame, those with any
+        time stamp, and those whose number follows that of the latest late frame more closely than that of the latest
+        other one.
 
         Args:
             original_count: how many frames had come with the earlier frame.
@@ -211,11 +211,11 @@ class SenderLinks:
             message_id: number of their message.
             sequence: their sequence number.
         """
-        if self._frame_count - original_count == 1:
+        if not self._has_late_link:
+            return False
+        if self._frame_count - original_count == 1 or _has_stamp(content, message_id):
             return True
-        return self._has_late_link and (
-            _has_stamp(content, message_id) or self._follows_late_link(sequence)
-        )
+        return self._follows_late_link(sequence)
 
     def _follows_late_link(self, sequence: int) -> bool:
         """Returns whether a number follows that of the latest late frame more closely than that of the latest other."""
