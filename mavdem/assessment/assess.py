@@ -11,7 +11,7 @@ from mavdem.assessment.axis import LogAnalysis, Options, analyse
 from mavdem.assessment.axis.analysis import ShowStep, show_nothing
 from mavdem.assessment.axis.figures import ALL_AXES
 from mavdem.assessment.axis.loops import loops_of_axes
-from mavdem.assessment.ending import ending_of
+from mavdem.assessment.ending import ending_of, weighed_reports
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import judge, unjudged
 from mavdem.assessment.motion import motion_events
@@ -101,7 +101,8 @@ def assess_signals(
         loops, autotune = loops_of_axes(log, loop_signals, options.start, analysis.figures_by_axis)
 
     # What happened, how the flight ended, and what the motors lost before that.
-    events = [*reported_events(signals), *motion_events(signals)]
+    reports = reported_events(signals)
+    events = weighed_reports(signals, [*reports, *motion_events(signals, reports)])
     ending = ending_of(signals, events, analysis.condition.collective)
     events += _motor_changes(analysis, ending)
     events += saturation_losses(signals, events, ending)

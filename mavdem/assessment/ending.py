@@ -5,13 +5,17 @@ from collections.abc import Sequence
 from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.first_failure import CAUSES_OF_ALL_MOTORS, first_failure
 from mavdem.dataset.signals import Signals
-from mavdem.facts import Code, Fact
-from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts import Code, Fact, Facts
+from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
+from mavdem.facts.witnesses import Witness
+from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.statements import for_it, weighed
 
 ENDINGS: dict[Code, Ending] = {
     MotionEvent.ATTITUDE_LOST: Ending.CONTROL_LOST,
     MotionEvent.TIPPED: Ending.TIPPED_OVER,
+    MotionEvent.TOPPLED: Ending.TOPPLED_AT_LANDING,
     MotionEvent.HIT: Ending.CRASHED,
 }
 """How a flight ended, by the event of its motion with which it was lost."""
@@ -51,6 +55,8 @@ def ending_of(
     if loss.code is MotionEvent.TIPPED:
         # The ground tipped the vehicle over.
         cause = None
+    elif loss.code is MotionEvent.TOPPLED:
+        cause = _throttle_closed(loss)
     motor_report = _motor_report(signals, bad_events, loss.figures["boot"])
     # A motor is named only if cause and report do not name two different ones.
     subjects = {fact.subject for fact in (cause, motor_report) if fact and fact.subject}
@@ -67,8 +73,68 @@ def ending_of(
         subject=subjects.pop() if concerns_one_motor else "",
         cause=cause,
         word=motor_report if adds_to_cause else None,
+        witnesses=loss.figures.get("witnesses", ()),
         **{name: loss.figures.get(name) for name in ("height", "speed", "boot")},
     )
+
+
+def _throttle_closed(loss: Fact) -> Fact | None:
+    """Returns that the pilot closed the throttle before a vehicle toppled, by the witnesses of that; None otherwise."""
+    for witness in loss.figures["witnesses"]:
+        if witness.code is Witness.THROTTLE_CLOSED:
+            return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=witness.time)
+    return None
+
+
+def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
+    """Returns the events with reports of a crash that no sensor confirms lowered to be watched.
+
+    ArduPilot's crash check also reports vehicles that never moved. A report counts where a loss by the motion is near,
+    or the sensors around it show a knock, a tumble, a fast descent or a lean; or where they cannot show any.
+
+    Args:
+        signals: of the vehicle.
+        events: those of ``motion_events`` and ``reported_events``.
+    """
+    losses = [event for event in events if event.code in ENDINGS]
+    weighed_events = []
+    for event in events:
+        if event.code is Reported.CRASH_DETECTED and event.is_bad:
+            reported = for_it(Witness.AUTOPILOT_REPORTED, cause=event.but(witnesses=()))
+            witnesses = (reported, *_signs_of_crash(signals, event, losses))
+            event = weighed(event, witnesses)
+        weighed_events.append(event)
+    return weighed_events
+
+
+REPORT_DELAY = 10.0
+"""Seconds up to which ArduPilot's crash check reports a crash after it happened; its own delay is 2 s, and it waits for
+the vehicle to lie still."""
+
+
+def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> Facts:
+    """Returns what the sensors show around a report of a crash, as witnesses of it.
+
+    Args:
+        signals: of the vehicle.
+        report: the report.
+        losses: events of the motion that lose a vehicle.
+    """
+    boot, time = report.figures["boot"], report.time or 0.0
+    interval = (time - REPORT_DELAY, time + 1.0)
+    for loss in losses:
+        if loss.figures["boot"] == boot and interval[0] <= (loss.time or 0.0) <= interval[1]:
+            return tuple(loss.figures.get("witnesses", ()))
+    scene = Scene(signals, boot)
+    statements = []
+    for statement in (scene.knock(interval), scene.fast_rotation(interval)):
+        if statement is not None:
+            statements.append(statement)
+    statements += [fact for fact in scene.sinking(interval) if fact.code is Witness.SANK]
+    rest = scene.rest_after(interval[0], interval[1])
+    if rest is not None and rest.is_on_side:
+        statements += rest.statements
+    return tuple(statements)
 
 
 def _motor_report(signals: Signals, bad_events: Sequence[Fact], boot: int) -> Fact | None:

@@ -107,6 +107,8 @@ class Evidence:
         Where there was no hover, which would show the share of the time at the limit, a moment at the limit counts.
         Facts about such a vehicle are shown without advice to fly (:attr:`mavdem.facts.Fact.grounded`).
         """
+        if self.not_flown is not None:
+            return ()
         reasons = [self.ending, *overrides_of(self.condition, ())]
         if self.condition.hover is None:
             reasons += self.warnings_in_flight([MotionEvent.MOTOR_AT_ITS_STOP])
@@ -120,11 +122,25 @@ class Evidence:
             return None
         return gain_reduction_advice(oscillation, self.signals.telemetry.parameters)
 
+    @cached_property
+    def not_flown(self) -> Fact | None:
+        """That the vehicle did not fly in any boot in which its motors ran; None if it flew, or may have flown."""
+        facts = [event for event in self.events if event.code is MotionEvent.NOT_FLOWN]
+        if not facts:
+            return None
+        for boot in np.unique(self.signals.tilts[0].boot).tolist():
+            if self.flights(boot):
+                return None
+        return facts[0]
+
     def flights(self, boot: int) -> Intervals:
         """Returns the intervals of a boot in free flight, s, until the vehicle was lost.
 
         Of a vehicle that is no multirotor they are those in which it operates (``phases.airborne_intervals``).
         """
+        for event in self.events:
+            if event.code is MotionEvent.NOT_FLOWN and event.figures["boot"] == boot:
+                return []
         free_flight = phases.free_flight_intervals(self.signals, boot)
         return intersection(free_flight, self._intervals_before_loss(boot))
 

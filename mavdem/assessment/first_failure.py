@@ -15,8 +15,8 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.attitude_error import attitude_error
+from mavdem.assessment.attitude_losses import LOST_ANGLE
 from mavdem.assessment.flights import RECOVERY_SECONDS
-from mavdem.assessment.motion import LOST_ANGLE
 from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import in_intervals
@@ -32,10 +32,15 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Code, Fact
 from mavdem.facts.ending import FailedFirst, MotionEvent
+from mavdem.facts.events import Reported
 from mavdem.ingest.vocabulary import ON_GROUND
+from mavdem.witnesses.scene import Scene
 
 CAUSES_OF_ALL_MOTORS = (
     FailedFirst.ALL_OFF_FIRST,
+    FailedFirst.FAILSAFE_FIRST,
+    FailedFirst.THROTTLE_CLOSED_FIRST,
+    FailedFirst.HEIGHT_DIVERGED_FIRST,
     FailedFirst.LANDING_ASSUMED_FIRST,
     FailedFirst.THRUST_SPENT_FIRST,
 )
@@ -55,6 +60,25 @@ SPENT_THRUST_SHARE = 0.9
 MIN_COMMAND_RANGE = 0.05
 """Mean range of all motors' commands, as a share of the full range, beside which one that is constant has frozen; also
 the distance from its limit at which it must be constant."""
+
+DIVERGENCE_SECONDS = 10.0
+"""Seconds after a height estimate diverged within which a loss follows from it: a fall from 100 m takes as long."""
+
+STOP_REASON_SECONDS = 2.0
+"""Seconds around the stop of all motors within which its reason is reported."""
+
+REASONS_OF_STOP = (
+    Reported.MOTORS_STOPPED,
+    Reported.FLIGHT_TERMINATED,
+    Reported.RADIO_LOST,
+    Reported.BATTERY_ALARMED,
+    Reported.BATTERY_WARNED,
+    Reported.GROUND_STATION_LOST,
+    Reported.FENCE_BREACHED,
+    Reported.FAILSAFE,
+    Reported.ESTIMATOR_DIVERGED,
+)
+"""Reports of the autopilot that explain why it stopped all motors."""
 
 MIN_FROZEN_SAMPLES = 3
 """Number of equal samples that show a frozen output: two may be equal by chance."""
@@ -108,11 +132,57 @@ def first_failure(
         fall_direction = complex(error.lean[lost_row])
     names_at_limit = [event.subject for event in motors_at_limit]
     cause = _failure_by_commands(signals, boot, interval, names_at_limit, fall_direction)
-    # An autopilot that takes the vehicle for landed switches all motors off in the air.
-    if cause is None or fall_direction is None or cause.code is not FailedFirst.ALL_OFF_FIRST:
+    diverged = _diverged_height(events, boot, onset)
+    if diverged is not None:
+        return Fact(FailedFirst.HEIGHT_DIVERGED_FIRST, time=diverged.time, cause=diverged)
+    if cause is None or cause.code is not FailedFirst.ALL_OFF_FIRST:
         return cause
-    if _assumed_landing(signals, boot, onset):
+    # An autopilot that takes the vehicle for landed switches all motors off in the air.
+    if fall_direction is not None and _assumed_landing(signals, boot, onset):
         return _landing_assumed(signals, cause, collective)
+    return _reason_of_stop(signals, events, boot, cause)
+
+
+def _diverged_height(events: Sequence[Fact], boot: int, onset: float) -> Fact | None:
+    """Returns the last height estimate that diverged shortly before a loss; None if none did.
+
+    Args:
+        events: events of the flight.
+        boot: number of the boot.
+        onset: when the loss began, s since boot.
+    """
+    diverged = None
+    for event in events:
+        is_of_boot = event.figures.get("boot") == boot
+        if event.code is MotionEvent.HEIGHT_DIVERGED and is_of_boot and event.is_bad:
+            start, end = event.time or 0.0, event.until or inf
+            if start <= onset <= end + DIVERGENCE_SECONDS:
+                diverged = event
+    return diverged
+
+
+def _reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: Fact) -> Fact:
+    """Returns why all motors went to idle: a failsafe or switch that the autopilot reports, or the pilot's throttle.
+
+    Args:
+        signals: of the vehicle.
+        events: events of the flight, with those that the autopilot reports.
+        boot: number of the boot.
+        cause: the fact that all motors went to idle, with its time.
+
+    Returns:
+        That fact itself where the log shows no reason.
+    """
+    stop_time = cause.time or 0.0
+    window = (stop_time - STOP_REASON_SECONDS, stop_time + STOP_REASON_SECONDS)
+    for event in events:
+        is_of_boot = event.figures.get("boot") == boot
+        is_near = window[0] <= (event.time or -inf) <= window[1]
+        if is_of_boot and is_near and event.code in REASONS_OF_STOP:
+            return Fact(FailedFirst.FAILSAFE_FIRST, time=event.time, cause=event)
+    closed = Scene(signals, boot).throttle_closed(window)
+    if closed is not None:
+        return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=closed.time)
     return cause
 
 

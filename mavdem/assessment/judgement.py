@@ -3,17 +3,38 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from mavdem.assessment.attitude_losses import FAR_ANGLE
 from mavdem.assessment.axis.findings import Finding, next_step_for_model
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights import OTHER_LIGHTS, REGISTRY, VEHICLE_LIGHTS
-from mavdem.assessment.motion import FAR_ANGLE
 from mavdem.dataset.learnability import NEVER_ARMED
 from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
-from mavdem.facts.ending import Ending
+from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.immutable import ImmutableResult
+
+LIGHTS_OF_FLIGHT = (Light.MOTORS, Light.VIBRATION, Light.TRACKING, Light.MARGINS, Light.WIND)
+"""Lights that judge a vehicle in the air, and so are unknown where it never was."""
+
+URGENT_EVENTS = (
+    MotionEvent.HIT,
+    MotionEvent.TOPPLED,
+    MotionEvent.TIPPED,
+    MotionEvent.ATTITUDE_LOST,
+    MotionEvent.FELL,
+    MotionEvent.HEIGHT_DIVERGED,
+    MotionEvent.POSITION_LOST,
+    MotionEvent.LOG_ENDED_IN_AIR,
+    Reported.RESTARTED,
+    Reported.FAILSAFE,
+    Reported.MOTORS_STOPPED,
+    Reported.FLIGHT_TERMINATED,
+    Reported.CRASH_DETECTED,
+)
+"""Losses, failsafes, restarts and impacts, the most important first. Even where they are only to be watched, they rank
+above every light: a trim or vibration does not matter beside a vehicle that fell."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +63,9 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: 
     lights = dict[str, Fact]()
     for light in REGISTRY:
         fact = known_lights.get(light.name)
-        if fact is None:
+        if evidence.not_flown is not None and light.name in LIGHTS_OF_FLIGHT:
+            fact = Fact(Unjudged.NOT_JUDGED, because=evidence.not_flown)
+        elif fact is None:
             needed_lights = [lights[name] for name in light.needs]
             fact = light.judge(evidence, *needed_lights)
         lights[str(light.name)] = fact
@@ -63,13 +86,16 @@ def unjudged(refusal: Fact) -> Judgement:
 def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     """Returns the worst that was found, which is shown first.
 
-    The order is: what is bad; without a flight, why there is none; what is to be watched; and that nothing is wrong
-    with what was checked.
+    The order is: that the vehicle did not fly; how the flight was lost; other bad events; losses, failsafes, restarts
+    and impacts that are to be watched, or the bad power or estimator behind them; bad lights; without a flight, why
+    there is none; what else is to be watched; and that nothing is wrong with what was checked.
 
     Args:
         evidence: what the log shows of the vehicle.
         lights: the facts of the eight lights, by name.
     """
+    if evidence.not_flown is not None:
+        return evidence.not_flown
     vehicle_lights = [lights[name] for name in VEHICLE_LIGHTS]
     if evidence.condition.oscillation is not None:
         # A limit cycle drives motors to their limits, and so explains their light.
@@ -77,13 +103,16 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     other_lights = [lights[name] for name in OTHER_LIGHTS]
     # How a lost flight ended outranks everything else.
     ending = [] if evidence.ending is None else [evidence.ending]
-    bad = [
-        fact for fact in (*ending, *evidence.events, *vehicle_lights, *other_lights) if fact.is_bad
-    ]
-    if bad:
-        of_same_code = [fact for fact in bad if fact.code is bad[0].code]
-        # Of several losses of thrust the one with the largest rise of the motor's command is named, not the earliest.
-        return max(of_same_code, key=lambda fact: fact.figures.get("rise", 0.0))
+    bad_events = _worst_first([fact for fact in (*ending, *evidence.events) if fact.is_bad])
+    urgent = _urgent_warnings(evidence)
+    bad_lights = _worst_first([fact for fact in (*vehicle_lights, *other_lights) if fact.is_bad])
+    # A battery or an estimator that is bad is the reason for a failsafe, and for a log that ends in the air.
+    reasons = [lights[name] for name in (Light.POWER, Light.ESTIMATOR) if lights[name].is_bad]
+    if urgent and reasons:
+        urgent = reasons
+    for facts in (bad_events, urgent, bad_lights):
+        if facts:
+            return facts[0]
     if not evidence.has_operated:
         return _reason_on_ground(evidence)
     # Attitudes far from their setpoint come first, and warnings of the autopilot last.
@@ -104,6 +133,31 @@ def _reason_on_ground(evidence: Evidence) -> Fact:
         if armed is not None and not armed.values.any():
             return NEVER_ARMED
     return evidence.learnability.reason
+
+
+def _worst_first(bad: Sequence[Fact]) -> list[Fact]:
+    """Returns bad facts with the one of the headline first: of the first one's code, that with the largest rise.
+
+    Of several losses of thrust the one with the largest rise of the motor's command is named, not the earliest.
+    """
+    if not bad:
+        return []
+    of_same_code = [fact for fact in bad if fact.code is bad[0].code]
+    worst = max(of_same_code, key=lambda fact: fact.figures.get("rise", 0.0))
+    return [worst]
+
+
+def _urgent_warnings(evidence: Evidence) -> list[Fact]:
+    """Returns the events of ``URGENT_EVENTS`` that are to be watched, the most important first.
+
+    What the motion shows counts wherever it was, since a vehicle that hit the ground is no longer in flight; what the
+    autopilot reports counts in flight only.
+    """
+    reported = list(evidence.warnings_in_flight(URGENT_EVENTS))
+    motion = [event for event in evidence.events if isinstance(event.code, MotionEvent)]
+    urgent = [fact for fact in (*motion, *reported) if fact.code in URGENT_EVENTS]
+    watched = [fact for fact in urgent if fact.level is Level.WATCH]
+    return sorted(watched, key=lambda fact: URGENT_EVENTS.index(fact.code))
 
 
 def _nothing_wrong(lights: NamedFacts) -> Fact:

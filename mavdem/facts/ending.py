@@ -11,10 +11,16 @@ class MotionEvent(Code):
     ATTITUDE_LOST = "attitude_lost"
     ATTITUDE_CAUGHT = "attitude_caught"
     TIPPED = "tipped"
+    TOPPLED = "toppled"
+    LANDED_HARD = "landed_hard"
     FELL = "fell"
+    DIVED = "dived"
     HIT = "hit"
     CLIPPED = "clipped"
     LOG_ENDED_IN_AIR = "log_ended_in_air"
+    NOT_FLOWN = "not_flown"
+    HEIGHT_DIVERGED = "height_diverged"
+    POSITION_LOST = "position_lost"
 
 
 class Ending(Code):
@@ -22,6 +28,7 @@ class Ending(Code):
 
     CONTROL_LOST = "control_lost"
     TIPPED_OVER = "tipped_over"
+    TOPPLED_AT_LANDING = "toppled_at_landing"
     CRASHED = "crashed"
     LOSS_REPORTED = "loss_reported"
 
@@ -35,3 +42,6 @@ class FailedFirst(Code):
     ALL_OFF_FIRST = "all_off_first"
     LANDING_ASSUMED_FIRST = "landing_assumed_first"
     THRUST_SPENT_FIRST = "thrust_spent_first"
+    THROTTLE_CLOSED_FIRST = "throttle_closed_first"
+    FAILSAFE_FIRST = "failsafe_first"
+    HEIGHT_DIVERGED_FIRST = "height_diverged_first"

@@ -36,6 +36,9 @@ class Witness(Code):
     GRAVITY_WRONG = "witness_gravity_wrong"
     CLIPPED = "witness_clipped"
     VIBRATED = "witness_vibrated"
+    # Position.
+    POSITION_INVALID = "witness_position_invalid"
+    NO_FIX = "witness_no_fix"
     # What followed.
     RESTED = "witness_rested"
     FLEW_ON = "witness_flew_on"
@@ -45,4 +48,5 @@ class Witness(Code):
     THROTTLE_NOT_RAISED = "witness_throttle_not_raised"
     MOTORS_FULL = "witness_motors_full"
     MOTORS_STOPPED = "witness_motors_stopped"
+    MODE_CHANGED = "witness_mode_changed"
     AUTOPILOT_REPORTED = "witness_autopilot_reported"

@@ -108,35 +108,20 @@ def accelerometer_witness(signals: Signals, boot: int) -> AccelerometerWitness |
 
 @cached_per_vehicle()
 def rest_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns the windows of ``REST_SECONDS`` in which the vehicle rested on the ground, merged where they touch.
+    """Returns the windows of ``REST_SECONDS`` in which the vehicle rested on the ground, merged where they touch, s.
 
-    It rests where body rates and specific force hardly vary while the motors idle or are off. A gyro that measures
-    exactly 0 throughout is dead and shows no rest.
+    It rests where it is still while the motors idle or are off.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
     """
-    rates = [series_of_boot(attitude.rate_series, boot) for attitude in signals.attitudes]
-    if not rates or any(rate is None for rate in rates):
+    windows = still_windows(signals, boot)
+    if windows is None:
         return []
-    time = rates[0].time  # type: ignore[union-attr]
-    windows = _windows(time)
-    is_still = np.ones(len(windows), dtype=bool)
-    is_alive = False
-    for rate in rates:
-        assert rate is not None
-        is_still &= _ranges(rate.time, rate.values, windows) < REST_RATE_RANGE
-        is_alive = is_alive or bool(np.ptp(rate.values))
-    if not is_alive:
-        return []
-    force = series_of_boot(specific_force(signals), boot)
-    if force is not None:
-        ranges = _ranges(force.time, np.linalg.norm(force.values, axis=1), windows)
-        is_still &= ~(ranges > REST_FORCE_RANGE)
-    is_still &= ~_is_powered(signals, boot, windows)
+    is_rest = windows.is_still & ~_is_powered(signals, boot, windows.start)
     rest: Intervals = []
-    for start in windows[is_still].tolist():
+    for start in windows.start[is_rest].tolist():
         end = start + REST_SECONDS
         if rest and start <= rest[-1][1]:
             rest[-1] = (rest[-1][0], end)
@@ -145,12 +130,54 @@ def rest_intervals(signals: Signals, boot: int) -> Intervals:
     return rest
 
 
+@dataclass(frozen=True, eq=False)
+class StillWindows:
+    """Windows of ``REST_SECONDS`` side by side that cover the attitude of one boot."""
+
+    start: Array
+    """(W,) s since boot."""
+    is_still: Flags
+    """(W,) whether body rates and specific force hardly vary in the window."""
+
+
+@cached_per_vehicle()
+def still_windows(signals: Signals, boot: int) -> StillWindows | None:
+    """Returns in which windows the vehicle is still, on the ground or in calm air.
+
+    A gyro that measures the same throughout is dead and shows nothing.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+
+    Returns:
+        None without body rates.
+    """
+    rates = []
+    for attitude in signals.attitudes:
+        rate = series_of_boot(attitude.rate_series, boot)
+        if rate is not None:
+            rates.append(rate)
+    if not rates or not any(np.ptp(rate.values) for rate in rates):
+        return None
+    windows = _windows(rates[0].time)
+    is_still = np.ones(len(windows), dtype=bool)
+    for rate in rates:
+        is_still &= window_ranges(rate.time, rate.values, windows) < REST_RATE_RANGE
+    force = series_of_boot(specific_force(signals), boot)
+    if force is not None:
+        ranges = window_ranges(force.time, np.linalg.norm(force.values, axis=1), windows)
+        # NaN, a window without samples, contradicts nothing.
+        is_still &= ~(ranges > REST_FORCE_RANGE)
+    return StillWindows(windows, is_still)
+
+
 def _windows(time: Array) -> Array:
     """Returns the starts (W,) of windows of ``REST_SECONDS`` side by side that cover a record, s."""
     return np.arange(time[0], time[-1], REST_SECONDS)
 
 
-def _ranges(time: Array, values: Array, windows: Array) -> Array:
+def window_ranges(time: Array, values: Array, windows: Array) -> Array:
     """Returns largest less smallest value in each window (W,); NaN in windows with fewer than two samples.
 
     Args:

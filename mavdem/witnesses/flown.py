@@ -132,5 +132,6 @@ def _rise(height: TimeSeries, powered: Intervals) -> float | None:
         around = in_intervals(height.time, [(start - CONTEXT_SECONDS, end + CONTEXT_SECONDS)])
         first, last = mean[around][[0, -1]]
         # The lower of both ends is nearer to the ground.
-        rises.append(float(np.quantile(mean[is_inside], 0.95) - min(first, last)))
+        rise = float(np.quantile(mean[is_inside], 0.95) - min(first, last))
+        rises.append(max(rise, 0.0))
     return max(rises, default=None)

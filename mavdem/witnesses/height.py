@@ -6,11 +6,11 @@ barometer does not integrate anything; what it measures wrongly, by wind or its 
 """
 
 from dataclasses import dataclass
+from math import isinf
 
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import Interval
 from mavdem.dataset.intervals import Intervals, true_intervals
 from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.signals import Signals
@@ -69,23 +69,6 @@ class HeightWitnesses:
     """Climb (K,) by the autopilot's estimate, m/s upward, averaged over ``SLOPE_SECONDS``; None if not recorded."""
     contradictions: Intervals
     """When both climbs were known and differed by more than ``MAX_CLIMB_DIFFERENCE``, s."""
-
-    def sink_rates(self, interval: Interval) -> dict[str, float]:
-        """Returns the largest speed downward in an interval, m/s, by "barometer" and "estimate", as far as known.
-
-        A climb throughout is a negative speed.
-        """
-        rates = {}
-        for name, climb in (
-            ("barometer", self.barometer_climb),
-            ("estimate", self.estimated_climb),
-        ):
-            if climb is None:
-                continue
-            is_inside = (climb.time >= interval[0]) & (climb.time <= interval[1])
-            if is_inside.any():
-                rates[name] = float(-climb.values[is_inside].min())
-        return rates
 
     def barometer_change(self, start: float, end: float) -> float | None:
         """Returns by how much the barometer rose from one time to another, m; None without a usable barometer."""
@@ -211,11 +194,14 @@ def trusted_height(signals: Signals, boot: int, take_off: float) -> TimeSeries |
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        take_off: time of the take-off, s since boot; minus infinity where the log begins in the air.
+        take_off: time of the take-off, s since boot; minus infinity where the log begins in the air. Then the height
+            is that above the autopilot's home, by the estimate alone.
 
     Returns:
         None where neither was recorded.
     """
+    if isinf(take_off):
+        return series_of_boot(signals.height, boot)
     estimate = _above_take_off(series_of_boot(signals.height, boot), take_off)
     barometer = _above_take_off(height_witnesses(signals, boot).barometer, take_off)
     if estimate is None or barometer is None:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.phases import min_airborne_collective, moving_average, series_of_boot
@@ -34,6 +35,9 @@ MAX_MEDIAN_ERROR = np.radians(12.0)
 
 The same logs are found with any limit from 9 to 30°.
 """
+
+MAX_HELD_RANGE = np.radians(15.0)
+"""Range of roll or pitch, rad, under power, above which nothing holds the vehicle; estimates on a bench drift less."""
 
 DELAY_SECONDS = 1.0
 """Longest delay, s, of the answer that is tried."""
@@ -68,7 +72,7 @@ class RotationWitness:
     median_error: float | None
     """Larger median error of roll and pitch, rad; None without setpoints."""
     largest_rate: float
-    """Body rate, rad/s, that 99 % of the samples under power stay below."""
+    """Largest body rate under power, rad/s."""
     gyro_agrees: bool | None
     """Whether the integral of the gyro is the change of the attitude; None where the vehicle hardly turned."""
 
@@ -102,7 +106,8 @@ def rotation_witness(signals: Signals, boot: int) -> RotationWitness | None:
         rate = series_of_boot(attitude.rate_series, boot)
         if rate is not None:
             rates.append(np.interp(time, rate.time, abs(rate.values)))
-    largest_rate = float(np.quantile(np.max(rates, axis=0)[is_powered], 0.99))
+    # A median over three samples takes single damaged ones out, and keeps the moment in which a vehicle tips over.
+    largest_rate = float(median_filter(np.max(rates, axis=0), 3)[is_powered].max())
     answer = _answer(time, tracking.angles[:, :2], tracking.setpoints, is_powered)
     return RotationWitness(
         powered_seconds=powered_seconds,
@@ -159,15 +164,18 @@ def _answer(time: Array, angles: Array, setpoints: Array, is_powered: Flags) -> 
     if not errors:
         return _Answer()
     median_error = max(errors)
+    # A vehicle that tips over, or that fails in flight, does not follow its setpoint either, but it moves.
+    has_moved = bool((np.ptp(angles[is_powered], axis=0) > MAX_HELD_RANGE).any())
     if not correlations:
-        return _Answer(False if median_error > MAX_MEDIAN_ERROR else None, None, median_error)
+        is_held = median_error > MAX_MEDIAN_ERROR and not has_moved
+        return _Answer(False if is_held else None, None, median_error)
     best = int(np.argmax(correlations))
     correlation = correlations[best]
     is_given = None
     # An axis that answers shows that nothing holds the vehicle, whatever the other one does.
     if correlation > MIN_CORRELATION and slopes[best] > MIN_SLOPE:
         is_given = True
-    elif all(is_ignored) or median_error > MAX_MEDIAN_ERROR:
+    elif (all(is_ignored) or median_error > MAX_MEDIAN_ERROR) and not has_moved:
         is_given = False
     return _Answer(is_given, correlation, median_error)
 

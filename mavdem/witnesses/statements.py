@@ -1,10 +1,40 @@
-"""Statements of witnesses: facts that speak for an event or against it."""
+"""Statements of witnesses: facts that speak for an event or against it, and what an event is worth by them."""
 
 from collections.abc import Iterable
 from typing import Any
 
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.witnesses import Side, Witness
+
+MIN_SUPPORT = 2
+"""Number of independent witnesses that an event needs: one sensor alone may be wrong."""
+
+SOURCES = {
+    Witness.ROSE: "height",
+    Witness.SANK: "height",
+    Witness.NEAR_GROUND: "height",
+    Witness.ATTITUDE_LEFT_SETPOINT: "attitude",
+    Witness.ATTITUDE_ANSWERED: "attitude",
+    Witness.ROTATED: "gyro",
+    Witness.LAY_ON_ITS_SIDE: "direction of gravity",
+    Witness.KNOCKED: "acceleration",
+    Witness.GRAVITY_WRONG: "acceleration",
+    Witness.CLIPPED: "clipping",
+    Witness.VIBRATED: "vibration",
+    Witness.THROTTLE_CLOSED: "stick",
+    Witness.THROTTLE_NOT_RAISED: "stick",
+    Witness.MOTORS_FULL: "motors",
+    Witness.MOTORS_STOPPED: "motors",
+    Witness.POSITION_INVALID: "estimator",
+    Witness.NO_FIX: "receiver",
+    Witness.MODE_CHANGED: "autopilot",
+    Witness.AUTOPILOT_REPORTED: "autopilot",
+}
+"""What a witness rests on. Statements that rest on the same are one witness.
+
+Others, such as that the log ended, or that the vehicle rested afterwards, only go with an event: they follow every
+flight, so that they count for nothing.
+"""
 
 
 def for_it(code: Witness, **figures: Any) -> Fact:
@@ -25,3 +55,28 @@ def supporting(witnesses: Iterable[Fact]) -> Facts:
 def contradicting(witnesses: Iterable[Fact]) -> Facts:
     """Returns the witnesses that contradict the event."""
     return tuple(fact for fact in witnesses if fact.figures["side"] == Side.AGAINST)
+
+
+def support_count(witnesses: Iterable[Fact]) -> int:
+    """Returns how many independent witnesses support the event."""
+    codes = [Witness(fact.code) for fact in supporting(witnesses)]
+    return len({SOURCES[code] for code in codes if code in SOURCES})
+
+
+def weighed(event: Fact, witnesses: Iterable[Fact]) -> Fact:
+    """Returns an event with its witnesses, less serious if they do not suffice.
+
+    A bad event needs ``MIN_SUPPORT`` independent witnesses, and more of them than contradict it. Otherwise it is to be
+    watched, and its figure ``is_unconfirmed`` says why.
+
+    Args:
+        event: the event, with the level that it has if it happened.
+        witnesses: statements for and against it.
+    """
+    statements = tuple(witnesses)
+    support = support_count(statements)
+    is_confirmed = support >= MIN_SUPPORT and support > len(contradicting(statements))
+    event = event.but(witnesses=statements)
+    if event.is_bad and not is_confirmed:
+        return event.but(Level.WATCH, is_unconfirmed=True)
+    return event

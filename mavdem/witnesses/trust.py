@@ -2,20 +2,13 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from mavdem.dataset.intervals import Intervals, in_intervals, true_intervals
-from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import recorded_series
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.witnesses.accelerometer import AccelerometerWitness, accelerometer_witness
-from mavdem.witnesses.flown import Flown, flown, powered_intervals
+from mavdem.witnesses.flown import Flown, flown
 from mavdem.witnesses.height import HeightWitnesses, height_witnesses
+from mavdem.witnesses.position import fix_share
 from mavdem.witnesses.rotation import RotationWitness, rotation_witness
-
-FIX_3D = 3
-"""GPS_FIX_TYPE of a position fix in three dimensions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +27,6 @@ class SensorTrust:
     """Whether the vehicle flew."""
     fix_share: float | None
     """Share of the time under power with a position fix of GPS; None if no receiver was recorded."""
-    without_fix: Intervals
-    """When the receiver had no fix, s since boot."""
 
     @property
     def is_barometer_usable(self) -> bool | None:
@@ -85,22 +76,11 @@ def sensor_trust(signals: Signals, boot: int) -> SensorTrust:
         signals: signals of the vehicle.
         boot: number of the boot.
     """
-    powered = powered_intervals(signals, boot)
-    fix = series_of_boot(recorded_series(signals.telemetry, "GPS_RAW_INT", "fix_type"), boot)
-    fix_share = None
-    without_fix: Intervals = []
-    if fix is not None:
-        has_fix = fix.values >= FIX_3D
-        without_fix = true_intervals(fix.time, ~has_fix)
-        is_powered = in_intervals(fix.time, powered) if powered else np.ones(len(fix.time), bool)
-        if is_powered.any():
-            fix_share = float(has_fix[is_powered].mean())
     return SensorTrust(
         boot=boot,
         height=height_witnesses(signals, boot),
         accelerometer=accelerometer_witness(signals, boot),
         rotation=rotation_witness(signals, boot),
         flown=flown(signals, boot),
-        fix_share=fix_share,
-        without_fix=without_fix,
+        fix_share=fix_share(signals, boot),
     )

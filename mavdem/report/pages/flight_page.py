@@ -58,6 +58,7 @@ from mavdem.report.screen import (
 )
 from mavdem.report.templates import capitalize_first, render_section, sentences_by_axes
 from mavdem.report.truth import truth_blocks
+from mavdem.report.why import why
 
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory
@@ -151,8 +152,8 @@ def log_page(
     subtitle = capitalize_first(review_title(assessment).text)
     max_points = MAX_POINTS if is_full else MAX_POINTS_OF_SMALL_PAGE
     conclusion_blocks = conclusion(assessment.judgement)
-    # The lights stand in a grid between headline and next step.
-    result = [conclusion_blocks[0], conclusion_blocks[-1]]
+    # The lights stand in a grid below the headline; its witnesses and the next step follow.
+    result = [conclusion_blocks[0], *why(assessment.headline), conclusion_blocks[-1]]
     return render_document(name, subtitle, result, chapters, back, head, max_points)
 
 

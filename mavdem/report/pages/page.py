@@ -30,6 +30,7 @@ from mavdem.report.loops import compared_loops, tune_blocks
 from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
 from mavdem.report.screen import conclusion, flight_title, model_screen
+from mavdem.report.why import why_text
 
 _UNSAFE_CHARACTERS = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"
@@ -157,6 +158,7 @@ def environment() -> Environment:
     jinja.tests["table"] = lambda block: isinstance(block, Table)
     jinja.tests["chart"] = lambda panel: isinstance(panel, Chart)
     jinja.filters["prose"] = _prose
+    jinja.filters["why_text"] = why_text
     return jinja
 
 

@@ -1,0 +1,326 @@
+"""Losses of attitude: when roll or pitch was far from its setpoint, and which sensors confirm that the vehicle tumbled.
+
+The attitude is lost where it is more than 30° from its setpoint for 0.3 s or longer. Ordinary setpoints, tracked as
+badly as in a step, stay within that. :func:`mavdem.assessment.attitude_error.attitude_error` defines the error. A
+setpoint that nothing follows looks the same, so that a loss needs a second witness: gyro, height, or the ground.
+"""
+
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.assessment.attitude_error import AttitudeError
+from mavdem.assessment.flights import RECOVERY_SECONDS, max_sink_rate, merge_close
+from mavdem.assessment.motor_events import lasting_runs
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import Intervals, in_intervals, union
+from mavdem.dataset.phases import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY, series_of_boot
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts import Fact, Facts, Level
+from mavdem.facts.ending import MotionEvent
+from mavdem.facts.witnesses import Side, Witness
+from mavdem.witnesses.height import trusted_height
+from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.statements import against, for_it, weighed
+
+FAR_ANGLE = np.pi / 4
+"""Error of the attitude, rad, that is bad even without a known setpoint. Half of the lean counts as error there, so
+that the vehicle lies on its side."""
+
+LOST_ANGLE = np.radians(30.0)
+"""Error of the attitude, rad, from which on it may be lost: the threshold of ArduPilot's crash check."""
+
+ONSET_ANGLE = LOST_ANGLE / 3
+"""Error of the attitude, rad, at which a loss begins: vehicles in order exceed it for moments only."""
+
+FALL_SPEED = 5.0
+"""Speed downward, m/s, of a fall: autopilots descend at 1.5 to 4 m/s by their own decision."""
+
+MIN_GYRO_SHARE = 0.3
+"""Share of the change of attitude that the largest body rates explain, below which the gyro contradicts a loss.
+
+A gyro logged at 10 Hz misses a part of a tumble, but not most of it.
+"""
+
+
+def attitude_losses(scene: Scene, error: AttitudeError, flight: Interval) -> list[Fact]:
+    """Returns the losses of attitude in one flight, in time order.
+
+    A flight may have several that were recovered. One that was not is the last of the list: after it the vehicle is
+    lost, and what its attitude does then is left out.
+
+    Args:
+        scene: sensors of the boot.
+        error: of the attitude in this boot.
+        flight: start and end of the flight, s since boot.
+    """
+    events = []
+    climb_rate = series_of_boot(scene.signals.climb_rate, scene.boot)
+    for interval in _loss_intervals(error, flight, climb_rate):
+        loss = _AttitudeLoss(scene, flight, error, *interval)
+        events.append(loss.event())
+        if events[-1].code is not MotionEvent.ATTITUDE_CAUGHT:
+            break
+    return events
+
+
+def _loss_intervals(
+    error: AttitudeError, flight: Interval, climb_rate: TimeSeries | None
+) -> Intervals:
+    """Returns the intervals of a flight in which the attitude was lost.
+
+    It is lost while the error exceeds ``LOST_ANGLE``. A vehicle that falls and ends its flight on its side has lost its
+    attitude too, whatever the setpoint was.
+
+    Args:
+        error: error of the attitude in the boot.
+        flight: start and end of the flight, s since boot.
+        climb_rate: vertical speed, m/s up; None if it was not recorded.
+
+    Returns:
+        Intervals, s since boot, that begin in the flight or at most ``MAX_SETPOINT_DELAY`` after it. Losses that follow
+        each other within ``RECOVERY_SECONDS`` are one.
+    """
+    lost = lasting_runs(error.time, error.magnitude > LOST_ANGLE, MAX_SETPOINT_DELAY)
+    fallen = []
+    for start, end in lasting_runs(error.time, error.is_toppled, MAX_SETPOINT_DELAY):
+        sink_rate = max_sink_rate(climb_rate, start, start + RECOVERY_SECONDS) or 0.0
+        if end >= flight[1] and sink_rate > FALL_SPEED:
+            fallen.append((start, end))
+    # The setpoint is tolerated for ``MAX_SETPOINT_DELAY``, so that a loss shows up to that long after the landing.
+    latest_start = flight[1] + MAX_SETPOINT_DELAY
+    return [
+        (start, end)
+        for start, end in merge_close(union(lost, fallen), RECOVERY_SECONDS)
+        if flight[0] < start <= latest_start
+    ]
+
+
+class _AttitudeLoss(NamedTuple):
+    """One loss of attitude: the vehicle's tilt was far from its setpoint, or it fell and lay on its side.
+
+    It lasts from ``start`` to ``end``. The signals show how it began, and how serious it was.
+    """
+
+    scene: Scene
+    flight: Interval
+    error: AttitudeError
+    start: float
+    """When the error exceeded ``LOST_ANGLE``, s."""
+    end: float
+    """When the error was within ``LOST_ANGLE`` again, s; infinite if the record ended before."""
+
+    def event(self) -> Fact:
+        """Returns the event that describes this loss of attitude: its kind, times, figures and witnesses.
+
+        1. The onset is found: when the error began to grow, earlier than ``start``.
+        2. Height and a knock around the onset decide the kind: the vehicle tipped over at take-off, hit the ground or
+           an obstacle, or lost its attitude in the air.
+        3. If the vehicle recovered, or error, sink rate and duration all stayed small, the kind is "caught" instead.
+
+        Returns:
+            A fact with the kind as its code, and the figures ``angle`` (largest error, rad), ``height`` (m above the
+            take-off, at the onset) and ``speed`` (largest sink rate, m/s). It lasts from the onset, or from an earlier
+            knock, until the end of the loss, s since boot; without an end if the record ended before.
+        """
+        rows = in_intervals(self.error.time, [(self.start, self.end)])
+        # The largest error in rad, and whether it was measured against a setpoint throughout.
+        angle = float(self.error.magnitude[rows].max())
+        has_setpoint = bool(self.error.has_setpoint[rows].all())
+        # What the vehicle did when it began to leave its setpoint shows the cause better than the loss itself does.
+        onset = self._onset()
+        height = self._height_at(onset)
+        # The error grows up to ``MAX_SETPOINT_DELAY`` after its cause, so that a knock may lie before the onset.
+        knock = self.scene.knock((onset - MAX_SETPOINT_DELAY, self.start))
+        knock_time = None
+        if knock is not None and knock.figures["side"] == Side.FOR:
+            knock_time = knock.time
+        code = self._code(onset, height, knock_time)
+        level = None
+        # A loss that lasts until the record ends did not come back.
+        is_harmless = self.end < inf and self._is_harmless(angle, has_setpoint, onset)
+        is_caught = is_harmless or self._is_recovered()
+        if is_caught:
+            # Without a setpoint the pilot may have wanted to lean so far. Then it is not known how bad this is.
+            code = MotionEvent.ATTITUDE_CAUGHT
+            level = None if has_setpoint else Level.UNKNOWN
+        event = Fact(
+            code,
+            level,
+            time=onset if knock_time is None else min(onset, knock_time),
+            until=None if self.end == inf else self.end,
+            angle=angle,
+            height=height,
+            speed=self._sink_rate(code, onset),
+            boot=self.scene.boot,
+        )
+        witnesses = self._witnesses(angle, onset)
+        if is_caught:
+            return event.but(witnesses=witnesses)
+        if knock_time is not None and knock is not None:
+            witnesses = (*witnesses, knock)
+        return weighed(event, witnesses)
+
+    def _onset(self) -> float:
+        """Returns when the attitude began to leave its setpoint, s.
+
+        That is the last sample before the loss with an error below ``ONSET_ANGLE``, but at most ``RECOVERY_SECONDS``
+        before it; the loss itself if there is no such sample. A vehicle that is being lost may pass its setpoint for a
+        moment: where the error exceeded twice ``ONSET_ANGLE`` within the second before, the loss began before that.
+        """
+        time, magnitude = self.error.time, self.error.magnitude
+        earliest = self.start - RECOVERY_SECONDS
+        onset = self.start
+        before = onset
+        while before > earliest:
+            in_order = time[(time < before) & (magnitude < ONSET_ANGLE)]
+            if not len(in_order):
+                break
+            onset = float(in_order[-1])
+            is_recent = (time >= onset - MAX_SETPOINT_DELAY) & (time <= onset)
+            strayed = time[is_recent & (magnitude > 2 * ONSET_ANGLE)]
+            if not len(strayed):
+                break
+            before = float(strayed[-1])
+        return max(onset, earliest)
+
+    def _height_at(self, time: float) -> float | None:
+        """Returns the height above the take-off at a time, m, by a source that can be trusted; None without any."""
+        height = trusted_height(self.scene.signals, self.scene.boot, self.flight[0])
+        return None if height is None else float(np.interp(time, height.time, height.values))
+
+    def _code(self, onset: float, height: float | None, knock_time: float | None) -> MotionEvent:
+        """Returns the kind of a loss that was not recovered.
+
+        A vehicle that never rose tipped over. One that felt a knock, or was near the ground, hit something first. All
+        others lost their attitude in the air.
+
+        Args:
+            onset: when the attitude began to leave its setpoint, s since boot.
+            height: height above the take-off then, m; None if it was not recorded.
+            knock_time: when the accelerometer felt a knock, s since boot; None if it felt none.
+        """
+        if not has_risen_by(self.scene, self.flight, onset):
+            return MotionEvent.TIPPED
+        if knock_time is not None or (height is not None and height < MAX_GROUND_HEIGHT):
+            return MotionEvent.HIT
+        return MotionEvent.ATTITUDE_LOST
+
+    def _is_harmless(self, angle: float, has_setpoint: bool, onset: float) -> bool:
+        """Returns whether angle, speed of the fall, and duration all stay below those of a serious loss.
+
+        Serious are twice ``LOST_ANGLE`` (or ``FAR_ANGLE`` for an error that is only estimated), ``FALL_SPEED``, and
+        ``RECOVERY_SECONDS``. Each figure is divided by its limit, and the largest ratio decides.
+
+        Args:
+            angle: largest error of the attitude, rad.
+            has_setpoint: whether the setpoint was known, so that the error is not only estimated by half of the lean.
+            onset: when the attitude began to leave its setpoint, s.
+        """
+        sink_rates = self.scene.sink_rates((onset, self.end + RECOVERY_SECONDS))
+        # The sensor that shows the fastest descent counts: no loss is taken for harmless that may be a fall.
+        sink_rate = max([0.0, *sink_rates.values()])
+        serious_angle = 2 * LOST_ANGLE if has_setpoint else FAR_ANGLE
+        duration = min(self.end, self.error.time[-1]) - self.start
+        severity = max(sink_rate / FALL_SPEED, angle / serious_angle, duration / RECOVERY_SECONDS)
+        return severity < 1
+
+    def _is_recovered(self) -> bool:
+        """Returns whether the vehicle flew on for ``RECOVERY_SECONDS`` afterwards.
+
+        The record must go on for so long within the flight. The motors must have worked with more than half of their
+        median output of the flight: a vehicle on the ground does not need that. And the vehicle must be off the ground
+        at the end of that time, as far as its height is known.
+        """
+        # Mean command of all motors; a vehicle that lies on the ground has it at idle.
+        collective = series_of_boot(self.scene.signals.collective, self.scene.boot)
+        recovered_at = self.end + RECOVERY_SECONDS
+        if collective is None or min(self.flight[1], collective.time[-1]) < recovered_at:
+            return False
+        after = collective.values[in_intervals(collective.time, [(self.end, recovered_at)])]
+        if not len(after):
+            return False
+        usual = np.median(collective.values[in_intervals(collective.time, [self.flight])])
+        height = self._height_at(recovered_at)
+        return bool(after.mean() > usual / 2) and (height is None or height > MAX_GROUND_HEIGHT)
+
+    def _sink_rate(self, code: MotionEvent, onset: float) -> float | None:
+        """Returns the largest speed downward of the loss that all height sensors confirm.
+
+        A vehicle that lost its attitude in the air falls afterwards. One that hit something had its speed before.
+
+        Args:
+            code: kind of the loss.
+            onset: when the attitude began to leave its setpoint, s since boot.
+
+        Returns:
+            Speed downward, m/s; None if it is not known.
+        """
+        if code is MotionEvent.HIT:
+            return self.scene.sink_rate((onset - 2 * MAX_SETPOINT_DELAY, onset))
+        return self.scene.sink_rate((onset, self.end + RECOVERY_SECONDS))
+
+    def _witnesses(self, angle: float, onset: float) -> Facts:
+        """Returns what supports and what contradicts the loss of attitude.
+
+        Args:
+            angle: largest error of the attitude, rad.
+            onset: when the attitude began to leave its setpoint, s.
+        """
+        statements = [for_it(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle)]
+        statements += self._rotation(onset)
+        end = min(self.end, self.error.time[-1])
+        for statement in self.scene.sinking((onset, end + RECOVERY_SECONDS)):
+            # A vehicle that tips over on the ground does not sink, so that this contradicts nothing.
+            if statement.code is Witness.SANK:
+                statements.append(statement)
+        rest = self.scene.rest_after(onset, end + 2 * RECOVERY_SECONDS)
+        if rest is not None:
+            statements += rest.statements
+        elif self.error.time[-1] - onset < RECOVERY_SECONDS:
+            duration = self.error.time[-1] - onset
+            statements.append(for_it(Witness.LOG_ENDED, duration=duration))
+        return tuple(statements)
+
+    def _rotation(self, onset: float) -> Facts:
+        """Returns whether the gyro confirms that the vehicle itself turned, and not only its setpoint.
+
+        Args:
+            onset: when the attitude began to leave its setpoint, s.
+        """
+        end = min(self.end, self.start + RECOVERY_SECONDS, self.error.time[-1])
+        largest_change = 0.0
+        largest_turn = 0.0
+        largest_rate = 0.0
+        for tilt in self.scene.signals.tilts:
+            rows = (tilt.boot == self.scene.boot) & in_intervals(tilt.time, [(onset, end)])
+            if np.count_nonzero(rows) < 2:
+                return ()
+            rate = abs(tilt.rate[rows])
+            largest_change = max(largest_change, float(np.ptp(np.unwrap(tilt.angle[rows]))))
+            largest_turn = max(largest_turn, float(np.trapezoid(rate, tilt.time[rows])))
+            largest_rate = max(largest_rate, float(rate.max()))
+        if largest_change < ONSET_ANGLE:
+            return (against(Witness.DID_NOT_ROTATE, body_rate=largest_rate),)
+        if largest_turn < MIN_GYRO_SHARE * largest_change:
+            return (against(Witness.GYRO_DISAGREED, angle=largest_change),)
+        return (for_it(Witness.ROTATED, body_rate=largest_rate),)
+
+
+def has_risen_by(scene: Scene, flight: Interval, time: float) -> bool:
+    """Returns whether the vehicle was more than ``MAX_GROUND_HEIGHT`` above its take-off before some time of a flight.
+
+    Without a height, a vehicle that has flown for ``RECOVERY_SECONDS`` has risen.
+
+    Args:
+        scene: sensors of the boot.
+        flight: start and end of the flight, s since boot.
+        time: s since boot.
+    """
+    take_off, _ = flight
+    height = trusted_height(scene.signals, scene.boot, take_off)
+    if height is None:
+        return time - take_off > RECOVERY_SECONDS
+    in_flight = in_intervals(height.time, [(take_off, time)])
+    return bool((height.values[in_flight] > MAX_GROUND_HEIGHT).any())

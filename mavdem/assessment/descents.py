@@ -1,0 +1,140 @@
+"""Descents faster than a landing: a fall, or a dive with the throttle closed from which the vehicle flew on."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mavdem.arrays import Flags
+from mavdem.assessment.attitude_losses import FALL_SPEED
+from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import in_intervals, true_intervals
+from mavdem.dataset.phases import MAX_GROUND_HEIGHT, series_of_boot
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts import Fact, Facts, Level
+from mavdem.facts.ending import MotionEvent
+from mavdem.facts.witnesses import Witness
+from mavdem.witnesses.height import trusted_height
+from mavdem.witnesses.scene import CLOSED_STICK, Scene
+from mavdem.witnesses.sensors import throttle_stick
+from mavdem.witnesses.statements import for_it, supporting
+
+SINK_AGREEMENT = 0.7
+"""Share of the integrated speed of a fall by which the height must decrease: otherwise the estimated speed diverged."""
+
+DIVE_SPEED = 3.5
+"""Speed downward, m/s, of a dive: faster than autopilots descend with power."""
+
+MIN_DIVE_SECONDS = 0.5
+"""Seconds that a dive lasts at least; in less, no vehicle reaches ``DIVE_SPEED``."""
+
+DIVE_COLLECTIVE_RATIO = 0.5
+"""Collective, relative to the median of the flight, below which the throttle counts as closed where no stick was
+recorded."""
+
+
+def falls(scene: Scene, interval: Interval) -> Iterator[Fact]:
+    """Yields that the vehicle fell faster than ``FALL_SPEED``, if all height sensors confirm that.
+
+    An estimate of the vertical speed that diverges looks like a fall. So the height, where it was recorded, must
+    decrease by at least the share ``SINK_AGREEMENT`` of the mean speed times the duration of the fall, and the
+    barometer must sink as fast.
+
+    Args:
+        scene: sensors of the boot.
+        interval: start and end of the time to examine, s.
+    """
+    climb_rate = scene.climb_estimate
+    if climb_rate is None:
+        return
+    is_falling = in_intervals(climb_rate.time, [interval]) & (climb_rate.values < -FALL_SPEED)
+    if not is_falling.any():
+        return
+    start, end = climb_rate.time[is_falling][[0, -1]].tolist()
+    speed = scene.sink_rate((start - 1, end + 1))
+    if speed is None or speed < FALL_SPEED:
+        return
+    height = trusted_height(scene.signals, scene.boot, scene.take_off)
+    if height is not None:
+        expected_change = SINK_AGREEMENT * climb_rate.values[is_falling].mean() * (end - start)
+        before, after = np.interp([start, end], height.time, height.values)
+        # Both changes are negative: the vehicle must have sunk by at least the expected change.
+        if after - before > expected_change:
+            return
+    witnesses = supporting(scene.sinking((start - 1, end + 1)))
+    yield Fact(
+        MotionEvent.FELL, time=start, until=end, speed=speed, boot=scene.boot, witnesses=witnesses
+    )
+
+
+def dives(scene: Scene, flight: Interval) -> Iterator[Fact]:
+    """Yields dives of a flight: the throttle was closed, the vehicle sank fast, and it flew on afterwards.
+
+    Args:
+        scene: sensors of the boot.
+        flight: start and end of the flight, s since boot.
+    """
+    closed = _throttle_closed(scene, flight)
+    if closed is None:
+        return
+    for start, end in true_intervals(closed.time, closed.values > 0):
+        start, end = max(start, flight[0], closed.time[0]), min(end, flight[1], closed.time[-1])
+        if end - start < MIN_DIVE_SECONDS:
+            continue
+        window = (start, end + 1)
+        speed = scene.sink_rate(window)
+        if speed is None or speed < DIVE_SPEED or not _flies_on(scene, flight, end):
+            continue
+        witnesses: Facts = (
+            for_it(Witness.THROTTLE_CLOSED, time=start),
+            *supporting(scene.sinking(window)),
+        )
+        yield Fact(
+            MotionEvent.DIVED,
+            Level.GOOD,
+            time=start,
+            until=end,
+            speed=speed,
+            boot=scene.boot,
+            witnesses=witnesses,
+        )
+
+
+def _throttle_closed(scene: Scene, flight: Interval) -> TimeSeries | None:
+    """Returns whether the throttle was closed, 0 or 1: by the stick or, without one, by the motors; None without both.
+
+    Args:
+        scene: sensors of the boot.
+        flight: start and end of the flight, s since boot.
+    """
+    collective = series_of_boot(scene.signals.collective, scene.boot)
+    if collective is None:
+        return None
+    in_flight = in_intervals(collective.time, [flight])
+    if not in_flight.any():
+        return None
+    usual = float(np.median(collective.values[in_flight]))
+    is_low: Flags = collective.values < DIVE_COLLECTIVE_RATIO * usual
+    stick = series_of_boot(throttle_stick(scene.signals), scene.boot)
+    if stick is not None:
+        # Automatic modes leave the motors on whatever the stick does, so that both must be low.
+        is_low &= np.interp(collective.time, stick.time, stick.values) <= 2 * CLOSED_STICK
+    return TimeSeries(collective.time, collective.boot, is_low.astype(float))
+
+
+def _flies_on(scene: Scene, flight: Interval, time: float) -> bool:
+    """Returns whether the vehicle was in the air for ``RECOVERY_SECONDS`` after a time, s, as far as that is known."""
+    later = time + RECOVERY_SECONDS
+    if min(flight[1], _record_end(scene)) < later:
+        return False
+    height = trusted_height(scene.signals, scene.boot, flight[0])
+    if height is None:
+        return True
+    return bool(np.interp(later, height.time, height.values) > MAX_GROUND_HEIGHT)
+
+
+def _record_end(scene: Scene) -> float:
+    """Returns the time of the last attitude of the boot, s."""
+    angle = series_of_boot(scene.signals.tilts[0].angle_series, scene.boot)
+    assert angle is not None
+    return float(angle.time[-1])

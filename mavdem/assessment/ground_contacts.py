@@ -1,0 +1,372 @@
+"""How flights meet the ground: an impact, a landing that topples, a hard landing, or a tip-over at take-off.
+
+An impact needs the ground afterwards, where the vehicle rests or the log ends, and two witnesses before that: a knock
+of the accelerometer, a tumble, a fast descent, a pose on the side, a lost attitude, or the autopilot's own report. A
+dive that the motors end has none of them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.assessment.attitude_error import AttitudeError
+from mavdem.assessment.attitude_losses import has_risen_by
+from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.phases import MAX_SETPOINT_DELAY, series_of_boot
+from mavdem.facts import Fact, Facts
+from mavdem.facts.ending import MotionEvent
+from mavdem.facts.events import Reported
+from mavdem.facts.witnesses import Side, Witness
+from mavdem.witnesses.height import trusted_height
+from mavdem.witnesses.scene import MIN_SINK_RATE, Rest, Scene
+from mavdem.witnesses.sensors import throttle_stick
+from mavdem.witnesses.statements import for_it, support_count, supporting, weighed
+
+SEARCH_SECONDS = 10.0
+"""Seconds before the rest, or around the end of a flight, in which the contact with the ground is looked for."""
+
+HARD_IMPACT_SPEED = 3.0
+"""Speed downward, m/s, from which on an upright vehicle hits the ground and does not land."""
+
+HARD_IMPACT_SPEED_CLOSED = 5.0
+"""The same, m/s, for a vehicle that topples after the pilot closed the throttle: it falls from 1.3 m."""
+
+TOPPLE_HEIGHT = 2.0
+"""Height, m, above take-off or resting place up to which a vehicle that topples was landing."""
+
+TOPPLE_HEIGHT_CLOSED = 3.0
+"""The same, m, if the pilot closed the throttle: by then it has fallen for a moment."""
+
+MAX_LANDING_LEAN = np.radians(25.0)
+"""Lean, rad, above which a vehicle near the ground is not landing."""
+
+CLIMB_STICK = 0.65
+"""Travel of the throttle stick from which on the pilot asks for a climb; ArduPilot's middle is 0.5 ± 0.1."""
+
+LANDING_DESCENT = 0.3
+"""Height, m, that a vehicle which lands loses in the last 3 s before it touches the ground: autopilots land at 0.3 m/s
+or more, with 0.1 m/s of drift of the height."""
+
+LANDING_STEP = 1.5
+"""Height, m, of a resting place above the take-off from which on it is no ground but something that was hit."""
+
+TUMBLE_SECONDS = 1.5
+"""Seconds by which the largest knock of a tumble may come after the first contact; on real logs 1.3."""
+
+MIN_FALL_SECONDS = 0.5
+"""Seconds in which a vehicle that loses its attitude in the air falls 1.2 m. A knock that comes earlier came first."""
+
+REPORTS_OF_CRASH = (Reported.CRASH_DETECTED,)
+"""Reports of the autopilot that support an impact."""
+
+IMPACT_SPEED_CHANGE = 3.0
+"""Decrease of the speed downward, m/s, within ``IMPACT_SECONDS`` that shows an impact; also the least speed before it.
+
+It takes a mean of 10 m/s² upward beside the weight, more than autopilots use to end a descent.
+"""
+
+IMPACT_SECONDS = 0.3
+"""Duration, s, over which the decrease of the speed in an impact is measured."""
+
+
+def ground_contact(
+    scene: Scene,
+    error: AttitudeError,
+    flight: Interval,
+    loss: Fact | None,
+    reports: Sequence[Fact] = (),
+) -> Fact | None:
+    """Returns how a flight met the ground, if it was not an ordinary landing; None otherwise.
+
+    Args:
+        scene: sensors of the boot.
+        error: of the attitude in this boot.
+        flight: start and end of the flight, s since boot.
+        loss: the loss of attitude that the flight did not recover from; None if there was none.
+        reports: events that the autopilot reports.
+
+    Returns:
+        A fact with the kind of contact as its code (``TIPPED``, ``TOPPLED``, ``HIT`` or ``LANDED_HARD``), the figures
+        ``height`` (m above the take-off, just before), ``speed`` (m/s downward, that all height sensors confirm),
+        ``angle`` (largest error of the attitude, rad) and its witnesses.
+    """
+    contact = _Contact(scene, error, flight, loss, reports)
+    return contact.event()
+
+
+@dataclass(frozen=True, eq=False)
+class _Contact:
+    """The end of one flight, examined for a contact with the ground."""
+
+    scene: Scene
+    error: AttitudeError
+    flight: Interval
+    loss: Fact | None
+    reports: Sequence[Fact]
+
+    def event(self) -> Fact | None:
+        """Returns the contact as a fact; None if the flight ended in an ordinary landing, or goes on."""
+        rest = self._rest()
+        record_end = float(self.error.time[-1])
+        if rest is not None:
+            end = rest.time
+        elif self._ends_soon(record_end):
+            end = record_end
+        elif self.loss is not None and self.loss.time is not None:
+            # A vehicle that was lost may lie with its motors running, which shake it.
+            end = min(record_end, self.loss.time + SEARCH_SECONDS - MAX_SETPOINT_DELAY)
+        else:
+            return None
+        start = max(self.flight[0], end - SEARCH_SECONDS)
+        time = self._time(start, end)
+        if time is None:
+            return None
+        witnesses = self._witnesses(time, rest)
+        if support_count(witnesses) < 2 and not self._is_only_estimated(time):
+            return None
+        # What followed is required, and counts as a witness only now.
+        if rest is not None:
+            witnesses = (*witnesses, rest.statements[0])
+        elif record_end - time < RECOVERY_SECONDS and self.loss is not None:
+            witnesses = (*witnesses, for_it(Witness.LOG_ENDED, duration=record_end - time))
+        return self._fact(time, rest, witnesses)
+
+    def _is_only_estimated(self, time: float) -> bool:
+        """Returns whether a contact rests on the estimated speed alone, since no accelerometer could show a knock."""
+        accelerometer = self.scene.accelerometer
+        is_slow = accelerometer is None or not accelerometer.shows_knocks
+        return is_slow and self._speed_lost_at_once((time - 1.0, time + 1.0)) is not None
+
+    def _rest(self) -> Rest | None:
+        """Returns how the vehicle came to rest at the end of the flight; None if it did not."""
+        if self.loss is not None:
+            since = self.loss.time or self.flight[0]
+        else:
+            since = self._flight_end() - SEARCH_SECONDS
+        return self.scene.rest_after(since, since + 3 * SEARCH_SECONDS)
+
+    def _flight_end(self) -> float:
+        """Returns the end of the flight, s; that of the record if it goes on until then."""
+        return float(min(self.flight[1], self.error.time[-1]))
+
+    def _ends_soon(self, record_end: float) -> bool:
+        """Returns whether the record ends within ``RECOVERY_SECONDS`` of the loss, or of the end of the flight."""
+        since = self._flight_end() if self.loss is None else self.loss.time or 0.0
+        return record_end - since < RECOVERY_SECONDS
+
+    def _time(self, start: float, end: float) -> float | None:
+        """Returns when the vehicle touched the ground, s.
+
+        The largest knock shows it. Without an accelerometer that is fast enough, the estimated speed that is lost at
+        once, or the loss of attitude near the ground, shows it.
+
+        Args:
+            start: beginning of the search, s since boot.
+            end: its end, s since boot.
+        """
+        accelerometer = self.scene.accelerometer
+        if accelerometer is not None and accelerometer.peak((start, end)) is not None:
+            knock = self.scene.knock((start, end))
+            is_felt = knock is not None and knock.figures["side"] == Side.FOR
+            if knock is not None and is_felt and self._exceeds_vibration(knock, start):
+                return knock.time
+            if accelerometer.shows_knocks:
+                # A contact without a knock is only that of a vehicle that topples.
+                return self._time_of_low_loss()
+        low_loss = self._time_of_low_loss()
+        if low_loss is not None:
+            return low_loss
+        return self._speed_lost_at_once((start, end + RECOVERY_SECONDS))
+
+    def _time_of_low_loss(self) -> float | None:
+        """Returns when the attitude was lost, s, if that was near the ground; None otherwise."""
+        if self.loss is None or self.loss.time is None:
+            return None
+        height = self._height(self.loss.time)
+        is_low = height is not None and height < TOPPLE_HEIGHT_CLOSED
+        return self.loss.time if is_low else None
+
+    def _exceeds_vibration(self, knock: Fact, start: float) -> bool:
+        """Returns whether a knock is larger than what the accelerometer felt in the flight before, from vibration."""
+        accelerometer = self.scene.accelerometer
+        assert accelerometer is not None
+        before = accelerometer.peak((self.flight[0] + MAX_SETPOINT_DELAY, start))
+        return before is None or bool(knock.figures["acceleration"] > before[1])
+
+    def _speed_lost_at_once(self, interval: Interval) -> float | None:
+        """Returns when the estimated speed downward was lost within a moment, s; None if it was not.
+
+        A candidate is a sample from which on the speed downward decreases by more than ``IMPACT_SPEED_CHANGE`` within
+        ``IMPACT_SECONDS``. The impact is at the largest decrease in one step after the first candidate.
+
+        Args:
+            interval: start and end of the time to examine, s.
+        """
+        climb_rate = series_of_boot(self.scene.signals.climb_rate, self.scene.boot)
+        if climb_rate is None:
+            return None
+        time = climb_rate.time
+        speed_later = np.interp(time + IMPACT_SECONDS, time, climb_rate.values)
+        is_braked = speed_later - climb_rate.values > IMPACT_SPEED_CHANGE
+        is_sinking = climb_rate.values < -IMPACT_SPEED_CHANGE
+        candidates = time[in_intervals(time, [interval]) & is_braked & is_sinking]
+        if not len(candidates):
+            return None
+        # The motors may have slowed the fall before the ground stopped it. The ground takes the most speed in one step.
+        first = candidates[0]
+        speed_steps: Array = np.diff(climb_rate.values, append=climb_rate.values[-1])
+        is_impact = in_intervals(time, [(first, first + IMPACT_SECONDS)])
+        row = int(np.argmax(np.where(is_impact, speed_steps, -inf)))
+        is_fast = -climb_rate.values[row] > IMPACT_SPEED_CHANGE
+        return float(time[row]) if is_fast else None
+
+    def _witnesses(self, time: float, rest: Rest | None) -> Facts:
+        """Returns what supports and what contradicts a contact that was no landing.
+
+        Args:
+            time: when the vehicle touched the ground, s since boot.
+            rest: how it came to rest; None if the log ended before.
+        """
+        around = (time - MAX_SETPOINT_DELAY, time + 2 * MAX_SETPOINT_DELAY)
+        statements: list[Fact] = []
+        for statement in (self.scene.knock(around), self.scene.fast_rotation(around)):
+            if statement is not None:
+                statements.append(statement)
+        statements += self._sinking(time)
+        if rest is not None and rest.angle is not None:
+            statements.append(rest.statements[1])
+        angle = self._largest_error(around)
+        if self.loss is not None or angle > MAX_LANDING_LEAN:
+            statements.append(for_it(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle))
+        for report in self.reports:
+            is_near = around[0] <= (report.time or 0.0) <= time + SEARCH_SECONDS
+            if report.code in REPORTS_OF_CRASH and report.figures["boot"] == self.scene.boot:
+                if is_near:
+                    statements.append(for_it(Witness.AUTOPILOT_REPORTED, cause=report))
+        return tuple(statements)
+
+    def _sinking(self, time: float) -> Facts:
+        """Returns the fast descent before the contact, by each height sensor that shows it.
+
+        It is a witness only if the height sensors do not contradict each other.
+        """
+        interval = (time - 3 * MAX_SETPOINT_DELAY, time)
+        speed = self.scene.sink_rate(interval)
+        if speed is None or speed <= MIN_SINK_RATE:
+            return ()
+        return supporting(self.scene.sinking(interval))
+
+    def _largest_error(self, interval: Interval) -> float:
+        """Returns the largest error of roll and pitch in an interval, rad; 0 without samples."""
+        rows = in_intervals(self.error.time, [interval])
+        return float(self.error.magnitude[rows].max(initial=0.0))
+
+    def _fact(self, time: float, rest: Rest | None, witnesses: Facts) -> Fact | None:
+        """Returns the fact of a contact, of the kind that height, speed, pose and stick show.
+
+        Args:
+            time: when the vehicle touched the ground, s since boot.
+            rest: how it came to rest; None if the log ended before.
+            witnesses: what supports the contact.
+        """
+        speed = self.scene.sink_rate((time - 3 * MAX_SETPOINT_DELAY, time))
+        # The tumble begins where the ground is touched, and its largest knock comes later.
+        loss_time = None if self.loss is None else self.loss.time
+        if loss_time is not None and loss_time < time:
+            is_tumble = self._time_of_low_loss() is not None and time - loss_time < TUMBLE_SECONDS
+            if is_tumble or time - loss_time < MIN_FALL_SECONDS:
+                time = loss_time
+        closed = self.scene.throttle_closed((time - 3 * MAX_SETPOINT_DELAY, time + 1.5))
+        has_toppled = self.loss is not None or (rest is not None and rest.is_on_side)
+        has_knocked = any(fact.code is Witness.KNOCKED for fact in witnesses)
+        code = MotionEvent.HIT
+        if has_toppled:
+            if not has_risen_by(self.scene, self.flight, time):
+                code = MotionEvent.TIPPED
+            elif self._was_landing(time, rest, speed, closed is not None):
+                code = MotionEvent.TOPPLED
+        elif (speed or 0.0) <= HARD_IMPACT_SPEED:
+            if not has_knocked:
+                return None
+            code = MotionEvent.LANDED_HARD
+        if closed is not None and code is MotionEvent.TOPPLED:
+            witnesses = (*witnesses, closed)
+        event = Fact(
+            code,
+            time=time,
+            angle=self._largest_error((time - MAX_SETPOINT_DELAY, time + RECOVERY_SECONDS)),
+            height=self._height_of_contact(time),
+            speed=speed,
+            boot=self.scene.boot,
+        )
+        return weighed(event, witnesses)
+
+    def _height(self, time: float) -> float | None:
+        """Returns the height above the take-off at a time, m, by a source that can be trusted; None without any."""
+        height = trusted_height(self.scene.signals, self.scene.boot, self.flight[0])
+        return None if height is None else float(np.interp(time, height.time, height.values))
+
+    def _height_of_contact(self, time: float) -> float | None:
+        """Returns the height above the take-off at a contact, m, by a source that can be trusted; None without any.
+
+        Heights are averages, so that the lowest within ``MAX_SETPOINT_DELAY`` afterwards counts.
+        """
+        height = trusted_height(self.scene.signals, self.scene.boot, self.flight[0])
+        if height is None:
+            return None
+        rows = in_intervals(height.time, [(time, time + MAX_SETPOINT_DELAY)])
+        return float(height.values[rows].min()) if rows.any() else self._height(time)
+
+    def _was_landing(
+        self, time: float, rest: Rest | None, speed: float | None, is_closed: bool
+    ) -> bool:
+        """Returns whether a vehicle that toppled was about to land: low, slow, level, and not asked to climb.
+
+        Args:
+            time: when it touched the ground, s since boot.
+            rest: how it came to rest; None if the log ended before.
+            speed: largest speed downward just before, m/s; None if it is not known.
+            is_closed: whether the pilot closed the throttle.
+        """
+        before = time - MAX_SETPOINT_DELAY
+        height = self._height(before)
+        fastest = HARD_IMPACT_SPEED_CLOSED if is_closed else HARD_IMPACT_SPEED
+        if height is None or (speed or 0.0) > fastest:
+            return False
+        resting_height = None if rest is None else self._height(rest.time)
+        if resting_height is not None:
+            if resting_height > LANDING_STEP:
+                return False
+            height = min(height, height - resting_height)
+        if height > (TOPPLE_HEIGHT_CLOSED if is_closed else TOPPLE_HEIGHT):
+            return False
+        if self._leans(before) or self._asks_for_climb((before, time)):
+            return False
+        return is_closed or self._is_descending(time)
+
+    def _is_descending(self, time: float) -> bool:
+        """Returns whether the vehicle came down by ``LANDING_DESCENT`` or more just before a time, s."""
+        before, now = self._height(time - 3 * MAX_SETPOINT_DELAY), self._height(time)
+        return before is not None and now is not None and before - now > LANDING_DESCENT
+
+    def _leans(self, time: float) -> bool:
+        """Returns whether roll or pitch was large at a time, whatever the setpoint was."""
+        for tilt in self.scene.signals.tilts:
+            angle = series_of_boot(tilt.angle_series, self.scene.boot)
+            if angle is not None:
+                if abs(np.interp(time, angle.time, angle.values)) > MAX_LANDING_LEAN:
+                    return True
+        return False
+
+    def _asks_for_climb(self, interval: Interval) -> bool:
+        """Returns whether the pilot's throttle asked for a climb at any time of an interval."""
+        stick = series_of_boot(throttle_stick(self.scene.signals), self.scene.boot)
+        if stick is None:
+            return False
+        rows = in_intervals(stick.time, [interval])
+        return bool((stick.values[rows] > CLIMB_STICK).any())

@@ -1,0 +1,196 @@
+"""Height estimates that diverge in flight: the estimate sinks while the barometer rises, or the other way round.
+
+In an automatic height mode the autopilot follows its estimate: one that falls makes the vehicle climb at full throttle,
+whatever the stick asks for. The cause is the accelerometer, whose error the estimator integrates: a wrong scale or
+offset, or vibration that it rectifies.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mavdem.assessment.ground_contacts import CLIMB_STICK
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import Intervals, complement, in_intervals, intersection
+from mavdem.dataset.phases import mode_intervals, series_of_boot
+from mavdem.facts import Fact
+from mavdem.facts.ending import MotionEvent
+from mavdem.facts.witnesses import Witness
+from mavdem.vibration.vibration_message import reported_vibration
+from mavdem.witnesses.accelerometer import GRAVITY
+from mavdem.witnesses.height import MIN_CONTRADICTION_SECONDS
+from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.sensors import throttle_stick
+from mavdem.witnesses.statements import for_it, weighed
+
+MANUAL_THROTTLE_MODES = frozenset(
+    {"Stabilize", "Acro", "Flip", "Drift", "Turtle", "Manual", "Stabilized"}
+)
+"""Modes of ArduPilot and PX4 in which the stick is the thrust, so that no estimate of the height is followed."""
+
+MIN_TRUE_CLIMB = 1.0
+"""Speed, m/s up or down, by the barometer, from which on the vehicle itself moves."""
+
+MIN_FALSE_CLIMB = 0.5
+"""Speed, m/s, of the estimate in the other direction."""
+
+SINK_STICK = 0.35
+"""Travel of the throttle stick below which the pilot asks for a descent: as far below the middle as ``CLIMB_STICK`` is
+above."""
+
+MAX_FORCE_ERROR = 0.4
+"""Deviation, m/s², of the mean upward force in flight from gravity and the barometer's acceleration, that condemns the
+accelerometer. It is 0.04 in sound flights and 0.5 to 3.4 in those whose height ran away."""
+
+CONTEXT_SECONDS = 5.0
+"""Seconds before the divergence over which the accelerometer is averaged too: its error is integrated first."""
+
+FULL_SHARE = 0.9
+"""Command of the strongest motor, as a share of the range, from which on the motors work at full throttle."""
+
+HIGH_VIBRATION = 30.0
+"""Vibration, m/s², above which ArduPilot's documentation warns of errors of the height ("Measuring Vibration")."""
+
+
+def height_divergences(scene: Scene, flight: Interval) -> Iterator[Fact]:
+    """Yields when the height estimate diverged in an automatic height mode of a flight.
+
+    Args:
+        scene: sensors of the boot.
+        flight: start and end of the flight, s since boot.
+    """
+    manual = mode_intervals(scene.signals, scene.boot, MANUAL_THROTTLE_MODES)
+    automatic = intersection([flight], complement(manual))
+    for interval in _long_enough(intersection(scene.height.contradictions, automatic)):
+        event = _divergence(scene, interval)
+        if event is not None:
+            yield event
+
+
+def _long_enough(intervals: Intervals) -> Intervals:
+    """Returns the intervals of at least half of ``MIN_CONTRADICTION_SECONDS``: a mode may begin or end within one."""
+    shortest = MIN_CONTRADICTION_SECONDS / 2
+    return [(start, end) for start, end in intervals if end - start >= shortest]
+
+
+def _divergence(scene: Scene, interval: Interval) -> Fact | None:
+    """Returns the divergence of the height in an interval in which barometer and estimate contradict each other.
+
+    It is one only where both move in opposite directions, and the stick asks for neither.
+
+    Args:
+        scene: sensors of the boot.
+        interval: start and end, s since boot.
+    """
+    barometer, estimate = scene.height.barometer_climb, scene.height.estimated_climb
+    assert barometer is not None and estimate is not None
+    true_rows = in_intervals(barometer.time, [interval])
+    false_rows = in_intervals(estimate.time, [interval])
+    if not true_rows.any() or not false_rows.any():
+        return None
+    true_climb = float(barometer.values[true_rows].mean())
+    false_climb = float(estimate.values[false_rows].mean())
+    is_opposite = np.sign(true_climb) != np.sign(false_climb)
+    is_clear = abs(true_climb) > MIN_TRUE_CLIMB and abs(false_climb) > MIN_FALSE_CLIMB
+    if not (is_opposite and is_clear):
+        return None
+    stick = series_of_boot(throttle_stick(scene.signals), scene.boot)
+    statements = []
+    if stick is not None:
+        travel = stick.values[in_intervals(stick.time, [interval])]
+        if len(travel):
+            median_travel = float(np.median(travel))
+            is_rising = true_climb > 0
+            if median_travel > CLIMB_STICK if is_rising else median_travel < SINK_STICK:
+                return None
+            statements.append(for_it(Witness.THROTTLE_NOT_RAISED, share=median_travel))
+    change = scene.height.barometer_change(*interval)
+    moved = Witness.ROSE if true_climb > 0 else Witness.SANK
+    if moved is Witness.ROSE:
+        statements.insert(0, for_it(Witness.ROSE, subject="barometer", height=change))
+    else:
+        statements.insert(0, for_it(Witness.SANK, subject="barometer", speed=-true_climb))
+    cause = _accelerometer_error(scene, interval) or _vibration(scene, interval)
+    if cause is not None:
+        statements.append(cause)
+    full = _full_throttle(scene, interval)
+    if full is not None:
+        statements.append(full)
+    event = Fact(
+        MotionEvent.HEIGHT_DIVERGED,
+        time=interval[0],
+        until=interval[1],
+        climb_rate=false_climb,
+        speed=true_climb,
+        cause=cause,
+        boot=scene.boot,
+    )
+    return weighed(event, statements)
+
+
+def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
+    """Returns that the accelerometer measures a wrong force, at rest or in flight; None if it does not.
+
+    In flight the mean upward force must be gravity plus the acceleration that the barometer shows.
+
+    Args:
+        scene: sensors of the boot.
+        interval: of the divergence, s since boot.
+    """
+    accelerometer = scene.accelerometer
+    if accelerometer is None:
+        return None
+    if accelerometer.is_sound is False:
+        gravity = accelerometer.gravity_at_rest
+        return for_it(Witness.GRAVITY_WRONG, subject="at rest", acceleration=gravity)
+    climb = scene.height.barometer_climb
+    angles = []
+    for tilt in scene.signals.tilts:
+        angle = series_of_boot(tilt.angle_series, scene.boot)
+        if angle is not None:
+            angles.append(np.interp(accelerometer.time, angle.time, angle.values))
+    start, end = interval[0] - CONTEXT_SECONDS, interval[1]
+    rows = in_intervals(accelerometer.time, [(start, end)])
+    if len(angles) < 2 or not rows.any() or climb is None:
+        return None
+    roll, pitch = angles
+    x, y, z = accelerometer.force.T
+    # The third row of the rotation from body to earth, which points down.
+    down = -np.sin(pitch) * x + np.cos(pitch) * (np.sin(roll) * y + np.cos(roll) * z)
+    upward = float(-down[rows].mean())
+    before, after = np.interp([start, end], climb.time, climb.values)
+    expected = GRAVITY + (after - before) / (end - start)
+    if abs(upward - expected) <= MAX_FORCE_ERROR:
+        return None
+    # What a sound accelerometer would have measured is taken away, so that the figure compares with gravity.
+    acceleration = upward - expected + GRAVITY
+    return for_it(Witness.GRAVITY_WRONG, subject="in flight", acceleration=acceleration)
+
+
+def _vibration(scene: Scene, interval: Interval) -> Fact | None:
+    """Returns that accelerometers clipped or vibrated strongly in an interval; None if they did not."""
+    vibration = reported_vibration(scene.signals)
+    if vibration is None:
+        return None
+    levels = vibration.levels
+    rows = (levels.boot == scene.boot) & in_intervals(levels.time, [interval])
+    if not rows.any():
+        return None
+    count = int(vibration.clips[rows].sum())
+    if count:
+        return for_it(Witness.CLIPPED, count=count)
+    highest = float(levels.values[rows].max())
+    return for_it(Witness.VIBRATED, vibration=highest) if highest > HIGH_VIBRATION else None
+
+
+def _full_throttle(scene: Scene, interval: Interval) -> Fact | None:
+    """Returns that a motor worked near its limit in an interval; None if none did."""
+    motors = scene.signals.motors
+    if motors is None or scene.boot not in motors.boot:
+        return None
+    commands = motors.range_fractions(scene.boot)
+    rows = in_intervals(commands.time, [interval])
+    if not rows.any():
+        return None
+    highest = float(commands.values[rows].max())
+    return for_it(Witness.MOTORS_FULL, share=highest) if highest > FULL_SHARE else None

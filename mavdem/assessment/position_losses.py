@@ -1,0 +1,102 @@
+"""Losses of the horizontal position in flight: the estimator had one, and then had none for long.
+
+Without a position an autopilot can only descend where the wind carries it. What its estimator reports of itself counts:
+PX4's validity flags of vehicle_local_position, or the flags of the estimator status of both autopilots.
+"""
+
+from collections.abc import Iterator, Sequence
+
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import in_intervals, true_intervals
+from mavdem.dataset.phases import series_of_boot
+from mavdem.facts import Fact, Facts, Level
+from mavdem.facts.ending import MotionEvent
+from mavdem.facts.events import Reported
+from mavdem.facts.witnesses import Witness
+from mavdem.witnesses.position import position_fix, position_validity
+from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.statements import for_it
+
+MIN_LOST_SECONDS = 5.0
+"""Seconds without a position from which on that is an event: autopilots bridge shorter gaps by inertia."""
+
+MIN_HELD_SECONDS = 5.0
+"""Seconds in flight with a position before it, so that a vehicle that never has one loses none."""
+
+BLIND_MODES = frozenset({"Land", "Descend", "Alt hold", "Altitude"})
+"""Modes to which autopilots change without a position."""
+
+FAILSAFE_REPORTS = (Reported.FAILSAFE, Reported.ESTIMATOR_DIVERGED, Reported.GPS_LOST)
+"""Reports of the autopilot that support a lost position."""
+
+REACTION_SECONDS = 3.0
+"""Seconds within which the autopilot reacts."""
+
+
+def position_losses(scene: Scene, flight: Interval, reports: Sequence[Fact] = ()) -> Iterator[Fact]:
+    """Yields when the estimator lost the horizontal position for long in a flight.
+
+    It is bad where the autopilot reacted, by a failsafe or a mode without position; otherwise it is to be watched.
+
+    Args:
+        scene: sensors of the boot.
+        flight: start and end of the flight, s since boot.
+        reports: events that the autopilot reports.
+    """
+    has_position = series_of_boot(position_validity(scene.signals), scene.boot)
+    if has_position is None:
+        return
+    inside = has_position.select(in_intervals(has_position.time, [flight]))
+    if not len(inside.time):
+        return
+    first, last = float(inside.time[0]), float(inside.time[-1])
+    held_until = first
+    for start, end in true_intervals(inside.time, inside.values == 0):
+        start, end = max(start, first), min(end, last)
+        was_held = start - held_until >= MIN_HELD_SECONDS
+        held_until = end
+        if not was_held or end - start < MIN_LOST_SECONDS:
+            continue
+        reactions = _reactions(scene, (start, end), reports)
+        level = Level.BAD if reactions else Level.WATCH
+        invalid = for_it(Witness.POSITION_INVALID, duration=end - start)
+        yield Fact(
+            MotionEvent.POSITION_LOST,
+            level,
+            time=start,
+            until=end,
+            duration=end - start,
+            boot=scene.boot,
+            witnesses=(invalid, *reactions, *_missing_fix(scene, (start, end))),
+        )
+
+
+def _reactions(scene: Scene, interval: Interval, reports: Sequence[Fact]) -> Facts:
+    """Returns what the autopilot did about a lost position: failsafes, and modes that need none.
+
+    Args:
+        scene: sensors of the boot.
+        interval: without a position, s since boot.
+        reports: events that the autopilot reports.
+    """
+    start, end = interval[0] - REACTION_SECONDS, interval[1] + REACTION_SECONDS
+    statements = []
+    for report in reports:
+        is_of_boot = report.figures["boot"] == scene.boot
+        if is_of_boot and report.code in FAILSAFE_REPORTS and start <= (report.time or 0.0) <= end:
+            statements.append(for_it(Witness.AUTOPILOT_REPORTED, cause=report))
+    for time, name in scene.signals.mode_changes(scene.boot):
+        if start <= time <= end and name in BLIND_MODES:
+            statements.append(for_it(Witness.MODE_CHANGED, subject=name, time=time))
+    return tuple(statements)
+
+
+def _missing_fix(scene: Scene, interval: Interval) -> Facts:
+    """Returns that GPS had no fix in an interval; nothing if it had, or no receiver was recorded."""
+    fix = series_of_boot(position_fix(scene.signals), scene.boot)
+    if fix is None:
+        return ()
+    rows = in_intervals(fix.time, [interval])
+    if rows.any() and not fix.values[rows].any():
+        return (for_it(Witness.NO_FIX),)
+    return ()

@@ -1,0 +1,78 @@
+"""Position: whether the estimator reports that it has one, and whether GPS had a fix."""
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.phases import series_of_boot
+from mavdem.dataset.position_fix import has_fix_by_row
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, recorded_series
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.ingest.vocabulary import mavlink_constant
+from mavdem.witnesses.flown import powered_intervals
+
+POSITION_FLAGS = {
+    "EKF_STATUS_REPORT": ("EKF_POS_HORIZ_ABS", "EKF_POS_HORIZ_REL"),
+    "ESTIMATOR_STATUS": ("ESTIMATOR_POS_HORIZ_ABS", "ESTIMATOR_POS_HORIZ_REL"),
+}
+"""Messages with ``flags`` of the estimator, and the bits that it has a horizontal position, the preferred first.
+
+A relative position, of optical flow, counts for vehicles that never have an absolute one.
+"""
+
+
+@cached_per_vehicle()
+def position_validity(signals: Signals) -> TimeSeries | None:
+    """Returns whether the estimator reports a horizontal position (N,), 1 or 0; None where nothing reports it.
+
+    It is the validity flag of PX4's vehicle_local_position, or the flags of the estimator status, or else the fix of
+    the GPS receiver.
+    """
+    columns = signals.telemetry.messages.get("LOCAL_POSITION_NED", {})
+    if "valid" in columns:
+        return clean_series(columns, float_column(columns, "valid"))
+    for message, names in POSITION_FLAGS.items():
+        flags = recorded_series(signals.telemetry, message, "flags")
+        if flags is None:
+            continue
+        for name in names:
+            has_position = flags.values.astype(np.int64) & mavlink_constant(name) > 0
+            # A flag that never says so is not filled in.
+            if has_position.any():
+                return TimeSeries(flags.time, flags.boot, has_position.astype(float))
+    return position_fix(signals)
+
+
+@cached_per_vehicle()
+def position_fix(signals: Signals) -> TimeSeries | None:
+    """Returns whether the first GPS receiver had a position fix (N,), 1 or 0; None if none was recorded."""
+    columns = signals.telemetry.messages.get("GPS_RAW_INT", {})
+    if "fix_type" not in columns:
+        return None
+    fix = clean_series(columns, has_fix_by_row(columns).astype(float))
+    return fix if len(fix.time) else None
+
+
+@cached_per_vehicle()
+def fix_share(signals: Signals, boot: int) -> float | None:
+    """Returns the share of the time under power with a position fix of GPS; None if no receiver was recorded.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+    """
+    fix = series_of_boot(position_fix(signals), boot)
+    return None if fix is None else _share_under_power(signals, boot, fix)
+
+
+def _share_under_power(signals: Signals, boot: int, state: TimeSeries) -> float | None:
+    """Returns the mean of a state (N,), 0 or 1, while the motors could carry the vehicle; None without samples then.
+
+    Without motor outputs all samples count.
+    """
+    powered = powered_intervals(signals, boot)
+    values: Array = np.asarray(state.values, dtype=float)
+    if powered:
+        values = values[in_intervals(state.time, powered)]
+    return float(values.mean()) if len(values) else None

@@ -1,0 +1,239 @@
+"""Events of the motion, each with the witnesses for it and against it, on made-up flights with all instruments."""
+
+import numpy as np
+from hover import changed, only
+from instrumented import (
+    EVENT,
+    STICK_CLOSED,
+    driven,
+    estimating,
+    in_mode,
+    instrumented,
+    knocked,
+    moving,
+    rolled,
+    saying,
+    stamps,
+    stick,
+)
+from pytest import approx, mark
+
+from mavdem.assessment.ending import ending_of, weighed_reports
+from mavdem.assessment.motion import motion_events
+from mavdem.assessment.reported import reported_events
+from mavdem.dataset.signals import Signals
+from mavdem.facts import Level
+from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
+from mavdem.facts.events import Reported
+from mavdem.facts.witnesses import Side, Witness
+
+GRAVITY = 9.8
+
+
+def judged(made):
+    """The last event of each code, and the ending."""
+    signals = Signals(made, inputs="motors")
+    reports = reported_events(signals)
+    events = weighed_reports(signals, [*reports, *motion_events(signals, reports)])
+    assert all(event.sentence for event in events)
+    return {event.code: event for event in events}, ending_of(signals, events)
+
+
+def witnesses(event, side):
+    return {fact.code for fact in event.figures["witnesses"] if fact.figures["side"] == side}
+
+
+def falling(since):
+    """Climb of a fall, m/s, at times since it began."""
+    return -GRAVITY * since
+
+
+def test_a_sound_flight_has_no_event_of_motion():
+    events, ending = judged(instrumented())
+    assert ending is None
+    assert not [code for code in events if isinstance(code, MotionEvent)]
+
+
+def height_runaway(mode="Alt hold"):
+    """The estimate falls at 3 m/s while the vehicle climbs at 2 m/s for 5 s, with the motors at their limit."""
+    made = moving(instrumented(mode), lambda since: 2.0 * (since < 5.0))
+    made = estimating(made, lambda since: -3.0 * (since < 5.0))
+    return driven(made, 2000.0, EVENT + 1.0, EVENT + 5.0)
+
+
+def test_an_estimate_that_falls_while_the_barometer_rises_has_diverged():
+    events, _ = judged(height_runaway())
+    diverged = events[MotionEvent.HEIGHT_DIVERGED]
+    assert diverged.level is Level.BAD
+    assert diverged.time == approx(EVENT, abs=1.5)
+    assert diverged.figures["climb_rate"] < -2.0
+    assert diverged.figures["speed"] > 1.5
+    assert {Witness.ROSE, Witness.THROTTLE_NOT_RAISED, Witness.MOTORS_FULL} <= witnesses(
+        diverged, Side.FOR
+    )
+    # Motors that follow a false height are not too weak.
+    assert MotionEvent.MOTOR_AT_ITS_STOP not in events
+
+
+def test_the_accelerometer_is_the_cause_of_a_height_that_diverges():
+    made = changed(height_runaway(), "HIGHRES_IMU", zacc=-8.0)
+    cause = judged(made)[0][MotionEvent.HEIGHT_DIVERGED].figures["cause"]
+    assert (cause.code, cause.subject) == (Witness.GRAVITY_WRONG, "at rest")
+    assert cause.figures["acceleration"] == approx(8.0)
+
+
+@mark.parametrize("mode", ["Stabilize"])
+def test_where_the_stick_is_the_thrust_no_height_is_followed(mode):
+    assert MotionEvent.HEIGHT_DIVERGED not in judged(height_runaway(mode))[0]
+
+
+def test_a_climb_that_the_pilot_asks_for_is_no_divergence():
+    made = stick(height_runaway(), 1900)
+    assert MotionEvent.HEIGHT_DIVERGED not in judged(made)[0]
+
+
+def landing_that_topples():
+    """It descends to 0.5 m, and there the pilot closes the throttle: it touches down and rolls over."""
+    made = moving(
+        instrumented("Stabilize"), lambda since: -1.0 * (since < 9.5) - 2.0 * (since > 9.5)
+    )
+    touch_down = EVENT + 9.8
+    made = driven(stick(made, STICK_CLOSED, touch_down - 0.3), 1000.0, touch_down - 0.3)
+    return rolled(knocked(made, touch_down + 0.1, 40.0), 95.0, touch_down)
+
+
+def test_a_vehicle_that_topples_as_the_throttle_closes_has_landed():
+    events, ending = judged(landing_that_topples())
+    assert ending.code is Ending.TOPPLED_AT_LANDING
+    assert ending.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
+    assert ending.time == approx(EVENT + 9.8, abs=0.3)
+    toppled = events[MotionEvent.TOPPLED]
+    assert {Witness.KNOCKED, Witness.LAY_ON_ITS_SIDE} <= witnesses(toppled, Side.FOR)
+    assert "switch" not in ending.remedy
+
+
+def failsafe_in_the_air():
+    """A radio failsafe stops the motors at 10 m; the vehicle rolls over as it falls."""
+    made = moving(instrumented(), falling)
+    made = driven(made, 1000.0)
+    made = rolled(made, 110.0, EVENT + 0.3, 1.0)
+    made = knocked(made, EVENT + 1.43, 150.0)
+    return saying(made, EVENT - 0.05, "Radio Failsafe - Disarming")
+
+
+def test_a_failsafe_that_stops_the_motors_in_the_air_is_the_cause():
+    _, ending = judged(failsafe_in_the_air())
+    cause = ending.figures["cause"]
+    assert cause.code is FailedFirst.FAILSAFE_FIRST
+    assert cause.figures["cause"].code is Reported.RADIO_LOST
+    assert ending.figures["height"] == approx(10.0, abs=1.5)
+
+
+def test_a_throttle_that_the_pilot_closes_in_the_air_is_the_cause():
+    made = changed(failsafe_in_the_air(), "STATUSTEXT", text=np.array(["Hello"]))
+    _, ending = judged(stick(made, STICK_CLOSED))
+    assert ending.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
+
+
+def dive():
+    """With the throttle closed it falls for 0.8 s, and the motors stop it within as long."""
+    made = moving(
+        instrumented("Stabilize"),
+        lambda since: -GRAVITY * np.interp(since, [0.0, 0.8, 1.6], [0.0, 0.8, 0.0]),
+    )
+    return driven(stick(made, STICK_CLOSED, EVENT, EVENT + 0.8), 1000.0, EVENT, EVENT + 0.8)
+
+
+def test_a_dive_that_the_pilot_ends_is_no_crash():
+    events, ending = judged(dive())
+    assert ending is None
+    assert MotionEvent.HIT not in events
+    dived = events[MotionEvent.DIVED]
+    assert dived.level is Level.GOOD
+    assert dived.figures["speed"] == approx(7.8, abs=1.5)
+
+
+def impact(speed=6.0):
+    """It sinks so fast, m/s, until it hits the ground upright, and lies there."""
+    seconds = 10.0 / speed
+    made = moving(instrumented("Stabilize"), lambda since: -speed * (since < seconds))
+    return driven(knocked(made, EVENT + seconds), 1000.0, EVENT + seconds)
+
+
+def test_an_impact_has_a_knock_a_descent_and_rest_as_witnesses():
+    events, ending = judged(impact())
+    assert ending.code is Ending.CRASHED
+    assert ending.figures["speed"] == approx(6.0, abs=1.0)
+    hit = events[MotionEvent.HIT]
+    assert {Witness.KNOCKED, Witness.SANK, Witness.RESTED} <= witnesses(hit, Side.FOR)
+    assert witnesses(hit, Side.AGAINST) == {Witness.STOOD_UPRIGHT}
+    assert ending.figures["witnesses"] == hit.figures["witnesses"]
+
+
+def test_a_hard_landing_upright_is_to_be_watched():
+    events, ending = judged(impact(2.5))
+    assert ending is None
+    assert events[MotionEvent.LANDED_HARD].level is Level.WATCH
+
+
+def test_a_setpoint_that_nothing_follows_is_no_tumble():
+    """The attitude is 60° from its setpoint, but neither gyro nor height moves."""
+    made = instrumented("Stabilize")
+    targets = made.messages["ATTITUDE_TARGET"]["q"].copy()
+    is_away = stamps(made, "ATTITUDE_TARGET") > EVENT
+    targets[is_away] = [np.cos(0.5), np.sin(0.5), 0.0, 0.0]
+    made = only(changed(made, "ATTITUDE_TARGET", q=targets), lambda time: time < EVENT + 4.0)
+    events, ending = judged(made)
+    assert ending is None
+    lost = events[MotionEvent.ATTITUDE_LOST]
+    assert lost.level is Level.WATCH
+    assert "no other sensor confirms" in lost.sentence
+    assert Witness.DID_NOT_ROTATE in witnesses(lost, Side.AGAINST)
+
+
+def without_position(made, seconds):
+    """The estimator has no position for so many seconds."""
+    time = stamps(made, "LOCAL_POSITION_NED")
+    is_valid = (time < EVENT) | (time > EVENT + seconds)
+    return changed(made, "LOCAL_POSITION_NED", valid=is_valid)
+
+
+def test_a_position_that_is_lost_for_long_and_a_blind_land_is_bad():
+    made = in_mode(without_position(instrumented(), 18.0), (EVENT + 1.0, "Land"))
+    lost = judged(made)[0][MotionEvent.POSITION_LOST]
+    assert lost.level is Level.BAD
+    assert (lost.time, lost.figures["duration"]) == approx((EVENT, 18.0), abs=0.3)
+    assert Witness.MODE_CHANGED in witnesses(lost, Side.FOR)
+
+
+@mark.parametrize("seconds, is_lost", [(4.0, False), (6.0, True)])
+def test_a_position_that_is_lost_for_five_seconds_is_an_event(seconds, is_lost):
+    events, _ = judged(without_position(instrumented(), seconds))
+    assert (MotionEvent.POSITION_LOST in events) is is_lost
+    if is_lost:
+        assert events[MotionEvent.POSITION_LOST].level is Level.WATCH
+
+
+def test_a_crash_that_only_the_autopilot_reports_is_to_be_watched():
+    made = saying(instrumented(), EVENT, "Crash: Disarming")
+    events, ending = judged(made)
+    assert ending is None
+    assert events[Reported.CRASH_DETECTED].level is Level.WATCH
+    _, ending = judged(saying(impact(), EVENT + 3.0, "Crash: Disarming"))
+    assert ending.code is Ending.CRASHED
+
+
+def bench():
+    """Motors run on a bench: nothing rises, nothing turns."""
+    made = instrumented()
+    time = stamps(made, "LOCAL_POSITION_NED")
+    made = changed(made, "LOCAL_POSITION_NED", vz=0.0, z=-0.1 * np.sin(time))
+    return changed(made, "SCALED_PRESSURE", altitude=120.0 + 0.1 * np.sin(time))
+
+
+def test_what_never_flew_has_no_other_event():
+    made = knocked(bench(), EVENT)
+    events, ending = judged(made)
+    assert ending is None
+    assert [code for code in events if isinstance(code, MotionEvent)] == [MotionEvent.NOT_FLOWN]
+    assert "barometer stayed within" in events[MotionEvent.NOT_FLOWN].sentence
