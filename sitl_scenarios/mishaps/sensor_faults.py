@@ -43,8 +43,14 @@ FIX_3D = 3
 HEIGHT_GATE = 2.5
 """Difference of barometer and estimate, m, that the filter just accepts: five times half a metre (EKF2_BARO_GATE)."""
 
-POSITION_GATE = 5.0
-"""Difference of satellites and estimate, m, that the filter just accepts: five times a metre."""
+POSITION_LIMIT = 25.0
+"""Jump of the satellites' position, m, that the filter just accepts: EK3_GLITCH_RAD of ArduPilot."""
+
+USUAL_COMPASS_ERROR = 60.0
+"""Error of the heading, degrees, at which the compass would just be rejected; a choice."""
+
+FOLLOWED_SHARE = 5.0
+"""How many times better the height agrees with a barometer that the filter follows."""
 
 
 @dataclass
@@ -91,6 +97,8 @@ class SensorFaults:
     """Error of the estimated speed to the east without satellites, m/s."""
     drift: float = 0.0
     """Error of the estimated position to the east without satellites, m."""
+    stuck_height: float | None = None
+    """Height at which the barometer got stuck, m; None before."""
 
     def faulty_estimate(self, time: float, state: State, estimate: State) -> State:
         """Returns what the autopilot estimates with its faulty sensors; sets the ``readings`` of this cycle.
@@ -122,9 +130,9 @@ class SensorFaults:
                 self.drift += self.drift_speed * self.cycle
             case GpsGlitch(start=start) if start <= time < start + self.mishap.seconds:
                 self.readings.east_error = self.mishap.metres
-                self.readings.position_ratio = abs(self.mishap.metres) / POSITION_GATE / 5
+                self.readings.position_ratio = abs(self.mishap.metres) / POSITION_LIMIT
             case YawReset(start=start, degrees=degrees) if time < start:
-                self.readings.compass_ratio = abs(degrees) / 60
+                self.readings.compass_ratio = abs(degrees) / USUAL_COMPASS_ERROR
                 return estimate._replace(attitude=_turned(estimate.attitude, degrees))
         north, east, down = estimate.position
         north_speed, east_speed, down_speed = estimate.velocity
@@ -159,17 +167,15 @@ class SensorFaults:
         acceleration = -bias - 2 * frequency * self.climb_error - frequency**2 * difference
         self.climb_error += acceleration * self.cycle
         self.height_error += self.climb_error * self.cycle
-        self.readings.height_ratio = abs(difference) / HEIGHT_GATE / 5
+        self.readings.height_ratio = abs(difference) / HEIGHT_GATE / FOLLOWED_SHARE
 
     def _stick(self, state: State) -> None:
         """Holds the barometer's height; the filter rejects it, and keeps the height by the satellites."""
         height = -state.position[2]
-        if self._stuck_height is None:
-            self._stuck_height = height
-        self.readings.stuck_height = self._stuck_height
-        self.readings.height_ratio = abs(height - self._stuck_height) / HEIGHT_GATE
-
-    _stuck_height: float | None = None
+        if self.stuck_height is None:
+            self.stuck_height = height
+        self.readings.stuck_height = self.stuck_height
+        self.readings.height_ratio = abs(height - self.stuck_height) / HEIGHT_GATE
 
 
 def _turned(attitude: Quaternion, degrees: float) -> Quaternion:

@@ -69,6 +69,8 @@ class InstrumentedSimulation(Simulation):
         # When the vehicle came to lie, s after arming; None while it does not.
         self._lying_since: float | None = None
         self._is_failsafe = False
+        # MAV_LANDED_STATE of the flight plan in this cycle.
+        self._planned_state = ON_GROUND
         self._announcements = deque(announcements(scenario.mishap, self._is_px4, scenario.duration))
 
     @property
@@ -92,6 +94,7 @@ class InstrumentedSimulation(Simulation):
     def _reference(self, estimate: State) -> Reference:
         """Returns the setpoints that are flown: the plan's, with what a mishap changes."""
         reference = self._pilot.reference(self._flight_time, estimate, super()._reference(estimate))
+        self._planned_state = reference.landed_state
         mishap = self.scenario.mishap
         if reference.landed_state == LANDING and self._pilot.mode == "plan":
             # A landing goes on below the planned depth until the ground is felt.
@@ -194,7 +197,7 @@ class InstrumentedSimulation(Simulation):
             return
         if isinstance(mishap, ToppleAtTakeOff) and was_on_ground:
             lift = self._lift_ratio()
-            if lift > TOPPLE_LIFT and self._reference(self._state).landed_state == TAKING_OFF:
+            if lift > TOPPLE_LIFT and self._planned_state == TAKING_OFF:
                 self._contact = topple(self._state, mishap.bearing)
         if self._contact is not None:
             self._on_ground = True

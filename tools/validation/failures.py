@@ -168,24 +168,24 @@ def verdict(kind: str, motor: int, review: Assessment) -> str:
         motor: The motor that failed; 0 for none.
         review: The review.
     """
-    right, allowed = codes(kind, "right"), codes(kind, "allowed")
-    harmless = right | allowed | set(TABLES["neutral"])
+    right = codes(kind, "right")
+    unnamed = codes(kind, "unnamed")
+    # The lights of tracking, margins and log say nothing of an event.
+    harmless = {str(review.lights[name].code) for name in ("tracking", "margins", "log")}
+    harmless |= right | codes(kind, "allowed") | set(TABLES["neutral"])
+    must_name_motor = KINDS[kind].get("motor", False)
     is_right = False
     for fact, place in statements(review):
         code = str(fact.code)
         is_serious = fact.level in SERIOUS
-        named = motors_named(fact.subject) if is_serious else set()
-        if place in ("headline", "cause", "motors") and named - {motor}:
+        is_prominent = place in ("headline", "cause")
+        motors = motors_named(fact.subject) if is_serious else set()
+        if (is_prominent or place == "motors") and motors - {motor}:
             return "wrong"
-        if place in ("headline", "cause") and is_serious and code not in harmless:
-            # The lights of tracking, margins and log say nothing of an event.
-            if code not in {
-                str(review.lights[name].code) for name in ("tracking", "margins", "log")
-            }:
-                return "wrong"
-        if code in right and (is_serious or place in ("headline", "cause")):
-            is_named = motor in named or code in KINDS[kind].get("unnamed", [])
-            is_right = is_right or is_named or not KINDS[kind].get("motor")
+        if is_prominent and is_serious and code not in harmless:
+            return "wrong"
+        if code in right and (is_serious or is_prominent):
+            is_right = is_right or not must_name_motor or motor in motors or code in unnamed
     if is_right:
         return "right"
     if KINDS[kind].get("quiet") and review.headline.level is not Level.BAD:
