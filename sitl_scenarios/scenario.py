@@ -47,9 +47,9 @@ class Propeller(Section):
     start: NotNegative = 0.0
     """Seconds into the flight at which it chips"""
     thrust: Left = 0.85
-    """Share of its thrust that is left, at the same speed"""
+    """Remaining share of its thrust, at the same speed"""
     torque: Left = 0.82
-    """Share of its torque that is left; where blades get shorter, thrust goes with R⁴ and torque with R⁵."""
+    """Remaining share of its torque; where blades get shorter, thrust goes with R⁴ and torque with R⁵."""
 
 
 class Load(Section):
@@ -75,7 +75,8 @@ Frequency = Annotated[float, Field(gt=0, le=200)]  # Hz: half of the greatest ra
 Speed = Annotated[float, Field(ge=0, le=60)]  # Of wind, m/s: no hurricane's mean is greater
 
 Direction = Annotated[
-    float, Field(ge=-360, le=360, description="It comes from, degrees clockwise from north")
+    float,
+    Field(ge=-360, le=360, description="Where the wind comes from, degrees clockwise from north"),
 ]
 
 
@@ -101,18 +102,18 @@ SENSORS, WIND, MOMENT, STICKS, SHAKING, INSTRUMENTS, MISHAP = range(7)
 class BodySpec(Section):
     """A body of one's own, such as one learned from a log, in place of a published one.
 
-    Inertia is about forward, right and down, kg m²; arm how far forward and right the rotors of the X are, m; damping
-    of the three rates by themselves, 1/s.
+    Inertia is about forward, right and down, kg m²; arm is the distance of the rotors of the X forward and to the
+    right, m; damping is that of the three rates by themselves, 1/s.
     """
 
     mass: Positive
-    """kg"""
+    """Mass, kg"""
     inertia: Annotated[tuple[PositiveFloat, PositiveFloat, PositiveFloat], OR_INF]
     arm: Annotated[tuple[PositiveFloat, PositiveFloat], OR_INF]
     hover: float = Field(gt=0.1, lt=1)
     """Share of the motors' range in hover"""
     torque: Left
-    """Of a rotor, by its thrust, m"""
+    """Torque of a rotor over its thrust, m"""
     spin: Annotated[tuple[Share, Share], OR_INF] = (0.0, 1.0)
     """Shares of the motors' range at which thrust begins and ends."""
     damping: Annotated[tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat], OR_INF] = (
@@ -128,7 +129,7 @@ class VehicleSpec(Section):
     model: Literal["ardrone2", "iris", "crazyflie"] = "iris"
     """AR.Drone 2.0, 3DR Iris or Crazyflie 2"""
     frame: Shape = "x"
-    """Where the rotors are; frames of more than four are larger, of the same rotors"""
+    """Arrangement of the rotors; frames of more than four are larger, with the same rotors"""
     battery_sag: float = Field(0.0, ge=0, lt=0.5)
     """Share of the voltage, and of the rotors' speed, that the battery loses from the flight's beginning to its end."""
     rotor_drag: bool = True
@@ -144,7 +145,7 @@ class VehicleSpec(Section):
     lag_down: Lag = None
     """Time constant of a rotor that slows down, s; inf: as published"""
     mixer: Literal["", "x", "plus"] = ""
-    """Frame that the autopilot is set to, where it is another: it turns roll into pitch, and may oscillate."""
+    """Frame that the autopilot is set to, where that is a wrong one: it exchanges roll and pitch, and may oscillate."""
     rate_gain: Positive = 1.0
     """Multiple of the rate loop's gain that suits the vehicle"""
     inertia_scale: Positive = 1.0
@@ -158,7 +159,7 @@ class VehicleSpec(Section):
     weak_from: NotNegative = 0.0
     """Seconds into the flight from which it is weak"""
     weak_thrust: Left = 0.65
-    """Share of its thrust that is left"""
+    """Remaining share of its thrust"""
 
     @property
     def layout(self) -> Shape:
@@ -171,7 +172,7 @@ class SteadyWind(Section):
 
     kind: Literal["steady"]
     speed: Speed
-    """Of the wind, m/s"""
+    """Speed of the wind, m/s"""
     direction: Direction = 90.0
 
 
@@ -193,10 +194,10 @@ class TurbulentWind(Section):
 
     kind: Literal["dryden", "von_karman"]
     speed: Speed
-    """Of the mean wind, m/s, which counts as wind too"""
+    """Speed of the mean wind, m/s, which is part of the true wind"""
     direction: Direction = 90.0
     wind_at_20_feet: Speed = 7.7
-    """What the intensity follows from, m/s: 7.7 is light, 15.4 moderate, 23.2 severe."""
+    """Wind at 20 feet, from which the intensity follows, m/s: 7.7 is light, 15.4 moderate, 23.2 severe."""
 
 
 class Gust(Section):
@@ -204,14 +205,14 @@ class Gust(Section):
 
     kind: Literal["gust"]
     start: NotNegative
-    """Seconds into the flight"""
+    """Seconds into the flight at which it begins"""
     speed: Speed
-    """Its greatest, m/s"""
+    """Greatest speed, m/s"""
     direction: Direction = 90.0
     rise: Positive = 1.0
-    """Seconds from its beginning to its greatest, where it stays."""
+    """Seconds from its beginning to its greatest speed"""
     hold: Annotated[NotNegative | None, OR_INF] = 0.0
-    """Seconds it stays there before it falls as it rose; inf: for good."""
+    """Seconds at its greatest speed, before it falls as it rose; inf: it never falls."""
 
 
 class Jet(Section):
@@ -219,29 +220,29 @@ class Jet(Section):
 
     kind: Literal["jet"]
     speed: Speed
-    """On the axis where it leaves the blower, m/s"""
+    """Speed on its axis where it leaves the blower, m/s"""
     direction: Direction = 90.0
     distance: Positive = 2.0
-    """From the blower to where the vehicle hovers, m"""
+    """Distance of the blower from the place of the hover, m"""
     diameter: Positive = 0.5
-    """Of the blower's mouth, m"""
+    """Diameter of the blower's mouth, m"""
     turbulence: Share = 0.2
     """Standard deviation of the speed, as a share of the local mean"""
     s: Kernel = 0.05
-    """Of the kernel of that turbulence, s, as of a gaussian wind"""
+    """Standard deviation of the turbulence's kernel, s, as of a gaussian wind"""
     offset: Metres = 0.0
-    """Of the jet's axis to the right of where the vehicle hovers, seen along the jet, m."""
+    """Distance of the jet's axis to the right of the place of the hover, seen along the jet, m"""
 
 
 class Profile(Section):
     """How all winds but jets grow and turn with height (Kaimal and Finnigan 1994, chapter 1), and turn in time."""
 
     law: Literal["none", "log"] = "none"
-    """Of the speed: log(z/roughness) / log(reference/roughness), at the height z"""
+    """Law of the speed; log is log(z/roughness) / log(reference/roughness) at the height z"""
     reference: float = Field(10.0, ge=1, le=100)
-    """Height at which the winds are as given, m"""
+    """Height at which the winds have their stated speed and direction, m"""
     roughness: float = Field(0.03, gt=0, lt=1)
-    """Length of the logarithmic law, m; 0.03 of grass"""
+    """Roughness length of the logarithmic law, m; that of grass is 0.03"""
     veer: Degrees = 0.0
     """Clockwise turn with height, degrees/m"""
     turn: Degrees = 0.0
@@ -285,7 +286,7 @@ class Moment(Section):
     """A coloured moment on the body, whatever the wind."""
 
     axis: Axis = "roll"
-    """It turns the vehicle about"""
+    """Axis about which it turns the vehicle"""
     sd: Size
     """Standard deviation, N m"""
     s: Kernel
@@ -297,9 +298,9 @@ class Doublets(Section):
 
     kind: Literal["doublets"]
     axis: Axis | Literal["all"] = "roll"
-    """What is asked for: an angle of roll or pitch, a rate of yaw, or all three, one after another."""
+    """Axis of the demand: an angle of roll or pitch, a rate of yaw, or all three, one after another"""
     amplitude: Angle = 8.0
-    """Of roll or pitch, degrees; of the yaw rate, degrees/s"""
+    """Amplitude, degrees of roll or pitch, degrees/s of the yaw rate"""
     width: Positive = 0.4
     """Seconds to each side; at most half of the period"""
     period: Positive = 5.0
@@ -311,13 +312,13 @@ class Chirp(Section):
 
     kind: Literal["chirp"]
     axis: Axis = "roll"
-    """What is asked for: an angle of roll or pitch, or a rate of yaw"""
+    """Axis of the demand: an angle of roll or pitch, or a rate of yaw"""
     amplitude: Angle = 3.0
-    """Of roll or pitch, degrees; of the yaw rate, degrees/s"""
+    """Amplitude, degrees of roll or pitch, degrees/s of the yaw rate"""
     lowest: Frequency = 0.2
-    """Hz, at the beginning"""
+    """Frequency at the beginning, Hz"""
     highest: Frequency = 5.0
-    """Hz, at the end"""
+    """Frequency at the end, Hz"""
     period: Positive = 20.0
     """Seconds from one to the next"""
 
@@ -327,13 +328,13 @@ class Multisine(Section):
 
     kind: Literal["multisine"]
     axis: Axis | Literal["all"] = "roll"
-    """What is asked for: an angle of roll or pitch, a rate of yaw, or all three, with every third sine each."""
+    """Axis of the demand: an angle of roll or pitch, a rate of yaw, or all three, with every third sine each"""
     sd: Angle = 2.0
-    """Standard deviation of an axis's sines together: of roll and pitch, degrees; of the yaw rate, degrees/s."""
+    """Standard deviation of the sum of an axis's sines, degrees of roll and pitch, degrees/s of the yaw rate"""
     lowest: Frequency = 0.2
-    """Hz; at least one turn in a period"""
+    """Lowest frequency, Hz; at least one cycle in a period"""
     highest: Frequency = 5.0
-    """Hz"""
+    """Highest frequency, Hz"""
     period: Positive = 20.0
     """Seconds after which they repeat"""
 
@@ -343,38 +344,38 @@ class Steps(Section):
 
     kind: Literal["steps"]
     distance: Positive = 2.0
-    """To the right, m"""
+    """Distance to the right, m"""
     period: Positive = 6.0
     """Seconds from one to the next"""
 
 
 class Sticks(Section):
-    """A pilot's sticks: irregular demands, slow as a hand is; RC_CHANNELS shows them."""
+    """A pilot's sticks: irregular demands, as slow as a hand; RC_CHANNELS shows them."""
 
     kind: Literal["sticks"]
     axis: Axis | Literal["all"] = "roll"
-    """What is asked for: an angle of roll or pitch, a rate of yaw, or all three, independently."""
+    """Axis of the demand: an angle of roll or pitch, a rate of yaw, or all three, independently"""
     sd: Angle = 4.0
-    """Standard deviation of each axis's demand: of roll and pitch, degrees; of the yaw rate, degrees/s."""
+    """Standard deviation of each axis' demand, degrees of roll and pitch, degrees/s of the yaw rate"""
     s: Kernel = 0.25
-    """Of the kernel of the demand, s, as of a gaussian wind; its power falls to half at 0.13/s Hz."""
+    """Standard deviation of the demand's kernel, s, as of a gaussian wind; its power falls to half at 0.13/s Hz."""
 
 
 class Move(Section):
     """A leg, a climb and a turn at once, from where the move before ended, and the hover after it."""
 
     north: Metres = 0.0
-    """Of the leg, m"""
+    """Distance of the leg to the north, m"""
     east: Metres = 0.0
-    """Of the leg, m"""
+    """Distance of the leg to the east, m"""
     up: Metres = 0.0
-    """Of the climb, m"""
+    """Height of the climb, m"""
     speed: Positive = 4.0
-    """Along the leg, m/s; it begins and brakes with 2.5 m/s²"""
+    """Speed along the leg, m/s; it begins and brakes with 2.5 m/s²"""
     turn: float = Field(0.0, ge=-3600, le=3600)
-    """Of the heading, degrees clockwise"""
+    """Turn of the heading, degrees clockwise"""
     rate: Positive = 30.0
-    """Of the turn, degrees/s"""
+    """Rate of the turn, degrees/s"""
     hover: NotNegative = 3.0
     """Seconds of hover after it"""
 
@@ -410,31 +411,31 @@ class Sensors(Section):
 
 
 class Shaking(Section):
-    """What whole rotors and the frame shake the gyro with, before its filters."""
+    """Vibration of the gyro, before its filters, by sound rotors and by the frame."""
 
     gyro: Size = 0.0
     """Amplitude about each axis by each rotor in hover, rad/s"""
     balance: Share = 0.5
-    """Share of it once a turn, by rotors out of balance; the rest by each blade"""
+    """Share of it at once per turn, by rotors out of balance; the rest is once per blade"""
     blades: int = Field(2, ge=2, le=8)
-    """Of each rotor."""
+    """Number of blades of each rotor"""
     frame: Size = 0.0
     """Frequency at which the frame resonates, Hz; 0: it does not"""
     frame_gyro: Size = 0.0
-    """Standard deviation of the gyro by that, rad/s"""
+    """Standard deviation of the gyro by the frame's resonance, rad/s"""
 
 
 class StreamSpec(Section):
     """What the autopilot sends."""
 
     autopilot: Literal["px4", "ardupilot"] = "px4"
-    """Whose messages, units and parameters."""
+    """Autopilot whose messages, units and parameters are sent"""
     rate: float = Field(100.0, ge=0.1, le=400)
-    """Hz of attitude and of motor outputs; other messages that come often come at a quarter of it."""
+    """Rate of attitude and of motor outputs, Hz; other frequent messages come at a quarter of it."""
     rates: dict[str, Annotated[float, Field(ge=0, le=1000)]] = {}
-    """Hz by the name of a message, instead: {ATTITUDE = 50, SYS_STATUS = 1}; 0: not until it is asked for."""
+    """Rates by the name of a message, Hz, as {ATTITUDE = 50, SYS_STATUS = 1}; 0: only after a request."""
     only_when_asked: bool = False
-    """Whether only HEARTBEAT and what ``rates`` names comes unasked, as where ArduPilot's SRn_ parameters are 0."""
+    """Whether all but HEARTBEAT and ``rates`` comes only after a request, as where ArduPilot's SRn_ are 0"""
     system: int = Field(1, ge=1, le=250)
     """Its MAVLink system id"""
     instruments: bool = False
@@ -447,9 +448,9 @@ class Faults(Section):
     loss: Share = 0.0
     """Share of the messages that are lost"""
     delay: Size = 0.0
-    """Seconds that each is late"""
+    """Delay of each message, s"""
     jitter: Size = 0.0
-    """Up to so many seconds more"""
+    """Largest further random delay, s"""
     reordered: Share = 0.0
     """Share of the messages that are overtaken by the one after"""
     reboot: Annotated[Positive | None, OR_INF] = None
@@ -457,11 +458,11 @@ class Faults(Section):
     outage: Annotated[Positive | None, OR_INF] = None
     """Seconds into the flight at which the link is lost, in both directions; inf: never."""
     outage_seconds: Positive = 10.0
-    """Seconds until it is back"""
+    """Seconds until the link is back"""
     clock_jump: Annotated[Positive | None, OR_INF] = None
     """Seconds into the flight at which the boot clock jumps ahead, as a paused simulator's does; inf: never."""
     clock_jump_seconds: Positive = 300.0
-    """How far it jumps"""
+    """Seconds by which the clock jumps"""
     mavproxy_rate: Size = 0.0
     """Hz to which another ground station sets all streams every 15 s, as MAVProxy does with 4; 0: there is none."""
 
@@ -480,21 +481,21 @@ class Scenario(Section):
     """A flight from arming to disarming: climb, hover with the excitation and in the wind given, land."""
 
     description: str = ""
-    """One sentence about it"""
+    """One sentence about the scenario"""
     duration: float = Field(60.0, ge=15, le=MAX_SECONDS)
     """Seconds from arming to disarming"""
     flights: int = Field(1, ge=1, le=100)
-    """How often it takes off, each time for the duration; faults count from the first."""
+    """Number of take-offs, each for the duration; faults count from the first."""
     height: float = Field(5.0, gt=0.5, le=100)
-    """Of the hover, m"""
+    """Height of the hover, m"""
     seed: int = Field(0, ge=0, lt=2**32)
     """Random seed"""
     vehicle: VehicleSpec = VehicleSpec()
     wind: Annotated[tuple[Wind, ...], Field(max_length=MAX_WINDS)] = ()
-    """Summed"""
+    """Several are added up"""
     profile: Profile = Profile()
     moments: Annotated[tuple[Moment, ...], Field(max_length=MAX_WINDS)] = ()
-    """Summed"""
+    """Several are added up"""
     excitation: Excitation | None = None
     sensors: Sensors = Sensors()
     shaking: Shaking = Shaking()

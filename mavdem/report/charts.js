@@ -3,26 +3,26 @@
 (() => {
   const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const tints = ["#1f7ad633", "#12997a33", "#b5852a33", "#9461d133"], groups = {}, edge = 12;
-  // As many digits as tell ticks apart that are a step from each other.
+  // The number as text, with as many digits as are needed to distinguish ticks that are a step apart.
   const digits = (value, step = 0) => {
     if (value == null) return "";
     const size = Math.abs(value), most = Math.max(4, size && step ? Math.min(Math.floor(Math.log10(size / step)) + 3, 12) : 0);
     const text = size && (size < 1e-3 || size >= 1e6) ? value.toExponential(size < 1e-3 ? 0 : 2).replace("e+", "e") : Number(value.toPrecision(most)).toString();
     return text.replaceAll("-", "−");
   };
-  // Of a logarithmic axis 1, 2 and 5 of each power of ten, or where these are many the powers alone.
-  const plain = (_, splits) => {
-    const known = splits.filter(value => value > 0), crowded = root.classList.contains("printing") ? 2 : 1;
-    const decades = crowded * Math.log10(known.at(-1) / known[0]);
-    const kept = decades > 6 ? [0] : decades > 2 ? [1] : [1, 2, 5];
+  // Ticks of a logarithmic axis that get a label: 1, 2 and 5 times each power of ten, or the powers alone if many.
+  const labelledSplits = (_, splits) => {
+    const positive = splits.filter(value => value > 0), crowded = root.classList.contains("printing") ? 2 : 1;
+    const decades = crowded * Math.log10(positive.at(-1) / positive[0]);
+    const labelledDigits = decades > 6 ? [0] : decades > 2 ? [1] : [1, 2, 5];
     return splits.map(value => {
       const power = Math.floor(Math.log10(value) + 1e-9), size = value / 10 ** power, digit = Math.round(size);
       if (Math.abs(size - digit) > 0.01) return null;
-      return (decades > 6 ? digit === 1 && power % 2 === 0 : kept.includes(digit)) ? value : null;
+      return (decades > 6 ? digit === 1 && power % 2 === 0 : labelledDigits.includes(digit)) ? value : null;
     });
   };
-  // Those of uPlot begin at the least value, and above 1 none of them need be round.
-  const multiples = (_, axis, min, max) => {
+  // Ticks of a logarithmic axis at round values: uPlot's own begin at the least value.
+  const logarithmicSplits = (_, axis, min, max) => {
     const splits = [];
     for (let power = Math.floor(Math.log10(min)); 10 ** power <= max; power++)
       for (let digit = 1; digit < 10; digit++) splits.push(digit * 10 ** power);
@@ -43,8 +43,8 @@
     const canvas = Object.assign(document.createElement("canvas"), { width: rows, height: columns });
     const image = new ImageData(rows, columns);
     bytes.forEach((level, i) => {
-      const place = 4 * ((columns - 1 - i % columns) * rows + Math.floor(i / columns));
-      image.data.set([31, 122, 214, level], place);
+      const byteIndex = 4 * ((columns - 1 - i % columns) * rows + Math.floor(i / columns));
+      image.data.set([31, 122, 214, level], byteIndex);
     });
     canvas.getContext("2d").putImageData(image, 0, 0);
     return canvas;
@@ -58,7 +58,7 @@
     group.span = [min, max];
   };
 
-  const behind = (data, chart) => {
+  const drawBackground = (data, chart) => {
     const { ctx, bbox } = chart, ratio = devicePixelRatio, at = x => chart.valToPos(x, "x", true), strip = !data.lines.length;
     const names = [...new Set(data.spans.map(span => span[2]))];
     ctx.save();
@@ -95,20 +95,20 @@
   };
 
   // Whiskers of dots, stems, and names of marks, which no grid crosses.
-  const over = (data, chart) => {
+  const drawForeground = (data, chart) => {
     const { ctx, bbox } = chart, ratio = devicePixelRatio;
     ctx.save();
     ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
     // Dots of several lines stand beside each other where things are counted.
-    const apart = data.x.names.length ? 9 * ratio : 0, dots = data.lines.filter(line => line.kind === "dots");
+    const dotDistance = data.x.names.length ? 9 * ratio : 0, dots = data.lines.filter(line => line.kind === "dots");
     for (const line of data.lines) {
       const stems = line.kind === "stems";
       if (!stems && line.kind !== "dots") continue;
-      const beside = stems ? 0 : apart * (dots.indexOf(line) - (dots.length - 1) / 2);
+      const offset = stems ? 0 : dotDistance * (dots.indexOf(line) - (dots.length - 1) / 2);
       ctx.strokeStyle = line.colour; ctx.lineWidth = (stems ? 1.6 : 1.1) * ratio;
       data.columns.forEach((x, i) => {
         if (line.y[i] == null) return;
-        const left = chart.valToPos(x, "x", true) + beside;
+        const left = chart.valToPos(x, "x", true) + offset;
         ctx.beginPath();
         if (!stems) {
           ctx.fillStyle = line.colour;
@@ -124,20 +124,20 @@
     }
     ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textAlign = "left"; ctx.textBaseline = "top";
     ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio;
-    if (apart) ctx.textAlign = "center";
+    if (dotDistance) ctx.textAlign = "center";
     for (const [i, [x, name, fill]] of data.marks.entries()) {
-      // one below the other, as they may stand close; of what is counted none does
-      const [beside, below] = apart ? [0, 0] : [3, 12 * i];
-      const place = [name, chart.valToPos(x, "x", true) + beside * ratio, bbox.top + (3 + below) * ratio];
-      ctx.strokeText(...place); ctx.fillStyle = fill; ctx.fillText(...place);
+      // Names of marks stand one below the other, since marks may be close together; on an axis of names none are.
+      const [right, down] = dotDistance ? [0, 0] : [3, 12 * i];
+      const textAndPosition = [name, chart.valToPos(x, "x", true) + right * ratio, bbox.top + (3 + down) * ratio];
+      ctx.strokeText(...textAndPosition); ctx.fillStyle = fill; ctx.fillText(...textAndPosition);
     }
     ctx.restore();
   };
 
   const series = (line, lines) => {
     // Where lines lie over each other, each shines through.
-    const many = lines > 3 && line.kind === "line";
-    const drawn = { label: line.name, stroke: line.colour + (many ? "c0" : ""), width: many ? 1 : 1.3, scale: line.right ? "beside" : "y", points: { show: false },
+    const isOneOfMany = lines > 3 && line.kind === "line";
+    const drawn = { label: line.name, stroke: line.colour + (isOneOfMany ? "c0" : ""), width: isOneOfMany ? 1 : 1.3, scale: line.right ? "beside" : "y", points: { show: false },
       value: (_, value) => digits(value) };
     if (line.kind === "dashes") drawn.dash = [5, 4];
     if (line.kind === "dots" || line.kind === "stems") drawn.paths = () => null;
@@ -160,8 +160,8 @@
 
   const height = (figure, data) => {
     if (!data.lines.length) return 26;
-    const usual = figure.dataset.flat != null ? 104 : root.classList.contains("printing") ? 125 : 190, bare = figure.dataset.bare != null;
-    return Math.round(usual * (root.classList.contains("printing") ? 0.52 : 1)) + (bare ? 0 : 34);
+    const usualHeight = figure.dataset.flat != null ? 104 : root.classList.contains("printing") ? 125 : 190, bare = figure.dataset.bare != null;
+    return Math.round(usualHeight * (root.classList.contains("printing") ? 0.52 : 1)) + (bare ? 0 : 34);
   };
 
   const draw = figure => {
@@ -182,28 +182,28 @@
       columns.push(line.y);
       drawn.push(series(line, data.lines.length));
     }
-    const grid = { stroke: () => colour("--line"), width: 1 }, none = (_, splits) => splits.map(() => "");
+    const grid = { stroke: () => colour("--line"), width: 1 }, noLabels = (_, splits) => splits.map(() => "");
     const space = () => root.classList.contains("printing") ? 10 : figure.dataset.flat != null ? 16 : 30;
     const width = (_, texts) => Math.max(50, ...(texts ?? []).filter(text => text?.length > 6).map(text => 14 + 7.2 * text.length));
     const base = { stroke: () => colour("--ink"), font: font(), grid, ticks: grid, labelFont: font(), labelSize: 16, labelGap: 0 };
     const shown = axis => axis.names.length
       ? { splits: () => axis.names.map((_, i) => i), values: (_, splits) => splits.map(i => axis.names[i]) }
-      : axis.log ? { splits: multiples, filter: plain, grid: { ...grid, filter: plain }, ticks: { ...grid, filter: plain }, values: (_, splits) => splits.map(value => value == null ? null : digits(value)) } : { values: (_, splits, axis, space, step) => splits.map(value => digits(value, step)) };
-    // The last name stands about its tick, half of it beyond.
-    const beyond = data.beside ? 0 : edge + 2 * (data.x.names.at(-1)?.length ?? 0);
+      : axis.log ? { splits: logarithmicSplits, filter: labelledSplits, grid: { ...grid, filter: labelledSplits }, ticks: { ...grid, filter: labelledSplits }, values: (_, splits) => splits.map(value => value == null ? null : digits(value)) } : { values: (_, splits, axis, space, step) => splits.map(value => digits(value, step)) };
+    // The last name is centred on its tick, so that half of it needs room to the right.
+    const rightPadding = data.beside ? 0 : edge + 2 * (data.x.names.at(-1)?.length ?? 0);
     const options = {
       width: figure.clientWidth, height: height(figure, data), series: drawn, bands,
-      padding: [strip ? 2 : 6, beyond, bare ? (strip ? 0 : 6) : 0, 0],
+      padding: [strip ? 2 : 6, rightPadding, bare ? (strip ? 0 : 6) : 0, 0],
       scales: { x: scale(data.x, false), y: scale(data.y, true), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
       axes: [
-        { ...base, ...shown(data.x), size: bare ? 0 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: none } : {}) },
-        { ...base, ...(strip ? { values: none, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: width, space },
+        { ...base, ...shown(data.x), size: bare ? 0 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: noLabels } : {}) },
+        { ...base, ...(strip ? { values: noLabels, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: width, space },
         ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 52, space, grid: { show: false }, label: data.beside.label }] : []),
       ],
       legend: { show: !strip && !data.picture && data.lines.filter(line => line.name).length > 1, markers: { width: 2 } },
       cursor: { y: false, ...(data.group ? { sync: { key: data.group } } : {}), drag: { x: !!data.group, y: false } },
       hooks: {
-        drawClear: [chart => behind(data, chart)], draw: [chart => over(data, chart)],
+        drawClear: [chart => drawBackground(data, chart)], draw: [chart => drawForeground(data, chart)],
         setScale: [(chart, key) => key === "x" && group && group.charts.includes(chart) && zoom(group, chart.scales.x.min, chart.scales.x.max)],
       },
     };

@@ -30,35 +30,43 @@ from mavdem.report.blocks import Table, markdown
 from mavdem.serve.index import Entry, insert_entry
 from mavdem.serve.library import Library
 
-PATIENCE_SECONDS = 600.0  # s, in which a log that was dropped must have its page
+PATIENCE_SECONDS = 600.0
+"""Longest time until an uploaded log has its page, s."""
+
 get = partial(requests.get, timeout=60)
+"""Sends a GET request."""
 
 
 class Served(NamedTuple):
     """A running server."""
 
     process: subprocess.Popen[bytes]
+    """The process of the server."""
+
     address: str
+    """Its URL, without a path."""
 
     def flights(self, search: str = "") -> Any:
+        """Returns the JSON document of the flights that a search finds."""
         return get(f"{self.address}/api/flights", {"q": search, "limit": "1000"}).json()
 
     def upload(self, name: str, content: bytes) -> int:
+        """Uploads a log, and returns the HTTP status of the response."""
         files = {"filearg": (name, content)}
         return requests.post(f"{self.address}/api/logs", files=files, timeout=60).status_code
 
     def timed(self, path: str) -> tuple[int, float]:
-        """The status of a page, and how long it took, s."""
+        """Returns the HTTP status of a page, and the time until it came, s."""
         began = time.perf_counter()
         return get(self.address + path).status_code, time.perf_counter() - began
 
     def wait_for(self, done: int) -> None:
-        """Waits until so many logs are read."""
+        """Waits until a number of logs are read."""
         until(lambda: self.flights("stage:done")["total"] == done)
 
     @property
     def megabytes(self) -> float:
-        """Of the process that answers, now."""
+        """Resident memory of the server's main process, MB."""
         text = Path(f"/proc/{self.process.pid}/status").read_text()
         resident = text.split("VmRSS:")[1]
         return int(resident.split()[0]) / 1024
@@ -66,6 +74,7 @@ class Served(NamedTuple):
 
 @contextmanager
 def served(folder: str) -> Iterator[Served]:
+    """Runs a server on a folder within its block."""
     port = free_port()
     words = f"-m mavdem serve --port {port} --no-browser --jobs 2".split()
     process = subprocess.Popen([sys.executable, *words, folder], stderr=subprocess.DEVNULL)
@@ -79,7 +88,11 @@ def served(folder: str) -> Iterator[Served]:
 
 
 def until(holds: Callable[[], bool]) -> None:
-    """Waits until something holds."""
+    """Waits until a condition holds; a server that does not answer yet counts as not.
+
+    Raises:
+        TimeoutError: it does not hold within ``PATIENCE_SECONDS``.
+    """
     began = time.perf_counter()
     while time.perf_counter() - began < PATIENCE_SECONDS:
         with suppress(requests.RequestException):
@@ -89,16 +102,18 @@ def until(holds: Callable[[], bool]) -> None:
     raise TimeoutError
 
 
-def other(content: bytes, number: int) -> bytes:
-    """The same log with other bytes: what follows a tlog's last message is not read."""
+def distinct_log(content: bytes, number: int) -> bytes:
+    """Returns the same log with another digest: what follows the last message of a tlog is not read."""
     return content + number.to_bytes(8, "big")
 
 
 def report(rows: list[list[str]]) -> None:
+    """Prints rows of two columns as a Markdown table."""
     click.echo(markdown([Table(["what", "figure"], rows)]))
 
 
 def percentiles(seconds: list[float]) -> str:
+    """Returns median and 99 % quantile of times in s, as text in ms."""
     hundredths = quantiles(seconds, n=100)
     return f"{1e3 * hundredths[49]:.0f} ms, p99 {1e3 * hundredths[98]:.0f} ms"
 
@@ -162,27 +177,30 @@ def load_command(log: Path) -> None:
                     time.sleep(chance.uniform(0.0, 1.0))
 
         def upload(number: int) -> int:
-            return server.upload(f"{number}.tlog", other(content, number))
+            return server.upload(f"{number}.tlog", distinct_log(content, number))
 
         began = time.perf_counter()
         with ThreadPoolExecutor(20) as readers, ThreadPoolExecutor(10) as clients:
             for _ in range(20):
                 readers.submit(read)
             uploads = list(clients.map(upload, range(50)))
-            most = server.megabytes
+            megabytes_after_uploads = server.megabytes
             server.wait_for(51)
-            took = time.perf_counter() - began
-            most = max(most, server.megabytes)
+            reading_seconds = time.perf_counter() - began
+            max_megabytes = max(megabytes_after_uploads, server.megabytes)
             is_over = True
-    wrong = [status for status, _ in pages if status != 200]
-    wrong += [status for status in uploads if status != 201]
+    errors = [status for status, _ in pages if status != 200]
+    errors += [status for status in uploads if status != 201]
     seconds = [taken for _, taken in pages]
     report(
         [
             ["a page, 20 readers", f"{percentiles(seconds)} of {len(pages)}"],
-            ["answers that were errors", str(len(wrong))],
-            ["the most memory of the server", f"{most:.0f} MB"],
-            ["the 50 logs were read in", f"{took:.0f} s, {50 / took:.1f} a second"],
+            ["answers that were errors", str(len(errors))],
+            ["the most memory of the server", f"{max_megabytes:.0f} MB"],
+            [
+                "the 50 logs were read in",
+                f"{reading_seconds:.0f} s, {50 / reading_seconds:.1f} a second",
+            ],
         ]
     )
 
@@ -191,13 +209,13 @@ def load_command(log: Path) -> None:
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--times", default=20)
 def kill_command(log: Path, times: int) -> None:
-    """Kills the server again and again, and counts what it had acknowledged."""
+    """Kills the server again and again during uploads, and counts the acknowledged uploads that are lost."""
     content = log.read_bytes()
     chance = random.Random(1)
     acknowledged = set()
 
     def upload(server: Served, number: int) -> None:
-        body = other(content, number)
+        body = distinct_log(content, number)
         with suppress(requests.RequestException):
             if server.upload(f"{number}.tlog", body) == 201:
                 acknowledged.add(hashlib.sha256(body).hexdigest())
@@ -211,11 +229,11 @@ def kill_command(log: Path, times: int) -> None:
                 server.process.kill()
         with served(folder) as server:
             server.wait_for(server.flights()["total"])
-        there = {path.name for path in Path(folder, "logs").iterdir()}
+        stored = {path.name for path in Path(folder, "logs").iterdir()}
     report(
         [
             ["uploads that were acknowledged", str(len(acknowledged))],
-            ["of them lost", str(len(acknowledged - there))],
+            ["of them lost", str(len(acknowledged - stored))],
         ]
     )
 
