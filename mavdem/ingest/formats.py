@@ -21,6 +21,7 @@ from mavdem.log_formats import (
     FORMAT_SIGNATURES,
     PX4_LOG_ENDING,
     UNREAD_LOG_ENDINGS,
+    ZIP_ENDING,
     Format,
 )
 
@@ -86,7 +87,8 @@ PLAUSIBLE_STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)
 def looks_like_log(path: AnyPath) -> bool:
     """Returns whether a file is a log, by its name or else by its first bytes; it need not be readable.
 
-    A zip archive of several logs counts as one, and so do logs of PX4 that are not read, so that they are reported.
+    A zip archive that is damaged or of several logs counts as one, and so do logs of PX4 that are not read. So they are
+    reported.
 
     This is the quick test for files in a folder. A MAVLink marker alone proves little, so a telemetry log under another
     name must also begin with a plausible receive stamp.
@@ -97,8 +99,10 @@ def looks_like_log(path: AnyPath) -> bool:
     try:
         beginning = file_beginning(name)
     except Unreadable as error:
-        figures = error.fact.figures
-        return error.fact.code is Source.ARCHIVE_WITHOUT_ONE_LOG and bool(figures["count"])
+        refusal = error.fact
+        if refusal.code is Source.ARCHIVE_WITHOUT_ONE_LOG:
+            return bool(refusal.figures["count"])
+        return refusal.code is Source.ARCHIVE_DAMAGED and name.lower().endswith(ZIP_ENDING)
     stamp = int.from_bytes(beginning[:STAMP_BYTES], "big")
     if stamp in PLAUSIBLE_STAMPS and beginning.startswith(MARKERS, STAMP_BYTES):
         return True

@@ -126,6 +126,7 @@ def with_password(content):
 def test_a_zip_archive_that_cannot_be_unpacked_is_refused(spoil, tmp_path):
     fact = refusal(spoil(zipped({"flight.ulg": LOG})), tmp_path, "flight.zip")
     assert fact.code is Source.ARCHIVE_DAMAGED and "zip" in str(fact)
+    assert looks_like_log(tmp_path / "flight.zip")
 
 
 def test_a_zip_archive_that_unpacks_without_end_is_refused(tmp_path, monkeypatch):
