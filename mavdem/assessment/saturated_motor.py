@@ -12,16 +12,26 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.attitude_error import attitude_error
-from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, max_sink_rate
+from mavdem.assessment.flights import (
+    RECOVERY_SECONDS,
+    flights_in_boot,
+    height_in_flight,
+    max_sink_rate,
+)
 from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.confidence import Interval
-from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.intervals import Intervals, in_intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.dataset.phases import MAX_SETPOINT_DELAY, MIN_CLIMB_SPEED, series_of_boot
+from mavdem.dataset.phases import (
+    MAX_GROUND_HEIGHT,
+    MAX_SETPOINT_DELAY,
+    MIN_CLIMB_SPEED,
+    series_of_boot,
+)
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
-from mavdem.facts.ending import MotionEvent
+from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.motors import InFlight
 from mavdem.motors.saturation import most_limited_motors
 
@@ -62,15 +72,18 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
     motors = signals.motors
     if motors is None:
         return []
-    loss_time = inf
+    latest_start = inf
     if ending is not None and ending.time is not None:
-        loss_time = ending.time
+        latest_start = ending.time + LASTING_SECONDS
+        if ending.code is Ending.CRASHED:
+            # Motors fight an obstacle that turns the vehicle over, so that only earlier limits are evidence.
+            latest_start = ending.time - MAX_SETPOINT_DELAY
     losses = []
     for event in events:
         if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or event.time is None:
             continue
         is_of_ending = ending is not None and ending.figures.get("boot") == event.figures["boot"]
-        if is_of_ending and event.time > loss_time + LASTING_SECONDS:
+        if is_of_ending and event.time > latest_start:
             # Once a vehicle is lost, its controller saturates motors whatever they are worth.
             continue
         loss = _saturation_loss(signals, motors, event, is_lost=is_of_ending)
@@ -85,8 +98,8 @@ def _saturation_loss(
     """Returns that a motor at its limit lost thrust; None if the log does not show that.
 
     Its command must have been near those of the others before, and stand out from them at its limit. The limit must
-    last: to the end of the record, to the loss of the vehicle, or for ``RECOVERY_SECONDS``. The vehicle must lean
-    towards the motor, or sink.
+    last: to the end of the record, to the loss of the vehicle, or for ``RECOVERY_SECONDS``. The vehicle must be off the
+    ground, which else makes it lean, and lean towards the motor, or sink.
 
     Args:
         signals: of the vehicle.
@@ -101,10 +114,14 @@ def _saturation_loss(
     lasts = is_lost or end == inf or end - start >= RECOVERY_SECONDS
     if event.figures["duration"] < MIN_LIMIT_SECONDS or not lasts:
         return None
+    flights = flights_in_boot(signals, boot)
+    height = _height_at(signals, boot, flights, start)
+    if height is not None and height < MAX_GROUND_HEIGHT:
+        return None
     number = motors.geometry.names.index(event.subject)
     commands = motors.range_fractions(boot)
     rows = in_intervals(commands.time, [(start, end)])
-    is_in_flight = in_intervals(commands.time, flights_in_boot(signals, boot))
+    is_in_flight = in_intervals(commands.time, flights)
     is_before = is_in_flight & (commands.time < start - LASTING_SECONDS)
     if not is_before.any():
         return None
@@ -129,6 +146,21 @@ def _saturation_loss(
         duration=event.figures["duration"],
         boot=boot,
     )
+
+
+def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> float | None:
+    """Returns the height, m, above the take-off of the flight that holds a time; None where it is not known.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        flights: start and end of each flight of the boot, s.
+        time: s on the boot clock.
+    """
+    for flight in flights:
+        if in_intervals(time, [flight]):
+            return height_in_flight(signals, boot, flight, time)
+    return None
 
 
 def _excess(commands: Array, number: int) -> Array:

@@ -75,6 +75,7 @@ class Trim(Code):
     TRIM_OF_YAW = "trim_of_yaw"
     TRIM_OF_CENTRE = "trim_of_centre"
     TRIM_OF_ONE_MOTOR = "trim_of_one_motor"
+    TRIM_OF_LEADING_MOTOR = "trim_of_leading_motor"
     TRIM_OF_SEVERAL = "trim_of_several"
     TRIM_UNSURE = "trim_unsure"
     TRIM_UNKNOWN = "trim_unknown"

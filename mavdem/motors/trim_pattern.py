@@ -8,6 +8,7 @@ it may explain widens the intervals.
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.confidence import half_width
 from mavdem.containers import JsonValues
 from mavdem.dataset.signals import Signals
@@ -34,6 +35,9 @@ from mavdem.motors.thrust_loss import lost_thrust
 UNEVEN_QUADROTORS = {"healthy": 0.0, "motor": 1.0, "load": 5.0, "yaw": 11.0, "other": 6.0}
 """Prior weight of each pattern of an uneven trim: its number among 23 real quadrotors with uneven motors."""
 
+QUADROTOR_MOTORS = 4
+"""Number of motors of a vehicle on which a weak motor changes its own command only."""
+
 ALL_AXES = ("thrust", "roll", "pitch", "yaw")
 """Axes that a mixer must be known for before a pattern can be told from others."""
 
@@ -49,9 +53,11 @@ def trim_of_signals(signals: Signals) -> Fact | None:
 def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fact:
     """Judges whether motors work unevenly in one flight, and by which pattern: one motor, yaw or centre of gravity.
 
-    They work unevenly where the 90 % interval of some motor's deviation from the mean lies beyond ``FAULT_RISE``. There
-    is no healthy flight to compare with here: the flight is judged against a vehicle that is trimmed evenly. If some
-    interval is wider than ± ``FAULT_RISE``, an even trim is not claimed either.
+    They work unevenly where the 90 % interval of some motor's deviation from the mean lies beyond ``FAULT_RISE``; of a
+    quadrotor also where one motor leads alone (:func:`_leading_motor`).
+
+    There is no healthy flight to compare with here: the flight is judged against a vehicle that is trimmed evenly. If
+    some interval is wider than ± ``FAULT_RISE``, an even trim is not claimed either.
 
     Args:
         balance: Balance of the motors in one flight; None where it is not known.
@@ -84,6 +90,11 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
     if sure_deviations[worst_motor] <= FAULT_RISE:
         if half_widths.max() > FAULT_RISE:
             return Fact(Trim.TRIM_UNSURE, **figures)
+        leading_motor = _leading_motor(deviations, half_widths)
+        if leading_motor is not None:
+            return Fact(
+                Trim.TRIM_OF_LEADING_MOTOR, subject=geometry.names[leading_motor], **figures
+            )
         # A trim of the vehicle in the opposite direction may have hidden a loss.
         own_rise_ratio = np.diag(allocation @ signatures.mixer_rows[1:])
         hidden_rises = (FAULT_RISE + deviations + half_widths) / own_rise_ratio
@@ -93,6 +104,28 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
     deviation = Deviation(level_balance, scale, PRIOR_BALANCE_FREEDOM, lean)
     hypotheses = ChangeHypotheses(signatures, UNEVEN_QUADROTORS)
     return _uneven_trim(hypotheses, deviation, geometry, figures)
+
+
+def _leading_motor(deviations: Array, half_widths: Array) -> int | None:
+    """Returns the one motor of a quadrotor that works harder than the mean while every other works less.
+
+    That is what a weak motor or propeller looks like, and also a load that lies towards the motor; a twisted arm makes
+    two motors work harder. So this pattern is to be watched where a fault is more probable than not, with the estimate
+    beyond ``FAULT_RISE``, and where it is sure to be beyond half of that.
+
+    Args:
+        deviations: (k,) deviation of each motor's command from the mean, as a fraction of it.
+        half_widths: (k,) half widths of their 90 % intervals.
+
+    Returns:
+        Its index; None where no motor leads alone.
+    """
+    motor = int(np.argmax(deviations))
+    others = np.delete(deviations, motor)
+    is_alone = len(deviations) == QUADROTOR_MOTORS and bool((others < 0).all())
+    is_fault_probable = deviations[motor] > FAULT_RISE
+    is_sure = deviations[motor] - half_widths[motor] > FAULT_RISE / 2
+    return motor if is_alone and is_fault_probable and is_sure else None
 
 
 def _uneven_trim(

@@ -8,7 +8,8 @@ from pytest import approx, mark
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.saturated_motor import saturation_losses
 from mavdem.dataset.signals import Signals
-from mavdem.facts.ending import MotionEvent
+from mavdem.facts import Fact
+from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.motors import InFlight
 from mavdem.ingest.vocabulary import attitude_target, quaternion
 
@@ -55,9 +56,9 @@ def sinking(made, speed):
     return changed(made, "LOCAL_POSITION_NED", vz=vz, z=position["z"] + np.cumsum(vz > 0) * 0.1)
 
 
-def losses(made):
+def losses(made, ending=None):
     signals = Signals(made, inputs="motors")
-    return saturation_losses(signals, motion_events(signals), None)
+    return saturation_losses(signals, motion_events(signals), ending)
 
 
 @mark.parametrize("motor", range(4))
@@ -88,6 +89,13 @@ def test_a_limit_that_holds_the_vehicle_is_no_loss():
 
 def test_a_lean_to_another_side_is_no_loss_of_that_motor():
     assert not losses(leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[0], 15.0))
+
+
+def test_a_limit_just_before_an_impact_is_no_loss():
+    made = leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0)
+    impact = Fact(Ending.CRASHED, time=SATURATES + 0.5, boot=0)
+    assert not losses(made, impact)
+    assert losses(made, impact.but(time=SATURATES + 5.0))
 
 
 def test_a_short_limit_is_no_loss():

@@ -4,8 +4,9 @@ import numpy as np
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
+from mavdem.dataset.quality import samples_at_limits
 from mavdem.ingest.motors import OutputDriver
-from mavdem.ingest.output_scale import output_scale
+from mavdem.ingest.output_scale import UNKNOWN_SCALE, output_scale
 
 OF_MAIN = [OutputDriver("PWM_MAIN", n) for n in range(1, 5)]
 
@@ -119,3 +120,24 @@ def test_ardupilots_motors_stop_where_its_version_lets_them(parameters, highest)
 def test_without_pulses_a_motor_is_off():
     scale = output_scale(np.array([[0.0, 1000.0, 2000.0]]), {})
     assert_allclose(scale.fraction(np.array([0.0, 900.0, 1500.0])), [0.0, -0.1, 0.5])
+
+
+def test_pulses_of_px4_beyond_its_default_range_have_no_known_limit():
+    pulses = np.linspace(1000.0, 2150.0, 200)
+    drivers = [OutputDriver("PWM_MAIN", channel) for channel in range(1, 5)]
+    scale = output_scale(pulses, {}, drivers)
+    at_upper, _ = samples_at_limits(scale.fraction(pulses), scale)
+    assert not at_upper.any()
+    # Within the default range its end is the limit.
+    usual = np.minimum(pulses, 2000.0)
+    scale = output_scale(usual, {}, drivers)
+    at_upper, _ = samples_at_limits(scale.fraction(usual), scale)
+    assert at_upper.any()
+
+
+def test_outputs_whose_range_nothing_says_have_no_limit():
+    outputs = np.linspace(0.0, 20_000.0, 200)
+    scale = output_scale(outputs, {})
+    assert scale.name == UNKNOWN_SCALE
+    at_upper, _ = samples_at_limits(scale.fraction(outputs), scale)
+    assert not at_upper.any()

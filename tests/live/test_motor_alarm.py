@@ -13,12 +13,14 @@ from pytest import approx, fixture, mark
 from mavdem.assessment.axis.analysis import motor_alarms
 from mavdem.dataset.signals import Signals
 from mavdem.experiments.paper.flights import write_log
+from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Session, Spent
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream, SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.live.motor_alarms import MotorAlarms
+from mavdem.motors.motor_changes import thrust_losses
 from mavdem.report.live import live_report
 from mavdem.report.templates import render_section
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, VehicleSpec
@@ -73,14 +75,17 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
 
 @dataclass(frozen=True)
 class Trimmed(Hover):
-    """Motor 1 is commanded by ``trim`` µs more than the others, and by ``rise`` more from 30 s on."""
+    """Motor 1 is commanded by ``trim`` µs more than the others, and by ``rise`` more from 30 s on, up to ``until``."""
 
     trim: float = 0.0
     rise: float = 0.0
+    until: float = np.inf
 
     def motors(self, t):
         outputs = super().motors(t)
-        outputs[:, 0] += (outputs[:, 0] > 1000) * (self.trim + self.rise * (t >= 30.0))
+        outputs[:, 0] += (outputs[:, 0] > 1000) * (
+            self.trim + self.rise * ((t >= 30.0) & (t < self.until))
+        )
         return outputs
 
 
@@ -99,6 +104,16 @@ def test_an_output_range_that_becomes_known_in_flight_is_no_motor_alarm():
     ]
     place = next(number for number, (time, _) in enumerate(frames) if time >= 30.0)
     assert replay(frames[:place] + sent + frames[place:]).stream.status().motor_alarms == ()
+
+
+def test_a_transient_is_no_loss_live_or_in_the_log():
+    frames = hovering(rise=150.0, until=35.0)
+    status = replay(frames).stream.status()
+    logged = motor_alarms(Signals(offline([frame for _, frame in frames])))
+    assert [change.is_weak for change in status.motor_alarms] == [True, False]
+    assert [change.is_weak for change in logged] == [True, False]
+    assert thrust_losses(status.motor_alarms) == thrust_losses(logged) == []
+    assert [fact.code for fact in status.active_alarms] == [InFlight.MOTOR_RECOVERED]
 
 
 def test_an_alarm_is_of_its_flight_and_of_its_boot():

@@ -68,6 +68,22 @@ def test_what_cannot_be_told_from_even_is_no_alarm():
         assert trim((0, 0, 0), error=share * known).code is code
 
 
+@mark.parametrize(
+    "share, error, code",
+    [
+        (1.05, 0.003, Trim.TRIM_OF_LEADING_MOTOR),
+        (0.95, 0.003, Trim.TRIM_EVEN),
+        # An estimate that may as well be half of it is none.
+        (1.05, 0.02, Trim.TRIM_EVEN),
+    ],
+)
+def test_one_motor_that_leads_alone_is_to_be_watched(share, error, code):
+    signature = motor_signatures(QUAD).weak_motor_balance[1, 1:]
+    fact = trim(share * FAULT_RISE / 0.75 * signature, error=error)
+    assert fact.code is code
+    assert fact.subject == (QUAD.names[1] if code is Trim.TRIM_OF_LEADING_MOTOR else "")
+
+
 def test_nothing_is_said_of_little_flight_or_without_the_places():
     assert trim_pattern(None, geometry()).code is Trim.TRIM_UNKNOWN
     for spins in ((), (0, 0)):  # not known, or turning nothing
