@@ -15,6 +15,7 @@ from mavdem.assessment.axis import LogAnalysis, analyse
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.responses import Responses, responses_of
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.instances import Instance, instances_of
 from mavdem.assessment.inventory import VehicleContents, inventory
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.lights.log import simulation_fact
@@ -108,6 +109,11 @@ class Assessment:
     def tracking(self) -> NamedFacts:
         """How roll, pitch and yaw follow their setpoints, by axis; empty if no vehicle was judged."""
         return {} if self.evidence is None else self.evidence.tracking
+
+    @cached_property
+    def instances(self) -> tuple[Instance, ...]:
+        """Every battery, estimator, sensor and output of the vehicle, with its range and state."""
+        return () if self.evidence is None else instances_of(self.evidence)
 
     @cached_property
     def responses(self) -> Responses:

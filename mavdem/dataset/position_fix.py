@@ -7,7 +7,7 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.time_series import float_column
-from mavdem.ingest.telemetry import Columns, Telemetry, last_values
+from mavdem.ingest.telemetry import Columns, Telemetry
 from mavdem.ingest.vocabulary import mavlink_constant
 
 FIX_3D = mavlink_constant("GPS_FIX_TYPE_3D_FIX")
@@ -60,7 +60,9 @@ def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
             continue
         is_recorded = True
         rows = rows[np.argsort(columns["time"][rows], kind="stable")]
-        has_fix |= last_values(time, columns["time"][rows], has_fix_by_row(columns)[rows]) > 0
+        # The last message counts, and before the first one that.
+        last_row = np.searchsorted(columns["time"][rows], time, side="right") - 1
+        has_fix |= has_fix_by_row(columns)[rows][np.maximum(last_row, 0)]
     if is_recorded:
         return has_fix
     return np.full(len(time), not _has_no_receiver(telemetry))

@@ -12,7 +12,13 @@ from mavdem.documents.loops import Loop
 from mavdem.documents.vehicle import Condition, Identity
 from mavdem.documents.wind import WindVelocity, reported_wind
 from mavdem.facts import Fact
-from mavdem.units import Hertz, Number, PowerDensityInStatedUnit, Seconds
+from mavdem.units import (
+    Hertz,
+    Number,
+    PowerDensityInStatedUnit,
+    Seconds,
+    ValueInStatedUnit,
+)
 from mavdem.vibration import spectra
 from mavdem.vibration.spectral_lines import SpectralLine
 
@@ -162,6 +168,27 @@ class Axis(Document):
     """how angle and rate follow their setpoints: RMS errors (rad, rad/s), delay (s), overshoot"""
 
 
+class Instance(Document):
+    """A battery, estimator, sensor or output of the vehicle."""
+
+    kind: str
+    """battery, estimator, sensor or output"""
+    name: str
+    """its name with its number"""
+    quantity: str
+    """what it measures"""
+    unit: str
+    """of low and high"""
+    low: ValueInStatedUnit
+    """lowest in flight"""
+    high: ValueInStatedUnit
+    """highest in flight"""
+    used_share: float | None
+    """share of the flight; null if unknown"""
+    state: Sentence
+    """what is known of it"""
+
+
 class Review(Document):
     """`--json` of review, and report.json."""
 
@@ -181,6 +208,8 @@ class Review(Document):
     """which vehicle it is; null where none was judged"""
     condition: Condition | None
     """figures of the vehicle that any rate shows"""
+    instances: list[Instance]
+    """all of them"""
     axes: dict[str, Axis]
     """roll, pitch and yaw"""
     wind: WindVelocity | None
@@ -214,6 +243,7 @@ def review_document(assessment: Assessment) -> JsonValues:
         "simulated": assessment.simulated,
         "identity": None if analysis is None else analysis.identity,
         "condition": None if analysis is None else analysis.condition,
+        "instances": assessment.instances,
         "axes": _axis_values(assessment),
         "wind": reported_wind(assessment),
         "model": None if assessment.model is None else report_document(assessment),

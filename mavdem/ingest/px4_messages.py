@@ -12,7 +12,7 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 from scipy.spatial.transform import Rotation, Slerp
 
-from mavdem.arrays import Array, Integers
+from mavdem.arrays import Array
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motor_geometry import MAX_PX4_ROTORS, motor_geometry
@@ -44,7 +44,6 @@ from mavdem.ingest.vocabulary import (
     PX4,
     STANDBY,
     TAKING_OFF,
-    EstimatorRatio,
     Injection,
     attitude_target,
     heartbeat_fields,
@@ -134,7 +133,7 @@ def servo_output_raw(topics: Topics) -> Fields:
             port = np.full(len(outputs), port_number, dtype=np.uint8)
             fields = {f"servo{n + 1}_raw": outputs[:, n] for n in range(PORT_OUTPUTS)}
             ports.append({"time": part["time"], "port": port, **fields})
-    return _in_time_order(ports)
+    return in_time_order(ports)
 
 
 def _used_outputs(topic: Columns) -> Array:
@@ -228,10 +227,10 @@ def attitude_target_messages(topics: Topics) -> Fields:
     if all(axis in rates for axis in axes):
         rate_setpoints = np.column_stack([rates[axis] for axis in axes]).astype(np.float64)
         parts.append({"time": rates["time"], **attitude_target(rate_setpoints)})
-    return _in_time_order(parts)
+    return in_time_order(parts)
 
 
-def _in_time_order(parts: Sequence[Columns]) -> Fields:
+def in_time_order(parts: Sequence[Columns]) -> Fields:
     """Joins tables of one message into one in the order of time; without any, it has no rows."""
     if not parts:
         return {"time": np.zeros(0)}
@@ -248,136 +247,6 @@ def renamed_message(topics: Topics, message: str) -> Fields:
             fields = translated_fields(topic, rule["fields"], rule.get("optional_fields"))
             return {"time": topic["time"], **fields}
     return {}
-
-
-def sys_status(topics: Topics) -> Fields:
-    """SYS_STATUS.hpp: the first connected instance of battery_status, with the decimals the message cuts off.
-
-    PX4 itself sends the connected battery with the least charge, which changes in flight. Beside the message's fields
-    there is ``charge_state``, that of BATTERY_STATUS, MAV_BATTERY_CHARGE_STATE.
-    """
-    batteries = _battery_instances(topics)
-    if not batteries:
-        return {}
-    return _battery_fields(batteries[min(batteries)])
-
-
-def battery_status(topics: Topics) -> Fields:
-    """BATTERY_STATUS.hpp: the connected instances of battery_status, with the number of each, from 0, as ``id``.
-
-    It is made only where another battery than the first is connected, or several: else it would repeat SYS_STATUS.
-
-    Returns:
-        ``time`` (N,), s, ``id``, ``voltages`` (N, 1), mV, that of the battery, ``cell_count``, and as far as logged
-        ``current_battery``, ``battery_remaining`` and ``charge_state``.
-    """
-    parts = []
-    batteries = _battery_instances(topics)
-    if batteries.keys() <= {0}:
-        return {}
-    for battery_id, battery in batteries.items():
-        columns = _battery_fields(battery)
-        columns["voltages"] = columns.pop("voltage_battery")[:, None]
-        columns["id"] = np.full(len(battery["time"]), battery_id, np.uint8)
-        columns["cell_count"] = battery.get("cell_count", np.zeros(len(battery["time"])))
-        parts.append(columns)
-    return _in_time_order(parts)
-
-
-def _battery_fields(battery: Columns) -> Fields:
-    """Translates one instance of battery_status to fields of SYS_STATUS, with the warning as ``charge_state``."""
-    rule = TRANSLATION_RULES["SYS_STATUS"]
-    fields = translated_fields(battery, rule["fields"], rule.get("optional_fields"))
-    columns = {"time": battery["time"], **fields}
-    if "warning" in battery:
-        # PX4's warnings begin with none, 0; MAVLink's states with undefined, 0, and then OK.
-        columns["charge_state"] = battery["warning"] + 1
-    return columns
-
-
-def _battery_instances(topics: Topics) -> dict[int, Columns]:
-    """Returns the instances of battery_status while their battery is connected, by its number from 0.
-
-    The topic has the number as ``id``, from 1, of which 0 is that of no battery; else the number of the instance
-    counts. Where no instance was ever connected, as old versions and simulators report it, all of them are returned.
-    """
-    connected: dict[int, Columns] = {}
-    all_batteries: dict[int, Columns] = {}
-    for instance, topic in topics.get("battery_status", {}).items():
-        number = instance
-        if "id" in topic and len(topic["id"]):
-            number = int(np.median(topic["id"])) - 1
-        if number < 0 or number in all_batteries:
-            number = instance
-        all_batteries[number] = topic
-        is_connected = flag_or_true(topic, "connected")
-        if is_connected.any():
-            connected[number] = selected_rows(topic, is_connected)
-    return connected or all_batteries
-
-
-RATIO_FIELDS = {
-    EstimatorRatio.VELOCITY: "vel_ratio",
-    EstimatorRatio.POSITION: "pos_horiz_ratio",
-    EstimatorRatio.HEIGHT: "pos_vert_ratio",
-    EstimatorRatio.COMPASS: "mag_ratio",
-}
-"""Fields of ESTIMATOR_STATUS with the test ratios of the estimator's innovations."""
-
-
-def estimator_status(topics: Topics) -> Fields:
-    """ESTIMATOR_STATUS.hpp: estimator_status of the instance that flies at each time.
-
-    Where that instance was not logged, the first one that was stands in for it.
-    """
-    instances = _estimator_instances(topics)
-    parts: list[Columns] = []
-    for instance, columns in instances.items():
-        is_primary = primary_estimators(topics, columns["time"]) == instance
-        if is_primary.any():
-            parts.append(selected_rows(columns, is_primary))
-    if not parts and instances:
-        parts = [instances[min(instances)]]
-    return _in_time_order(parts)
-
-
-def estimator_instances(topics: Topics) -> Fields:
-    """Makes the table of all instances of estimator_status, where the log has more than the primary one.
-
-    Returns:
-        ``time`` (N,), s, the number of the ``instance``, ``is_primary``, and the test ratios by the names of
-        ``EstimatorRatio``; NaN where the estimator does not use a sensor.
-    """
-    parts = []
-    for instance, columns in _estimator_instances(topics).items():
-        is_primary = primary_estimators(topics, columns["time"]) == instance
-        fields: Fields = {ratio: columns[field] for ratio, field in RATIO_FIELDS.items()}
-        fields["time"] = columns["time"]
-        fields["instance"] = np.full(len(columns["time"]), instance)
-        fields["is_primary"] = is_primary.astype(np.uint8)
-        parts.append(fields)
-    instances = _in_time_order(parts)
-    return {} if instances.get("is_primary", np.ones(1)).all() else instances
-
-
-def _estimator_instances(topics: Topics) -> dict[int, Fields]:
-    """Returns the fields of ESTIMATOR_STATUS for each logged instance of estimator_status, with ``time``, s."""
-    rule = TRANSLATION_RULES["ESTIMATOR_STATUS"]
-    instances = {}
-    for instance, topic in topics.get("estimator_status", {}).items():
-        instances[instance] = {"time": topic["time"], **translated_fields(topic, rule["fields"])}
-    return instances
-
-
-def primary_estimators(topics: Topics, time: Array) -> Integers:
-    """Returns the number of the estimator instance that flies at each time (T,), s; 0 where no topic names it."""
-    selector = first_instance(topics, "estimator_selector_status")
-    primary = selector.get("primary_instance", np.zeros(0, np.int64))
-    if not len(primary):
-        return np.zeros(len(time), np.int64)
-    # Before the first message the instance is the one that it names.
-    rows = np.searchsorted(selector["time"], time, side="right") - 1
-    return primary[np.maximum(rows, 0)].astype(np.int64)
 
 
 VIBRATION_IMUS = 3
@@ -497,7 +366,11 @@ def motor_speeds(topics: Topics) -> Fields:
     """
     topic = first_instance(topics, "esc_status")
     speeds = np.column_stack([topic[f"esc[{n}].esc_rpm"] for n in range(ESC_COUNT)])
-    return {"time": np.repeat(topic["time"], ESC_COUNT), "RPM": abs(speeds).ravel()}
+    return {
+        "time": np.repeat(topic["time"], ESC_COUNT),
+        "Instance": np.tile(np.arange(ESC_COUNT), len(speeds)),
+        "RPM": abs(speeds).ravel(),
+    }
 
 
 def current_mode(topics: Topics) -> Fields:

@@ -9,16 +9,20 @@ from pymavlink.dialects.v20 import all as dialect
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.ingest.mavlink.definitions import enum_name
+from mavdem.ingest.px4_instances import (
+    battery_status,
+    estimator_instances,
+    estimator_status,
+    further_sensors,
+    sys_status,
+)
 from mavdem.ingest.px4_messages import (
     TRANSLATION_RULES,
     SampleTopic,
     actuator_control_target,
     attitude_quaternion,
     attitude_target_messages,
-    battery_status,
     current_mode,
-    estimator_instances,
-    estimator_status,
     extended_sys_state,
     heartbeat,
     hil_actuator_controls,
@@ -29,7 +33,6 @@ from mavdem.ingest.px4_messages import (
     renamed_message,
     sensor_samples,
     servo_output_raw,
-    sys_status,
     system_time,
     untranslated_topic,
     vibration,
@@ -122,6 +125,7 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
         "CURRENT_MODE": ("vehicle_status", current_mode),
         "MANUAL_CONTROL": ("manual_control_setpoint", manual_control),
         "ESC": ("esc_status", motor_speeds),
+        **further_sensors(),
     }
     for name, (topic, maker) in makers.items():
         candidates[name] = topic, _message(maker, topics)

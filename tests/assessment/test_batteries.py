@@ -16,7 +16,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts.events import Reported
 from mavdem.facts.power import PowerLight
 from mavdem.ingest import read_log
-from mavdem.ingest.px4_messages import battery_status, sys_status
+from mavdem.ingest.px4_instances import battery_status, sys_status
 
 HOVER = Hover()
 TIME = HOVER.stamps(5.0)

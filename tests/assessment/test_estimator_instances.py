@@ -13,7 +13,7 @@ from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.facts.sources import Repair
 from mavdem.ingest import read_log
-from mavdem.ingest.px4_messages import estimator_instances, estimator_status
+from mavdem.ingest.px4_instances import estimator_instances, estimator_status
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE
 
 HOVER = Hover()

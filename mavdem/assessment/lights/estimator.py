@@ -25,7 +25,7 @@ from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio, mavlink_constant
 
 INNOVATIONS = tuple(EstimatorRatio)
-"""The innovations that are judged, in the order of the columns of :func:`_innovation_ratios`."""
+"""The innovations that are judged, in the order of the columns of :func:`innovation_ratios`."""
 
 INNOVATION_FIELDS = {
     "EKF_STATUS_REPORT": (
@@ -103,7 +103,7 @@ def estimator_light(evidence: Evidence) -> Fact:
 
 
 @dataclass(frozen=True)
-class _Rejection:
+class Rejection:
     """Which innovation of a filter exceeded its limit longest in one flight, or was the largest."""
 
     name: EstimatorRatio
@@ -128,7 +128,7 @@ class _Rejection:
         return self.is_doubted and self.failsafe_duration >= FAILSAFE_SECONDS
 
 
-def _rejection(time: Array, ratios: Array, limit: float) -> _Rejection:
+def rejection_in(time: Array, ratios: Array, limit: float) -> Rejection:
     """Finds the innovation that exceeded its limit longest; where none did, the largest one.
 
     An innovation is the difference of a measurement and its prediction by the filter, here relative to what the filter
@@ -147,7 +147,7 @@ def _rejection(time: Array, ratios: Array, limit: float) -> _Rejection:
     largest_ratios = ratios.max(axis=0)
     # Of several that exceeded it equally long, or not at all, the largest is named.
     worst = max(range(len(INNOVATIONS)), key=lambda row: (durations[row], largest_ratios[row]))
-    return _Rejection(
+    return Rejection(
         INNOVATIONS[worst],
         float(largest_ratios[worst] / limit),
         float(time[ratios[:, worst].argmax()]),
@@ -156,7 +156,7 @@ def _rejection(time: Array, ratios: Array, limit: float) -> _Rejection:
     )
 
 
-def _innovation_limit(telemetry: Telemetry) -> float:
+def innovation_limit(telemetry: Telemetry) -> float:
     """Returns the innovation ratio from which on the filter is doubted."""
     if telemetry.autopilot == "PX4":
         return PX4_INNOVATION_LIMIT
@@ -174,10 +174,10 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
     only others were logged, one of them stands in for it: the fact is then a ``spare``, and never bad.
     """
     telemetry = evidence.signals.telemetry
-    limit = _innovation_limit(telemetry)
+    limit = innovation_limit(telemetry)
     instances = telemetry.messages.get(INSTANCES_MESSAGE, {})
-    for flight in evidence.in_flight(_innovation_ratios(telemetry)):
-        rejection = _rejection(flight.time, flight.values[:, : len(INNOVATIONS)], limit)
+    for flight in evidence.in_flight(innovation_ratios(telemetry)):
+        rejection = rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], limit)
         is_spare = bool(instances) and not instances["is_primary"].any()
         code = EstimatorLight.FILTER_AGREED
         if rejection.is_doubted:
@@ -225,12 +225,12 @@ def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
     columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
     if not columns or not columns["is_primary"].any():
         return
-    limit = _innovation_limit(telemetry)
+    limit = innovation_limit(telemetry)
     for number in np.unique(columns["instance"]).tolist():
         is_spare = (columns["instance"] == number) & (columns["is_primary"] == 0)
         ratios = np.nan_to_num(float_columns(columns, INNOVATIONS))
         for flight in evidence.in_flight(clean_series(columns, ratios, is_spare)):
-            rejection = _rejection(flight.time, flight.values, limit)
+            rejection = rejection_in(flight.time, flight.values, limit)
             if rejection.is_doubted:
                 yield Fact(
                     EstimatorLight.SPARE_DOUBTED,
@@ -248,7 +248,7 @@ def _glitches(evidence: Evidence) -> Iterator[Fact]:
     Without a receiver, or a fix, the filter's flag has no meaning.
     """
     telemetry = evidence.signals.telemetry
-    for flight in evidence.in_flight(_innovation_ratios(telemetry)):
+    for flight in evidence.in_flight(innovation_ratios(telemetry)):
         has_fix = has_position_fix(telemetry, int(flight.boot[0]), flight.time)
         is_glitching = (flight.values[:, -1] > 0) & has_fix
         if is_glitching.any():
@@ -259,7 +259,7 @@ def _glitches(evidence: Evidence) -> Iterator[Fact]:
             )
 
 
-def _innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
+def innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
     """Returns how far the estimator's measurements are from its predictions, relative to what it accepts.
 
     Args:

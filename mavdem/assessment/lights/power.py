@@ -57,8 +57,8 @@ def power_light(evidence: Evidence) -> Fact:
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
-    batteries = _batteries_in_flight(evidence)
-    voltages = [_battery_voltage(evidence, battery) for battery in batteries]
+    batteries = batteries_in_flight(evidence)
+    voltages = [battery_voltage(evidence, battery) for battery in batteries]
     voltages.sort(key=lambda fact: -LEVELS_BY_SEVERITY.index(fact.level))
     facts = [
         *voltages,
@@ -99,7 +99,7 @@ def _constant_voltages(evidence: Evidence, batteries: Sequence[Battery]) -> Iter
             )
 
 
-def _batteries_in_flight(evidence: Evidence) -> list[Battery]:
+def batteries_in_flight(evidence: Evidence) -> list[Battery]:
     """Returns the batteries that are connected to their sensors and were measured in flight, the emptiest first."""
     parameters = evidence.signals.telemetry.parameters
     batteries = []
@@ -110,7 +110,7 @@ def _batteries_in_flight(evidence: Evidence) -> list[Battery]:
     return batteries
 
 
-def _battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
+def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     """Returns how the voltage of a battery held in flight.
 
     The samples are averaged over 2 s and sorted. What decides is the voltage that they stay below for

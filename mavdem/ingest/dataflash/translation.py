@@ -36,6 +36,14 @@ from mavdem.ingest.dataflash.estimators import (
     core_message_names,
     flown_estimates,
 )
+from mavdem.ingest.dataflash.sensors import (
+    FURTHER_SENSOR_MESSAGES,
+    OLD_ESC_MESSAGES,
+    STATUS_3D_FIX,
+    further_sensors,
+    gps_fixes,
+    motor_speeds,
+)
 from mavdem.ingest.dataflash.states import states_of
 from mavdem.ingest.dataflash.tables import (
     continuous_time,
@@ -99,6 +107,8 @@ TRANSLATED_MESSAGES = tuple(
             "SIDD",
             "SIDS",
             "ESC",
+            *OLD_ESC_MESSAGES,
+            *FURTHER_SENSOR_MESSAGES,
             "GYR",
             "ACC",
             "ISBH",
@@ -127,6 +137,7 @@ def _old_rate_names() -> dict[str, str]:
 NEW_NAMES_OF_OLD_FIELDS = {
     # Before ArduPilot 3.3 TimeMS was the time of the week, and T the time since boot.
     "GPS": {"TimeMS": "GMS", "Week": "GWk", "T": "TimeMS"},
+    "GPS2": {"TimeMS": "GMS", "Week": "GWk", "T": "TimeMS"},
     # Of the first filter's three test ratios of the compass, the first counts.
     "EKF4": {"SMX": "SM"},
     "RATE": _old_rate_names(),
@@ -181,16 +192,18 @@ def translated(
         "BATTERY_STATUS": battery_status(tables),
         "VIBRATION": NamedMessage("VIBE", _vibration(tables)),
         "SYSTEM_TIME": NamedMessage("GPS", _calendar_time(tables)),
-        "GPS_RAW_INT": NamedMessage("GPS", _gps_fixes(tables)),
+        "GPS_RAW_INT": gps_fixes(tables, 0),
+        "GPS2_RAW": gps_fixes(tables, 1),
         "STATUSTEXT": NamedMessage("MSG", _status_texts(tables)),
         "ERR": NamedMessage("ERR", messages_with_fields(tables, "ERR", ("Subsys", "ECode"))),
         "PARAM_VALUE": NamedMessage("PARM", _parameter_values(tables)),
         "EV": NamedMessage("EV", messages_with_fields(tables, "EV", ("Id",))),
-        "ESC": NamedMessage("ESC", messages_with_fields(tables, "ESC", ("RPM",))),
+        "ESC": motor_speeds(tables),
         "SIDD": NamedMessage("SIDD", _injected_signal(tables)),
     }
     for message in TRANSLATION_RULES:
         messages[message] = _renamed_message(estimates, message)
+    messages |= further_sensors(tables, TRANSLATION_RULES)
     messages["LOCAL_POSITION_NED"] = _local_position(estimates)
     messages["GLOBAL_POSITION_INT"] = _global_position(messages)
     messages["EKF_STATUS_REPORT"] = _estimator_status(messages["EKF_STATUS_REPORT"])
@@ -480,8 +493,6 @@ WEEK = timedelta(weeks=1).total_seconds()
 """Seconds in a week."""
 LEAP_SECONDS = 18
 """Time, s, by which GPS time is ahead of UTC since 2017; it was a second or two less in the years before."""
-STATUS_3D_FIX = 3
-"""Value of GPS.Status from which on the position is known in three dimensions, and the time too."""
 
 
 def _calendar_time(tables: Tables) -> Columns:
@@ -499,30 +510,6 @@ def _calendar_time(tables: Tables) -> Columns:
     seconds = GPS_EPOCH + WEEK * week + milliseconds / 1e3 - LEAP_SECONDS
     microseconds = np.rint(1e6 * np.where(np.isfinite(seconds), seconds, 0.0))
     return with_stamps(logged, {"time_unix_usec": microseconds.astype(np.uint64)})
-
-
-def _gps_fixes(tables: Tables) -> Columns:
-    """Makes GPS_RAW_INT of the first receiver: kind of fix, satellites, dilution of precision and position.
-
-    Latitude and longitude are in 1e-7 degrees, 0 where there is no three-dimensional fix. ``eph`` is the horizontal
-    dilution of precision times 100, as MAVLink has it.
-    """
-    fields = ("Status", "NSats", "HDop", "Lat", "Lng")
-    logged = rows_of_instance(messages_with_fields(tables, "GPS", fields), "I", 0)
-    if not logged:
-        return {}
-    status, satellites, dilution, latitude, longitude = float_table(logged, fields).T
-    units_per_degree = np.where(status >= STATUS_3D_FIX, 1e7, 0.0)
-    return with_stamps(
-        logged,
-        {
-            "fix_type": status,
-            "satellites_visible": satellites,
-            "eph": 100 * dilution,
-            "lat": units_per_degree * latitude,
-            "lon": units_per_degree * longitude,
-        },
-    )
 
 
 def _status_texts(tables: Tables) -> Columns:

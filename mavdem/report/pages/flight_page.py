@@ -42,6 +42,7 @@ from mavdem.report.charts.flight_charts import (
 from mavdem.report.charts.plans import flown_path, frame_plan, rose_of_wind
 from mavdem.report.charts.timeline import Timeline, live_timeline, timeline_of
 from mavdem.report.condition import air_blocks, log_blocks
+from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
 from mavdem.report.loops import compared_loops, gain_blocks, gain_limits, margin_tables
 from mavdem.report.numbers import display_unit, listed, rounded, with_unit
@@ -195,6 +196,9 @@ def _flight_chapters(
     yield _other_sensors_chapter(assessment.noise, timeline, is_full)
     yield _motors_chapter(analysis, evidence)
     yield _wind_chapter(assessment, analysis, timeline)
+    if assessment.instances:
+        table = instance_table(assessment.instances)
+        yield Chapter("Every battery, estimator, sensor and output", [table])
     yield _parameters_chapter(evidence.signals.telemetry)
 
 

@@ -1,0 +1,293 @@
+"""Every instance of a vehicle's batteries, estimators, sensors and outputs: which is used, its range, and its state."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.assessment.battery_levels import batteries_worst_first
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.lights.estimator import (
+    INNOVATIONS,
+    innovation_limit,
+    innovation_ratios,
+    instance_name,
+    rejection_in,
+)
+from mavdem.assessment.lights.power import POWER_REPORTS, batteries_in_flight, battery_voltage
+from mavdem.assessment.limits import worst_fact
+from mavdem.dataset.batteries import battery_name
+from mavdem.dataset.position_fix import FIX_3D, MIN_FIX_SATELLITES, RECEIVER_MESSAGES
+from mavdem.dataset.time_series import (
+    TimeSeries,
+    clean_series,
+    float_column,
+    float_columns,
+    recorded_series,
+)
+from mavdem.facts import Fact, Level
+from mavdem.facts.instances import InstanceState
+from mavdem.immutable import ImmutableResult
+from mavdem.ingest.telemetry import Columns, rows_by_value, selected_rows
+from mavdem.ingest.vocabulary import INSTANCES_MESSAGE
+from mavdem.vibration.vibration_message import reported_vibration
+
+BAROMETERS = ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3")
+"""Messages of the barometers, by number."""
+
+COMPASSES = ("SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
+"""Messages of the compasses, by number."""
+
+COMPASS_USE_PARAMETERS = ("COMPASS_USE", "COMPASS_USE2", "COMPASS_USE3")
+"""ArduPilot's parameters that say whether each compass is used, 0 or 1."""
+
+BAROMETER_PARAMETER = "BARO_PRIMARY"
+"""ArduPilot's parameter with the number of the barometer that is used, from 0."""
+
+
+@dataclass(frozen=True)
+class Instance(ImmutableResult):
+    """One of the batteries, estimators, sensors or outputs of a vehicle."""
+
+    kind: str
+    """What it is: battery, estimator, receiver, barometer, compass, IMU, speed controller or output."""
+    name: str
+    """Its name with its number as the autopilot counts it: "battery 2", "core 1"."""
+    quantity: str
+    """What it measures."""
+    unit: str
+    """Unit of ``low`` and ``high``."""
+    low: float
+    """Lowest value in flight; in the whole log where there was no flight."""
+    high: float
+    """Highest value then."""
+    state: Fact
+    """What is known of it, with its level."""
+    used_share: float | None = None
+    """Share of the samples in flight in which the autopilot used it, 0 to 1; None where the log does not say it."""
+
+
+def instances_of(evidence: Evidence) -> tuple[Instance, ...]:
+    """Returns all instances that a log has of a vehicle, kind by kind; batteries the emptiest first.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
+    return (
+        *_batteries(evidence),
+        *_estimators(evidence),
+        *_receivers(evidence),
+        *_barometers(evidence),
+        *_compasses(evidence),
+        *_imus(evidence),
+        *_speed_controllers(evidence),
+        *_outputs(evidence),
+    )
+
+
+def _values_in_flight(evidence: Evidence, series: TimeSeries) -> Array:
+    """Returns the samples (N,) or (N, k) of a series in flight; all of them where there was no flight."""
+    parts = [part.values for part in evidence.in_flight(series)]
+    return np.concatenate(parts) if parts else series.values
+
+
+def _measured_state(values: Array) -> Fact:
+    """Returns whether an instance measures: a value that never changes was not measured.
+
+    Args:
+        values: (N,) samples.
+    """
+    is_constant = len(values) > 1 and np.ptp(values) == 0
+    return Fact(InstanceState.CONSTANT if is_constant else InstanceState.MEASURED)
+
+
+def _batteries(evidence: Evidence) -> Iterator[Instance]:
+    """Yields the batteries with their voltages, judged as in the light of the power."""
+    measured = batteries_in_flight(evidence)
+    warnings = list(evidence.warnings_in_flight(POWER_REPORTS))
+    for battery in batteries_worst_first(evidence.signals):
+        name = battery_name(battery.number)
+        volts = _values_in_flight(evidence, battery.voltage)
+        facts = [warning for warning in warnings if warning.subject == name]
+        if battery in measured:
+            facts.append(battery_voltage(evidence, battery))
+        state = worst_fact(facts) if facts else _measured_state(volts)
+        yield Instance("battery", name, "voltage", "V", volts.min(), volts.max(), state)
+
+
+def _estimators(evidence: Evidence) -> Iterator[Instance]:
+    """Yields the instances of the estimator with their largest innovation ratio over its limit, and which one flew."""
+    telemetry = evidence.signals.telemetry
+    limit = innovation_limit(telemetry)
+    columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
+    series: dict[str, TimeSeries] = {}
+    used_shares: dict[str, float | None] = {}
+    if columns:
+        for number in np.unique(columns["instance"]).tolist():
+            rows = columns["instance"] == number
+            ratios = np.nan_to_num(float_columns(columns, INNOVATIONS))
+            name = instance_name(telemetry, int(number))
+            series[name] = clean_series(columns, ratios, rows)
+            used_shares[name] = float(columns["is_primary"][rows].mean())
+    else:
+        single = innovation_ratios(telemetry)
+        if single is not None:
+            series["EKF"] = single
+            used_shares["EKF"] = 1.0
+    for name, ratios_of_instance in series.items():
+        if not len(ratios_of_instance.time):
+            continue
+        ratios = _values_in_flight(evidence, ratios_of_instance)[:, : len(INNOVATIONS)]
+        largest = ratios.max(axis=1) / limit
+        rejections = [
+            rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], limit)
+            for flight in evidence.in_flight(ratios_of_instance)
+        ]
+        code = InstanceState.MEASURED
+        level = None
+        if any(rejection.is_doubted for rejection in rejections):
+            code = InstanceState.REJECTED
+            is_bad = any(rejection.is_bad for rejection in rejections)
+            level = Level.BAD if is_bad and used_shares[name] else None
+        yield Instance(
+            "estimator",
+            name,
+            "innovation over its limit",
+            "1",
+            largest.min(),
+            largest.max(),
+            Fact(code, level),
+            used_shares[name],
+        )
+
+
+def _receivers(evidence: Evidence) -> Iterator[Instance]:
+    """Yields the satellite receivers with their numbers of satellites, and whether they had a fix."""
+    telemetry = evidence.signals.telemetry
+    for number, message in enumerate(RECEIVER_MESSAGES, 1):
+        satellites = recorded_series(telemetry, message, "satellites_visible", "fix_type")
+        if satellites is None:
+            continue
+        values = _values_in_flight(evidence, satellites)
+        counts, fix_types = values.T
+        has_fix = (fix_types >= FIX_3D) & (counts >= MIN_FIX_SATELLITES)
+        state = Fact(InstanceState.MEASURED)
+        if not has_fix.all():
+            state = Fact(InstanceState.WITHOUT_FIX, share=1 - has_fix.mean())
+        name = f"GPS {number}"
+        yield Instance("receiver", name, "satellites", "1", counts.min(), counts.max(), state)
+
+
+def _barometers(evidence: Evidence) -> Iterator[Instance]:
+    """Yields the barometers with their altitude."""
+    telemetry = evidence.signals.telemetry
+    used = telemetry.parameters.get(BAROMETER_PARAMETER)
+    for number, message in enumerate(BAROMETERS):
+        altitude = recorded_series(telemetry, message, "altitude")
+        unit = "m"
+        if altitude is None:
+            altitude = recorded_series(telemetry, message, "press_abs")
+            unit = "hPa"
+        if altitude is None:
+            continue
+        values = _values_in_flight(evidence, altitude)
+        yield Instance(
+            "barometer",
+            f"barometer {number + 1}",
+            "altitude" if unit == "m" else "pressure",
+            unit,
+            values.min(),
+            values.max(),
+            _measured_state(values),
+            None if used is None else float(used == number),
+        )
+
+
+def _compasses(evidence: Evidence) -> Iterator[Instance]:
+    """Yields the compasses with the strength of their field."""
+    telemetry = evidence.signals.telemetry
+    for number, message in enumerate(COMPASSES):
+        field = recorded_series(telemetry, message, "xmag", "ymag", "zmag")
+        if field is None or not field.values.any():
+            continue
+        strength = np.linalg.norm(_values_in_flight(evidence, field), axis=1)
+        used = telemetry.parameters.get(COMPASS_USE_PARAMETERS[number])
+        yield Instance(
+            "compass",
+            f"compass {number + 1}",
+            "field",
+            "mGauss",
+            strength.min(),
+            strength.max(),
+            _measured_state(strength),
+            None if used is None else float(used > 0),
+        )
+
+
+def _imus(evidence: Evidence) -> Iterator[Instance]:
+    """Yields the IMUs with their vibration, as the autopilot reports it."""
+    vibration = reported_vibration(evidence.signals)
+    if vibration is None:
+        return
+    levels = _values_in_flight(evidence, vibration.levels)
+    axis_count = len(vibration.axes)
+    for number in range(levels.shape[1] // axis_count):
+        largest = levels[:, axis_count * number : axis_count * (number + 1)].max(axis=1)
+        state = _measured_state(largest)
+        yield Instance(
+            "IMU", f"IMU {number + 1}", "vibration", "m/s²", largest.min(), largest.max(), state
+        )
+
+
+def _speed_controllers(evidence: Evidence) -> Iterator[Instance]:
+    """Yields the speed controllers that report the speed of their motor."""
+    columns = evidence.signals.telemetry.messages.get("ESC", {})
+    if "Instance" not in columns:
+        return
+    for number, rows in rows_by_value(columns["Instance"].astype(np.int64)).items():
+        controller = selected_rows(columns, rows)
+        speeds = _values_in_flight(evidence, _series_of(controller, "RPM"))
+        if len(speeds):
+            yield Instance(
+                "speed controller",
+                f"ESC {number + 1}",
+                "speed",
+                "1/min",
+                speeds.min(),
+                speeds.max(),
+                _measured_state(speeds),
+            )
+
+
+def _series_of(columns: Columns, field: str) -> TimeSeries:
+    """Returns the time series of a field of messages."""
+    return clean_series(columns, float_column(columns, field))
+
+
+def _outputs(evidence: Evidence) -> Iterator[Instance]:
+    """Yields the outputs that drive the motors, with the motor of each."""
+    motors = evidence.signals.motors
+    if motors is None:
+        return
+    outputs = _values_in_flight(evidence, TimeSeries(motors.time, motors.boot, motors.outputs))
+    for name, channel, values in zip(
+        motors.geometry.names, motors.geometry.channels, outputs.T, strict=True
+    ):
+        state = _measured_state(values)
+        unit = motors.scale.unit or "1"
+        yield Instance(
+            "output",
+            f"output {channel} ({_without_place(name)})",
+            "command",
+            unit,
+            values.min(),
+            values.max(),
+            state,
+            1.0,
+        )
+
+
+def _without_place(name: str) -> str:
+    """Returns the name of a motor without its place: "motor 1"."""
+    return name.partition(" (")[0]

@@ -1,0 +1,12 @@
+"""What is known of each instance of a vehicle's batteries, estimators, sensors and outputs."""
+
+from mavdem.facts.fact import Code
+
+
+class InstanceState(Code):
+    """Whether an instance measures, and whether it disagrees with others."""
+
+    MEASURED = "instance_measured"
+    CONSTANT = "instance_constant"
+    REJECTED = "instance_rejected"
+    WITHOUT_FIX = "instance_without_fix"

@@ -1,0 +1,159 @@
+"""Sensors of which a DataFlash log may have several: receivers, barometers, compasses, speed controllers.
+
+Each is an instance of a message (``I``) or, in old versions, has a message of its own: BARO, BAR2 and BAR3. The first
+becomes the message that MAVLink has for it, the others GPS2_RAW, SCALED_PRESSURE2, SCALED_IMU2 and so on.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.ingest.dataflash.attitude import NamedMessage
+from mavdem.ingest.dataflash.tables import (
+    continuous_time,
+    float_table,
+    message_count,
+    messages_with_fields,
+    rows_of_instance,
+    with_stamps,
+)
+from mavdem.ingest.telemetry import (
+    Columns,
+    SourceFields,
+    Tables,
+    concatenated_columns,
+    selected_rows,
+    translated_fields,
+)
+
+
+class SensorMessages(NamedTuple):
+    """How the sensors of one kind are logged, and the messages that they become."""
+
+    name: str
+    """Message of the first sensor, or of all of them."""
+    old_names: tuple[str, ...]
+    """Messages of the second and the third sensor in old versions."""
+    first_message: str
+    """MAVLink's message of the first sensor, whose rule the others share."""
+    further_messages: tuple[str, ...]
+    """MAVLink's messages of the second and the third sensor."""
+
+
+SENSORS = (
+    SensorMessages(
+        "BARO",
+        ("BAR2", "BAR3"),
+        "SCALED_PRESSURE",
+        ("SCALED_PRESSURE2", "SCALED_PRESSURE3"),
+    ),
+    SensorMessages("MAG", ("MAG2", "MAG3"), "SCALED_IMU", ("SCALED_IMU2", "SCALED_IMU3")),
+)
+"""Sensors whose messages are made by rules of ``translation.toml``."""
+
+MAX_ESCS = 8
+"""Number of speed controllers that have a message of their own in old versions: ESC1 to ESC8."""
+
+OLD_ESC_MESSAGES = tuple(f"ESC{number}" for number in range(1, MAX_ESCS + 1))
+"""Those messages."""
+
+FURTHER_SENSOR_MESSAGES = ("GPS2", *(name for sensor in SENSORS for name in sensor.old_names))
+"""Messages of further sensors in old versions."""
+
+INSTANCE_FIELD = "I"
+"""Field with the number of the sensor, from 0."""
+
+
+def rows_of_sensor(tables: Tables, name: str, old_names: tuple[str, ...], number: int) -> Columns:
+    """Returns the messages of one sensor; empty where it was not logged.
+
+    Args:
+        tables: DataFlash's messages by name.
+        name: Message of the first sensor, or of all of them.
+        old_names: Messages of the second sensor and so on in old versions.
+        number: Number of the sensor, from 0.
+    """
+    logged = tables.get(name, {})
+    if INSTANCE_FIELD in logged:
+        return rows_of_instance(logged, INSTANCE_FIELD, number)
+    return tables.get(old_names[number - 1], {}) if number else logged
+
+
+def further_sensors(
+    tables: Tables, rules: Mapping[str, Mapping[str, SourceFields]]
+) -> dict[str, NamedMessage]:
+    """Makes the messages of the second and third barometer and compass, by name.
+
+    Args:
+        tables: DataFlash's messages by name.
+        rules: How the first sensor's messages are translated, by name.
+    """
+    messages = {}
+    for sensor in SENSORS:
+        rule = rules[sensor.first_message]
+        for number, message in enumerate(sensor.further_messages, 1):
+            logged = rows_of_sensor(tables, sensor.name, sensor.old_names, number)
+            if not message_count(logged):
+                continue
+            try:
+                fields = translated_fields(logged, rule["fields"], rule.get("optional_fields"))
+            except KeyError:
+                continue
+            name = (
+                f"{sensor.name}[{number}]"
+                if INSTANCE_FIELD in logged
+                else sensor.old_names[number - 1]
+            )
+            messages[message] = NamedMessage(name, with_stamps(logged, fields))
+    return messages
+
+
+STATUS_3D_FIX = 3
+"""Value of GPS.Status from which on the position is known in three dimensions, and the time too."""
+
+
+def gps_fixes(tables: Tables, number: int) -> NamedMessage:
+    """Makes GPS_RAW_INT of the first receiver, or GPS2_RAW of the second: fix, satellites, dilution and position.
+
+    Latitude and longitude are in 1e-7 degrees, 0 where there is no three-dimensional fix. ``eph`` is the horizontal
+    dilution of precision times 100, as MAVLink has it.
+
+    Args:
+        tables: DataFlash's messages by name.
+        number: Number of the receiver, 0 or 1.
+    """
+    fields = ("Status", "NSats", "HDop", "Lat", "Lng")
+    logged = rows_of_sensor(tables, "GPS", ("GPS2",), number)
+    name = f"GPS[{number}]" if INSTANCE_FIELD in logged and number else "GPS2" if number else "GPS"
+    logged = messages_with_fields({"GPS": logged}, "GPS", fields)
+    if not logged:
+        return NamedMessage(name, {})
+    status, satellites, dilution, latitude, longitude = float_table(logged, fields).T
+    units_per_degree = np.where(status >= STATUS_3D_FIX, 1e7, 0.0)
+    columns = {
+        "fix_type": status,
+        "satellites_visible": satellites,
+        "eph": 100 * dilution,
+        "lat": units_per_degree * latitude,
+        "lon": units_per_degree * longitude,
+    }
+    return NamedMessage(name, with_stamps(logged, columns))
+
+
+def motor_speeds(tables: Tables) -> NamedMessage:
+    """Makes ESC: the speed of each motor, RPM, with the number of its controller, from 0, as ``Instance``."""
+    logged = messages_with_fields(tables, "ESC", ("RPM",))
+    if logged:
+        return NamedMessage("ESC", logged)
+    parts: list[Columns] = []
+    for instance, name in enumerate(OLD_ESC_MESSAGES):
+        controller = messages_with_fields(tables, name, ("RPM",))
+        if controller:
+            numbers = np.full(message_count(controller), instance)
+            parts.append(with_stamps(controller, {"RPM": controller["RPM"], "Instance": numbers}))
+    if not parts:
+        return NamedMessage("ESC", {})
+    columns = concatenated_columns(parts)
+    order = np.argsort(continuous_time(columns), kind="stable")
+    return NamedMessage("ESC1 to ESC8", selected_rows(columns, order))

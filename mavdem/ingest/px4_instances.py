@@ -1,0 +1,183 @@
+"""MAVLink messages made of PX4's topics that have an instance for each battery, estimator or sensor.
+
+Of batteries and estimators the one that counts becomes the message, and a table has all of them. Sensors beside the
+first become the further messages that MAVLink has for them: GPS2_RAW, SCALED_IMU2, SCALED_PRESSURE2 and so on.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array, Integers
+from mavdem.ingest.px4_messages import TRANSLATION_RULES, in_time_order
+from mavdem.ingest.px4_topics import Topics, first_instance, flag_or_true
+from mavdem.ingest.telemetry import Columns, Fields, selected_rows, translated_fields
+from mavdem.ingest.vocabulary import EstimatorRatio
+
+
+def sys_status(topics: Topics) -> Fields:
+    """SYS_STATUS.hpp: the first connected instance of battery_status, with the decimals the message cuts off.
+
+    PX4 itself sends the connected battery with the least charge, which changes in flight. Beside the message's fields
+    there is ``charge_state``, that of BATTERY_STATUS, MAV_BATTERY_CHARGE_STATE.
+    """
+    batteries = _batteries(topics)
+    if not batteries:
+        return {}
+    return _battery_fields(batteries[min(batteries)])
+
+
+def battery_status(topics: Topics) -> Fields:
+    """BATTERY_STATUS.hpp: the connected instances of battery_status, with the number of each, from 0, as ``id``.
+
+    It is made only where another battery than the first is connected, or several: else it would repeat SYS_STATUS.
+
+    Returns:
+        ``time`` (N,), s, ``id``, ``voltages`` (N, 1), mV, that of the battery, ``cell_count``, and as far as logged
+        ``current_battery``, ``battery_remaining`` and ``charge_state``.
+    """
+    parts = []
+    batteries = _batteries(topics)
+    if batteries.keys() <= {0}:
+        return {}
+    for battery_id, battery in batteries.items():
+        columns = _battery_fields(battery)
+        columns["voltages"] = columns.pop("voltage_battery")[:, None]
+        columns["id"] = np.full(len(battery["time"]), battery_id, np.uint8)
+        columns["cell_count"] = battery.get("cell_count", np.zeros(len(battery["time"])))
+        parts.append(columns)
+    return in_time_order(parts)
+
+
+def _battery_fields(battery: Columns) -> Fields:
+    """Translates one instance of battery_status to fields of SYS_STATUS, with the warning as ``charge_state``."""
+    rule = TRANSLATION_RULES["SYS_STATUS"]
+    fields = translated_fields(battery, rule["fields"], rule.get("optional_fields"))
+    columns = {"time": battery["time"], **fields}
+    if "warning" in battery:
+        # PX4's warnings begin with none, 0; MAVLink's states with undefined, 0, and then OK.
+        columns["charge_state"] = battery["warning"] + 1
+    return columns
+
+
+def _batteries(topics: Topics) -> dict[int, Columns]:
+    """Returns the instances of battery_status while their battery is connected, by its number from 0.
+
+    The topic has the number as ``id``, from 1, of which 0 is that of no battery; else the number of the instance
+    counts. Where no instance was ever connected, as old versions and simulators report it, all of them are returned.
+    """
+    connected: dict[int, Columns] = {}
+    all_batteries: dict[int, Columns] = {}
+    for instance, topic in topics.get("battery_status", {}).items():
+        number = instance
+        if "id" in topic and len(topic["id"]):
+            number = int(np.median(topic["id"])) - 1
+        if number < 0 or number in all_batteries:
+            number = instance
+        all_batteries[number] = topic
+        is_connected = flag_or_true(topic, "connected")
+        if is_connected.any():
+            connected[number] = selected_rows(topic, is_connected)
+    return connected or all_batteries
+
+
+RATIO_FIELDS = {
+    EstimatorRatio.VELOCITY: "vel_ratio",
+    EstimatorRatio.POSITION: "pos_horiz_ratio",
+    EstimatorRatio.HEIGHT: "pos_vert_ratio",
+    EstimatorRatio.COMPASS: "mag_ratio",
+}
+"""Fields of ESTIMATOR_STATUS with the test ratios of the estimator's innovations."""
+
+
+def estimator_status(topics: Topics) -> Fields:
+    """ESTIMATOR_STATUS.hpp: estimator_status of the instance that flies at each time.
+
+    Where that instance was not logged, the first one that was stands in for it.
+    """
+    instances = _estimators(topics)
+    parts: list[Columns] = []
+    for instance, columns in instances.items():
+        is_primary = primary_estimators(topics, columns["time"]) == instance
+        if is_primary.any():
+            parts.append(selected_rows(columns, is_primary))
+    if not parts and instances:
+        parts = [instances[min(instances)]]
+    return in_time_order(parts)
+
+
+def estimator_instances(topics: Topics) -> Fields:
+    """Makes the table of all instances of estimator_status, where the log has more than the primary one.
+
+    Returns:
+        ``time`` (N,), s, the number of the ``instance``, ``is_primary``, and the test ratios by the names of
+        ``EstimatorRatio``; NaN where the estimator does not use a sensor.
+    """
+    parts = []
+    for instance, columns in _estimators(topics).items():
+        is_primary = primary_estimators(topics, columns["time"]) == instance
+        fields: Fields = {ratio: columns[field] for ratio, field in RATIO_FIELDS.items()}
+        fields["time"] = columns["time"]
+        fields["instance"] = np.full(len(columns["time"]), instance)
+        fields["is_primary"] = is_primary.astype(np.uint8)
+        parts.append(fields)
+    instances = in_time_order(parts)
+    return {} if instances.get("is_primary", np.ones(1)).all() else instances
+
+
+def _estimators(topics: Topics) -> dict[int, Fields]:
+    """Returns the fields of ESTIMATOR_STATUS for each logged instance of estimator_status, with ``time``, s."""
+    rule = TRANSLATION_RULES["ESTIMATOR_STATUS"]
+    instances = {}
+    for instance, topic in topics.get("estimator_status", {}).items():
+        instances[instance] = {"time": topic["time"], **translated_fields(topic, rule["fields"])}
+    return instances
+
+
+def primary_estimators(topics: Topics, time: Array) -> Integers:
+    """Returns the number of the estimator instance that flies at each time (T,), s; 0 where no topic names it."""
+    selector = first_instance(topics, "estimator_selector_status")
+    primary = selector.get("primary_instance", np.zeros(0, np.int64))
+    if not len(primary):
+        return np.zeros(len(time), np.int64)
+    # Before the first message the instance is the one that it names.
+    rows = np.searchsorted(selector["time"], time, side="right") - 1
+    return primary[np.maximum(rows, 0)].astype(np.int64)
+
+
+class SensorTopic(NamedTuple):
+    """The topic whose instances are the sensors of one kind, and the messages that they become."""
+
+    topic: str
+    """Topic with an instance for each sensor, from 0."""
+    first_message: str
+    """Message of the first sensor, whose rule in ``px4_messages.toml`` the others share."""
+    further_messages: tuple[str, ...]
+    """Messages of the second sensor, and of the third."""
+
+
+SENSOR_TOPICS = (
+    SensorTopic("sensor_gps", "GPS_RAW_INT", ("GPS2_RAW",)),
+    SensorTopic("sensor_baro", "SCALED_PRESSURE", ("SCALED_PRESSURE2", "SCALED_PRESSURE3")),
+    SensorTopic("vehicle_magnetometer", "SCALED_IMU", ("SCALED_IMU2", "SCALED_IMU3")),
+)
+"""Sensors of which a vehicle has several."""
+
+
+def further_sensors() -> dict[str, tuple[str, Callable[[Topics], Fields]]]:
+    """Returns the topic of each message of a second or third sensor, and the function that makes it, by its name."""
+    makers: dict[str, tuple[str, Callable[[Topics], Fields]]] = {}
+    for sensor in SENSOR_TOPICS:
+        for instance, message in enumerate(sensor.further_messages, 1):
+            makers[message] = sensor.topic, partial(_sensor, sensor=sensor, instance=instance)
+    return makers
+
+
+def _sensor(topics: Topics, sensor: SensorTopic, instance: int) -> Fields:
+    """Makes the message of one instance of a sensor's topic; KeyError where it was not logged."""
+    topic = topics[sensor.topic][instance]
+    rule = TRANSLATION_RULES[sensor.first_message]
+    fields = translated_fields(topic, rule["fields"], rule.get("optional_fields"))
+    return {"time": topic["time"], **fields}

@@ -1,0 +1,105 @@
+"""The table of all instances: each is named, with its range in flight and its state."""
+
+import dataflash_logs as made
+import numpy as np
+from hover import Hover, changed, columns, evidence_of
+from pytest import approx
+
+from mavdem.assessment.instances import instances_of
+from mavdem.dataset.signals import Signals
+from mavdem.ingest import read_log
+from mavdem.ingest.px4_instances import further_sensors
+from mavdem.report.instances import instance_table
+
+HOVER = Hover()
+TIME = HOVER.stamps(5.0)
+
+
+def by_name(telemetry):
+    return {instance.name: instance for instance in instances_of(evidence_of(Signals(telemetry)))}
+
+
+def with_sensors():
+    """The hover with two receivers, of which one has no fix, two barometers, and speed controllers."""
+    parameters = {"BARO_PRIMARY": 1.0, "COMPASS_USE": 0.0}
+    telemetry = HOVER.telemetry(20.0, 20.0, parameters=parameters)
+    for message, fix_type, satellites in (("GPS_RAW_INT", 3, 12), ("GPS2_RAW", 1, 2)):
+        receiver = {"fix_type": fix_type, "satellites_visible": satellites}
+        fields = {name: np.full(len(TIME), value) for name, value in receiver.items()}
+        telemetry = changed(telemetry, message, **columns(TIME, **fields))
+    for message, offset in (("SCALED_PRESSURE", 0.0), ("SCALED_PRESSURE2", 100.0)):
+        altitude = columns(TIME, altitude=offset + np.sin(TIME))
+        telemetry = changed(telemetry, message, **altitude)
+    telemetry = changed(
+        telemetry,
+        "SCALED_IMU",
+        **columns(TIME, xmag=300 + TIME, ymag=0 * TIME, zmag=400 + 0 * TIME),
+    )
+    controllers = columns(
+        np.repeat(TIME, 2),
+        Instance=np.tile([0, 1], len(TIME)),
+        RPM=np.column_stack([5000 + TIME, 0 * TIME]).ravel(),
+    )
+    return changed(telemetry, "ESC", **controllers)
+
+
+def test_every_instance_has_its_range_and_state():
+    instances = by_name(with_sensors())
+    assert (instances["GPS 1"].high, instances["GPS 1"].state.level) == (12, "good")
+    assert "No fix for 100 %" in str(instances["GPS 2"].state)
+    assert instances["barometer 2"].high == approx(101, abs=0.1)
+    assert [instances[f"barometer {n}"].used_share for n in (1, 2)] == [0.0, 1.0]
+    assert instances["compass 1"].used_share == 0.0
+    assert instances["ESC 1"].low > 5000
+    assert (instances["ESC 2"].high, instances["ESC 2"].state.level) == (0, "unknown")
+    assert instances["output 1 (motor 1)"].unit == "µs"
+
+
+def test_the_table_has_a_row_for_each_instance():
+    instances = instances_of(evidence_of(Signals(with_sensors())))
+    table = instance_table(instances)
+    assert [row[0] for row in table.rows] == [instance.name for instance in instances]
+    rows = {row[0]: row for row in table.rows}
+    assert rows["barometer 1"][1] == "no" and rows["barometer 2"][1] == "yes"
+    assert rows["barometer 2"][3].endswith(" m") and rows["GPS 2"][5].level == "watch"
+
+
+def test_further_sensors_of_a_dataflash_log_have_messages_of_their_own(tmp_path, monkeypatch):
+    definitions = {
+        "GPS": (170, "QBBBfLL", "TimeUS,I,Status,NSats,HDop,Lat,Lng"),
+        "BARO": (171, "QBf", "TimeUS,I,Alt"),
+        "MAG": (172, "Qhhh", "TimeUS,MagX,MagY,MagZ"),
+        "MAG2": (173, "Qhhh", "TimeUS,MagX,MagY,MagZ"),
+        "ESC1": (174, "Qi", "TimeUS,RPM"),
+        "ESC2": (175, "Qi", "TimeUS,RPM"),
+    }
+    for name, definition in definitions.items():
+        monkeypatch.setitem(made.MESSAGES, name, definition)
+    rows = made.flight([20 + 0.1 * row for row in range(100)])
+    for second in range(20, 30):
+        stamp = 1_000_000 * second
+        for instance in (0, 1):
+            rows.append(made.message("GPS", stamp, instance, 3, 10 + instance, 0.8, 0, 0))
+            rows.append(made.message("BARO", stamp, instance, 5.0 + instance))
+        rows.append(made.message("MAG", stamp, 100, 0, 0))
+        rows.append(made.message("MAG2", stamp, 200, 0, 0))
+        rows.append(made.message("ESC1", stamp, 5000))
+        rows.append(made.message("ESC2", stamp, 6000))
+    path = tmp_path / "flight.bin"
+    path.write_bytes(made.log(*rows))
+    messages = read_log(path).vehicles[0].messages
+    assert set(messages["GPS_RAW_INT"]["satellites_visible"].tolist()) == {10}
+    assert set(messages["GPS2_RAW"]["satellites_visible"].tolist()) == {11}
+    assert set(messages["SCALED_PRESSURE2"]["altitude"].tolist()) == {6.0}
+    assert set(messages["SCALED_IMU"]["xmag"].tolist()) == {100}
+    assert set(messages["SCALED_IMU2"]["xmag"].tolist()) == {200}
+    speeds = messages["ESC"]
+    assert set(speeds["RPM"][speeds["Instance"] == 1].tolist()) == {6000}
+
+
+def test_further_sensors_of_px4_are_instances_of_a_topic():
+    makers = further_sensors()
+    topic = {"time": np.arange(3.0), "altitude": np.full(3, 7.0)}
+    name, maker = makers["SCALED_PRESSURE2"]
+    assert name == "sensor_baro"
+    assert maker({"sensor_baro": {0: topic, 1: topic}})["altitude"].tolist() == [7, 7, 7]
