@@ -17,7 +17,7 @@ from mavdem.assessment.judgement import judge, unjudged
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.record import Assessment
 from mavdem.assessment.reported import reported_events
-from mavdem.assessment.saturated_motor import saturation_losses
+from mavdem.assessment.saturated_motor import saturation_losses, with_saturated_motor
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
@@ -105,7 +105,9 @@ def assess_signals(
     events = weighed_reports(signals, [*reports, *motion_events(signals, reports)])
     ending = ending_of(signals, events, analysis.condition.collective)
     events += _motor_changes(analysis, ending)
-    events += saturation_losses(signals, events, ending)
+    saturated = saturation_losses(signals, events, ending)
+    events += saturated
+    ending = with_saturated_motor(ending, saturated)
     if ending is not None:
         events.append(ending)
     events += autotune

@@ -31,7 +31,7 @@ from mavdem.dataset.phases import (
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
-from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.motors import InFlight
 from mavdem.motors.saturation import most_limited_motors
 
@@ -78,9 +78,15 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
         if ending.code is Ending.CRASHED:
             # Motors fight an obstacle that turns the vehicle over, so that only earlier limits are evidence.
             latest_start = ending.time - MAX_SETPOINT_DELAY
+    diverged_boots = {
+        event.figures["boot"] for event in events if event.code is MotionEvent.HEIGHT_DIVERGED
+    }
     losses = []
     for event in events:
         if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or event.time is None:
+            continue
+        if event.figures["boot"] in diverged_boots:
+            # A height that diverged drives all motors up, whatever they are worth.
             continue
         is_of_ending = ending is not None and ending.figures.get("boot") == event.figures["boot"]
         if is_of_ending and event.time > latest_start:
@@ -90,6 +96,24 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
         if loss is not None:
             losses.append(loss)
     return losses
+
+
+def with_saturated_motor(ending: Fact | None, losses: Sequence[Fact]) -> Fact | None:
+    """Returns how a flight was lost, with the motor that saturated first as the cause if nothing else is known.
+
+    Args:
+        ending: how the flight was lost; None if it was not.
+        losses: motors that saturated before it, in any boot.
+    """
+    if ending is None or ending.code is not Ending.CONTROL_LOST or ending.figures["cause"]:
+        return ending
+    losses = [loss for loss in losses if loss.figures["boot"] == ending.figures["boot"]]
+    subjects = {loss.subject for loss in losses} | {ending.subject} - {""}
+    if not losses or len(subjects) > 1:
+        # Nothing, or another motor than the autopilot reports.
+        return ending
+    cause = Fact(FailedFirst.LIMIT_FIRST, time=losses[-1].time, subject=losses[-1].subject)
+    return ending.but(subject=cause.subject, cause=cause)
 
 
 def _saturation_loss(

@@ -128,3 +128,10 @@ def test_a_limit_in_hover_names_one_motor_only_where_it_stands_out(motors, subje
     assert (limited.code, limited.subject) == (MotorsLight.MOTOR_LIMITED, subject)
     assert len(limited.figures["names"]) == sum(motors)
     assert limited.sentence.startswith("Motor 3 is" if subject else "Motor 1 and motor 3 are")
+
+
+def test_limits_of_a_diverged_height_are_no_motor_s():
+    flight = evidence(lambda time: np.outer([0, 0, 1, 0], 600.0 * (time % 10 < 0.8)))
+    diverged = Fact(MotionEvent.HEIGHT_DIVERGED, Level.BAD, time=20.0, boot=0)
+    limited = motors_light(replace(flight, events=(diverged,)))
+    assert limited.code is not MotorsLight.MOTOR_LIMITED

@@ -6,10 +6,10 @@ from hover import X_QUAD_PARAMETERS, Hover, changed, columns, pulses, with_pulse
 from pytest import approx, mark
 
 from mavdem.assessment.motion import motion_events
-from mavdem.assessment.saturated_motor import saturation_losses
+from mavdem.assessment.saturated_motor import saturation_losses, with_saturated_motor
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
-from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.motors import InFlight
 from mavdem.ingest.vocabulary import attitude_target, quaternion
 
@@ -114,3 +114,31 @@ def test_a_limit_on_a_stand_is_none():
     made = drifting(flight(height=0.3), 1, 2.0, 2100.0)
     codes = [event.code for event in motion_events(Signals(made))]
     assert MotionEvent.MOTOR_AT_ITS_STOP not in codes
+
+
+def test_a_diverged_height_explains_every_limit():
+    made = leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0)
+    signals = Signals(made, inputs="motors")
+    diverged = Fact(MotionEvent.HEIGHT_DIVERGED, time=30.0, boot=0)
+    assert not saturation_losses(signals, [diverged, *motion_events(signals)], None)
+
+
+@mark.parametrize("reported, named", [("", NAMES[1]), (NAMES[1], NAMES[1]), (NAMES[0], NAMES[0])])
+def test_a_loss_without_a_cause_names_the_motor_that_saturated(reported, named):
+    losses_of_motor = losses(leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0))
+    lost = Fact(Ending.CONTROL_LOST, time=45.0, subject=reported, cause=None, word=None, boot=0)
+    ending = with_saturated_motor(lost, losses_of_motor)
+    assert ending.subject == named
+    if named == NAMES[1]:
+        assert ending.figures["cause"].code is FailedFirst.LIMIT_FIRST
+    else:
+        assert ending == lost
+
+
+def test_a_known_cause_and_an_impact_stay():
+    losses_of_motor = losses(leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0))
+    frozen = Fact(FailedFirst.OUTPUT_FROZE_FIRST, subject=NAMES[0])
+    lost = Fact(Ending.CONTROL_LOST, time=45.0, subject=NAMES[0], cause=frozen, boot=0)
+    crashed = Fact(Ending.CRASHED, time=45.0, cause=None, boot=0)
+    assert with_saturated_motor(lost, losses_of_motor) == lost
+    assert with_saturated_motor(crashed, losses_of_motor) == crashed

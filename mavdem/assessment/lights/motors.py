@@ -47,6 +47,9 @@ def motors_light(evidence: Evidence) -> Fact:
     else:
         # In a shorter hover one manoeuvre could decide the share of the time at the limit.
         limited = limited_motors(hover)
+        if _has_diverged_height(evidence):
+            # The height controller drove all motors up: their limits say nothing about them.
+            limited = None
         if limited is not None and hover.seconds >= MIN_STEADY_SECONDS:
             fact = Fact(
                 MotorsLight.MOTOR_LIMITED,
@@ -57,6 +60,13 @@ def motors_light(evidence: Evidence) -> Fact:
             facts.append(fact)
         facts.append(_trim_or_headroom(evidence, hover))
     return worst_fact(facts)
+
+
+def _has_diverged_height(evidence: Evidence) -> bool:
+    """Returns whether the estimated height diverged in flight."""
+    return any(
+        event.code is MotionEvent.HEIGHT_DIVERGED and event.is_bad for event in evidence.events
+    )
 
 
 def _motor_names(evidence: Evidence) -> tuple[str, ...]:
