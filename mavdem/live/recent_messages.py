@@ -34,8 +34,8 @@ class RecentMessages:
     def add(self, name: str, time: float, values: Numbers) -> None:
         """Adds a message; of more than ``MAX_ROWS`` with its name, old ones are thinned out.
 
-        Every second one of the older half goes. So the memory is bounded, and yet the whole boot stays covered, the
-        latest part of it completely.
+        Every second one of the older half goes, of each battery of BATTERY_STATUS. So the memory is bounded, and yet
+        the whole boot stays covered, the latest part of it completely.
 
         Args:
             name: name of the message.
@@ -45,7 +45,7 @@ class RecentMessages:
         rows = self.rows.setdefault(name, [])
         rows.append((time, values))
         if len(rows) > MAX_ROWS:
-            del rows[: MAX_ROWS // 2 : 2]
+            self.rows[name] = _thinned_out(name, rows)
 
     def columns(self, names: Iterable[str], start_time: float = -inf) -> dict[str, Columns]:
         """Returns messages as the columns of a log, which the functions that judge logs take.
@@ -63,6 +63,27 @@ class RecentMessages:
             if rows:
                 columns[name] = _columns_from(MESSAGE_FIELDS[name], rows, self.boot)
         return columns
+
+
+def _thinned_out(name: str, rows: Sequence[tuple[float, Numbers]]) -> list[tuple[float, Numbers]]:
+    """Returns the messages of one name without every second one of the older half.
+
+    Batteries come in turn, so that every second message may be of the same one: each is counted for itself.
+
+    Args:
+        name: name of the message.
+        rows: time, s of the boot clock, and values of each message.
+    """
+    fields = MESSAGE_FIELDS[name]
+    id_field = fields.index("id") if name == "BATTERY_STATUS" else None
+    kept = []
+    counts: dict[float, int] = {}
+    for time, values in rows[: MAX_ROWS // 2]:
+        battery_id = 0.0 if id_field is None else values[id_field]
+        counts[battery_id] = counts.get(battery_id, 0) + 1
+        if counts[battery_id] % 2 == 0:
+            kept.append((time, values))
+    return [*kept, *rows[MAX_ROWS // 2 :]]
 
 
 def _columns_from(

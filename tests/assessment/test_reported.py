@@ -169,6 +169,15 @@ def test_what_is_lost_or_low_while_armed_has_its_span(message):
     assert not events(changed(FLOWN, message, **on_ground), code)
 
 
+def test_a_fix_is_not_lost_while_the_second_receiver_has_one():
+    first = columns(TIMES, fix_type=np.where(LOST, 1, 3))
+    telemetry = changed(FLOWN, "GPS_RAW_INT", **first)
+    assert events(telemetry, Reported.GPS_LOST)
+    for fix_type, count in ((3, 0), (1, 1)):
+        second = columns(TIMES + 0.1, fix_type=0 * TIMES + fix_type)
+        assert len(events(changed(telemetry, "GPS2_RAW", **second), Reported.GPS_LOST)) == count
+
+
 @mark.parametrize("field", DETECTED)
 def test_what_the_failure_detector_found(field):
     code, level, subject = DETECTED[field]

@@ -24,7 +24,7 @@ from mavdem.facts.session import Session
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import Watch, Watched
 from mavdem.live import LiveStream
-from mavdem.live.recent_messages import RecentMessages
+from mavdem.live.recent_messages import MAX_ROWS, RecentMessages
 from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.live.watchdog import ALARMING_SHARE, CALM_SECONDS, DECISION_SECONDS
 from mavdem.live.wind import WindEstimate
@@ -128,6 +128,37 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
     [jumped] = said(made, Reported.GPS_JUMPED)
     assert jumped.time == approx(10.0, abs=0.1)
     assert {fact.subject for fact in made.stream.status().watch_facts} == {*Watched}
+
+
+def test_the_emptiest_of_two_batteries_is_alarmed_and_named():
+    seconds = np.arange(4.0, 20.0, 0.5).tolist()
+
+    def status(battery_id, volts, state):
+        voltages = [round(1000 * volts), *[65535] * 9]
+        return {"id": battery_id, "voltages": voltages, "charge_state": state}
+
+    empty = {at: 12.4 if at < 8.0 else 8.0 for at in seconds}
+    made = told(
+        *((at, "BATTERY_STATUS", status(0, 12.5 - 0.001 * at, 1)) for at in seconds),
+        *((at, "BATTERY_STATUS", status(1, empty[at], 1 if at < 10.0 else 3)) for at in seconds),
+        *((at, "SYS_STATUS", {"voltage_battery": 12500}) for at in seconds),
+    )
+    [low] = said(made, PowerLight.BATTERY_LOW)[-1:]
+    assert low.figures["because"].subject == "battery 2"
+    reports = said(made, Reported.BATTERY_ALARMED)
+    assert {report.subject or report.figures["because"].subject for report in reports} == {
+        "battery 2"
+    }
+
+
+def test_thinning_out_keeps_every_battery():
+    recent = RecentMessages()
+    for row in range(3 * MAX_ROWS):
+        recent.add("BATTERY_STATUS", 0.1 * row, (row % 2, 0, 0, 0, 0))
+    columns = recent.columns(["BATTERY_STATUS"])["BATTERY_STATUS"]
+    assert len(columns["time"]) <= MAX_ROWS
+    oldest = columns["time"] < 0.2 * MAX_ROWS
+    assert set(columns["id"][oldest].tolist()) == {0, 1}
 
 
 def test_an_external_mode_of_px4_is_reported_by_its_announced_name():

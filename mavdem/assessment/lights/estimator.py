@@ -10,7 +10,7 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst_fact
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset.intervals import longest_true_duration
-from mavdem.dataset.position_fix import FIX_3D, has_position_fix
+from mavdem.dataset.position_fix import FIX_3D, RECEIVER_MESSAGES, has_position_fix
 from mavdem.dataset.time_series import (
     TimeSeries,
     clean_series,
@@ -288,14 +288,13 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
     """Yields a fact for each flight whose GPS fixes were poor: too few satellites, or too much dilution (HDOP).
 
     Medians over the flight count, so that a short loss is not reported here. GPS_RAW_INT has the dilution as ``eph``,
-    in hundredths. Samples without a fix in three dimensions are left out.
+    in hundredths. Samples without a fix in three dimensions are left out. Of several receivers the one with most
+    satellites is judged: autopilots switch to it, or weigh it most.
 
     Args:
         evidence: what the log shows of the vehicle.
     """
-    telemetry = evidence.signals.telemetry
-    fixes = recorded_series(telemetry, "GPS_RAW_INT", "fix_type", "satellites_visible", "eph")
-    for flight in evidence.in_flight(fixes):
+    for flight in evidence.in_flight(_best_receiver(evidence)):
         has_fix = flight.values[:, 0] >= FIX_3D
         if not has_fix.any():
             continue
@@ -306,6 +305,32 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
                 satellites=int(satellites),
                 dilution=hundredths_of_dilution / 100,
             )
+
+
+def _best_receiver(evidence: Evidence) -> TimeSeries | None:
+    """Returns fix type, satellites and dilution (N, 3) of the receiver with most satellites with a fix in flight.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Returns:
+        The samples, dilution in hundredths; None where no receiver was recorded.
+    """
+    best = None
+    most_satellites = -1.0
+    for message in RECEIVER_MESSAGES:
+        fixes = recorded_series(
+            evidence.signals.telemetry, message, "fix_type", "satellites_visible", "eph"
+        )
+        counts = [
+            flight.values[flight.values[:, 0] >= FIX_3D, 1] for flight in evidence.in_flight(fixes)
+        ]
+        satellites = np.concatenate([np.zeros(0), *counts])
+        mean_satellites = float(satellites.mean()) if len(satellites) else 0.0
+        if fixes is not None and mean_satellites > most_satellites:
+            best = fixes
+            most_satellites = mean_satellites
+    return best
 
 
 def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
