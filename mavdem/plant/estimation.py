@@ -254,7 +254,7 @@ def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) ->
         if figures.lag_unresolved:
             bias = OmissionErrors.lag_bias
     effect_unknown = status["effect"] == Status.NOT_IDENTIFIABLE
-    covariance = _with_omission_errors(
+    covariance = with_omission_errors(
         covariance, values, relative[0, :r], spectrum_range, bias, effect_unknown, figures
     )
 
@@ -283,7 +283,7 @@ def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) ->
     return freeze(estimate)
 
 
-def _with_omission_errors(
+def with_omission_errors(
     covariance: Array,
     values: Array,
     mean_effect_weights: Array,

@@ -20,6 +20,7 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
 from mavdem.plant import identifiability as limits
 from mavdem.plant import physical
+from mavdem.plant.estimation import with_omission_errors
 from mavdem.plant.fitting import LogPosterior, initial_model
 from mavdem.plant.identifiability import PARAMETERS, NotIdentifiable, identifiability
 from mavdem.plant.likelihood import minimum_phase
@@ -287,6 +288,20 @@ def test_the_variance_is_that_of_wind_which_nothing_counteracts():
         if k in (9, 49, 99):
             found = np.array([angle.var(), rate.var()])
             assert_allclose(found, variance[k], rtol=4 * np.sqrt(2 / flights))
+
+
+def test_what_the_model_leaves_out_adds_its_variances():
+    """Where the likelihood knows everything exactly: two effects, damping, lag and delay."""
+    values = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
+    figures = limits.IdentifiabilityFigures(0.1, 0.1, {}, {}, lag=0.05, dt=0.01)
+    covariance = with_omission_errors(
+        np.zeros((5, 5)), values, np.full(2, 0.5), np.zeros(3), 0.0, False, figures
+    )
+    errors = limits.OmissionErrors
+    relative = np.full((2, 2), errors.effect**2) + errors.motor**2 * np.eye(2)
+    assert_allclose(covariance[:2, :2], np.outer(values[:2], values[:2]) * relative)
+    others = [errors.damping**2, (0.05 * errors.lag) ** 2, errors.delay**2]
+    assert_allclose(covariance[2:, 2:], np.diag(others))
 
 
 def test_uncertain_parameters_widen_it_to_first_order():

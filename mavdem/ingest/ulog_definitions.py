@@ -1,0 +1,390 @@
+"""The definitions in a ULog file, and whether a record fits them.
+
+A file defines its messages (the fields of each) and subscriptions (the number under which the records of one topic
+follow). Other records have a layout of their own.
+
+Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
+"""
+
+import re
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+from functools import cache
+from typing import NamedTuple
+
+from mavdem.ingest.telemetry import MAX_FIELDS
+
+HEADER = struct.Struct("<HB")
+"""Header of each record: number of bytes behind it, and its type."""
+
+DATA_HEADER = struct.Struct("<HBH")
+"""Header of a data record, and the number of its subscription."""
+
+STAMP = struct.Struct("<Q")
+"""Time stamp of a record, µs since boot."""
+
+FLAG_BITS, FORMAT, INFORMATION, PARTS, PARAMETER, DEFAULT = b"BFIMPQ"
+"""Types of the records of definitions: PARTS is information in several records, DEFAULT that of a parameter."""
+
+SUBSCRIPTION, UNSUBSCRIPTION, DATA, TEXT, TAGGED_TEXT, SYNC, DROPOUT = b"ARDLCSO"
+"""Types of the records of data."""
+
+FUTURE_TYPES = frozenset(b"EGHJKNTUVWXYZ")
+"""Letters that may be types of records in a later version of the format."""
+
+MAX_UNKNOWN_BYTES = 10_000
+"""Largest length of a record that fits no definition, yet is passed over by its length; pyulog has the same bound."""
+
+SYNC_MAGIC = bytes.fromhex("2F731320250CBB12")
+"""Content of a mark of synchronisation."""
+
+MAX_TEXT_BYTES = 1000
+"""Largest length of a text; PX4's have up to 127 characters (msg/LogMessage.msg)."""
+
+TEXT_LEVELS = b"01234567"
+"""Levels of texts, as characters: those of syslog."""
+
+NUMBER_BYTES = {
+    "int8_t": 1,
+    "uint8_t": 1,
+    "bool": 1,
+    "char": 1,
+    "int16_t": 2,
+    "uint16_t": 2,
+    "int32_t": 4,
+    "uint32_t": 4,
+    "float": 4,
+    "int64_t": 8,
+    "uint64_t": 8,
+    "double": 8,
+}
+"""Number of bytes of a number, by its type."""
+
+FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)")
+"""One field in a definition: its type, the number of its elements if it is an array, and its name."""
+
+NAME = re.compile(rb"[\x21-\x39\x3b-\x7e]+")
+"""Name of a message: printable characters without the colon behind it."""
+
+MAX_NAME_BYTES = 255
+"""Largest length of the name of a message: a choice; PX4's have up to some 40 characters."""
+
+KEY = re.compile(rb"(\w++)(\[\d*\])? [\x21-\x7e]+")
+"""Key of an information or a parameter: a type, perhaps of an array, and a name."""
+
+START_OF_DEFINITION = (
+    rb"[\x04-\xff]\0A|..F[\x21-\x39\x3b-\x7e]{1,255}+:|\x08\0S|\x02\0[OR]|..[LC][0-7]|"
+    rb"..(?:[IP]|[MQ].).(?:u?int(?:8|16|32|64)_t|float|double|bool|char)"
+)
+"""Beginnings of all records but those of data, for the search behind damage.
+
+A search for the mere letters would stop at each byte of a run of one letter. Names of messages may have 252 characters.
+"""
+
+
+class RecordHeader(NamedTuple):
+    """The header of a record."""
+
+    length: int
+    """Number of bytes behind it."""
+    kind: int
+    """Type of the record, a letter."""
+
+
+class _Field(NamedTuple):
+    """One field in the definition of a message."""
+
+    kind: str
+    """Its type: that of a number, or the name of another message."""
+    elements: int
+    """Number of elements of an array; 1 for a field that is none."""
+    name: str
+    """Its name."""
+
+
+@dataclass(frozen=True)
+class TopicLayout:
+    """What the data records of one subscription look like, without their header and the subscription's number."""
+
+    min_bytes: int
+    """Number of bytes of all fields but the padding at the end, which PX4 does not write."""
+    max_bytes: int
+    """Number of bytes with that padding."""
+    stamp_offset: int | None
+    """Offset of the time stamp, bytes; None where there is none, so that the records are not used."""
+
+
+class Fit(Enum):
+    """How a record fits the definitions of the file."""
+
+    SOUND = auto()
+    """It fits, and is kept."""
+    UNUSED = auto()
+    """It fits, and is left out."""
+    UNKNOWN = auto()
+    """There is no definition for it; by its length it may be a record."""
+    DAMAGED = auto()
+    """It does not fit."""
+
+
+class RecordDefinitions:
+    """The definitions of a ULog file that were read so far, and the records by their offsets.
+
+    Attributes:
+        content: The file.
+        topics: Layout of the data records of each subscription, by its number.
+        data_lengths: Length of a whole data record by its first five bytes. These are the same in all records of a
+            subscription, so that one look-up is all that a sound record costs.
+    """
+
+    def __init__(self, content: bytes) -> None:
+        """Begins without any definition.
+
+        Args:
+            content: The file.
+        """
+        self.content = content
+        self.topics: dict[int, TopicLayout] = {}
+        self.data_lengths: dict[bytes, int] = {}
+        self._formats: dict[str, Sequence[_Field]] = {}
+        self._record_start: re.Pattern[bytes] | None = None
+
+    def header(self, position: int) -> RecordHeader:
+        """Returns the header at an offset; one that is cut off by the end of the file has length 0 and type 0."""
+        if position + HEADER.size > len(self.content):
+            return RecordHeader(0, 0)
+        return RecordHeader(*HEADER.unpack_from(self.content, position))
+
+    def next_position(self, position: int) -> int:
+        """Returns where the record at an offset ends, by its length."""
+        return position + HEADER.size + self.header(position).length
+
+    def fit(self, position: int, end: int) -> Fit:
+        """Compares the record at an offset with the definitions of the file.
+
+        Args:
+            position: Offset of the record.
+            end: Offset at which its part of the file ends; a record that goes beyond does not fit.
+        """
+        length, kind = self.header(position)
+        body_start = position + HEADER.size
+        if body_start + length > end:
+            return Fit.DAMAGED
+        if kind == DATA:
+            return self._fit_of_data(body_start, length)
+        body = self.content[body_start : body_start + length]
+        if kind == FORMAT:
+            parsed = _parsed_format(body)
+            # A second definition of the same name would replace the first.
+            is_repeated = parsed is not None and parsed.name in self._formats
+            return Fit.UNUSED if is_repeated else _fit_if(parsed is not None)
+        if kind == SUBSCRIPTION:
+            return self._fit_of_subscription(body)
+        if kind in (INFORMATION, PARAMETER):
+            return _fit_if(_is_key_and_value(body))
+        if kind in (PARTS, DEFAULT):
+            # A byte of flags comes before the key.
+            return _fit_if(_is_key_and_value(body[1:]))
+        if kind == TEXT:
+            return _fit_if(_is_text(body, stamp_offset=1))
+        if kind == TAGGED_TEXT:
+            # The tag, two bytes, comes before the stamp.
+            return _fit_if(_is_text(body, stamp_offset=3))
+        if kind == SYNC:
+            return _fit_if(body == SYNC_MAGIC)
+        if kind == DROPOUT:
+            return _fit_if(length == 2)
+        if kind == UNSUBSCRIPTION:
+            return Fit.UNUSED if length == 2 else Fit.DAMAGED
+        is_data = (
+            self.content[position : position + 2] + bytes([DATA]) + body[:2] in self.data_lengths
+        )
+        if kind in FUTURE_TYPES and 0 < length <= MAX_UNKNOWN_BYTES and not is_data:
+            return Fit.UNKNOWN
+        return Fit.DAMAGED
+
+    def _fit_of_data(self, body_start: int, length: int) -> Fit:
+        """Compares a data record with what its subscription says.
+
+        Args:
+            body_start: Offset of the number of the subscription.
+            length: Number of bytes from there on.
+        """
+        if length < 2:
+            return Fit.DAMAGED
+        number = int.from_bytes(self.content[body_start : body_start + 2], "little")
+        topic = self.topics.get(number)
+        if topic is None:
+            return Fit.UNKNOWN if length <= MAX_UNKNOWN_BYTES else Fit.DAMAGED
+        if not topic.min_bytes <= length - 2 <= topic.max_bytes:
+            return Fit.DAMAGED
+        return Fit.UNUSED if topic.stamp_offset is None else Fit.SOUND
+
+    def _fit_of_subscription(self, body: bytes) -> Fit:
+        """Compares a subscription with the definitions of messages."""
+        name = body[3:]
+        if len(name) > MAX_NAME_BYTES or NAME.fullmatch(name) is None:
+            return Fit.DAMAGED
+        if int.from_bytes(body[1:3], "little") in self.topics:
+            # Parsers would begin the topic anew and lose what came before.
+            return Fit.UNUSED
+        return Fit.UNKNOWN if self._topic_of_format(name.decode()) is None else Fit.SOUND
+
+    def learn(self, position: int) -> None:
+        """Enters a sound record that defines a message, or subscribes to one."""
+        length, kind = self.header(position)
+        body_start = position + HEADER.size
+        body = self.content[body_start : body_start + length]
+        if kind == FORMAT:
+            parsed = _parsed_format(body)
+            if parsed is not None:
+                self._formats[parsed.name] = parsed.fields
+        elif kind == SUBSCRIPTION:
+            number = int.from_bytes(body[1:3], "little")
+            topic = self._topic_of_format(body[3:].decode())
+            if topic is not None:
+                self.topics[number] = topic
+                self._record_start = None
+                if topic.stamp_offset is not None:
+                    data_header = DATA_HEADER.pack(topic.min_bytes + 2, DATA, number)
+                    self.data_lengths[data_header] = DATA_HEADER.size + topic.min_bytes
+
+    def _topic_of_format(self, name: str) -> TopicLayout | None:
+        """Returns what the data records of a message look like.
+
+        Returns:
+            None where its definition is missing, contains one that is missing, contains itself, has a name twice, or
+            has more than ``MAX_FIELDS`` numbers.
+        """
+        if name not in self._formats or not self._is_of_usual_size(name):
+            return None
+        fields = self._numbers(name)
+        if fields is None or len({field.name for field in fields}) < len(fields):
+            return None
+        max_bytes = sum(NUMBER_BYTES[field.kind] for field in fields)
+        while fields and fields[-1].name.startswith("_padding"):
+            fields.pop()
+        stamp_offset = None
+        offset = 0
+        for field in fields:
+            # Parsers read eight bytes, whatever the type of the time stamp is.
+            if field.name == "timestamp":
+                stamp_offset = offset
+            offset += NUMBER_BYTES[field.kind]
+        if stamp_offset is not None and stamp_offset + STAMP.size > offset:
+            stamp_offset = None
+        return TopicLayout(offset, max_bytes, stamp_offset)
+
+    def _is_of_usual_size(self, name: str) -> bool:
+        """Returns whether a message has at most ``MAX_FIELDS`` numbers, so that memory suffices to decode it.
+
+        Messages may contain other messages and arrays of them, so that a short definition can announce any number of
+        numbers. These are counted through all levels.
+        """
+
+        @cache
+        def number_count(kind: str) -> int:
+            """Returns how many numbers a field of this type has: a message's type, or that of a number."""
+            count = 0
+            for field in self._formats.get(kind, ()):
+                count += field.elements * number_count(field.kind)
+            return count or 1
+
+        try:
+            return number_count(name) <= MAX_FIELDS
+        except RecursionError:
+            return False
+
+    def _numbers(self, kind: str, name: str = "") -> list[_Field] | None:
+        """Lists all numbers of a message or of a field of one, in the order of the file.
+
+        Args:
+            kind: The message's name, or the type of a number.
+            name: Name of the field; empty for a whole message.
+
+        Returns:
+            A field for each number; None where a definition is missing.
+        """
+        if kind in NUMBER_BYTES:
+            return [_Field(kind, 1, name)]
+        if kind not in self._formats:
+            return None
+        numbers = []
+        for field in self._formats[kind]:
+            field_name = f"{name}.{field.name}" if name else field.name
+            for element in range(field.elements):
+                element_name = f"{field_name}[{element}]" if field.elements > 1 else field_name
+                element_numbers = self._numbers(field.kind, element_name)
+                if element_numbers is None:
+                    return None
+                numbers.extend(element_numbers)
+        return numbers
+
+    def record_start_pattern(self) -> re.Pattern[bytes]:
+        """Returns the pattern of bytes at which a record may begin, by the subscriptions that were read so far."""
+        if self._record_start is None:
+            numbers = [re.escape(number.to_bytes(2, "little")) for number in self.topics]
+            # An empty list would match any data record.
+            start_of_data = rb"..D(?:" + b"|".join(numbers) + rb")|" if numbers else b""
+            # Looking ahead, a match has no length: the next one may begin at the byte behind.
+            pattern = rb"(?=" + start_of_data + START_OF_DEFINITION + rb")"
+            self._record_start = re.compile(pattern, re.DOTALL)
+        return self._record_start
+
+
+class _ParsedFormat(NamedTuple):
+    """The definition of a message."""
+
+    name: str
+    """Its name."""
+    fields: Sequence[_Field]
+    """Its fields."""
+
+
+def _parsed_format(body: bytes) -> _ParsedFormat | None:
+    """Parses the definition of a message, "name:type field;type[4] field;"; returns None for a damaged one."""
+    name_end = body.find(b":", 0, MAX_NAME_BYTES + 1)
+    if name_end < 0 or NAME.fullmatch(body, 0, name_end) is None:
+        return None
+    fields = []
+    for text in body[name_end + 1 :].decode("latin-1").split(";"):
+        if not text:
+            continue
+        match = FIELD.fullmatch(text)
+        if match is None:
+            return None
+        kind, elements, field_name = match.groups()
+        # Parsers read an array of no elements as one number.
+        fields.append(_Field(kind, max(int(elements or 1), 1), field_name))
+    return _ParsedFormat(body[:name_end].decode(), fields)
+
+
+def _is_key_and_value(content: bytes) -> bool:
+    """Returns whether an information or a parameter has a key with a type, and a value of that type.
+
+    Args:
+        content: The length of the key (one byte), the key ("float MC_ROLL_P"), and the value.
+    """
+    if not content:
+        return False
+    key_end = 1 + content[0]
+    key = KEY.fullmatch(content, 1, key_end)
+    if key is None or key_end > len(content):
+        return False
+    # The values of arrays have any length.
+    value_bytes = NUMBER_BYTES.get(key[1].decode())
+    return key[2] is not None or value_bytes in (None, len(content) - key_end)
+
+
+def _is_text(body: bytes, stamp_offset: int) -> bool:
+    """Returns whether the content of a record is a text with its level, its stamp, and no more than a text has."""
+    text = body[stamp_offset + STAMP.size :]
+    has_stamp = len(body) >= stamp_offset + STAMP.size
+    return has_stamp and body[0] in TEXT_LEVELS and len(text) <= MAX_TEXT_BYTES and 0 not in text
+
+
+def _fit_if(fits: bool) -> Fit:
+    """Returns the fit of a record that is kept if it fits."""
+    return Fit.SOUND if fits else Fit.DAMAGED
