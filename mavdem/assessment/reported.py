@@ -16,6 +16,7 @@ from mavdem.assessment.autopilot_messages import (
 )
 from mavdem.assessment.flights import flights_in_boot, height_in_flight
 from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS
+from mavdem.assessment.restarts import restarts
 from mavdem.dataset.batteries import battery_columns, battery_name
 from mavdem.dataset.intervals import in_intervals, intersection, true_intervals
 from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
@@ -126,7 +127,7 @@ def reported_events(signals: Signals) -> Facts:
             *_mode_changes(signals, span),
         ]
         faults = [
-            *_restarts(signals, span),
+            *restarts(signals, span),
             *_estimator_changes(signals, span),
             *_lasting_faults(signals, span),
             *(fact for fact in problems if fact.figures["boot"] == boot and _can_be(fact, signals)),
@@ -139,7 +140,9 @@ def reported_events(signals: Signals) -> Facts:
         ]
         for fact in in_time_order([*states, *merge_repeats(faults)]):
             time = fact.time or 0.0
-            if fact.is_bad and not in_intervals(time, around_armed):
+            # After a restart in flight the motors may be off: that is bad nevertheless.
+            is_restart = fact.code is Reported.RESTARTED_IN_FLIGHT
+            if fact.is_bad and not is_restart and not in_intervals(time, around_armed):
                 fact = fact.but(Level.WATCH)
             # The height is above where the latest flight began. An event before all flights counts as such a beginning.
             begun_flights = [flight for flight in flights if flight[0] <= time]
@@ -266,12 +269,6 @@ def _mode_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
         cause, level = mode_change_reason(reason_numbers.get(time))
         code = Reported.MODE_CHANGED
         yield _event(signals, span, message, code, time, level, subject=mode, cause=cause)
-
-
-def _restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
-    """Yields that the autopilot restarted, at the beginning of each boot but the first."""
-    if span.boot > 0:
-        yield _event(signals, span, "ATTITUDE", Reported.RESTARTED, span.start)
 
 
 def _estimator_changes(signals: Signals, span: Segment) -> Iterator[Fact]:

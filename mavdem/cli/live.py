@@ -183,15 +183,20 @@ def live_command(
         session_end.callback(session.end)
         if dashboard.advice:
             print_to_stderr(dashboard.advice)
-        print_to_stderr(f"Listening on {link}; Ctrl-C ends it.")
         if paths.model is None:
             print_to_stderr(
                 "The model will not be written: name a file with --model, --rrd or --record."
             )
         is_end_requested = signal_handlers.enter_context(termination_requests())
+        # From here on Ctrl-C ends the session in order.
+        print_to_stderr(f"Listening on {link}; Ctrl-C ends it.")
         _run_and_show_status(session, is_end_requested, duration, plain)
+        session.intake.record_rest()
         account = session.time_account()
         status = session.status
+        dropped = opened_link.dropped_datagrams
+        if dropped:
+            print_to_stderr(f"{dropped} datagrams were lost: they came faster than they were read.")
         print_to_stderr("Ending takes some seconds: model, message rates and files are completed.")
         learned = _final_model(session, session_end)
         # The model is written first, since what follows may fail or take its time.

@@ -39,6 +39,7 @@ class Reported(Code):
     BATTERY_ALARMED = "battery_alarmed"
     BOARD_VOLTAGE_LOW = "board_voltage_low"
     RESTARTED = "restarted"
+    RESTARTED_IN_FLIGHT = "restarted_in_flight"
     FENCE_BREACHED = "fence_breached"
     FAILSAFE = "failsafe"
     AUTOPILOT_ERROR = "autopilot_error"

@@ -49,6 +49,7 @@ class Repair(Code):
     CLOCK_WRAPPED = "clock_wrapped"
     LOG_OF_SEVERAL_BOOTS = "log_of_several_boots"
     CLOCK_MOVED = "clock_moved"
+    CLOCK_SET = "clock_set"
     UNIX_TIME_MOVED = "unix_time_moved"
     SYSTEM_NUMBERED = "system_numbered"
     DEFINITION_CONTRADICTED = "definition_contradicted"

@@ -82,8 +82,7 @@ class LinkIntake:
             self.is_lost = True
             self._log(error.fact.but(reopening=True))
             return []
-        stamped_frames = [(stamp, self._frame_reader.feed(data)) for stamp, data in pieces]
-        self._record(stamped_frames)
+        stamped_frames = self._record(pieces)
         now = clock.monotonic()
         wall_time = clock.unix_time()
         emptied_time = self._emptied_time
@@ -109,22 +108,32 @@ class LinkIntake:
         self._log(Fact(LinkFact.LINK_OPEN_AGAIN))
         return True
 
-    def _record(self, stamped_frames: list[tuple[float, list[Frame]]]) -> None:
+    def record_rest(self) -> None:
+        """Receives and records what still waits at the end of a session; it is not analysed any more."""
+        if not self.is_lost:
+            self._record(self._link.receive_rest())
+
+    def _record(self, pieces: list[tuple[float, bytes]]) -> list[tuple[float, list[Frame]]]:
         """Records frames before anything else is done with them, so that no error of the analysis loses any.
 
         A recording that fails, for example on a full disk, is reported and ends; the session goes on.
 
         Args:
-            stamped_frames: arrival, UNIX s, and frames of each piece.
+            pieces: arrival, UNIX s, and bytes of each piece of the link.
+
+        Returns:
+            Arrival, UNIX s, and frames of each piece.
         """
+        stamped_frames = [(stamp, self._frame_reader.feed(data)) for stamp, data in pieces]
         if self.recording is None:
-            return
+            return stamped_frames
         try:
             for stamp, frames in stamped_frames:
                 self.recording.add(stamp, frames)
         except OSError as error:
             self.recording = None
             self._log(failure_fact(LinkFact.STREAM_RECORDING_ENDED, error))
+        return stamped_frames
 
     def send(self, frames: list[bytes]) -> None:
         """Sends frames; a link that is lost is reported, and nothing more is sent."""

@@ -41,6 +41,15 @@ Source: Linux, include/uapi/asm-generic/socket.h.
 SO_RXQ_OVFL = 40 if sys.platform == "linux" else 0
 """Socket option that counts the datagrams for which the buffer had no room; 0 where there is none. Source: as above."""
 
+SO_MEMINFO = 55 if sys.platform == "linux" else 0
+"""Socket option that reads the state of a socket's memory; 0 where there is none. Source: as above."""
+
+MEMORY_INFO = struct.Struct("@9I")
+"""What it returns, nine counters; the last is of dropped datagrams.
+
+Source: Linux, include/uapi/linux/sock_diag.h (``SK_MEMINFO_VARS``, ``SK_MEMINFO_DROPS``).
+"""
+
 ANCILLARY_BYTES = 64
 """Room for the stamp and the count that come with a datagram, bytes: two headers of 16 with 16 and 4 of data."""
 
@@ -52,6 +61,9 @@ MAX_PIECE_BYTES = np.iinfo(np.uint16).max
 
 MAX_PIECES = 512
 """Pieces that one call receives: a choice, so that a fast sender does not hold up the caller."""
+
+MAX_REST_SECONDS = 1.0
+"""Longest time for which what waits is received at the end of a session, s: a choice; a full buffer takes less."""
 
 SENDER_SECONDS = 10.0
 """Time for which an address that sent something is sent to, s: a choice."""
@@ -235,6 +247,32 @@ class Link:
             # What came before the error is returned first; a lasting error comes again in the next call.
             if not received:
                 self._raise_lost(LinkError.FAILED, error)
+        return received
+
+    def receive_rest(self) -> list[tuple[float, bytes]]:
+        """Receives everything that waits at the end of a session, and counts what was dropped before.
+
+        The count of dropped datagrams comes with a later datagram only, so that those at the end are counted here.
+
+        Returns:
+            As :meth:`receive`. What comes meanwhile ends the call after ``MAX_REST_SECONDS``.
+        """
+        received = []
+        end_time = time.monotonic() + MAX_REST_SECONDS
+        try:
+            while time.monotonic() < end_time:
+                pieces = self.receive(0.0)
+                received += pieces
+                if len(pieces) < MAX_PIECES:
+                    break
+        except LinkLost:
+            # What came before is returned; nothing more is to come at the end.
+            pass
+        if self.has_datagrams and self._socket is not None and SO_MEMINFO:
+            # An old kernel does not know the option.
+            with contextlib.suppress(OSError, struct.error):
+                info = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMORY_INFO.size)
+                self.dropped_datagrams = max(self.dropped_datagrams, MEMORY_INFO.unpack(info)[-1])
         return received
 
     def drain_events(self) -> list[Fact]:

@@ -88,6 +88,8 @@ class TimeAccount:
         Returns:
             Seconds of the session by what they were spent on; those after ``now`` are left out.
         """
+        # Arrivals are converted from the wall clock, which may be set back: time is never counted backwards.
+        now = max(now, self.entry_time)
         elapsed = now - self.entry_time
         new_rows = state.learned_rows - self._learned_rows
         self._uncounted_learned += new_rows * state.dt
@@ -95,6 +97,6 @@ class TimeAccount:
         self._uncounted_learned = min(self._uncounted_learned - learned, ENTRY_SECONDS)
         self._learned_rows = state.learned_rows
         self._seconds[Spent.LEARNED] += learned
-        self._seconds[state.kind_at(now)] += now - self.entry_time - learned
+        self._seconds[state.kind_at(now)] += elapsed - learned
         self.entry_time = now
-        return {**self._seconds, Spent.LEFT_OUT: clock.monotonic() - now}
+        return {**self._seconds, Spent.LEFT_OUT: max(clock.monotonic() - now, 0.0)}

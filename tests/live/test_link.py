@@ -98,6 +98,20 @@ def test_datagrams_come_whole_in_order_and_stamped():
         assert len(link.receive(60.0)) == 1 and link.dropped_datagrams == 400 - found > 0
 
 
+def test_what_waits_at_the_end_is_received_and_what_was_dropped_before_is_counted():
+    with listening() as (link, address), udp() as vehicle:
+        for _ in range(2 * MAX_PIECES):
+            vehicle.sendto(HEARTBEAT, address)
+        assert len(link.receive_rest()) == 2 * MAX_PIECES
+        assert link.dropped_datagrams == 0
+        link._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 14)
+        for _ in range(400):
+            vehicle.sendto(HEARTBEAT, address)
+        received = len(link.receive_rest())
+        assert 0 < received < 400
+        assert link.dropped_datagrams == 400 - received
+
+
 def test_of_two_autopilots_with_the_same_ids_only_the_first_is_received(clock):
     others = message("HEARTBEAT", system=255, component=190, type=6, autopilot=8)
     with listening() as (link, address), udp() as first, udp() as second:

@@ -16,6 +16,7 @@ from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mcap.records import NANOSECONDS, McapRecording
 from mavdem.ingest.px4_topics import TOPIC_FIELDS
 from mavdem.ingest.px4_translation import messages_of_topics
+from mavdem.ingest.ros2.clock_setting import ReceiveTimes, with_joined_clocks
 from mavdem.ingest.ros2.mavros import (
     MAVROS,
     MAVROS_TOPICS,
@@ -73,7 +74,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     }
     decoded: dict[int, dict[int, Any]] = {number: {} for number in topics}
     undecodable: Counter[str] = Counter()
-    log_times = []
+    receive_times: dict[int, int] = {}
     second_reading = McapRecording(recording.content)
     for position, message in enumerate(second_reading.messages()):
         number = message.channel_id
@@ -84,7 +85,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
             # A type without a decoder counts as undecodable, like a damaged message.
             assert decode is not None
             decoded[number][position] = decode(message.data)
-            log_times.append(message.log_time / NANOSECONDS)
+            receive_times[position] = message.log_time
         except Exception:
             # Of a message that is cut short, or of another type, the library may raise anything.
             undecodable[second_reading.channels[number].topic] += 1
@@ -97,7 +98,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
             tables.append((topics[number], table))
     vehicles = []
     for namespace, tables_of_vehicle in _tables_by_vehicle(tables):
-        telemetry = _telemetry(tables_of_vehicle, source)
+        telemetry = _telemetry(tables_of_vehicle, receive_times, source)
         if telemetry is not None:
             vehicles.append((namespace, telemetry))
     if not vehicles:
@@ -117,9 +118,12 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
             replace(vehicle, repairs=repairs + vehicle.repairs)
             for vehicle in with_system_ids(vehicles)
         ),
-        frames=len(log_times),
+        frames=len(receive_times),
         bytes_skipped=second_reading.skipped,
-        receive_time=(min(log_times), max(log_times)),
+        receive_time=(
+            min(receive_times.values()) / NANOSECONDS,
+            max(receive_times.values()) / NANOSECONDS,
+        ),
     )
 
 
@@ -157,7 +161,9 @@ def _tables_by_vehicle(
     return sorted(vehicles.items())
 
 
-def _telemetry(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry | None:
+def _telemetry(
+    topics: Mapping[RosTopic, TopicColumns], receive_times: ReceiveTimes, source: str
+) -> Telemetry | None:
     """Returns the vehicle of one namespace: by PX4's topics, or else by MAVROS's.
 
     Both bridges may have been recorded. PX4's topics have more messages, and are preferred; a repair then reports that
@@ -165,6 +171,7 @@ def _telemetry(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetr
 
     Args:
         topics: The vehicle's topics of both bridges.
+        receive_times: When each message was recorded.
         source: Name of the file.
 
     Returns:
@@ -176,9 +183,9 @@ def _telemetry(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetr
     for topic, table in sorted(topics.items(), key=lambda item: not item[0].incoming):
         tables = px4_tables if topic.bridge == PX4_BRIDGE else mavros_tables
         tables[topic.name] = table
-    telemetry = _px4_telemetry(px4_tables, source)
+    telemetry = _px4_telemetry(px4_tables, receive_times, source)
     if telemetry is None:
-        return _mavros_telemetry(mavros_tables, source)
+        return _mavros_telemetry(mavros_tables, receive_times, source)
     if mavros_tables:
         not_read = repair_facts(Repair.TOPICS_NOT_READ, name="mavros")
         telemetry = replace(telemetry, repairs=telemetry.repairs + not_read)
@@ -210,7 +217,9 @@ def with_system_ids(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telem
         yield replace(vehicle, system=number, repairs=repairs)
 
 
-def _px4_telemetry(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
+def _px4_telemetry(
+    tables: Mapping[str, TopicColumns], receive_times: ReceiveTimes, source: str
+) -> Telemetry | None:
     """Translates the topics that PX4 publishes to ROS 2 to MAVLink messages, by the translation for PX4's own logs.
 
     That translation knows only one boot, as a log of PX4 has. A recording may have several, in each of which the clock
@@ -219,12 +228,13 @@ def _px4_telemetry(tables: Mapping[str, TopicColumns], source: str) -> Telemetry
 
     Args:
         tables: PX4's topics by name.
+        receive_times: When each message was recorded.
         source: Name of the file.
 
     Returns:
         The vehicle with its messages; None where the topics hold no flight.
     """
-    topics, repairs = _on_boot_clock(tables, STAMP_UNITS[PX4_BRIDGE])
+    topics, repairs = _on_boot_clock(tables, receive_times, STAMP_UNITS[PX4_BRIDGE])
     instances = {}
     for name, columns in topics.items():
         one_clock = {**columns, "time": columns["time"] + BOOT_INTERVAL * columns["boot"]}
@@ -251,19 +261,22 @@ def _px4_telemetry(tables: Mapping[str, TopicColumns], source: str) -> Telemetry
     )
 
 
-def _mavros_telemetry(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
+def _mavros_telemetry(
+    tables: Mapping[str, TopicColumns], receive_times: ReceiveTimes, source: str
+) -> Telemetry | None:
     """Translates the topics of MAVROS, the bridge from MAVLink to ROS, back to MAVLink messages.
 
     The topics do not name the autopilot; its kind follows from the names of flight modes in the topic ``state``.
 
     Args:
         tables: MAVROS's topics by name, each with columns (N,).
+        receive_times: When each message was recorded.
         source: Name of the file.
 
     Returns:
         The vehicle with its messages, times in s since boot; None where no topic gives one.
     """
-    topics, repairs = _on_boot_clock(tables, STAMP_UNITS[MAVROS])
+    topics, repairs = _on_boot_clock(tables, receive_times, STAMP_UNITS[MAVROS])
     modes = tables["state"].columns["mode"] if "state" in tables else ()
     autopilot = mavros_autopilot(Counter(map(str, modes)))
     messages = {}
@@ -287,7 +300,7 @@ def _mavros_telemetry(tables: Mapping[str, TopicColumns], source: str) -> Teleme
 
 
 def _on_boot_clock(
-    tables: Mapping[str, TopicColumns], stamp_units: Mapping[str, int]
+    tables: Mapping[str, TopicColumns], receive_times: ReceiveTimes, stamp_units: Mapping[str, int]
 ) -> tuple[Tables, Facts]:
     """Puts the topics of one vehicle on its boot clock.
 
@@ -297,6 +310,7 @@ def _on_boot_clock(
 
     Args:
         tables: The topics by name.
+        receive_times: When each message was recorded.
         stamp_units: Fields that together are the stamp of a message, and the unit of each, ns.
 
     Returns:
@@ -307,8 +321,14 @@ def _on_boot_clock(
     for name, table in tables.items():
         parts = [_nanoseconds(table.columns[field], unit) for field, unit in stamp_units.items()]
         stamps[name] = np.sum(parts, axis=0)
+    # A counter that wraps looks like a clock that is set; that is undone later.
+    steady_stamps = {name: values for name, values in stamps.items() if name not in WRAP_PERIODS}
+    steady_positions = {name: tables[name].positions for name in steady_stamps}
+    joined_stamps, joining = with_joined_clocks(steady_stamps, steady_positions, receive_times)
+    stamps |= joined_stamps
     all_stamps = np.concatenate([*stamps.values(), np.empty(0, dtype=np.int64)])
     origin, repairs = _time_origin(all_stamps[all_stamps > 0])
+    repairs = joining + repairs
     is_usable: dict[str, Flags] = {}
     message_stamps = []
     unusable_count = 0

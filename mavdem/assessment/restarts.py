@@ -1,0 +1,161 @@
+"""Restarts of the autopilot: on the ground between flights, or in the air.
+
+An autopilot that restarts in the air begins its clock anew while it flies or falls. ArduPilot then logs why its
+watchdog restarted it ("WDG: …"), and reports the internal error 0x800 (``AP_InternalError::error_t::watchdog_reset``).
+A restart without the watchdog is one of the supply: a brown-out.
+
+Source: https://ardupilot.org/copter/docs/common-watchdog.html.
+"""
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from mavdem.assessment.autopilot_messages import StatusText, status_texts
+from mavdem.assessment.flights import flights_in_boot
+from mavdem.dataset.phases import armed_intervals, series_of_boot
+from mavdem.dataset.segments import Segment
+from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
+from mavdem.facts.events import Reported
+from mavdem.ingest.telemetry import Telemetry
+
+MAX_BOOT_CLOCK = 30.0
+"""Time, s, that the boot clock reads at most at the beginning of a log that a restart in the air began.
+
+A choice: an autopilot logs within some seconds of its start, and nobody takes off so soon.
+"""
+
+FALL_SECONDS = 10.0
+"""Duration from the beginning, s, in which the fall after a restart is sought: one from 400 m takes as long."""
+
+MIN_FALL_HEIGHT = 3.0
+"""Height, m, by which a vehicle falls at least that has reported a watchdog reset: a choice."""
+
+MIN_UNREPORTED_FALL_HEIGHT = 10.0
+"""Height, m, by which it falls at least if nothing reports the reset.
+
+A choice: the estimated height may run away by some metres while the estimator starts.
+"""
+
+MIN_FALL_SPEED = 3.0
+"""Speed downward, m/s, that must agree with the height: a choice, more than a descent in flight."""
+
+MIN_FALL_TILT = np.deg2rad(60)
+"""Roll or pitch, rad, that shows the fall where nothing reports the reset: a choice, not met on the ground."""
+
+MAX_LATE_TAKE_OFF = 3.0
+"""Time from the beginning, s, within which motors that run were never stopped: a choice; arming takes longer."""
+
+_WATCHDOG_TEXT = re.compile(r"^WDG\b|watchdog reset", re.IGNORECASE)
+_INTERNAL_ERROR_TEXT = re.compile(r"internal errors?\W+(?:0x)?([0-9a-f]+)\b", re.IGNORECASE)
+
+WATCHDOG_ERROR = 0x800
+"""Bit of ArduPilot's internal errors that stands for a watchdog reset."""
+
+
+def restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
+    """Yields that the autopilot restarted before one boot of a log, if it did.
+
+    Args:
+        signals: signals of the vehicle.
+        span: the recorded part of the boot.
+
+    Yields:
+        At most one fact, with the figures of :func:`mavdem.assessment.reported.reported_events`. Of a restart in flight
+        ``watchdog`` says whether its watchdog did it, and ``descent`` is how far the vehicle then fell, m, or None.
+    """
+    telemetry = signals.telemetry
+    is_watchdog = _reports_watchdog(telemetry, span)
+    was_flying = span.boot > 0 and _ends_in_air(signals, span.boot - 1)
+    descent = _descent(signals, span)
+    has_fallen = descent is not None and descent >= MIN_FALL_HEIGHT
+    if is_watchdog or was_flying:
+        in_flight = has_fallen or _begins_in_flight(signals, span)
+    else:
+        in_flight = (
+            span.start <= MAX_BOOT_CLOCK
+            and descent is not None
+            and descent >= MIN_UNREPORTED_FALL_HEIGHT
+            and _tumbles(signals, span)
+        )
+    attitude_name = telemetry.name_in_source("ATTITUDE")
+    if in_flight:
+        basis = [attitude_name]
+        if is_watchdog:
+            basis.insert(0, telemetry.name_in_source("STATUSTEXT"))
+        yield Fact(
+            Reported.RESTARTED_IN_FLIGHT,
+            time=span.start,
+            boot=span.boot,
+            basis=tuple(basis),
+            watchdog=is_watchdog,
+            descent=descent if has_fallen else None,
+        )
+    elif span.boot > 0:
+        yield Fact(Reported.RESTARTED, time=span.start, boot=span.boot, basis=(attitude_name,))
+
+
+def _reports_watchdog(telemetry: Telemetry, span: Segment) -> bool:
+    """Returns whether the autopilot reports, in the first ``MAX_BOOT_CLOCK`` of a boot, that its watchdog reset it."""
+    for message in status_texts(telemetry):
+        is_of_start = message.boot == span.boot and message.time <= span.start + MAX_BOOT_CLOCK
+        if is_of_start and _is_watchdog_text(message):
+            return True
+    return False
+
+
+def _is_watchdog_text(message: StatusText) -> bool:
+    """Returns whether a text reports a watchdog reset, in words or by the mask of internal errors."""
+    if _WATCHDOG_TEXT.search(message.text):
+        return True
+    error_mask = _INTERNAL_ERROR_TEXT.search(message.text)
+    return error_mask is not None and bool(int(error_mask[1], 16) & WATCHDOG_ERROR)
+
+
+def _ends_in_air(signals: Signals, boot: int) -> bool:
+    """Returns whether the record of a boot ends in flight."""
+    flights = flights_in_boot(signals, boot)
+    return bool(flights) and flights[-1][1] == np.inf
+
+
+def _begins_in_flight(signals: Signals, span: Segment) -> bool:
+    """Returns whether the motors are armed and the vehicle flies from the beginning of a boot on."""
+    armed = armed_intervals(signals, span.boot)
+    flights = flights_in_boot(signals, span.boot)
+    latest_start = span.start + MAX_LATE_TAKE_OFF
+    return (
+        bool(armed)
+        and bool(flights)
+        and armed[0][0] <= latest_start
+        and flights[0][0] <= latest_start
+    )
+
+
+def _descent(signals: Signals, span: Segment) -> float | None:
+    """Returns by how much the vehicle falls at the beginning of a boot, m, where height and vertical speed agree.
+
+    Returns:
+        The height from the highest to the lowest point thereafter, within ``FALL_SECONDS``; None where one of both was
+        not recorded, or the speed does not reach ``MIN_FALL_SPEED``.
+    """
+    height = series_of_boot(signals.height, span.boot)
+    climb_rate = series_of_boot(signals.climb_rate, span.boot)
+    if height is None or climb_rate is None:
+        return None
+    end = span.start + FALL_SECONDS
+    heights = height.values[height.time <= end]
+    speeds = climb_rate.values[climb_rate.time <= end]
+    if not len(heights) or not len(speeds) or speeds.min() > -MIN_FALL_SPEED:
+        return None
+    return float((np.maximum.accumulate(heights) - heights).max())
+
+
+def _tumbles(signals: Signals, span: Segment) -> bool:
+    """Returns whether roll or pitch exceeds ``MIN_FALL_TILT`` at the beginning of a boot."""
+    for tilt in signals.tilts:
+        is_of_fall = (tilt.boot == span.boot) & (tilt.time <= span.start + FALL_SECONDS)
+        if (abs(tilt.angle[is_of_fall]) > MIN_FALL_TILT).any():
+            return True
+    return False

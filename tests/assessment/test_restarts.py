@@ -1,0 +1,72 @@
+"""A restart of the autopilot in flight is told from one on the ground."""
+
+import numpy as np
+from hover import Hover, changed, columns, with_texts
+from pytest import mark
+
+from mavdem.assessment.reported import reported_events
+from mavdem.dataset.signals import Signals
+from mavdem.facts import Level
+from mavdem.facts.events import Reported
+
+RESTARTS = (Reported.RESTARTED, Reported.RESTARTED_IN_FLIGHT)
+
+
+def restart_events(telemetry):
+    return [event for event in reported_events(Signals(telemetry)) if event.code in RESTARTS]
+
+
+def falling(height, tumbling):
+    """A log that begins 0.5 s after the boot, while the vehicle falls; the motors are off."""
+    made = Hover(hovering=8.0).telemetry(10.0, 10.0)
+    time = made.messages["LOCAL_POSITION_NED"]["time"]
+    speed = np.where(time < 4.0, height / 4.0, 0.0)
+    fall = np.cumsum(speed) * (time[1] - time[0])
+    made = changed(made, "LOCAL_POSITION_NED", x=0.0, y=0.0, z=fall, vx=0.0, vy=0.0, vz=speed)
+    made = changed(made, "HEARTBEAT", base_mode=0)
+    made = changed(made, "SERVO_OUTPUT_RAW", **{f"servo{n}_raw": 1000 for n in range(1, 5)})
+    attitude_time = made.messages["ATTITUDE"]["time"]
+    roll = 2.0 * np.sin(3.0 * attitude_time) * tumbling * (attitude_time < 4.0)
+    return changed(made, "ATTITUDE", roll=roll)
+
+
+@mark.parametrize(
+    "text",
+    [
+        b"WDG: T-3 SL0 FL123 FT3",
+        b"Forcing logging for watchdog reset",
+        b"PreArm: Internal errors (0x800)",
+    ],
+)
+def test_a_watchdog_reset_and_a_fall_are_a_restart_in_flight(text):
+    (event,) = restart_events(with_texts(falling(20.0, tumbling=False), text))
+    assert event.code is Reported.RESTARTED_IN_FLIGHT
+    assert event.level is Level.BAD
+    assert event.figures["watchdog"]
+    assert 15.0 < event.figures["descent"] <= 20.5
+
+
+def test_a_watchdog_reset_on_the_ground_is_none_in_flight():
+    still = falling(0.0, tumbling=False)
+    assert not restart_events(with_texts(still, b"WDG: T-3 SL0 FL123 FT3"))
+    assert not restart_events(with_texts(still, b"PreArm: Internal errors (0x2)"))
+
+
+def test_without_a_report_a_fall_and_a_tumble_are_needed():
+    (event,) = restart_events(falling(30.0, tumbling=True))
+    assert event.code is Reported.RESTARTED_IN_FLIGHT
+    assert not event.figures["watchdog"]
+    assert not restart_events(falling(30.0, tumbling=False))
+    assert not restart_events(falling(4.0, tumbling=True))
+
+
+def test_a_reboot_between_flights_is_one_on_the_ground():
+    made = Hover(hovering=8.0).telemetry(10.0, 10.0)
+    second = columns(np.arange(0.5, 20.0, 0.1), boot=1, roll=0.0, pitch=0.0, yaw=0.0)
+    first = made.messages["ATTITUDE"]
+    zeros = np.zeros(len(second["time"]))
+    both = {
+        name: np.concatenate([values, second.get(name, zeros)]) for name, values in first.items()
+    }
+    events = restart_events(changed(made, "ATTITUDE", **both))
+    assert [event.code for event in events] == [Reported.RESTARTED]
