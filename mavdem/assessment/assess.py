@@ -23,6 +23,7 @@ from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
+from mavdem.facts.ending import MotionEvent
 from mavdem.files import AnyPath
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log, read_log
@@ -104,7 +105,7 @@ def assess_signals(
     reports = reported_events(signals)
     events = weighed_reports(signals, [*reports, *motion_events(signals, reports)])
     ending = ending_of(signals, events, analysis.condition.collective)
-    events += _motor_changes(analysis, ending)
+    events += _motor_changes(analysis, _first_loss(events, ending))
     saturated = saturation_losses(signals, events, ending)
     events += saturated
     ending = with_saturated_motor(ending, saturated)
@@ -131,12 +132,28 @@ def assess_signals(
     return Assessment(log, judgement, evidence, analyses)
 
 
+def _first_loss(events: Sequence[Fact], ending: Fact | None) -> Fact | None:
+    """Returns the first event after which the balance of the motors shows nothing; None if there was none.
+
+    That is the loss of control, or a height estimate that diverged: a vehicle that follows a false height drives its
+    motors to their limits.
+
+    Args:
+        events: events of the log.
+        ending: how the flight was lost; None if it was not.
+    """
+    losses = [event for event in events if event.code is MotionEvent.HEIGHT_DIVERGED]
+    if ending is not None:
+        losses.append(ending)
+    return in_time_order(losses)[0] if losses else None
+
+
 def _motor_changes(analysis: LogAnalysis, ending: Fact | None) -> list[Fact]:
     """Returns the thrust that motors lost, and other lasting changes of their balance, before control was lost.
 
     Args:
         analysis: with the alarms on motors that a live session would have raised.
-        ending: how the flight was lost; None if it was not.
+        ending: how the flight was lost, or what else ended the use of its motors' balance; None if nothing did.
 
     Returns:
         The losses of thrust of weak motors, then the changes that name no weak motor.

@@ -22,7 +22,7 @@ from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Side, Witness
 from mavdem.witnesses.height import trusted_height
 from mavdem.witnesses.scene import Scene
-from mavdem.witnesses.statements import against, for_it, weighed
+from mavdem.witnesses.statements import contradicting_statement, supporting_statement, weighed_event
 
 FAR_ANGLE = np.pi / 4
 """Error of the attitude, rad, that is bad even without a known setpoint. Half of the lean counts as error there, so
@@ -160,7 +160,7 @@ class _AttitudeLoss(NamedTuple):
             return event.but(witnesses=witnesses)
         if knock_time is not None and knock is not None:
             witnesses = (*witnesses, knock)
-        return weighed(event, witnesses)
+        return weighed_event(event, witnesses)
 
     def _onset(self) -> float:
         """Returns when the attitude began to leave its setpoint, s.
@@ -268,7 +268,7 @@ class _AttitudeLoss(NamedTuple):
             angle: largest error of the attitude, rad.
             onset: when the attitude began to leave its setpoint, s.
         """
-        statements = [for_it(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle)]
+        statements = [supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle)]
         statements += self._rotation(onset)
         end = min(self.end, self.error.time[-1])
         for statement in self.scene.sinking((onset, end + RECOVERY_SECONDS)):
@@ -280,7 +280,7 @@ class _AttitudeLoss(NamedTuple):
             statements += rest.statements
         elif self.error.time[-1] - onset < RECOVERY_SECONDS:
             duration = self.error.time[-1] - onset
-            statements.append(for_it(Witness.LOG_ENDED, duration=duration))
+            statements.append(supporting_statement(Witness.LOG_ENDED, duration=duration))
         return tuple(statements)
 
     def _rotation(self, onset: float) -> Facts:
@@ -302,10 +302,10 @@ class _AttitudeLoss(NamedTuple):
             largest_turn = max(largest_turn, float(np.trapezoid(rate, tilt.time[rows])))
             largest_rate = max(largest_rate, float(rate.max()))
         if largest_change < ONSET_ANGLE:
-            return (against(Witness.DID_NOT_ROTATE, body_rate=largest_rate),)
+            return (contradicting_statement(Witness.DID_NOT_ROTATE, body_rate=largest_rate),)
         if largest_turn < MIN_GYRO_SHARE * largest_change:
-            return (against(Witness.GYRO_DISAGREED, angle=largest_change),)
-        return (for_it(Witness.ROTATED, body_rate=largest_rate),)
+            return (contradicting_statement(Witness.GYRO_DISAGREED, angle=largest_change),)
+        return (supporting_statement(Witness.ROTATED, body_rate=largest_rate),)
 
 
 def has_risen_by(scene: Scene, flight: Interval, time: float) -> bool:

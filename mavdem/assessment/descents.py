@@ -17,7 +17,7 @@ from mavdem.facts.witnesses import Witness
 from mavdem.witnesses.height import trusted_height
 from mavdem.witnesses.scene import CLOSED_STICK, Scene
 from mavdem.witnesses.sensors import throttle_stick
-from mavdem.witnesses.statements import for_it, supporting
+from mavdem.witnesses.statements import supporting_statement, supporting_statements
 
 SINK_AGREEMENT = 0.7
 """Share of the integrated speed of a fall by which the height must decrease: otherwise the estimated speed diverged."""
@@ -61,7 +61,7 @@ def falls(scene: Scene, interval: Interval) -> Iterator[Fact]:
         # Both changes are negative: the vehicle must have sunk by at least the expected change.
         if after - before > expected_change:
             return
-    witnesses = supporting(scene.sinking((start - 1, end + 1)))
+    witnesses = supporting_statements(scene.sinking((start - 1, end + 1)))
     yield Fact(
         MotionEvent.FELL, time=start, until=end, speed=speed, boot=scene.boot, witnesses=witnesses
     )
@@ -86,8 +86,8 @@ def dives(scene: Scene, flight: Interval) -> Iterator[Fact]:
         if speed is None or speed < DIVE_SPEED or not _flies_on(scene, flight, end):
             continue
         witnesses: Facts = (
-            for_it(Witness.THROTTLE_CLOSED, time=start),
-            *supporting(scene.sinking(window)),
+            supporting_statement(Witness.THROTTLE_CLOSED, time=start),
+            *supporting_statements(scene.sinking(window)),
         )
         yield Fact(
             MotionEvent.DIVED,

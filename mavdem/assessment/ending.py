@@ -10,7 +10,7 @@ from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.witnesses import Witness
 from mavdem.witnesses.scene import Scene
-from mavdem.witnesses.statements import for_it, weighed
+from mavdem.witnesses.statements import supporting_statement, weighed_event
 
 ENDINGS: dict[Code, Ending] = {
     MotionEvent.ATTITUDE_LOST: Ending.CONTROL_LOST,
@@ -100,9 +100,11 @@ def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
     weighed_events = []
     for event in events:
         if event.code is Reported.CRASH_DETECTED and event.is_bad:
-            reported = for_it(Witness.AUTOPILOT_REPORTED, cause=event.but(witnesses=()))
+            reported = supporting_statement(
+                Witness.AUTOPILOT_REPORTED, cause=event.but(witnesses=())
+            )
             witnesses = (reported, *_signs_of_crash(signals, event, losses))
-            event = weighed(event, witnesses)
+            event = weighed_event(event, witnesses)
         weighed_events.append(event)
     return weighed_events
 

@@ -64,6 +64,9 @@ the distance from its limit at which it must be constant."""
 DIVERGENCE_SECONDS = 10.0
 """Seconds after a height estimate diverged within which a loss follows from it: a fall from 100 m takes as long."""
 
+FIRST_RESPONSE_SECONDS = 0.3
+"""Seconds in which a controller answers a failure before the vehicle has turned: three samples at 10 Hz."""
+
 STOP_REASON_SECONDS = 2.0
 """Seconds around the stop of all motors within which its reason is reported."""
 
@@ -302,6 +305,10 @@ def _failure_by_commands(
     # One motor: at its limit, or the opposite one at idle to make up for it.
     idle = min_airborne_collective(signals.telemetry.parameters)
     weak = _weak_motor(motors, change, fall_direction)
+    if weak is None:
+        # A vehicle that fights for long drives all motors to and fro: what its controller did first shows the motor.
+        is_first = time <= time[0] + FIRST_RESPONSE_SECONDS
+        weak = _weak_motor(motors, commands_now[is_first].mean(axis=0) - usual, fall_direction)
     if weak is None:
         return _frozen_output(signals, motors, commands_now, idle)
     name = motors.geometry.names[weak.motor]

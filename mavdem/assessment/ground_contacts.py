@@ -25,7 +25,12 @@ from mavdem.facts.witnesses import Side, Witness
 from mavdem.witnesses.height import trusted_height
 from mavdem.witnesses.scene import MIN_SINK_RATE, Rest, Scene
 from mavdem.witnesses.sensors import throttle_stick
-from mavdem.witnesses.statements import for_it, support_count, supporting, weighed
+from mavdem.witnesses.statements import (
+    support_count,
+    supporting_statement,
+    supporting_statements,
+    weighed_event,
+)
 
 SEARCH_SECONDS = 10.0
 """Seconds before the rest, or around the end of a flight, in which the contact with the ground is looked for."""
@@ -133,7 +138,10 @@ class _Contact:
         if rest is not None:
             witnesses = (*witnesses, rest.statements[0])
         elif record_end - time < RECOVERY_SECONDS and self.loss is not None:
-            witnesses = (*witnesses, for_it(Witness.LOG_ENDED, duration=record_end - time))
+            witnesses = (
+                *witnesses,
+                supporting_statement(Witness.LOG_ENDED, duration=record_end - time),
+            )
         return self._fact(time, rest, witnesses)
 
     def _is_only_estimated(self, time: float) -> bool:
@@ -242,12 +250,14 @@ class _Contact:
             statements.append(rest.statements[1])
         angle = self._largest_error(around)
         if self.loss is not None or angle > MAX_LANDING_LEAN:
-            statements.append(for_it(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle))
+            statements.append(supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle))
         for report in self.reports:
             is_near = around[0] <= (report.time or 0.0) <= time + SEARCH_SECONDS
             if report.code in REPORTS_OF_CRASH and report.figures["boot"] == self.scene.boot:
                 if is_near:
-                    statements.append(for_it(Witness.AUTOPILOT_REPORTED, cause=report))
+                    statements.append(
+                        supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report)
+                    )
         return tuple(statements)
 
     def _sinking(self, time: float) -> Facts:
@@ -259,7 +269,7 @@ class _Contact:
         speed = self.scene.sink_rate(interval)
         if speed is None or speed <= MIN_SINK_RATE:
             return ()
-        return supporting(self.scene.sinking(interval))
+        return supporting_statements(self.scene.sinking(interval))
 
     def _largest_error(self, interval: Interval) -> float:
         """Returns the largest error of roll and pitch in an interval, rad; 0 without samples."""
@@ -304,7 +314,7 @@ class _Contact:
             speed=speed,
             boot=self.scene.boot,
         )
-        return weighed(event, witnesses)
+        return weighed_event(event, witnesses)
 
     def _height(self, time: float) -> float | None:
         """Returns the height above the take-off at a time, m, by a source that can be trusted; None without any."""

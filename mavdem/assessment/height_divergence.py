@@ -21,7 +21,7 @@ from mavdem.witnesses.accelerometer import GRAVITY
 from mavdem.witnesses.height import MIN_CONTRADICTION_SECONDS
 from mavdem.witnesses.scene import Scene
 from mavdem.witnesses.sensors import throttle_stick
-from mavdem.witnesses.statements import for_it, weighed
+from mavdem.witnesses.statements import supporting_statement, weighed_event
 
 MANUAL_THROTTLE_MODES = frozenset(
     {"Stabilize", "Acro", "Flip", "Drift", "Turtle", "Manual", "Stabilized"}
@@ -103,13 +103,17 @@ def _divergence(scene: Scene, interval: Interval) -> Fact | None:
             is_rising = true_climb > 0
             if median_travel > CLIMB_STICK if is_rising else median_travel < SINK_STICK:
                 return None
-            statements.append(for_it(Witness.THROTTLE_NOT_RAISED, share=median_travel))
+            statements.append(
+                supporting_statement(Witness.THROTTLE_NOT_RAISED, share=median_travel)
+            )
     change = scene.height.barometer_change(*interval)
     moved = Witness.ROSE if true_climb > 0 else Witness.SANK
     if moved is Witness.ROSE:
-        statements.insert(0, for_it(Witness.ROSE, subject="barometer", height=change))
+        statements.insert(0, supporting_statement(Witness.ROSE, source="barometer", height=change))
     else:
-        statements.insert(0, for_it(Witness.SANK, subject="barometer", speed=-true_climb))
+        statements.insert(
+            0, supporting_statement(Witness.SANK, source="barometer", speed=-true_climb)
+        )
     cause = _accelerometer_error(scene, interval) or _vibration(scene, interval)
     if cause is not None:
         statements.append(cause)
@@ -125,7 +129,7 @@ def _divergence(scene: Scene, interval: Interval) -> Fact | None:
         cause=cause,
         boot=scene.boot,
     )
-    return weighed(event, statements)
+    return weighed_event(event, statements)
 
 
 def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
@@ -142,7 +146,7 @@ def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
         return None
     if accelerometer.is_sound is False:
         gravity = accelerometer.gravity_at_rest
-        return for_it(Witness.GRAVITY_WRONG, subject="at rest", acceleration=gravity)
+        return supporting_statement(Witness.GRAVITY_WRONG, part="at rest", acceleration=gravity)
     climb = scene.height.barometer_climb
     angles = []
     for tilt in scene.signals.tilts:
@@ -164,7 +168,7 @@ def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
         return None
     # What a sound accelerometer would have measured is taken away, so that the figure compares with gravity.
     acceleration = upward - expected + GRAVITY
-    return for_it(Witness.GRAVITY_WRONG, subject="in flight", acceleration=acceleration)
+    return supporting_statement(Witness.GRAVITY_WRONG, part="in flight", acceleration=acceleration)
 
 
 def _vibration(scene: Scene, interval: Interval) -> Fact | None:
@@ -178,9 +182,13 @@ def _vibration(scene: Scene, interval: Interval) -> Fact | None:
         return None
     count = int(vibration.clips[rows].sum())
     if count:
-        return for_it(Witness.CLIPPED, count=count)
+        return supporting_statement(Witness.CLIPPED, count=count)
     highest = float(levels.values[rows].max())
-    return for_it(Witness.VIBRATED, vibration=highest) if highest > HIGH_VIBRATION else None
+    return (
+        supporting_statement(Witness.VIBRATED, vibration=highest)
+        if highest > HIGH_VIBRATION
+        else None
+    )
 
 
 def _full_throttle(scene: Scene, interval: Interval) -> Fact | None:
@@ -193,4 +201,6 @@ def _full_throttle(scene: Scene, interval: Interval) -> Fact | None:
     if not rows.any():
         return None
     highest = float(commands.values[rows].max())
-    return for_it(Witness.MOTORS_FULL, share=highest) if highest > FULL_SHARE else None
+    return (
+        supporting_statement(Witness.MOTORS_FULL, share=highest) if highest > FULL_SHARE else None
+    )

@@ -18,6 +18,9 @@ from mavdem.immutable import ImmutableResult
 LIGHTS_OF_FLIGHT = (Light.MOTORS, Light.VIBRATION, Light.TRACKING, Light.MARGINS, Light.WIND)
 """Lights that judge a vehicle in the air, and so are unknown where it never was."""
 
+RESTART_IN_FLIGHT = "restarted_in_flight"
+"""Code of the event that the autopilot restarted in the air."""
+
 URGENT_EVENTS = (
     MotionEvent.HIT,
     MotionEvent.TOPPLED,
@@ -86,9 +89,9 @@ def unjudged(refusal: Fact) -> Judgement:
 def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     """Returns the worst that was found, which is shown first.
 
-    The order is: that the vehicle did not fly; how the flight was lost; other bad events; losses, failsafes, restarts
-    and impacts that are to be watched, or the bad power or estimator behind them; bad lights; without a flight, why
-    there is none; what else is to be watched; and that nothing is wrong with what was checked.
+    The order is: that the vehicle did not fly; a restart in flight; how the flight was lost; other bad events; losses,
+    failsafes and impacts that are to be watched, or the bad power or estimator behind them; bad lights; without a
+    flight, why there is none; what else is to be watched; and that nothing is wrong with what was checked.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -104,13 +107,15 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     # How a lost flight ended outranks everything else.
     ending = [] if evidence.ending is None else [evidence.ending]
     bad_events = _worst_first([fact for fact in (*ending, *evidence.events) if fact.is_bad])
+    restarts = [fact for fact in evidence.events if fact.code == RESTART_IN_FLIGHT and fact.is_bad]
     urgent = _urgent_warnings(evidence)
     bad_lights = _worst_first([fact for fact in (*vehicle_lights, *other_lights) if fact.is_bad])
     # A battery or an estimator that is bad is the reason for a failsafe, and for a log that ends in the air.
     reasons = [lights[name] for name in (Light.POWER, Light.ESTIMATOR) if lights[name].is_bad]
     if urgent and reasons:
         urgent = reasons
-    for facts in (bad_events, urgent, bad_lights):
+    # A restart in flight is the reason for whatever followed.
+    for facts in (restarts, bad_events, urgent, bad_lights):
         if facts:
             return facts[0]
     if not evidence.has_operated:

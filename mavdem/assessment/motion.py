@@ -29,9 +29,10 @@ from mavdem.dataset.phases import MAX_GROUND_HEIGHT, series_of_boot
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
+from mavdem.facts.witnesses import Side
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.vibration.vibration_message import reported_vibration
-from mavdem.witnesses import flown
+from mavdem.witnesses import flight_verdict
 from mavdem.witnesses.height import trusted_height
 from mavdem.witnesses.scene import Scene
 
@@ -69,12 +70,12 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
 
 def _not_flown(signals: Signals, boot: int) -> Fact | None:
     """Returns that the vehicle did not fly in a boot although its motors ran; None if it flew, or may have flown."""
-    judged = flown(signals, boot)
-    if judged.answer is not False:
+    verdict = flight_verdict(signals, boot)
+    if verdict.has_flown is not False:
         return None
     times = signals.tilts[0].time[signals.tilts[0].boot == boot]
     # The witnesses speak for a bench run here, and not for a flight.
-    witnesses = tuple(fact.but(side="for") for fact in judged.witnesses)
+    witnesses = tuple(fact.but(side=Side.FOR) for fact in verdict.witnesses)
     return Fact(MotionEvent.NOT_FLOWN, time=times[0], boot=boot, witnesses=witnesses)
 
 

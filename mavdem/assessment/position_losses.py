@@ -15,7 +15,7 @@ from mavdem.facts.events import Reported
 from mavdem.facts.witnesses import Witness
 from mavdem.witnesses.position import position_fix, position_validity
 from mavdem.witnesses.scene import Scene
-from mavdem.witnesses.statements import for_it
+from mavdem.witnesses.statements import supporting_statement
 
 MIN_LOST_SECONDS = 5.0
 """Seconds without a position from which on that is an event: autopilots bridge shorter gaps by inertia."""
@@ -59,7 +59,7 @@ def position_losses(scene: Scene, flight: Interval, reports: Sequence[Fact] = ()
             continue
         reactions = _reactions(scene, (start, end), reports)
         level = Level.BAD if reactions else Level.WATCH
-        invalid = for_it(Witness.POSITION_INVALID, duration=end - start)
+        invalid = supporting_statement(Witness.POSITION_INVALID, duration=end - start)
         yield Fact(
             MotionEvent.POSITION_LOST,
             level,
@@ -84,10 +84,10 @@ def _reactions(scene: Scene, interval: Interval, reports: Sequence[Fact]) -> Fac
     for report in reports:
         is_of_boot = report.figures["boot"] == scene.boot
         if is_of_boot and report.code in FAILSAFE_REPORTS and start <= (report.time or 0.0) <= end:
-            statements.append(for_it(Witness.AUTOPILOT_REPORTED, cause=report))
+            statements.append(supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report))
     for time, name in scene.signals.mode_changes(scene.boot):
         if start <= time <= end and name in BLIND_MODES:
-            statements.append(for_it(Witness.MODE_CHANGED, subject=name, time=time))
+            statements.append(supporting_statement(Witness.MODE_CHANGED, name=name, time=time))
     return tuple(statements)
 
 
@@ -98,5 +98,5 @@ def _missing_fix(scene: Scene, interval: Interval) -> Facts:
         return ()
     rows = in_intervals(fix.time, [interval])
     if rows.any() and not fix.values[rows].any():
-        return (for_it(Witness.NO_FIX),)
+        return (supporting_statement(Witness.NO_FIX),)
     return ()

@@ -3,14 +3,16 @@
 from mavdem.facts import Fact
 from mavdem.report.blocks import Sentence
 from mavdem.report.templates import render_section
-from mavdem.witnesses.statements import contradicting, supporting
+from mavdem.witnesses.statements import contradicting_statements, supporting_statements
 
 
 def why(fact: Fact) -> list[Sentence]:
     """Returns a sentence with the witnesses of a fact, those for it first; none for a fact without witnesses."""
     witnesses = fact.figures.get("witnesses", ())
     return render_section(
-        "why", supporting=supporting(witnesses), contradicting=contradicting(witnesses)
+        "why",
+        supporting=supporting_statements(witnesses),
+        contradicting=contradicting_statements(witnesses),
     )
 
 

@@ -5,7 +5,7 @@ stated on the word of one sensor alone. This room measures once, for each boot, 
 position fix and stick are worth (:func:`sensor_trust`), and from them whether the vehicle flew at all.
 """
 
-from mavdem.witnesses.flown import Flown, flown
+from mavdem.witnesses.flight_verdict import FlightVerdict, flight_verdict
 from mavdem.witnesses.trust import SensorTrust, sensor_trust
 
-__all__ = ["Flown", "SensorTrust", "flown", "sensor_trust"]
+__all__ = ["FlightVerdict", "SensorTrust", "flight_verdict", "sensor_trust"]

@@ -10,7 +10,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, recorded_series
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.vocabulary import mavlink_constant
-from mavdem.witnesses.flown import powered_intervals
+from mavdem.witnesses.flight_verdict import powered_intervals
 
 POSITION_FLAGS = {
     "EKF_STATUS_REPORT": ("EKF_POS_HORIZ_ABS", "EKF_POS_HORIZ_REL"),

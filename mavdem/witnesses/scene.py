@@ -23,7 +23,7 @@ from mavdem.witnesses.accelerometer import (
 )
 from mavdem.witnesses.height import HeightWitnesses, height_witnesses
 from mavdem.witnesses.sensors import throttle_stick
-from mavdem.witnesses.statements import against, for_it
+from mavdem.witnesses.statements import contradicting_statement, supporting_statement
 
 FAST_RATE = np.radians(200.0)
 """Body rate, rad/s, of a vehicle that tumbles: few autopilots ask for as much."""
@@ -70,12 +70,12 @@ class Rest:
     @property
     def statements(self) -> tuple[Fact, ...]:
         """The rest, and the pose, as witnesses of a crash."""
-        rested = for_it(Witness.RESTED, time=self.time)
+        rested = supporting_statement(Witness.RESTED, time=self.time)
         if self.angle is None:
             return (rested,)
         if self.is_on_side:
-            return (rested, for_it(Witness.LAY_ON_ITS_SIDE, angle=self.angle))
-        return (rested, against(Witness.STOOD_UPRIGHT, angle=self.angle))
+            return (rested, supporting_statement(Witness.LAY_ON_ITS_SIDE, angle=self.angle))
+        return (rested, contradicting_statement(Witness.STOOD_UPRIGHT, angle=self.angle))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +113,10 @@ class Scene:
             return None
         time, size = peak
         if size >= accelerometer.knock_size:
-            return for_it(Witness.KNOCKED, time=time, acceleration=size)
+            return supporting_statement(Witness.KNOCKED, time=time, acceleration=size)
         if not accelerometer.shows_knocks:
             return None
-        return against(Witness.NO_KNOCK, acceleration=size)
+        return contradicting_statement(Witness.NO_KNOCK, acceleration=size)
 
     def fast_rotation(self, interval: Interval) -> Fact | None:
         """Returns that the vehicle tumbled in an interval; None if its body rates stayed below ``FAST_RATE``."""
@@ -126,7 +126,11 @@ class Scene:
             if rate is not None:
                 is_inside = (rate.time >= interval[0]) & (rate.time <= interval[1])
                 fastest = max(fastest, float(abs(rate.values[is_inside]).max(initial=0.0)))
-        return for_it(Witness.ROTATED, body_rate=fastest) if fastest > FAST_RATE else None
+        return (
+            supporting_statement(Witness.ROTATED, body_rate=fastest)
+            if fastest > FAST_RATE
+            else None
+        )
 
     @cached_property
     def climb_estimate(self) -> TimeSeries | None:
@@ -180,9 +184,11 @@ class Scene:
         statements = []
         for source, rate in self.sink_rates(interval).items():
             if rate > least:
-                statements.append(for_it(Witness.SANK, subject=source, speed=rate))
+                statements.append(supporting_statement(Witness.SANK, source=source, speed=rate))
             else:
-                statements.append(against(Witness.DID_NOT_SINK, subject=source, speed=rate))
+                statements.append(
+                    contradicting_statement(Witness.DID_NOT_SINK, source=source, speed=rate)
+                )
         return tuple(statements)
 
     def throttle_closed(self, interval: Interval) -> Fact | None:
@@ -198,7 +204,7 @@ class Scene:
         rows = np.flatnonzero(is_inside & is_closed & (was_open > OPEN_STICK))
         if not len(rows):
             return None
-        return for_it(Witness.THROTTLE_CLOSED, time=stick.time[rows[0]])
+        return supporting_statement(Witness.THROTTLE_CLOSED, time=stick.time[rows[0]])
 
     def rest_after(self, time: float, latest: float) -> Rest | None:
         """Returns how the vehicle came to rest between two times, s; None if it did not.

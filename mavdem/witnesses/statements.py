@@ -37,33 +37,33 @@ flight, so that they count for nothing.
 """
 
 
-def for_it(code: Witness, **figures: Any) -> Fact:
+def supporting_statement(code: Witness, **figures: Any) -> Fact:
     """Returns the statement of a witness that supports an event, with its ``figures``, subject and time."""
     return Fact(code, side=Side.FOR, **figures)
 
 
-def against(code: Witness, **figures: Any) -> Fact:
+def contradicting_statement(code: Witness, **figures: Any) -> Fact:
     """Returns the statement of a witness that contradicts an event, with its ``figures``, subject and time."""
     return Fact(code, side=Side.AGAINST, **figures)
 
 
-def supporting(witnesses: Iterable[Fact]) -> Facts:
+def supporting_statements(witnesses: Iterable[Fact]) -> Facts:
     """Returns the witnesses that support the event."""
     return tuple(fact for fact in witnesses if fact.figures["side"] == Side.FOR)
 
 
-def contradicting(witnesses: Iterable[Fact]) -> Facts:
+def contradicting_statements(witnesses: Iterable[Fact]) -> Facts:
     """Returns the witnesses that contradict the event."""
     return tuple(fact for fact in witnesses if fact.figures["side"] == Side.AGAINST)
 
 
 def support_count(witnesses: Iterable[Fact]) -> int:
     """Returns how many independent witnesses support the event."""
-    codes = [Witness(fact.code) for fact in supporting(witnesses)]
+    codes = [Witness(fact.code) for fact in supporting_statements(witnesses)]
     return len({SOURCES[code] for code in codes if code in SOURCES})
 
 
-def weighed(event: Fact, witnesses: Iterable[Fact]) -> Fact:
+def weighed_event(event: Fact, witnesses: Iterable[Fact]) -> Fact:
     """Returns an event with its witnesses, less serious if they do not suffice.
 
     A bad event needs ``MIN_SUPPORT`` independent witnesses, and more of them than contradict it. Otherwise it is to be
@@ -75,7 +75,7 @@ def weighed(event: Fact, witnesses: Iterable[Fact]) -> Fact:
     """
     statements = tuple(witnesses)
     support = support_count(statements)
-    is_confirmed = support >= MIN_SUPPORT and support > len(contradicting(statements))
+    is_confirmed = support >= MIN_SUPPORT and support > len(contradicting_statements(statements))
     event = event.but(witnesses=statements)
     if event.is_bad and not is_confirmed:
         return event.but(Level.WATCH, is_unconfirmed=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.witnesses.accelerometer import AccelerometerWitness, accelerometer_witness
-from mavdem.witnesses.flown import Flown, flown
+from mavdem.witnesses.flight_verdict import FlightVerdict, flight_verdict
 from mavdem.witnesses.height import HeightWitnesses, height_witnesses
 from mavdem.witnesses.position import fix_share
 from mavdem.witnesses.rotation import RotationWitness, rotation_witness
@@ -23,7 +23,7 @@ class SensorTrust:
     """Gravity at rest, and peaks."""
     rotation: RotationWitness | None
     """Whether roll and pitch answer their setpoints, and whether gyro and attitude agree."""
-    flown: Flown
+    verdict: FlightVerdict
     """Whether the vehicle flew."""
     fix_share: float | None
     """Share of the time under power with a position fix of GPS; None if no receiver was recorded."""
@@ -65,7 +65,7 @@ class SensorTrust:
     @property
     def flew(self) -> bool | None:
         """Whether the vehicle flew; None if the witnesses do not decide it."""
-        return self.flown.answer
+        return self.verdict.has_flown
 
 
 @cached_per_vehicle()
@@ -81,6 +81,6 @@ def sensor_trust(signals: Signals, boot: int) -> SensorTrust:
         height=height_witnesses(signals, boot),
         accelerometer=accelerometer_witness(signals, boot),
         rotation=rotation_witness(signals, boot),
-        flown=flown(signals, boot),
+        verdict=flight_verdict(signals, boot),
         fix_share=fix_share(signals, boot),
     )

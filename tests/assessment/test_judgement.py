@@ -11,7 +11,8 @@ from mavdem.dataset.learnability import Learnability
 from mavdem.dataset.quality import QualityFigures
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
-from mavdem.facts.ending import Ending
+from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.events import Reported
 from mavdem.facts.learnability import Reason
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorsLight
@@ -122,3 +123,39 @@ def test_a_sound_vehicle_is_told_what_its_model_is_worth():
     longer = Fact(NextStep.FLY_LONGER)
     assert next_step_of(sound, known, longer) is longer
     assert next_step_of(sound, known, None).code is NextStep.KEEP_MODEL
+
+
+def event(code, level=Level.WATCH, **figures):
+    return Fact(code, level, time=20.0, boot=0, **figures)
+
+
+@mark.parametrize(
+    "known, events, code",
+    [
+        # An impact, a failsafe or a log that ends in the air matters more than a trim or a vibration.
+        ({"vibration": "bad"}, (event(MotionEvent.HIT, speed=2.0),), MotionEvent.HIT),
+        ({"motors": "watch"}, (event(Reported.FAILSAFE),), Reported.FAILSAFE),
+        (
+            {"vibration": "watch"},
+            (event(MotionEvent.LOG_ENDED_IN_AIR, height=9.0),),
+            MotionEvent.LOG_ENDED_IN_AIR,
+        ),
+        # Of several bad events the first one is named.
+        (
+            {"motors": "bad"},
+            (
+                event(MotionEvent.HEIGHT_DIVERGED, Level.BAD),
+                event(MotionEvent.POSITION_LOST, Level.BAD, duration=18.0),
+            ),
+            MotionEvent.HEIGHT_DIVERGED,
+        ),
+    ],
+)
+def test_losses_failsafes_and_impacts_rank_above_trims_and_vibration(known, events, code):
+    assert headline(lights(**known), events=events).code is code
+
+
+def test_a_bad_battery_is_named_and_not_the_log_that_ends_in_the_air_for_it():
+    known = lights(power="bad")
+    ended = event(MotionEvent.LOG_ENDED_IN_AIR, height=9.0)
+    assert headline(known, events=(ended,)) is known["power"]

@@ -78,7 +78,7 @@ def test_an_estimate_that_falls_while_the_barometer_rises_has_diverged():
 def test_the_accelerometer_is_the_cause_of_a_height_that_diverges():
     made = changed(height_runaway(), "HIGHRES_IMU", zacc=-8.0)
     cause = judged(made)[0][MotionEvent.HEIGHT_DIVERGED].figures["cause"]
-    assert (cause.code, cause.subject) == (Witness.GRAVITY_WRONG, "at rest")
+    assert (cause.code, cause.figures["part"]) == (Witness.GRAVITY_WRONG, "at rest")
     assert cause.figures["acceleration"] == approx(8.0)
 
 

@@ -123,15 +123,23 @@ def test_roll_answers_its_setpoint_or_not(gain, answers):
 def test_two_witnesses_against_a_flight_make_a_bench_run():
     never_flew = trust(bench(flight()))
     assert never_flew.flew is False
-    codes = [fact.code for fact in never_flew.flown.witnesses]
+    codes = [fact.code for fact in never_flew.verdict.witnesses]
     assert codes == [Witness.STAYED_LEVEL, Witness.DID_NOT_ROTATE]
-    assert {fact.figures["side"] for fact in never_flew.flown.witnesses} == {"against"}
+    assert {fact.figures["side"] for fact in never_flew.verdict.witnesses} == {"against"}
 
 
 def test_one_witness_against_a_flight_leaves_it_undecided():
     made = flight()
     made = changed(made, "SCALED_PRESSURE", **bench(made).messages["SCALED_PRESSURE"])
     assert trust(made).flew is None
+
+
+def test_an_estimate_that_rises_on_a_bench_is_outvoted():
+    made = bench(flight())
+    time = stamps(made, "ATTITUDE")
+    made = asking(made, time, 7, None, 0.3 * np.sin(0.7 * time))
+    made = changed(made, "SCALED_PRESSURE", altitude=0.0)
+    assert trust(made).flew is False
 
 
 def test_a_still_hover_that_rose_was_flown():

@@ -17,7 +17,7 @@ from mavdem.facts import Facts
 from mavdem.facts.witnesses import Witness
 from mavdem.witnesses.height import height_witnesses, windowed_mean
 from mavdem.witnesses.rotation import rotation_witness
-from mavdem.witnesses.statements import against, for_it
+from mavdem.witnesses.statements import contradicting_statement, supporting_statement
 
 MIN_RISE = 1.0
 """Rise, m, of the height that speaks for a flight. Prop wash lifts the barometer by as much, so it is not enough."""
@@ -39,17 +39,17 @@ MEAN_SECONDS = 1.0
 
 
 @dataclass(frozen=True)
-class Flown:
+class FlightVerdict:
     """Whether a vehicle flew in one boot, and what shows it."""
 
-    answer: bool | None
+    has_flown: bool | None
     """None if the witnesses are too few, or contradict each other."""
     witnesses: Facts
     """What speaks for a flight, and what speaks against it."""
 
 
 @cached_per_vehicle()
-def flown(signals: Signals, boot: int) -> Flown:
+def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
     """Judges whether a vehicle flew while its motors could carry it.
 
     A certain rise is enough. Otherwise two witnesses must agree: the rise of barometer or estimate, roll and pitch that
@@ -65,7 +65,7 @@ def flown(signals: Signals, boot: int) -> Flown:
     """
     powered = powered_intervals(signals, boot)
     if not powered:
-        return Flown(None, ())
+        return FlightVerdict(None, ())
     support = []
     objections = []
     is_certain = False
@@ -77,31 +77,39 @@ def flown(signals: Signals, boot: int) -> Flown:
     rise = None if height is None else _rise(height, powered)
     if rise is not None:
         if rise > MIN_RISE:
-            support.append(for_it(Witness.ROSE, subject=source, height=rise))
+            support.append(supporting_statement(Witness.ROSE, source=source, height=rise))
             is_certain = rise > MIN_CERTAIN_RISE
         elif rise < MAX_LEVEL_RISE:
-            objections.append(against(Witness.STAYED_LEVEL, subject=source, height=rise))
+            objections.append(
+                contradicting_statement(Witness.STAYED_LEVEL, source=source, height=rise)
+            )
     is_level = bool(objections) and barometer is not None
 
     # Attitude and motion.
     rotation = rotation_witness(signals, boot)
     if rotation is not None:
         if rotation.answers is True:
-            support.append(for_it(Witness.ATTITUDE_ANSWERED, correlation=rotation.correlation))
+            support.append(
+                supporting_statement(Witness.ATTITUDE_ANSWERED, correlation=rotation.correlation)
+            )
         elif rotation.answers is False:
             error = rotation.median_error
-            objections.append(against(Witness.ATTITUDE_IGNORED, angle=error))
+            objections.append(contradicting_statement(Witness.ATTITUDE_IGNORED, angle=error))
         if rotation.is_held:
-            objections.append(against(Witness.DID_NOT_ROTATE, body_rate=rotation.largest_rate))
+            objections.append(
+                contradicting_statement(Witness.DID_NOT_ROTATE, body_rate=rotation.largest_rate)
+            )
 
     witnesses = (*support, *objections)
-    if is_certain:
-        return Flown(True, witnesses)
+    # An estimate may rise on a bench: two sensors that contradict it outvote it.
+    is_outvoted = barometer is None and len(objections) >= 2
+    if is_certain and not is_outvoted:
+        return FlightVerdict(True, witnesses)
     if len(objections) >= 2:
-        return Flown(False, witnesses)
+        return FlightVerdict(False, witnesses)
     if len(support) >= 2 and not is_level:
-        return Flown(True, witnesses)
-    return Flown(None, witnesses)
+        return FlightVerdict(True, witnesses)
+    return FlightVerdict(None, witnesses)
 
 
 def powered_intervals(signals: Signals, boot: int) -> Intervals:

@@ -1,0 +1,51 @@
+"""Why an event is stated: its witnesses, for it and against it."""
+
+from mavdem.facts import Fact
+from mavdem.facts.ending import MotionEvent
+from mavdem.facts.witnesses import Witness
+from mavdem.report.why import why, why_text
+from mavdem.witnesses.statements import (
+    contradicting_statement,
+    support_count,
+    supporting_statement,
+    weighed_event,
+)
+
+SANK = supporting_statement(Witness.SANK, source="barometer", speed=4.04)
+KNOCKED = supporting_statement(Witness.KNOCKED, time=3.0, acceleration=80.2)
+UPRIGHT = contradicting_statement(Witness.STOOD_UPRIGHT, angle=0.1)
+
+
+def hit(*witnesses):
+    return Fact(MotionEvent.HIT, time=3.0, boot=0, witnesses=witnesses)
+
+
+def test_witnesses_for_an_event_come_first_and_those_against_it_last():
+    (sentence,) = why(hit(UPRIGHT, SANK, KNOCKED))
+    assert sentence.lead == "Why:"
+    assert sentence.text == (
+        "the barometer sank at up to 4.0 m/s and the accelerometer measured 80 m/s²; "
+        "against it: afterwards it stood upright, by the accelerometer."
+    )
+
+
+def test_an_event_without_witnesses_has_no_why():
+    assert why(Fact(MotionEvent.HIT, time=3.0)) == []
+    assert why_text(Fact(MotionEvent.HIT, time=3.0)) == ""
+
+
+def test_one_witness_is_not_enough_for_a_bad_event():
+    by_one, by_two = weighed_event(hit(), [SANK]), weighed_event(hit(), [SANK, KNOCKED])
+    assert (by_one.level, by_two.level) == ("watch", "bad")
+    assert "no other sensor confirms" in by_one.sentence
+    assert "confirms" not in by_two.sentence
+
+
+def test_two_statements_that_rest_on_the_height_are_one_witness():
+    by_estimate = supporting_statement(Witness.SANK, source="estimate", speed=5.0)
+    assert support_count([SANK, by_estimate]) == 1
+    assert support_count([SANK, by_estimate, KNOCKED, UPRIGHT]) == 2
+
+
+def test_a_rest_that_follows_every_flight_is_no_witness():
+    assert support_count([supporting_statement(Witness.RESTED, time=4.0)]) == 0
