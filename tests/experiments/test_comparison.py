@@ -183,3 +183,14 @@ def test_a_band_that_failed_is_cautioned_against(predicted):
     assert cautions(held(0.75, 0.9)) == []
     assert ["holds 50 %" in one for one in cautions(held(0.9, 0.5))] == [True]
     assert "holds 74 %" in cautions(held(0.74, 0.9).of_flight("a"))[0]
+
+
+def test_methods_of_the_same_kind_have_the_order_in_their_name():
+    """Their functions take it as ``order``; it stands in brackets in the name."""
+    orders = {
+        method.name: method.learn.keywords["order"]
+        for method in METHODS
+        if "order" in getattr(method.learn, "keywords", {})
+    }
+    assert orders == {name: int(name.partition("(")[2].rstrip(")")) for name in orders}
+    assert {"joint VAR(4)", "joint VAR(10)", "PEM(4)", "EM(2)"} <= orders.keys()

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
+from fleet_rows import flight_row
 from pytest import approx, fixture, mark, raises
 from recorded_flights import SLOW
 from refusals import unreadable
@@ -23,6 +24,7 @@ from mavdem.fleet.store import read_rows
 from mavdem.fleet.workers import Job, JobLimits, outcome_of
 from mavdem.ingest import read_log
 from mavdem.results import PAGE_FILE, REPORT_FILE
+from mavdem.serve.index import entry_of_fleet_log
 from mavdem.serve.library import Library
 from mavdem.serve.reading import read_for_library
 from mavdem.serve.reading_threads import ReadingThreads
@@ -340,3 +342,8 @@ def test_processes_read_logs_within_limits_and_go_on_after_a_hostile_one(library
     work.stop()
     entries, _ = library.find(*ALL, 10)
     assert all(entry.problem for entry in entries if entry.name != "sound.ulg")
+
+
+def test_the_suspected_motor_of_a_fleet_log_is_that_of_any_of_its_rows():
+    rows = [flight_row("quad", 1), flight_row("quad", 1, axis="pitch", suspect_motor=3)]
+    assert entry_of_fleet_log("flight.ulg", rows).motor == 3
