@@ -10,6 +10,9 @@ from mavdem.report.templates import without_full_stop
 HEADER = ["instance", "used", "lowest", "highest", "quantity", "state"]
 """Header of the table."""
 
+NO_BREAK_SPACE = "\N{NO-BREAK SPACE}"
+"""Space at which no line ends."""
+
 SHOWN_DIGITS = 3
 """Significant digits of the range: those of a battery's voltage."""
 
@@ -22,7 +25,8 @@ def instance_table(instances: Sequence[Instance]) -> Table:
     """
     rows = []
     for instance in instances:
-        unit = "" if instance.unit == "1" else f" {instance.unit}"
+        # A number and its unit stay on one line.
+        unit = "" if instance.unit == "1" else f"{NO_BREAK_SPACE}{instance.unit}"
         rows.append(
             [
                 instance.name,

@@ -61,7 +61,9 @@ def test_the_table_has_a_row_for_each_instance():
     assert [row[0] for row in table.rows] == [instance.name for instance in instances]
     rows = {row[0]: row for row in table.rows}
     assert rows["barometer 1"][1] == "no" and rows["barometer 2"][1] == "yes"
-    assert rows["barometer 2"][3].endswith(" m") and rows["GPS 2"][5].level == "watch"
+    assert (
+        rows["barometer 2"][3].endswith("\N{NO-BREAK SPACE}m") and rows["GPS 2"][5].level == "watch"
+    )
 
 
 def test_further_sensors_of_a_dataflash_log_have_messages_of_their_own(tmp_path, monkeypatch):

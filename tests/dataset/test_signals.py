@@ -333,7 +333,8 @@ def test_a_position_is_metres_north_east_down_of_the_first_even_over_the_date_li
 
 def measured_voltage(time, millivolts):
     measured = columns(time, voltage_battery=millivolts)
-    return Signals(changed(HOVER.telemetry(), "SYS_STATUS", **measured)).voltage
+    batteries = Signals(changed(HOVER.telemetry(), "SYS_STATUS", **measured)).batteries
+    return batteries[0].voltage if batteries else None
 
 
 def test_without_a_battery_monitor_there_is_none():
