@@ -4,7 +4,7 @@ A pilot flies in a mode without control of the position; the attitude is held le
 """
 
 from dataclasses import dataclass
-from math import pi, radians, sin
+from math import pi, radians, sin, sqrt
 
 from sitl_scenarios.controller import ControlOutput, FlightController
 from sitl_scenarios.dynamics import State
@@ -58,10 +58,16 @@ FLIP_CLIMB_THRUST = 1.6
 """Thrust by the weight in that climb; a choice."""
 
 FLIP_THRUST = 0.35
-"""Thrust by the weight while the vehicle rolls; a choice."""
+"""Thrust by the weight until the vehicle is on its back; a choice."""
 
-FLIP_END = radians(315)
-"""Roll, rad, from which on the attitude is controlled again, as in ArduCopter's mode_flip.cpp."""
+FLIP_BRAKING_THRUST = 0.9
+"""Thrust by the weight after that: without thrust a mixer has no room to end the rotation; a choice."""
+
+FLIP_BRAKING = 12.0
+"""Angular acceleration with which the rotation ends, rad/s²: what the largest frame has at that thrust."""
+
+FLIP_END = radians(345)
+"""Roll, rad, from which on the attitude is controlled again."""
 
 BLIND_DESCENT = 0.8
 """Speed downwards of a landing without a position, m/s: between both autopilots' defaults."""
@@ -207,9 +213,14 @@ class Pilot:
         if self.rolled >= FLIP_END:
             self.is_caught = True
             return None
-        thrust = FLIP_THRUST * self.body.mass * GRAVITY
+        is_braking = self.rolled > pi
+        thrust = FLIP_BRAKING_THRUST if is_braking else FLIP_THRUST
+        # The rate from which the braking just ends the rotation after a whole turn.
+        rate = min(FLIP_RATE, sqrt(2 * FLIP_BRAKING * (2 * pi - self.rolled)))
         angles = euler_angles(estimate.attitude)
-        return self.controller.rate_control(estimate, angles, (FLIP_RATE, 0.0, 0.0), thrust, True)
+        return self.controller.rate_control(
+            estimate, angles, (rate, 0.0, 0.0), thrust * self.body.mass * GRAVITY, True
+        )
 
     def _run_on_bench(self, bench: BenchRun, time: float, estimate: State) -> ControlOutput:
         """Raises the throttle from idle and lowers it again, and moves the sticks of roll and pitch meanwhile."""

@@ -33,6 +33,7 @@ from numpy.random import default_rng
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.record import Assessment
+from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Level
 from mavdem.files import atomic_write, load_adjacent_toml
 from mavdem.ingest import Log, read_log
@@ -56,6 +57,9 @@ LOOP_RATE = 200.0
 HEIGHTS = {"dive": 24.0, "flip": 20.0}
 """Height of the hover of mishaps that need room, m."""
 
+LARGE_FRAMES = ("hexa_x", "hexa_plus", "octa_x")
+"""Frames with long arms, whose inertia is too large for a flip."""
+
 MARGIN_SECONDS = 12.0
 """Time from the beginning of a mishap to the landing at least, s."""
 
@@ -72,6 +76,8 @@ def scenario(kind: str, number: int) -> Scenario:
     """Returns the flight of a kind and number."""
     rng = default_rng([sorted(KINDS).index(kind), number])
     values = draw_values(TABLES["flight"], rng) | {"seed": number}
+    if kind == "flip" and values["vehicle"]["frame"] in LARGE_FRAMES:
+        values["vehicle"]["frame"] = "x"
     if values["vehicle"]["frame"] not in ("x", "plus"):
         values["vehicle"]["model"] = "iris"
     autopilot = values["stream"]["autopilot"]
@@ -172,7 +178,7 @@ def verdict(kind: str, motor: int, review: Assessment) -> str:
     unnamed = codes(kind, "unnamed")
     # The lights of tracking, margins and log say nothing of an event.
     harmless = {str(review.lights[name].code) for name in ("tracking", "margins", "log")}
-    harmless |= right | codes(kind, "allowed") | set(TABLES["neutral"])
+    harmless |= right | codes(kind, "allowed") | set(TABLES["neutral"]) | set(TABLES["remarks"])
     must_name_motor = KINDS[kind].get("motor", False)
     is_right = False
     for fact, place in statements(review):
@@ -188,7 +194,8 @@ def verdict(kind: str, motor: int, review: Assessment) -> str:
             is_right = is_right or not must_name_motor or motor in motors or code in unnamed
     if is_right:
         return "right"
-    if KINDS[kind].get("quiet") and review.headline.level is not Level.BAD:
+    is_remark = str(review.headline.code) in TABLES["remarks"]
+    if KINDS[kind].get("quiet") and review.headline.level is not Level.BAD and not is_remark:
         return "right"
     return "none"
 
@@ -199,7 +206,15 @@ def reviewed(case: tuple[str, int], folder: Path | None) -> list[Values]:
     row: Values = {"kind": kind, "half": ("even", "odd")[number % 2], "number": number}
     flight = scenario(kind, number)
     path = folder / f"{kind}_{number:03}.tlog" if folder else None
-    review = assess(without_gains(flown_log(flight, path)))
+    try:
+        review = assess(without_gains(flown_log(flight, path)))
+    except Unreadable as refusal:
+        # A log that mixes two vehicles is refused.
+        is_right = str(refusal.fact.code) in codes(kind, "right")
+        result = "right" if is_right else "wrong"
+        return [
+            row | {"verdict": result, "headline": str(refusal), "lights": "", "false lights": ""}
+        ]
     motor = getattr(flight.mishap, "motor", 0)
     lights = [str(name) for name, light in review.lights.items() if light.level in SERIOUS]
     # The rate of a telemetry link is not the vehicle's.
