@@ -54,6 +54,7 @@ class Repair(Code):
     SYSTEM_NUMBERED = "system_numbered"
     DEFINITION_CONTRADICTED = "definition_contradicted"
     LOGGED_MESSAGES_LEFT_OUT = "logged_messages_left_out"
+    OLD_BLOCKS_LEFT_OUT = "old_blocks_left_out"
     LINES_LEFT_OUT = "lines_left_out"
     LOGGER_WITHOUT_ROOM = "logger_without_room"
     LOGGER_DROPPED_OUT = "logger_dropped_out"

@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from mavdem.ingest.dataflash.binary import (
     read_binary,
     usable_fields,
 )
+from mavdem.ingest.dataflash.old_blocks import blocks_of_other_logs
 from mavdem.ingest.dataflash.samples import ACCELEROMETER_FIELDS, GYRO_FIELDS, raw_samples
 from mavdem.ingest.dataflash.states import ARMING_EVENTS
 from mavdem.ingest.dataflash.tables import field_texts
@@ -153,7 +155,7 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     Raises:
         Unreadable: It has no message of a flight.
     """
-    logged = _logged_messages(recording)
+    recording, logged, block_repairs = _without_old_blocks(recording, _logged_messages(recording))
     tables, clock_repairs = _on_boot_clock(logged)
     if not any(len(tables[name]["time"]) for name in FLIGHT_MESSAGES if name in tables):
         if "StartTime" in recording.decode("TIME").columns:
@@ -191,6 +193,7 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
         repairs=(
             *recording.repairs,
             *repair_facts(Repair.BYTES_SKIPPED, count=skipped, part="message"),
+            *block_repairs,
             *clock_repairs,
             *unit_repairs,
             *repair_facts(Repair.LOGGER_WITHOUT_ROOM, count=dropouts),
@@ -221,6 +224,74 @@ def _logged_messages(recording: DataflashRecording) -> dict[str, MessageTable]:
     columns = {name: values for name, values in imu.columns.items() if name in used_fields}
     logged["IMU"] = MessageTable(imu.position, columns)
     return logged
+
+
+class _KeptMessages(NamedTuple):
+    """A log without the blocks of other logs in it."""
+
+    recording: DataflashRecording
+    """The log, which decodes only messages of its own."""
+
+    logged: dict[str, MessageTable]
+    """Its messages that are translated, by name."""
+
+    repairs: Facts
+    """What was left out."""
+
+
+def _without_old_blocks(
+    recording: DataflashRecording, logged: dict[str, MessageTable]
+) -> _KeptMessages:
+    """Leaves out the blocks of a log whose messages are of another one (``old_blocks``).
+
+    Args:
+        recording: The log.
+        logged: Its messages that are translated, by name.
+    """
+    positions = []
+    seconds = []
+    for name, stamps in _stamps_of_messages(logged).items():
+        if name not in MESSAGES_WITH_OLD_STAMPS:
+            positions.append(logged[name].position)
+            seconds.append(stamps)
+    if not positions:
+        return _KeptMessages(recording, logged, ())
+    all_positions = np.concatenate(positions)
+    order = np.argsort(all_positions, kind="stable")
+    blocks = blocks_of_other_logs(
+        all_positions[order], np.concatenate(seconds)[order], recording.decode("FMT").position
+    )
+    if not blocks:
+        return _KeptMessages(recording, logged, ())
+
+    def decode(name: str) -> MessageTable:
+        """Decodes the messages of one name outside of the blocks."""
+        table = recording.decode(name)
+        is_kept = np.ones(len(table.position), dtype=np.bool_)
+        for block in blocks:
+            is_kept &= (table.position < block.start) | (table.position >= block.end)
+        columns = {field: values[is_kept] for field, values in table.columns.items()}
+        return MessageTable(table.position[is_kept], columns)
+
+    kept = recording._replace(decode=decode)
+    end = int(all_positions.max())
+    repairs = repair_facts(
+        Repair.OLD_BLOCKS_LEFT_OUT,
+        count=len(blocks),
+        size=sum(min(block.end, end) - block.start for block in blocks),
+        duration=sum(block.duration for block in blocks),
+    )
+    return _KeptMessages(kept, _logged_messages(kept), repairs)
+
+
+def _stamps_of_messages(logged: Mapping[str, MessageTable]) -> dict[str, Array]:
+    """Returns the stamps of the messages that have any, s, by name."""
+    stamps: dict[str, Array] = {}
+    for name, table in logged.items():
+        for field, units_per_second in CLOCK_FIELDS.items():
+            if field in table.columns:
+                stamps[name] = table.columns[field] / units_per_second
+    return stamps
 
 
 def _lost_messages(recording: DataflashRecording) -> int:
@@ -259,11 +330,7 @@ def _on_boot_clock(logged: Mapping[str, MessageTable]) -> tuple[Tables, Facts]:
         Their columns, with ``time`` (s) and ``boot``, and the repairs of the clock. Messages with impossible or
         outlying stamps are left out.
     """
-    stamps: dict[str, Array] = {}
-    for name, table in logged.items():
-        for field, units_per_second in CLOCK_FIELDS.items():
-            if field in table.columns:
-                stamps[name] = table.columns[field] / units_per_second
+    stamps = _stamps_of_messages(logged)
     clock_messages = [name for name in stamps if name not in MESSAGES_WITH_OLD_STAMPS]
     if not clock_messages:
         return {}, ()

@@ -1,0 +1,64 @@
+"""Blocks of an older log inside a DataFlash log are left out and counted; a second boot is kept."""
+
+from dataflash_logs import formats, message
+from pytest import approx, mark
+
+from mavdem.facts.sources import Repair
+from mavdem.ingest.dataflash.log import read_dataflash
+
+STEP = 0.02
+
+
+def attitudes(start, end):
+    """ATT at 50 Hz from one time of the boot clock to another, s."""
+    count = round((end - start) / STEP)
+    return b"".join(
+        message("ATT", round((start + STEP * row) * 1e6), 0, 100 + row % 3) for row in range(count)
+    )
+
+
+def vehicle_of(folder, content):
+    path = folder / "log.bin"
+    path.write_bytes(formats() + content)
+    return read_dataflash(path).vehicles[0]
+
+
+def duration_and_boots(vehicle):
+    columns = next(columns for columns in vehicle.messages.values() if len(columns["time"]) > 1000)
+    return columns["time"].max() - columns["time"].min(), len({*columns["boot"].tolist()})
+
+
+@mark.parametrize("old_start", [5.0, 70.0, 400.0])
+def test_blocks_of_an_older_log_are_left_out_and_counted(old_start, tmp_path):
+    content = attitudes(20.0, 50.0)
+    for number in range(5):
+        old = old_start + 40.0 * number
+        content += attitudes(old, old + 6.0)
+        content += attitudes(50.0 + 10.0 * number, 60.0 + 10.0 * number)
+    vehicle = vehicle_of(tmp_path, content)
+    assert duration_and_boots(vehicle) == (approx(80.0, abs=0.1), 1)
+    (repair,) = [fact for fact in vehicle.repairs if fact.code is Repair.OLD_BLOCKS_LEFT_OUT]
+    assert repair.figures["count"] == 5
+    assert repair.figures["duration"] == approx(30.0, abs=0.2)
+
+
+def test_of_swapped_blocks_the_one_in_the_wrong_place_is_left_out(tmp_path):
+    content = attitudes(20.0, 50.0) + attitudes(54.0, 58.0) + attitudes(50.0, 54.0)
+    vehicle = vehicle_of(tmp_path, content + attitudes(58.0, 90.0))
+    assert duration_and_boots(vehicle) == (approx(70.0, abs=0.1), 1)
+    codes = [fact.code for fact in vehicle.repairs]
+    assert codes == [Repair.OLD_BLOCKS_LEFT_OUT]
+
+
+@mark.parametrize("pause", [0.0, 300.0])
+def test_a_second_boot_is_kept(pause, tmp_path):
+    content = attitudes(20.0, 80.0) + attitudes(80.0 + pause, 100.0 + pause)
+    vehicle = vehicle_of(tmp_path, content + attitudes(4.0, 70.0))
+    assert [fact.code for fact in vehicle.repairs] == [Repair.LOG_OF_SEVERAL_BOOTS]
+    assert duration_and_boots(vehicle)[1] == 2
+
+
+def test_a_second_log_that_begins_late_on_its_clock_is_kept(tmp_path):
+    content = attitudes(120.0, 180.0) + formats() + attitudes(90.0, 170.0)
+    vehicle = vehicle_of(tmp_path, content)
+    assert [fact.code for fact in vehicle.repairs] == [Repair.LOG_OF_SEVERAL_BOOTS]
