@@ -124,6 +124,13 @@ def test_wherever_px4s_topics_lie(prefix, recorder):
     assert np.allclose(attitude.angle, roll(TIMES)[0], atol=1e-6)
 
 
+def test_the_system_id_is_the_most_frequent_one(recorder):
+    px4_flight(recorder, prefix="/fmu/out/", system_id=7)
+    after = TIMES[-1] + 0.1
+    recorder.px4("vehicle_status", after, "/fmu/out/", arming_state=2, system_type=2, system_id=9)
+    assert recorder.vehicle().system == 7
+
+
 def test_versions_and_directions_of_topics(recorder):
     for at in TIMES.tolist():
         recorder.px4("vehicle_status", at, "/fmu/out/", arming_state=2, system_type=2)

@@ -61,6 +61,9 @@ def test_what_somebody_set_in_the_autopilot_takes_the_place_of_the_populations_d
     assert (usual.source, told.source) == ("population", "parameters")
     written = told.autopilot_parameters("ARDUPILOTMEGA")
     assert {name: round(written[name][0], 6) for name in names} == named
+    for name, quadratic in (("EK3_DRAG_BCOEF_X", 0), ("EK3_DRAG_BCOEF_Y", 1)):
+        low, high = told.interval("quadratic")[:, quadratic]
+        assert_allclose(written[name][1:], [0.6125 / high, 0.6125 / low])
     assert_allclose([told.linear, told.quadratic], [[0.5, 0.5], [0.6125 / 20, 0.6125 / 80]])
     assert_allclose(np.diag(told.covariance) ** 0.5, [0.3, 0.3, 0.2, 0.3, 0.18, 0.18])
 
