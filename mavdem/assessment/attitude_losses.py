@@ -104,8 +104,11 @@ class _AttitudeLoss(NamedTuple):
     """
 
     scene: Scene
+    """Sensors of the boot, with the take-off of this flight."""
     flight: Interval
+    """Start and end of the flight, s since boot."""
     error: AttitudeError
+    """Error of the attitude in this boot."""
     start: float
     """When the error exceeded ``LOST_ANGLE``, s."""
     end: float
@@ -130,7 +133,7 @@ class _AttitudeLoss(NamedTuple):
         has_setpoint = bool(self.error.has_setpoint[rows].all())
         # What the vehicle did when it began to leave its setpoint shows the cause better than the loss itself does.
         onset = self._onset()
-        height = self._height_at(onset)
+        height = self.scene.height_at(onset)
         # The error grows up to ``MAX_SETPOINT_DELAY`` after its cause, so that a knock may lie before the onset.
         knock = self.scene.knock((onset - MAX_SETPOINT_DELAY, self.start))
         knock_time = None
@@ -185,11 +188,6 @@ class _AttitudeLoss(NamedTuple):
             before = float(strayed[-1])
         return max(onset, earliest)
 
-    def _height_at(self, time: float) -> float | None:
-        """Returns the height above the take-off at a time, m, by a source that can be trusted; None without any."""
-        height = trusted_height(self.scene.signals, self.scene.boot, self.flight[0])
-        return None if height is None else float(np.interp(time, height.time, height.values))
-
     def _code(self, onset: float, height: float | None, knock_time: float | None) -> MotionEvent:
         """Returns the kind of a loss that was not recovered.
 
@@ -242,7 +240,7 @@ class _AttitudeLoss(NamedTuple):
         if not len(after):
             return False
         usual = np.median(collective.values[in_intervals(collective.time, [self.flight])])
-        height = self._height_at(recovered_at)
+        height = self.scene.height_at(recovered_at)
         return bool(after.mean() > usual / 2) and (height is None or height > MAX_GROUND_HEIGHT)
 
     def _sink_rate(self, code: MotionEvent, onset: float) -> float | None:

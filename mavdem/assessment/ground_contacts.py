@@ -26,6 +26,7 @@ from mavdem.witnesses.height import trusted_height
 from mavdem.witnesses.scene import MIN_SINK_RATE, Rest, Scene
 from mavdem.witnesses.sensors import throttle_stick
 from mavdem.witnesses.statements import (
+    MIN_SUPPORT,
     support_count,
     supporting_statement,
     supporting_statements,
@@ -109,10 +110,15 @@ class _Contact:
     """The end of one flight, examined for a contact with the ground."""
 
     scene: Scene
+    """Sensors of the boot, with the take-off of this flight."""
     error: AttitudeError
+    """Error of the attitude in this boot."""
     flight: Interval
+    """Start and end of the flight, s since boot."""
     loss: Fact | None
+    """The loss of attitude that the flight did not recover from; None if there was none."""
     reports: Sequence[Fact]
+    """Events that the autopilot reports."""
 
     def event(self) -> Fact | None:
         """Returns the contact as a fact; None if the flight ended in an ordinary landing, or goes on."""
@@ -132,7 +138,7 @@ class _Contact:
         if time is None:
             return None
         witnesses = self._witnesses(time, rest)
-        if support_count(witnesses) < 2 and not self._is_only_estimated(time):
+        if support_count(witnesses) < MIN_SUPPORT and not self._is_only_estimated(time):
             return None
         # What followed is required, and counts as a witness only now.
         if rest is not None:
@@ -195,7 +201,7 @@ class _Contact:
         """Returns when the attitude was lost, s, if that was near the ground; None otherwise."""
         if self.loss is None or self.loss.time is None:
             return None
-        height = self._height(self.loss.time)
+        height = self.scene.height_at(self.loss.time)
         is_low = height is not None and height < TOPPLE_HEIGHT_CLOSED
         return self.loss.time if is_low else None
 
@@ -316,11 +322,6 @@ class _Contact:
         )
         return weighed_event(event, witnesses)
 
-    def _height(self, time: float) -> float | None:
-        """Returns the height above the take-off at a time, m, by a source that can be trusted; None without any."""
-        height = trusted_height(self.scene.signals, self.scene.boot, self.flight[0])
-        return None if height is None else float(np.interp(time, height.time, height.values))
-
     def _height_of_contact(self, time: float) -> float | None:
         """Returns the height above the take-off at a contact, m, by a source that can be trusted; None without any.
 
@@ -330,7 +331,7 @@ class _Contact:
         if height is None:
             return None
         rows = in_intervals(height.time, [(time, time + MAX_SETPOINT_DELAY)])
-        return float(height.values[rows].min()) if rows.any() else self._height(time)
+        return float(height.values[rows].min()) if rows.any() else self.scene.height_at(time)
 
     def _was_landing(
         self, time: float, rest: Rest | None, speed: float | None, is_closed: bool
@@ -344,11 +345,11 @@ class _Contact:
             is_closed: whether the pilot closed the throttle.
         """
         before = time - MAX_SETPOINT_DELAY
-        height = self._height(before)
+        height = self.scene.height_at(before)
         fastest = HARD_IMPACT_SPEED_CLOSED if is_closed else HARD_IMPACT_SPEED
         if height is None or (speed or 0.0) > fastest:
             return False
-        resting_height = None if rest is None else self._height(rest.time)
+        resting_height = None if rest is None else self.scene.height_at(rest.time)
         if resting_height is not None:
             if resting_height > LANDING_STEP:
                 return False
@@ -361,7 +362,10 @@ class _Contact:
 
     def _is_descending(self, time: float) -> bool:
         """Returns whether the vehicle came down by ``LANDING_DESCENT`` or more just before a time, s."""
-        before, now = self._height(time - 3 * MAX_SETPOINT_DELAY), self._height(time)
+        before, now = (
+            self.scene.height_at(time - 3 * MAX_SETPOINT_DELAY),
+            self.scene.height_at(time),
+        )
         return before is not None and now is not None and before - now > LANDING_DESCENT
 
     def _leans(self, time: float) -> bool:

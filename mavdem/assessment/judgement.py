@@ -18,9 +18,6 @@ from mavdem.immutable import ImmutableResult
 LIGHTS_OF_FLIGHT = (Light.MOTORS, Light.VIBRATION, Light.TRACKING, Light.MARGINS, Light.WIND)
 """Lights that judge a vehicle in the air, and so are unknown where it never was."""
 
-RESTART_IN_FLIGHT = "restarted_in_flight"
-"""Code of the event that the autopilot restarted in the air."""
-
 URGENT_EVENTS = (
     MotionEvent.HIT,
     MotionEvent.TOPPLED,
@@ -107,7 +104,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     # How a lost flight ended outranks everything else.
     ending = [] if evidence.ending is None else [evidence.ending]
     bad_events = _worst_first([fact for fact in (*ending, *evidence.events) if fact.is_bad])
-    restarts = [fact for fact in evidence.events if fact.code == RESTART_IN_FLIGHT and fact.is_bad]
+    restarts = [fact for fact in evidence.events if fact.code is Reported.RESTARTED_IN_FLIGHT]
     urgent = _urgent_warnings(evidence)
     bad_lights = _worst_first([fact for fact in (*vehicle_lights, *other_lights) if fact.is_bad])
     # A battery or an estimator that is bad is the reason for a failsafe, and for a log that ends in the air.

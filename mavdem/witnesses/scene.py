@@ -21,7 +21,7 @@ from mavdem.witnesses.accelerometer import (
     accelerometer_witness,
     still_windows,
 )
-from mavdem.witnesses.height import HeightWitnesses, height_witnesses
+from mavdem.witnesses.height import HeightWitnesses, height_witnesses, trusted_height
 from mavdem.witnesses.sensors import throttle_stick
 from mavdem.witnesses.statements import contradicting_statement, supporting_statement
 
@@ -93,6 +93,11 @@ class Scene:
     def height(self) -> HeightWitnesses:
         """Barometer and estimated climb."""
         return height_witnesses(self.signals, self.boot)
+
+    def height_at(self, time: float) -> float | None:
+        """Returns the height above the take-off at a time, m, by a source that can be trusted; None without any."""
+        height = trusted_height(self.signals, self.boot, self.take_off)
+        return None if height is None else float(np.interp(time, height.time, height.values))
 
     @cached_property
     def accelerometer(self) -> AccelerometerWitness | None:

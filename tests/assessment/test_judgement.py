@@ -140,6 +140,12 @@ def event(code, level=Level.WATCH, **figures):
             (event(MotionEvent.LOG_ENDED_IN_AIR, height=9.0),),
             MotionEvent.LOG_ENDED_IN_AIR,
         ),
+        # A restart is the reason for whatever followed it.
+        (
+            {"motors": "bad"},
+            (event(MotionEvent.HIT, Level.BAD), event(Reported.RESTARTED_IN_FLIGHT, Level.BAD)),
+            Reported.RESTARTED_IN_FLIGHT,
+        ),
         # Of several bad events the first one is named.
         (
             {"motors": "bad"},

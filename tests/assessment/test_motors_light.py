@@ -130,8 +130,11 @@ def test_a_limit_in_hover_names_one_motor_only_where_it_stands_out(motors, subje
     assert limited.sentence.startswith("Motor 3 is" if subject else "Motor 1 and motor 3 are")
 
 
-def test_limits_of_a_diverged_height_are_no_motor_s():
+@mark.parametrize(
+    "code, level", [(MotionEvent.HEIGHT_DIVERGED, Level.BAD), (MotionEvent.DIVED, Level.GOOD)]
+)
+def test_limits_of_a_diverged_height_or_after_a_dive_are_no_motor_s(code, level):
     flight = evidence(lambda time: np.outer([0, 0, 1, 0], 600.0 * (time % 10 < 0.8)))
-    diverged = Fact(MotionEvent.HEIGHT_DIVERGED, Level.BAD, time=20.0, boot=0)
-    limited = motors_light(replace(flight, events=(diverged,)))
+    event = Fact(code, level, time=20.0, until=21.0, speed=6.0, boot=0)
+    limited = motors_light(replace(flight, events=(event,)))
     assert limited.code is not MotorsLight.MOTOR_LIMITED

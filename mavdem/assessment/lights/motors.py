@@ -47,8 +47,7 @@ def motors_light(evidence: Evidence) -> Fact:
     else:
         # In a shorter hover one manoeuvre could decide the share of the time at the limit.
         limited = limited_motors(hover)
-        if _has_diverged_height(evidence):
-            # The height controller drove all motors up: their limits say nothing about them.
+        if _has_full_throttle(evidence):
             limited = None
         if limited is not None and hover.seconds >= MIN_STEADY_SECONDS:
             fact = Fact(
@@ -62,11 +61,17 @@ def motors_light(evidence: Evidence) -> Fact:
     return worst_fact(facts)
 
 
-def _has_diverged_height(evidence: Evidence) -> bool:
-    """Returns whether the estimated height diverged in flight."""
-    return any(
-        event.code is MotionEvent.HEIGHT_DIVERGED and event.is_bad for event in evidence.events
-    )
+def _has_full_throttle(evidence: Evidence) -> bool:
+    """Returns whether an event drove all motors to their limits, which then says nothing about the motors.
+
+    A height controller that follows a diverged height does so, and so does the end of a dive.
+    """
+    for event in evidence.events:
+        if event.code is MotionEvent.DIVED:
+            return True
+        if event.code is MotionEvent.HEIGHT_DIVERGED and event.is_bad:
+            return True
+    return False
 
 
 def _motor_names(evidence: Evidence) -> tuple[str, ...]:
@@ -148,7 +153,8 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
     """
     trim = trim_of_signals(evidence.signals) or Fact(Trim.TRIM_UNKNOWN)
     headroom = min(hover.headroom)
-    if headroom < MIN_HEADROOM and trim.level is not Level.WATCH:
+    is_little = headroom < MIN_HEADROOM and not _has_full_throttle(evidence)
+    if is_little and trim.level is not Level.WATCH:
         highest_trim = max(hover.trim_of_range)
         return Fact(MotorsLight.HEADROOM_LITTLE, share=headroom, trim=highest_trim)
     if trim.is_good:
