@@ -77,6 +77,7 @@ def dives(scene: Scene, flight: Interval) -> Iterator[Fact]:
     closed = _throttle_closed(scene, flight)
     if closed is None:
         return
+    has_stick = series_of_boot(throttle_stick(scene.signals), scene.boot) is not None
     for start, end in true_intervals(closed.time, closed.values > 0):
         start, end = max(start, flight[0], closed.time[0]), min(end, flight[1], closed.time[-1])
         if end - start < MIN_DIVE_SECONDS:
@@ -85,8 +86,9 @@ def dives(scene: Scene, flight: Interval) -> Iterator[Fact]:
         speed = scene.sink_rate(window)
         if speed is None or speed < DIVE_SPEED or not _flies_on(scene, flight, end):
             continue
+        throttled = Witness.THROTTLE_CLOSED if has_stick else Witness.MOTORS_THROTTLED
         witnesses: Facts = (
-            supporting_statement(Witness.THROTTLE_CLOSED, time=start),
+            supporting_statement(throttled, time=start),
             *supporting_statements(scene.sinking(window)),
         )
         yield Fact(

@@ -3,7 +3,11 @@
 from collections.abc import Sequence
 
 from mavdem.assessment.autopilot_messages import in_time_order
-from mavdem.assessment.first_failure import CAUSES_OF_ALL_MOTORS, first_failure
+from mavdem.assessment.first_failure import (
+    CAUSES_OF_ALL_MOTORS,
+    FIRST_RESPONSE_SECONDS,
+    first_failure,
+)
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
@@ -79,9 +83,13 @@ def ending_of(
 
 
 def _throttle_closed(loss: Fact) -> Fact | None:
-    """Returns that the pilot closed the throttle before a vehicle toppled, by the witnesses of that; None otherwise."""
+    """Returns that the pilot closed the throttle before a vehicle toppled, by the witnesses of that; None otherwise.
+
+    Most pilots close it when they see that the vehicle topples: that is no cause.
+    """
+    latest = (loss.time or 0.0) + FIRST_RESPONSE_SECONDS
     for witness in loss.figures["witnesses"]:
-        if witness.code is Witness.THROTTLE_CLOSED:
+        if witness.code is Witness.THROTTLE_CLOSED and (witness.time or 0.0) <= latest:
             return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=witness.time)
     return None
 

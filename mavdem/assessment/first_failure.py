@@ -75,13 +75,16 @@ REASONS_OF_STOP = (
     Reported.FLIGHT_TERMINATED,
     Reported.RADIO_LOST,
     Reported.BATTERY_ALARMED,
-    Reported.BATTERY_WARNED,
     Reported.GROUND_STATION_LOST,
     Reported.FENCE_BREACHED,
     Reported.FAILSAFE,
     Reported.ESTIMATOR_DIVERGED,
 )
-"""Reports of the autopilot that explain why it stopped all motors."""
+"""Reports of the autopilot that explain why it stopped all motors, whatever the pilot did.
+
+A warning of a low battery comes again and again, so that it explains a stop only where the pilot did not close the
+throttle.
+"""
 
 MIN_FROZEN_SAMPLES = 3
 """Number of equal samples that show a frozen output: two may be equal by chance."""
@@ -178,14 +181,22 @@ def _reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: 
     """
     stop_time = cause.time or 0.0
     window = (stop_time - STOP_REASON_SECONDS, stop_time + STOP_REASON_SECONDS)
+    warning = None
     for event in events:
         is_of_boot = event.figures.get("boot") == boot
-        is_near = window[0] <= (event.time or -inf) <= window[1]
-        if is_of_boot and is_near and event.code in REASONS_OF_STOP:
+        is_near = event.time is not None and window[0] <= event.time <= window[1]
+        if not (is_of_boot and is_near):
+            continue
+        if event.code in REASONS_OF_STOP:
             return Fact(FailedFirst.FAILSAFE_FIRST, time=event.time, cause=event)
-    closed = Scene(signals, boot).throttle_closed(window)
+        if event.code is Reported.BATTERY_WARNED and warning is None:
+            warning = event
+    # A pilot who closes the throttle later answers to the fall. The stick may be logged more slowly than the motors.
+    closed = Scene(signals, boot).throttle_closed((window[0], stop_time + FIRST_RESPONSE_SECONDS))
     if closed is not None:
         return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=closed.time)
+    if warning is not None:
+        return Fact(FailedFirst.FAILSAFE_FIRST, time=warning.time, cause=warning)
     return cause
 
 

@@ -8,6 +8,7 @@ offset, or vibration that it rectifies.
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.assessment.ground_contacts import CLIMB_STICK
 from mavdem.confidence import Interval
@@ -17,7 +18,6 @@ from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Witness
 from mavdem.vibration.vibration_message import reported_vibration
-from mavdem.witnesses.accelerometer import GRAVITY
 from mavdem.witnesses.height import MIN_CONTRADICTION_SECONDS
 from mavdem.witnesses.scene import Scene
 from mavdem.witnesses.sensors import throttle_stick
@@ -118,7 +118,8 @@ def _divergence(scene: Scene, interval: Interval) -> Fact | None:
     if cause is not None:
         statements.append(cause)
     full = _full_throttle(scene, interval)
-    if full is not None:
+    # A vehicle that sinks at full throttle lacks thrust, whatever its estimate does.
+    if full is not None and true_climb > 0:
         statements.append(full)
     event = Fact(
         MotionEvent.HEIGHT_DIVERGED,
@@ -192,7 +193,7 @@ def _vibration(scene: Scene, interval: Interval) -> Fact | None:
 
 
 def _full_throttle(scene: Scene, interval: Interval) -> Fact | None:
-    """Returns that a motor worked near its limit in an interval; None if none did."""
+    """Returns that the strongest motor worked near its limit in an interval; None if none did."""
     motors = scene.signals.motors
     if motors is None or scene.boot not in motors.boot:
         return None

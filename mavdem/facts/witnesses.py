@@ -20,7 +20,6 @@ class Witness(Code):
     STAYED_LEVEL = "witness_stayed_level"
     SANK = "witness_sank"
     DID_NOT_SINK = "witness_did_not_sink"
-    NEAR_GROUND = "witness_near_ground"
     # Attitude and gyro.
     ATTITUDE_ANSWERED = "witness_attitude_answered"
     ATTITUDE_IGNORED = "witness_attitude_ignored"
@@ -41,12 +40,11 @@ class Witness(Code):
     NO_FIX = "witness_no_fix"
     # What followed.
     RESTED = "witness_rested"
-    FLEW_ON = "witness_flew_on"
     LOG_ENDED = "witness_log_ended"
     # Commands and the autopilot.
     THROTTLE_CLOSED = "witness_throttle_closed"
     THROTTLE_NOT_RAISED = "witness_throttle_not_raised"
     MOTORS_FULL = "witness_motors_full"
-    MOTORS_STOPPED = "witness_motors_stopped"
+    MOTORS_THROTTLED = "witness_motors_throttled"
     MODE_CHANGED = "witness_mode_changed"
     AUTOPILOT_REPORTED = "witness_autopilot_reported"

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
@@ -11,9 +12,6 @@ from mavdem.dataset.phases import min_airborne_collective, series_of_boot
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.witnesses.sensors import specific_force
-
-GRAVITY = 9.80665
-"""Standard gravity, m/s²."""
 
 MAX_GRAVITY_ERROR = 0.5
 """Deviation, m/s², of the specific force at rest from gravity, above which an accelerometer is not sound.

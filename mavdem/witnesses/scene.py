@@ -23,7 +23,12 @@ from mavdem.witnesses.accelerometer import (
 )
 from mavdem.witnesses.height import HeightWitnesses, height_witnesses, trusted_height
 from mavdem.witnesses.sensors import throttle_stick
-from mavdem.witnesses.statements import contradicting_statement, supporting_statement
+from mavdem.witnesses.statements import (
+    ACCELEROMETER,
+    ATTITUDE,
+    contradicting_statement,
+    supporting_statement,
+)
 
 FAST_RATE = np.radians(200.0)
 """Body rate, rad/s, of a vehicle that tumbles: few autopilots ask for as much."""
@@ -49,9 +54,6 @@ CONTRADICTION_MARGIN = 0.5
 MIN_REST_SECONDS = 1.0
 """Seconds of rest that show that the vehicle lies on the ground."""
 
-MIN_UPRIGHT_WINDOWS = 2
-"""Number of windows of rest before the flight that show which direction is upright."""
-
 
 @dataclass(frozen=True)
 class Rest:
@@ -61,6 +63,8 @@ class Rest:
     """When the rest began, s since boot."""
     angle: float | None
     """Angle between the body's vertical axis and upright, rad; None if nothing shows it."""
+    source: str = ACCELEROMETER
+    """What shows the angle: ``ACCELEROMETER`` or ``ATTITUDE``."""
 
     @property
     def is_on_side(self) -> bool:
@@ -74,8 +78,14 @@ class Rest:
         if self.angle is None:
             return (rested,)
         if self.is_on_side:
-            return (rested, supporting_statement(Witness.LAY_ON_ITS_SIDE, angle=self.angle))
-        return (rested, contradicting_statement(Witness.STOOD_UPRIGHT, angle=self.angle))
+            pose = supporting_statement(
+                Witness.LAY_ON_ITS_SIDE, angle=self.angle, source=self.source
+            )
+        else:
+            pose = contradicting_statement(
+                Witness.STOOD_UPRIGHT, angle=self.angle, source=self.source
+            )
+        return (rested, pose)
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +241,8 @@ class Scene:
                 angles = record.angle[first : row + 1]
                 known = angles[np.isfinite(angles)]
                 angle = float(np.median(known)) if len(known) else None
-                return Rest(float(record.start[first]), angle)
+                source = ATTITUDE if self.accelerometer is None else ACCELEROMETER
+                return Rest(float(record.start[first]), angle, source)
         return None
 
 
@@ -278,8 +289,7 @@ def _angle_from_upright(signals: Signals, boot: int, time: Array) -> Array:
     """Returns how far the vehicle is from upright at some times (W,), rad; NaN where nothing shows it.
 
     The direction of gravity in the body shows it while the vehicle is still, however wrong the attitude is after a
-    crash. Upright is its direction before the flight or, if that was not recorded, along body z. Without an
-    accelerometer, roll and pitch show the angle.
+    crash: upright, the specific force points against body z. Without an accelerometer, roll and pitch show the angle.
     """
     accelerometer = accelerometer_witness(signals, boot)
     if accelerometer is not None:

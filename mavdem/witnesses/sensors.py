@@ -4,6 +4,7 @@ Each is a time series over all boots, or None where no message has it.
 """
 
 import numpy as np
+from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.arrays import Array
 from mavdem.dataset.signals import Signals
@@ -19,7 +20,7 @@ from mavdem.ingest.telemetry import Parameters
 
 FORCE_FIELDS = {
     "HIGHRES_IMU": (("xacc", "yacc", "zacc"), 1.0),
-    "RAW_IMU": (("xacc", "yacc", "zacc"), 9.80665e-3),
+    "RAW_IMU": (("xacc", "yacc", "zacc"), GRAVITY / 1000),
     "ACCEL_BEFORE": (("x", "y", "z"), 1.0),
 }
 """Messages with the specific force, the preferred first: the fields, and the factor that converts them to m/s²."""

@@ -9,10 +9,15 @@ from mavdem.facts.witnesses import Side, Witness
 MIN_SUPPORT = 2
 """Number of independent witnesses that an event needs: one sensor alone may be wrong."""
 
+ACCELEROMETER = "accelerometer"
+"""Source of a pose: the direction of gravity."""
+
+ATTITUDE = "attitude"
+"""Source of a pose without an accelerometer: the autopilot's roll and pitch."""
+
 SOURCES = {
     Witness.ROSE: "height",
     Witness.SANK: "height",
-    Witness.NEAR_GROUND: "height",
     Witness.ATTITUDE_LEFT_SETPOINT: "attitude",
     Witness.ATTITUDE_ANSWERED: "attitude",
     Witness.ROTATED: "gyro",
@@ -24,7 +29,7 @@ SOURCES = {
     Witness.THROTTLE_CLOSED: "stick",
     Witness.THROTTLE_NOT_RAISED: "stick",
     Witness.MOTORS_FULL: "motors",
-    Witness.MOTORS_STOPPED: "motors",
+    Witness.MOTORS_THROTTLED: "motors",
     Witness.POSITION_INVALID: "estimator",
     Witness.NO_FIX: "receiver",
     Witness.MODE_CHANGED: "autopilot",
@@ -59,8 +64,15 @@ def contradicting_statements(witnesses: Iterable[Fact]) -> Facts:
 
 def support_count(witnesses: Iterable[Fact]) -> int:
     """Returns how many independent witnesses support the event."""
-    codes = [Witness(fact.code) for fact in supporting_statements(witnesses)]
-    return len({SOURCES[code] for code in codes if code in SOURCES})
+    sources = set()
+    for fact in supporting_statements(witnesses):
+        code = Witness(fact.code)
+        if code is Witness.LAY_ON_ITS_SIDE and fact.figures["source"] == ATTITUDE:
+            # Without an accelerometer the pose is the attitude once more.
+            sources.add(SOURCES[Witness.ATTITUDE_LEFT_SETPOINT])
+        elif code in SOURCES:
+            sources.add(SOURCES[code])
+    return len(sources)
 
 
 def weighed_event(event: Fact, witnesses: Iterable[Fact]) -> Fact:

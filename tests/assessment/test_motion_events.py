@@ -26,6 +26,13 @@ from mavdem.facts import Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.witnesses import Side, Witness
+from mavdem.witnesses.scene import Rest
+from mavdem.witnesses.statements import (
+    ACCELEROMETER,
+    ATTITUDE,
+    support_count,
+    supporting_statement,
+)
 
 GRAVITY = 9.8
 
@@ -73,6 +80,16 @@ def test_an_estimate_that_falls_while_the_barometer_rises_has_diverged():
     )
     # Motors that follow a false height are not too weak.
     assert MotionEvent.MOTOR_AT_ITS_STOP not in events
+
+
+def test_full_throttle_does_not_confirm_an_estimate_that_rises_while_the_vehicle_sinks():
+    made = moving(instrumented("Alt hold"), lambda since: -1.5 * (since < 5.0))
+    made = estimating(made, lambda since: 2.0 * (since < 5.0))
+    diverged = judged(driven(made, 2000.0, EVENT + 1.0, EVENT + 5.0))[0][
+        MotionEvent.HEIGHT_DIVERGED
+    ]
+    assert Witness.SANK in witnesses(diverged, Side.FOR)
+    assert Witness.MOTORS_FULL not in witnesses(diverged, Side.FOR)
 
 
 def test_the_accelerometer_is_the_cause_of_a_height_that_diverges():
@@ -135,6 +152,28 @@ def test_a_throttle_that_the_pilot_closes_in_the_air_is_the_cause():
     assert ending.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
 
 
+@mark.parametrize("text", ["Hello", "Battery 1 low voltage"])
+def test_a_throttle_closed_after_the_motors_stopped_is_no_cause(text):
+    made = stick(saying(failsafe_in_the_air(), EVENT, text), STICK_CLOSED, EVENT + 1.2)
+    _, ending = judged(made)
+    assert ending.figures["cause"].code is not FailedFirst.THROTTLE_CLOSED_FIRST
+
+
+def test_a_warning_of_a_low_battery_does_not_outrank_the_closed_throttle():
+    made = saying(failsafe_in_the_air(), EVENT, "Battery 1 low voltage")
+    _, ending = judged(stick(made, STICK_CLOSED))
+    assert ending.figures["cause"].code is FailedFirst.THROTTLE_CLOSED_FIRST
+
+
+def test_a_pilot_who_closes_the_throttle_once_it_topples_is_no_cause():
+    made = moving(instrumented("Stabilize"), lambda since: -1.0 * (since < 9.8))
+    touch_down = EVENT + 9.8
+    made = driven(stick(made, STICK_CLOSED, touch_down + 1.0), 1000.0, touch_down + 1.0)
+    made = rolled(knocked(made, touch_down + 0.1, 40.0), 95.0, touch_down)
+    _, ending = judged(made)
+    assert (ending.code, ending.figures["cause"]) == (Ending.TOPPLED_AT_LANDING, None)
+
+
 def dive():
     """With the throttle closed it falls for 0.8 s, and the motors stop it within as long."""
     made = moving(
@@ -151,6 +190,20 @@ def test_a_dive_that_the_pilot_ends_is_no_crash():
     dived = events[MotionEvent.DIVED]
     assert dived.level is Level.GOOD
     assert dived.figures["speed"] == approx(7.8, abs=1.5)
+    assert Witness.THROTTLE_CLOSED in witnesses(dived, Side.FOR)
+
+
+def test_without_a_stick_nobody_knows_that_the_pilot_dived():
+    dived = judged(only(dive(), lambda time: time < 0, "RC_CHANNELS"))[0][MotionEvent.DIVED]
+    assert Witness.MOTORS_THROTTLED in witnesses(dived, Side.FOR)
+    assert Witness.THROTTLE_CLOSED not in witnesses(dived, Side.FOR)
+
+
+def test_a_pose_by_the_attitude_is_no_second_witness_of_the_attitude():
+    left = supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, angle=1.0)
+    poses = [Rest(0.0, 1.5, source).statements[1] for source in (ATTITUDE, ACCELEROMETER)]
+    assert [support_count([left, pose]) for pose in poses] == [1, 2]
+    assert "by the attitude" in poses[0].sentence
 
 
 def impact(speed=6.0):

@@ -13,7 +13,7 @@ from mavdem.witnesses.statements import (
 
 SANK = supporting_statement(Witness.SANK, source="barometer", speed=4.04)
 KNOCKED = supporting_statement(Witness.KNOCKED, time=3.0, acceleration=80.2)
-UPRIGHT = contradicting_statement(Witness.STOOD_UPRIGHT, angle=0.1)
+UPRIGHT = contradicting_statement(Witness.STOOD_UPRIGHT, angle=0.1, source="accelerometer")
 
 
 def hit(*witnesses):
