@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import in_intervals, true_intervals
 from mavdem.dataset.phases import series_of_boot
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
@@ -21,12 +22,12 @@ MIN_LOST_SECONDS = 5.0
 """Seconds without a position from which on that is an event: autopilots bridge shorter gaps by inertia."""
 
 MIN_HELD_SECONDS = 5.0
-"""Seconds in flight with a position before it, so that a vehicle that never has one loses none."""
+"""Seconds in flight with a position before it, in all, so that a vehicle that never has one loses none."""
 
 BLIND_MODES = frozenset({"Land", "Descend", "Alt hold", "Altitude"})
 """Modes to which autopilots change without a position."""
 
-FAILSAFE_REPORTS = (Reported.FAILSAFE, Reported.ESTIMATOR_DIVERGED, Reported.GPS_LOST)
+FAILSAFE_REPORTS = (Reported.FAILSAFE, Reported.ESTIMATOR_DIVERGED)
 """Reports of the autopilot that support a lost position."""
 
 REACTION_SECONDS = 3.0
@@ -36,30 +37,37 @@ REACTION_SECONDS = 3.0
 def position_losses(scene: Scene, flight: Interval, reports: Sequence[Fact] = ()) -> Iterator[Fact]:
     """Yields when the estimator lost the horizontal position for long in a flight.
 
-    It is bad where the autopilot reacted, by a failsafe or a mode without position; otherwise it is to be watched.
+    Where nothing shows what the estimator had, the position counts as lost while no GPS receiver has a fix. It is bad
+    where the autopilot reacted, by a failsafe or a mode without position; otherwise it is to be watched.
 
     Args:
         scene: sensors of the boot.
         flight: start and end of the flight, s since boot.
         reports: events that the autopilot reports.
     """
-    has_position = series_of_boot(position_validity(scene.signals), scene.boot)
+    validity = series_of_boot(position_validity(scene.signals), scene.boot)
+    fix = series_of_boot(position_fix(scene.signals), scene.boot)
+    has_position = fix if validity is None else validity
     if has_position is None:
         return
     inside = has_position.select(in_intervals(has_position.time, [flight]))
     if not len(inside.time):
         return
     first, last = float(inside.time[0]), float(inside.time[-1])
-    held_until = first
+    # Flags may flicker before a loss, so that the time with a position counts and not its last stretch.
+    held_seconds = 0.0
+    former_end = first
     for start, end in true_intervals(inside.time, inside.values == 0):
         start, end = max(start, first), min(end, last)
-        was_held = start - held_until >= MIN_HELD_SECONDS
-        held_until = end
-        if not was_held or end - start < MIN_LOST_SECONDS:
+        held_seconds += start - former_end
+        former_end = end
+        if held_seconds < MIN_HELD_SECONDS or end - start < MIN_LOST_SECONDS:
             continue
         reactions = _reactions(scene, (start, end), reports)
         level = Level.BAD if reactions else Level.WATCH
-        invalid = supporting_statement(Witness.POSITION_INVALID, duration=end - start)
+        invalid: Facts = ()
+        if validity is not None:
+            invalid = (supporting_statement(Witness.POSITION_INVALID, duration=end - start),)
         yield Fact(
             MotionEvent.POSITION_LOST,
             level,
@@ -67,7 +75,7 @@ def position_losses(scene: Scene, flight: Interval, reports: Sequence[Fact] = ()
             until=end,
             duration=end - start,
             boot=scene.boot,
-            witnesses=(invalid, *reactions, *_missing_fix(scene, (start, end))),
+            witnesses=(*invalid, *reactions, *_missing_fix(fix, (start, end))),
         )
 
 
@@ -79,11 +87,12 @@ def _reactions(scene: Scene, interval: Interval, reports: Sequence[Fact]) -> Fac
         interval: without a position, s since boot.
         reports: events that the autopilot reports.
     """
-    start, end = interval[0] - REACTION_SECONDS, interval[1] + REACTION_SECONDS
+    # The estimator may report the loss later than the autopilot answers it.
+    start, end = interval[0] - REACTION_SECONDS, interval[1]
     statements = []
     for report in reports:
         is_of_boot = report.figures["boot"] == scene.boot
-        if is_of_boot and report.code in FAILSAFE_REPORTS and start <= (report.time or 0.0) <= end:
+        if is_of_boot and _is_reaction(report) and start <= (report.time or 0.0) <= end:
             statements.append(supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report))
     for time, name in scene.signals.mode_changes(scene.boot):
         if start <= time <= end and name in BLIND_MODES:
@@ -91,9 +100,24 @@ def _reactions(scene: Scene, interval: Interval, reports: Sequence[Fact]) -> Fac
     return tuple(statements)
 
 
-def _missing_fix(scene: Scene, interval: Interval) -> Facts:
-    """Returns that GPS had no fix in an interval; nothing if it had, or no receiver was recorded."""
-    fix = series_of_boot(position_fix(scene.signals), scene.boot)
+def _is_reaction(report: Fact) -> bool:
+    """Returns whether a report says that the autopilot acted on a lost position.
+
+    That GPS had no fix is such a report only in the words of the autopilot. By the receiver's messages it is what
+    ``NO_FIX`` states.
+    """
+    if report.code is Reported.GPS_LOST:
+        return "error_code" in report.figures or "text" in report.figures
+    return report.code in FAILSAFE_REPORTS
+
+
+def _missing_fix(fix: TimeSeries | None, interval: Interval) -> Facts:
+    """Returns that GPS had no fix in an interval; nothing if it had, or no receiver was recorded.
+
+    Args:
+        fix: whether a receiver had one (N,), 1 or 0.
+        interval: start and end, s since boot.
+    """
     if fix is None:
         return ()
     rows = in_intervals(fix.time, [interval])

@@ -5,7 +5,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.phases import series_of_boot
-from mavdem.dataset.position_fix import has_fix_by_row
+from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_position_fix
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, recorded_series
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
@@ -26,8 +26,7 @@ A relative position, of optical flow, counts for vehicles that never have an abs
 def position_validity(signals: Signals) -> TimeSeries | None:
     """Returns whether the estimator reports a horizontal position (N,), 1 or 0; None where nothing reports it.
 
-    It is the validity flag of PX4's vehicle_local_position, or the flags of the estimator status, or else the fix of
-    the GPS receiver.
+    It is the validity flag of PX4's vehicle_local_position, or the flags of the estimator status.
     """
     columns = signals.telemetry.messages.get("LOCAL_POSITION_NED", {})
     if "valid" in columns:
@@ -41,17 +40,25 @@ def position_validity(signals: Signals) -> TimeSeries | None:
             # A flag that never says so is not filled in.
             if has_position.any():
                 return TimeSeries(flags.time, flags.boot, has_position.astype(float))
-    return position_fix(signals)
+    return None
 
 
 @cached_per_vehicle()
 def position_fix(signals: Signals) -> TimeSeries | None:
-    """Returns whether the first GPS receiver had a position fix (N,), 1 or 0; None if none was recorded."""
-    columns = signals.telemetry.messages.get("GPS_RAW_INT", {})
-    if "fix_type" not in columns:
-        return None
-    fix = clean_series(columns, has_fix_by_row(columns).astype(float))
-    return fix if len(fix.time) else None
+    """Returns whether any GPS receiver had a position fix (N,), 1 or 0, when the first recorded one sent a message.
+
+    None if none was recorded.
+    """
+    for message in RECEIVER_MESSAGES:
+        fix_types = recorded_series(signals.telemetry, message, "fix_type")
+        if fix_types is None:
+            continue
+        has_fix = np.zeros(len(fix_types.time))
+        for boot in np.unique(fix_types.boot).tolist():
+            rows = fix_types.boot == boot
+            has_fix[rows] = has_position_fix(signals.telemetry, boot, fix_types.time[rows])
+        return TimeSeries(fix_types.time, fix_types.boot, has_fix)
+    return None
 
 
 @cached_per_vehicle()

@@ -286,6 +286,9 @@ def test_the_light_of_the_log_states_what_was_lost_by_damage():
         damaged = log_light(evidence(replace(telemetry, repairs=(damage,))))
         assert damaged.code is sound.code
         assert str(damaged) == f"Damaged: 640 bytes, 0.25 s lost. {sound}"
+    long_damage = Fact(Repair.ULOG_DAMAGED, Level.WATCH, count=640, places=1, duration=195.4)
+    assert "195 s lost" in str(log_light(evidence(replace(slow, repairs=(long_damage,)))))
+    assert "195 s of the log" in long_damage.sentence
 
 
 def standing(change, rate=50.0):

@@ -1,7 +1,7 @@
 """Events of the motion, each with the witnesses for it and against it, on made-up flights with all instruments."""
 
 import numpy as np
-from hover import changed, only
+from hover import changed, columns, only
 from instrumented import (
     EVENT,
     STICK_CLOSED,
@@ -22,7 +22,7 @@ from mavdem.assessment.ending import ending_of, weighed_reports
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
-from mavdem.facts import Level
+from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.witnesses import Side, Witness
@@ -227,6 +227,8 @@ def test_a_hard_landing_upright_is_to_be_watched():
     events, ending = judged(impact(2.5))
     assert ending is None
     assert events[MotionEvent.LANDED_HARD].level is Level.WATCH
+    assert "sinking" in events[MotionEvent.LANDED_HARD].sentence
+    assert "sinking" not in Fact(MotionEvent.LANDED_HARD, time=3.0, speed=0.04).sentence
 
 
 def test_a_setpoint_that_nothing_follows_is_no_tumble():
@@ -265,6 +267,35 @@ def test_a_position_that_is_lost_for_five_seconds_is_an_event(seconds, is_lost):
     assert (MotionEvent.POSITION_LOST in events) is is_lost
     if is_lost:
         assert events[MotionEvent.POSITION_LOST].level is Level.WATCH
+
+
+def test_flags_that_flicker_before_a_loss_do_not_hide_it():
+    made = without_position(instrumented(), 18.0)
+    is_valid = made.messages["LOCAL_POSITION_NED"]["valid"].copy()
+    is_valid[abs(stamps(made, "LOCAL_POSITION_NED") - (EVENT - 2.0)) < 0.5] = False
+    lost = judged(changed(made, "LOCAL_POSITION_NED", valid=is_valid))[0][MotionEvent.POSITION_LOST]
+    assert (lost.time, lost.figures["duration"]) == approx((EVENT, 18.0), abs=0.3)
+
+
+def without_fix(*receivers):
+    """The receivers of these messages have no fix for 10 s; no message says what the estimator had."""
+    made = instrumented()
+    time = stamps(made, "LOCAL_POSITION_NED")
+    is_lost = (time > EVENT) & (time < EVENT + 10.0)
+    for message in ("GPS_RAW_INT", "GPS2_RAW"):
+        fix_type = np.where(is_lost & (message in receivers), 1, 3)
+        made = changed(made, message, **columns(time, fix_type=fix_type))
+    return made
+
+
+def test_receivers_without_a_fix_alone_do_not_speak_for_the_estimator():
+    lost = judged(without_fix("GPS_RAW_INT", "GPS2_RAW"))[0][MotionEvent.POSITION_LOST]
+    assert lost.level is Level.WATCH
+    assert witnesses(lost, Side.FOR) == {Witness.NO_FIX}
+
+
+def test_a_second_receiver_with_a_fix_holds_the_position():
+    assert MotionEvent.POSITION_LOST not in judged(without_fix("GPS_RAW_INT"))[0]
 
 
 def test_a_crash_that_only_the_autopilot_reports_is_to_be_watched():
