@@ -51,14 +51,17 @@ def by_dfreader(path, names=None):
 
 
 ANGLE = np.pi / 180
+# The message, with its port where it has several, and its field; DataFlash's message and field; the factor.
 TRANSLATED = {
     STEPS: [
         ("ATTITUDE", "time", "ANG", "TimeUS", 1e-6),
         ("ATTITUDE", "roll", "ANG", "Roll", ANGLE),
         ("ATTITUDE", "pitch", "ANG", "Pitch", ANGLE),
         ("ATTITUDE", "rollspeed", "RATE", "R", ANGLE),
-        ("SERVO_OUTPUT_RAW", "time", "RCOU", "TimeUS", 1e-6),
-        *(("SERVO_OUTPUT_RAW", f"servo{n}_raw", "RCOU", f"C{n}", 1.0) for n in range(1, 15)),
+        ("SERVO_OUTPUT_RAW:0", "time", "RCOU", "TimeUS", 1e-6),
+        *(("SERVO_OUTPUT_RAW:0", f"servo{n}_raw", "RCOU", f"C{n}", 1.0) for n in range(1, 15)),
+        ("SERVO_OUTPUT_RAW:1", "time", "RCO2", "TimeUS", 1e-6),
+        *(("SERVO_OUTPUT_RAW:1", f"servo{n - 16}_raw", "RCO2", f"C{n}", 1.0) for n in (17, 18)),
         ("LOCAL_POSITION_NED", "vz", "XKF1", "VD", 1.0),
         ("WIND_COV", "wind_x", "XKF2", "VWN", 1.0),
         ("VFR_HUD", "climb", "CTUN", "CRt", 0.01),
@@ -82,8 +85,11 @@ def test_the_translation_holds_dfreaders_values_in_mavlinks_units(log, steps):
     for message, field, own, name, factor in TRANSLATED[log]:
         primary = np.array(read[own].get("C", np.zeros(len(read[own][name])))) == 0
         expected = factor * np.array(read[own][name])[primary]
-        assert_allclose(vehicle.messages[message][field], expected, rtol=1e-14)
-        assert vehicle.name_in_source(message) in (own, "ANG")
+        name_of_message, _, port = message.partition(":")
+        columns = vehicle.messages[name_of_message]
+        values = columns[field][columns["port"] == int(port)] if port else columns[field]
+        assert_allclose(values, expected, rtol=1e-14)
+        assert vehicle.name_in_source(name_of_message) in (own, "ANG", "RCOU/RCO2")
     named = dict(zip(read["PARM"]["Name"], read["PARM"]["Value"], strict=True))
     assert vehicle.parameters == named
     if log != STEPS:

@@ -136,7 +136,8 @@ def octo():
 def test_motors_on_two_ports_are_reported_together():
     frames = octo()
     made = replay(frames)
-    assert made.setups[0].geometry.channels == (1, 2, 3, 4, 9, 10, 11, 12)
+    # ArduPilot fills sixteen fields, so the second port begins with output 17.
+    assert made.setups[0].geometry.channels == (1, 2, 3, 4, 17, 18, 19, 20)
     times, outputs, inputs = differences(made, 0, offline([data for _, data in frames]))
     assert times < 1e-6
     assert outputs == 0.0
