@@ -18,7 +18,12 @@ from mavdem.assessment.lights.estimator import (
 from mavdem.assessment.lights.power import POWER_REPORTS, batteries_in_flight, battery_voltage
 from mavdem.assessment.limits import worst_fact
 from mavdem.dataset.batteries import battery_name
-from mavdem.dataset.position_fix import FIX_3D, MIN_FIX_SATELLITES, RECEIVER_MESSAGES
+from mavdem.dataset.position_fix import (
+    FIX_3D,
+    MIN_FIX_SATELLITES,
+    RECEIVER_MESSAGES,
+    UNKNOWN_SATELLITES,
+)
 from mavdem.dataset.time_series import (
     TimeSeries,
     clean_series,
@@ -36,8 +41,8 @@ from mavdem.vibration.vibration_message import reported_vibration
 BAROMETERS = ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3")
 """Messages of the barometers, by number."""
 
-COMPASSES = ("SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
-"""Messages of the compasses, by number."""
+COMPASSES = (("SCALED_IMU", "RAW_IMU"), ("SCALED_IMU2",), ("SCALED_IMU3",))
+"""Messages of each compass, the preferred first, by number: ArduPilot sends the first one as RAW_IMU."""
 
 COMPASS_USE_PARAMETERS = ("COMPASS_USE", "COMPASS_USE2", "COMPASS_USE3")
 """ArduPilot's parameters that say whether each compass is used, 0 or 1."""
@@ -121,24 +126,24 @@ def _estimators(evidence: Evidence) -> Iterator[Instance]:
     telemetry = evidence.signals.telemetry
     limit = innovation_limit(telemetry)
     columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
+    # Samples (N, 5) of each instance: its ratios and, of several instances, whether it flew.
     series: dict[str, TimeSeries] = {}
-    used_shares: dict[str, float | None] = {}
     if columns:
+        ratios_of_all = np.nan_to_num(float_columns(columns, INNOVATIONS))
+        table = np.column_stack([ratios_of_all, columns["is_primary"] > 0])
         for number in np.unique(columns["instance"]).tolist():
-            rows = columns["instance"] == number
-            ratios = np.nan_to_num(float_columns(columns, INNOVATIONS))
             name = instance_name(telemetry, int(number))
-            series[name] = clean_series(columns, ratios, rows)
-            used_shares[name] = float(columns["is_primary"][rows].mean())
+            series[name] = clean_series(columns, table, columns["instance"] == number)
     else:
         single = innovation_ratios(telemetry)
         if single is not None:
             series["EKF"] = single
-            used_shares["EKF"] = 1.0
     for name, ratios_of_instance in series.items():
         if not len(ratios_of_instance.time):
             continue
-        ratios = _values_in_flight(evidence, ratios_of_instance)[:, : len(INNOVATIONS)]
+        values = _values_in_flight(evidence, ratios_of_instance)
+        ratios = values[:, : len(INNOVATIONS)]
+        used_share = float(values[:, -1].mean()) if columns else 1.0
         largest = ratios.max(axis=1) / limit
         rejections = [
             rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], limit)
@@ -149,7 +154,7 @@ def _estimators(evidence: Evidence) -> Iterator[Instance]:
         if any(rejection.is_doubted for rejection in rejections):
             code = InstanceState.REJECTED
             is_bad = any(rejection.is_bad for rejection in rejections)
-            level = Level.BAD if is_bad and used_shares[name] else None
+            level = Level.BAD if is_bad and used_share else None
         yield Instance(
             "estimator",
             name,
@@ -158,7 +163,7 @@ def _estimators(evidence: Evidence) -> Iterator[Instance]:
             largest.min(),
             largest.max(),
             Fact(code, level),
-            used_shares[name],
+            used_share,
         )
 
 
@@ -169,14 +174,16 @@ def _receivers(evidence: Evidence) -> Iterator[Instance]:
         satellites = recorded_series(telemetry, message, "satellites_visible", "fix_type")
         if satellites is None:
             continue
-        values = _values_in_flight(evidence, satellites)
-        counts, fix_types = values.T
+        counts, fix_types = _values_in_flight(evidence, satellites).T
         has_fix = (fix_types >= FIX_3D) & (counts >= MIN_FIX_SATELLITES)
         state = Fact(InstanceState.MEASURED)
         if not has_fix.all():
             state = Fact(InstanceState.WITHOUT_FIX, share=1 - has_fix.mean())
         name = f"GPS {number}"
-        yield Instance("receiver", name, "satellites", "1", counts.min(), counts.max(), state)
+        quantity, values = "satellites", counts[counts != UNKNOWN_SATELLITES]
+        if not len(values):
+            quantity, values = "fix type", fix_types
+        yield Instance("receiver", name, quantity, "1", values.min(), values.max(), state)
 
 
 def _barometers(evidence: Evidence) -> Iterator[Instance]:
@@ -207,9 +214,13 @@ def _barometers(evidence: Evidence) -> Iterator[Instance]:
 def _compasses(evidence: Evidence) -> Iterator[Instance]:
     """Yields the compasses with the strength of their field."""
     telemetry = evidence.signals.telemetry
-    for number, message in enumerate(COMPASSES):
-        field = recorded_series(telemetry, message, "xmag", "ymag", "zmag")
-        if field is None or not field.values.any():
+    for number, messages in enumerate(COMPASSES):
+        field = None
+        for message in messages:
+            recorded = recorded_series(telemetry, message, "xmag", "ymag", "zmag")
+            if field is None and recorded is not None and recorded.values.any():
+                field = recorded
+        if field is None:
             continue
         strength = np.linalg.norm(_values_in_flight(evidence, field), axis=1)
         used = telemetry.parameters.get(COMPASS_USE_PARAMETERS[number])

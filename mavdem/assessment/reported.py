@@ -15,7 +15,7 @@ from mavdem.assessment.autopilot_messages import (
     reported_problems,
 )
 from mavdem.assessment.flights import flights_in_boot, height_in_flight
-from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS
+from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS, POSSIBLE_BOARD_VOLTAGE
 from mavdem.assessment.restarts import restarts
 from mavdem.dataset.batteries import battery_columns, battery_name
 from mavdem.dataset.intervals import in_intervals, intersection, true_intervals
@@ -358,7 +358,8 @@ def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
 
     # The voltage is in mV; it is 0 where the board does not measure it.
     board_voltage = column("POWER_STATUS", "Vcc")
-    is_low = (board_voltage > 0) & (board_voltage < 1000 * BOARD_VOLTAGE_LIMITS.bad)
+    is_possible = board_voltage >= 1000 * POSSIBLE_BOARD_VOLTAGE[0]
+    is_low = is_possible & (board_voltage < 1000 * BOARD_VOLTAGE_LIMITS.bad)
     yield FaultSignal("POWER_STATUS", is_low, Reported.BOARD_VOLTAGE_LOW)
 
     yield from _battery_faults(signals)

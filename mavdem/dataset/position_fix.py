@@ -16,6 +16,12 @@ FIX_3D = mavlink_constant("GPS_FIX_TYPE_3D_FIX")
 MIN_FIX_SATELLITES = 4
 """Number of satellites that a position in three dimensions and the receiver's clock need at least."""
 
+UNKNOWN_SATELLITES = 255
+"""Value of ``satellites_visible`` where the number is not known: UINT8_MAX, by MAVLink's common.xml."""
+
+UNKNOWN_DILUTION = 65535
+"""Value of ``eph`` where the dilution is not known: UINT16_MAX, by MAVLink's common.xml."""
+
 RECEIVER_MESSAGES = ("GPS_RAW_INT", "GPS2_RAW")
 """Messages of the satellite receivers."""
 

@@ -6,9 +6,11 @@ from hover import Hover, changed, columns, evidence_of
 from pytest import approx
 
 from mavdem.assessment.instances import instances_of
+from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.ingest import read_log
 from mavdem.ingest.px4_instances import further_sensors
+from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio
 from mavdem.report.instances import instance_table
 
 HOVER = Hover()
@@ -53,6 +55,36 @@ def test_every_instance_has_its_range_and_state():
     assert instances["ESC 1"].low > 5000
     assert (instances["ESC 2"].high, instances["ESC 2"].state.level) == (0, "unknown")
     assert instances["output 1 (motor 1)"].unit == "µs"
+
+
+def test_a_receiver_that_does_not_count_satellites_has_the_type_of_its_fix():
+    unknown = columns(TIME, fix_type=3, satellites_visible=255)
+    receiver = by_name(changed(with_sensors(), "GPS_RAW_INT", **unknown))["GPS 1"]
+    assert (receiver.quantity, receiver.high) == ("fix type", 3)
+
+
+def test_the_first_compass_of_a_stream_of_ardupilot_is_in_raw_imu():
+    telemetry = HOVER.telemetry(20.0, 20.0)
+    for message, strength in (("RAW_IMU", 400.0), ("SCALED_IMU2", 500.0)):
+        field = columns(TIME, xmag=strength, ymag=0.0, zmag=0.0)
+        telemetry = changed(telemetry, message, **field)
+    instances = by_name(telemetry)
+    assert (instances["compass 1"].high, instances["compass 2"].high) == (400.0, 500.0)
+
+
+def test_the_share_of_an_estimator_counts_the_flight_alone():
+    in_flight = evidence_of(Signals(HOVER.telemetry(20.0, 20.0))).flights(0)
+    is_flying = in_intervals(TIME, in_flight)
+    assert 0 < np.count_nonzero(is_flying) < len(TIME)
+    ratios = dict.fromkeys(EstimatorRatio, 0.1)
+    cores = columns(
+        np.repeat(TIME, 2),
+        instance=np.tile([0, 1], len(TIME)),
+        is_primary=np.column_stack([~is_flying, is_flying]).ravel(),
+        **ratios,
+    )
+    instances = by_name(changed(HOVER.telemetry(20.0, 20.0), INSTANCES_MESSAGE, **cores))
+    assert (instances["core 0"].used_share, instances["core 1"].used_share) == (0.0, 1.0)
 
 
 def test_the_table_has_a_row_for_each_instance():

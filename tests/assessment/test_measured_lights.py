@@ -147,6 +147,8 @@ def test_what_follows_a_loss_is_no_fault_of_the_battery():
 )
 def test_levels_of_the_supply(usual, least, code, level):
     volts = np.where((TIME > 30) & (TIME < 40), least, usual)
+    # A board that works is never without a supply: that is a message without a measurement.
+    volts[len(volts) // 2] = 0.0
     fact = power_light(evidence(measured("POWER_STATUS", Vcc=1000 * volts)))
     assert (fact.code, fact.level) == (code, level)
 
@@ -217,6 +219,17 @@ def test_gps(satellites, dilution, code):
     report = columns(TIME, fix_type=3, satellites_visible=satellites, eph=100 * dilution)
     fact = estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **report)))
     assert fact.code is code and fact.figures.get("dilution", dilution) == approx(dilution)
+
+
+def test_what_a_receiver_does_not_know_is_not_printed():
+    unknown = columns(TIME, fix_type=3, satellites_visible=255, eph=65535)
+    assert estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **unknown))).is_good
+    few = columns(TIME, fix_type=3, satellites_visible=4, eph=65535)
+    fact = estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **few)))
+    assert fact.sentence == "GPS was poor in flight: 4 satellites."
+    diluted = columns(TIME, fix_type=3, satellites_visible=255, eph=300)
+    fact = estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **diluted)))
+    assert fact.sentence == "GPS was poor in flight: HDOP 3.0."
 
 
 @mark.parametrize(

@@ -10,7 +10,13 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst_fact
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset.intervals import longest_true_duration
-from mavdem.dataset.position_fix import FIX_3D, RECEIVER_MESSAGES, has_position_fix
+from mavdem.dataset.position_fix import (
+    FIX_3D,
+    RECEIVER_MESSAGES,
+    UNKNOWN_DILUTION,
+    UNKNOWN_SATELLITES,
+    has_position_fix,
+)
 from mavdem.dataset.time_series import (
     TimeSeries,
     clean_series,
@@ -299,11 +305,16 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
         if not has_fix.any():
             continue
         _, satellites, hundredths_of_dilution = np.median(flight.values[has_fix], axis=0).tolist()
-        if satellites < MIN_SATELLITES or hundredths_of_dilution > 100 * MAX_DILUTION:
+        dilution = None
+        if hundredths_of_dilution < UNKNOWN_DILUTION:
+            dilution = hundredths_of_dilution / 100
+        has_few_satellites = satellites < MIN_SATELLITES
+        is_diluted = dilution is not None and dilution > MAX_DILUTION
+        if has_few_satellites or is_diluted:
             yield Fact(
                 EstimatorLight.FIX_POOR,
-                satellites=int(satellites),
-                dilution=hundredths_of_dilution / 100,
+                satellites=None if satellites == UNKNOWN_SATELLITES else int(satellites),
+                dilution=dilution,
             )
 
 

@@ -27,6 +27,9 @@ LOW_VOLTAGE_SECONDS = 10.0
 BOARD_VOLTAGE_LIMITS = Limits(4.65, 4.5)
 """Voltages, V, of the board below which PX4 warns, and warns critically (``powerCheck.cpp``)."""
 
+POSSIBLE_BOARD_VOLTAGE = (3.0, 10.0)
+"""Voltages, V, of the supply of a board that works: below, its regulators for 3.3 V fail. Others are not measured."""
+
 MAX_BOARD_VOLTAGE_DROP = 0.3
 """Drop of the board's voltage below its median, V: twice what ArduPilot's page on power in logs calls normal."""
 
@@ -197,11 +200,16 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
     # A voltage that is constant was not measured.
     for message in ("POWER_STATUS", "HWSTATUS"):
         millivolts = recorded_series(telemetry, message, "Vcc")
-        if millivolts is not None and np.ptp(millivolts.values) > 0:
+        if millivolts is None:
+            continue
+        lowest, highest = POSSIBLE_BOARD_VOLTAGE
+        volts = millivolts.values / 1000
+        possible = millivolts.select((volts >= lowest) & (volts <= highest))
+        if len(possible.time) and np.ptp(possible.values) > 0:
             break
     else:
         return
-    averages = evidence.averages_in_flight(millivolts) / 1000
+    averages = evidence.averages_in_flight(possible) / 1000
     if not len(averages):
         return
     lowest = averages.min()
