@@ -46,7 +46,7 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
     They are losses of attitude, falls, dives, contacts with the ground, losses of height and position estimates, motors
     at their limit or off, clipping of the accelerometers, and a log that ends in the air. A boot in which the vehicle
     did not fly has none of these, but the one event that says so. Of vehicles that are no multirotors they are clipping
-    alone: a plane banks and dives on purpose.
+    and losses of the position alone: a plane banks and dives on purpose.
 
     Args:
         signals: signals of the vehicle.
@@ -58,7 +58,7 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
     events: list[Fact] = []
     for boot in np.unique(signals.tilts[0].boot).tolist():
         if not is_multirotor:
-            events += _clipping_events(signals, boot, flights_in_boot(signals, boot))
+            events += _events_of_other_vehicle(signals, boot, reports)
             continue
         not_flown = _not_flown(signals, boot)
         if not_flown is not None:
@@ -66,6 +66,22 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
         else:
             events += _events_of_boot(signals, boot, reports)
     return tuple(in_time_order(events))
+
+
+def _events_of_other_vehicle(
+    signals: Signals, boot: int, reports: Sequence[Fact]
+) -> Iterator[Fact]:
+    """Yields the events of one boot of a vehicle that is no multirotor, in no particular order.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        reports: events that the autopilot reports.
+    """
+    flights = flights_in_boot(signals, boot)
+    yield from _clipping_events(signals, boot, flights)
+    for flight in flights:
+        yield from position_losses(Scene(signals, boot, flight[0]), flight, reports)
 
 
 def _not_flown(signals: Signals, boot: int) -> Fact | None:

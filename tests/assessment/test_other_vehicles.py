@@ -51,6 +51,14 @@ def test_sensors_and_battery_of_every_vehicle_are_judged(vehicle):
     assert lights["log"].figures["attitude_rate"] == approx(10.0, rel=0.01)
 
 
+def test_a_position_that_is_lost_is_an_event_of_every_vehicle(vehicle):
+    is_lost = (TIME > 40.0) & (TIME < 50.0)
+    fix = columns(TIME, fix_type=np.where(is_lost, 1, 3))
+    events = assess(log_of(changed(telemetry(vehicle), "GPS_RAW_INT", **fix))).events
+    (lost,) = [event for event in events if event.code is MotionEvent.POSITION_LOST]
+    assert (lost.time, lost.figures["duration"]) == approx((40.0, 10.0), abs=1.0)
+
+
 def test_lights_of_multirotors_name_the_type(vehicle):
     lights = assess(log_of(telemetry(vehicle))).lights
     for name in MULTIROTOR_LIGHTS:

@@ -202,9 +202,9 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
         millivolts = recorded_series(telemetry, message, "Vcc")
         if millivolts is None:
             continue
-        lowest, highest = POSSIBLE_BOARD_VOLTAGE
+        lowest_possible, highest_possible = POSSIBLE_BOARD_VOLTAGE
         volts = millivolts.values / 1000
-        possible = millivolts.select((volts >= lowest) & (volts <= highest))
+        possible = millivolts.select((volts >= lowest_possible) & (volts <= highest_possible))
         if len(possible.time) and np.ptp(possible.values) > 0:
             break
     else:
