@@ -8,6 +8,9 @@ from mavdem.assessment.first_failure import (
     FIRST_RESPONSE_SECONDS,
     first_failure,
 )
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
@@ -107,7 +110,8 @@ def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
     losses = [event for event in events if event.code in ENDINGS]
     weighed_events = []
     for event in events:
-        if event.code is Reported.CRASH_DETECTED and event.is_bad:
+        is_crash = event.code is Reported.CRASH_DETECTED and event.is_bad
+        if is_crash and _has_measurements(signals, event):
             reported = supporting_statement(
                 Witness.AUTOPILOT_REPORTED, cause=event.but(witnesses=())
             )
@@ -122,6 +126,32 @@ REPORT_DELAY = 10.0
 the vehicle to lie still."""
 
 
+def _interval_of_crash(report: Fact) -> Interval:
+    """Returns when the crash that the autopilot reports can have happened, s since boot."""
+    time = report.time or 0.0
+    return time - REPORT_DELAY, time + 1.0
+
+
+def _has_measurements(signals: Signals, report: Fact) -> bool:
+    """Returns whether gyro, accelerometer or a height were recorded around a report of a crash, so that they show it.
+
+    Args:
+        signals: of the vehicle.
+        report: the report.
+    """
+    interval = _interval_of_crash(report)
+    scene = Scene(signals, report.figures["boot"])
+    if scene.sink_rates(interval):
+        return True
+    if scene.accelerometer is not None and scene.accelerometer.peak(interval) is not None:
+        return True
+    for attitude in signals.attitudes:
+        rate = series_of_boot(attitude.rate_series, scene.boot)
+        if rate is not None and in_intervals(rate.time, [interval]).any():
+            return True
+    return False
+
+
 def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> Facts:
     """Returns what the sensors show around a report of a crash, as witnesses of it.
 
@@ -130,8 +160,8 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
         report: the report.
         losses: events of the motion that lose a vehicle.
     """
-    boot, time = report.figures["boot"], report.time or 0.0
-    interval = (time - REPORT_DELAY, time + 1.0)
+    boot = report.figures["boot"]
+    interval = _interval_of_crash(report)
     for loss in losses:
         if loss.figures["boot"] == boot and interval[0] <= (loss.time or 0.0) <= interval[1]:
             return tuple(loss.figures.get("witnesses", ()))

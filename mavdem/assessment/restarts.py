@@ -49,7 +49,7 @@ MAX_LATE_TAKE_OFF = 3.0
 """Time from the beginning, s, within which motors that run were never stopped: a choice; arming takes longer."""
 
 _WATCHDOG_TEXT = re.compile(r"^WDG\b|watchdog reset", re.IGNORECASE)
-_INTERNAL_ERROR_TEXT = re.compile(r"internal errors?\W+(?:0x)?([0-9a-f]+)\b", re.IGNORECASE)
+_INTERNAL_ERROR_TEXT = re.compile(r"internal errors?\W+0x([0-9a-f]+)\b", re.IGNORECASE)
 
 WATCHDOG_ERROR = 0x800
 """Bit of ArduPilot's internal errors that stands for a watchdog reset."""

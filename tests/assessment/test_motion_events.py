@@ -307,6 +307,13 @@ def test_a_crash_that_only_the_autopilot_reports_is_to_be_watched():
     assert ending.code is Ending.CRASHED
 
 
+def test_a_reported_crash_that_no_sensor_could_show_counts():
+    sensors = ("ATTITUDE", "LOCAL_POSITION_NED", "SCALED_PRESSURE", "HIGHRES_IMU")
+    made = only(instrumented(), lambda time: time < EVENT - 11.0, *sensors)
+    events, _ = judged(saying(made, EVENT, "Crash: Disarming"))
+    assert events[Reported.CRASH_DETECTED].level is Level.BAD
+
+
 def bench():
     """Motors run on a bench: nothing rises, nothing turns."""
     made = instrumented()

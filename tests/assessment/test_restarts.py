@@ -52,6 +52,11 @@ def test_a_watchdog_reset_on_the_ground_is_none_in_flight():
     assert not restart_events(with_texts(still, b"PreArm: Internal errors (0x2)"))
 
 
+def test_words_that_look_like_hexadecimal_numbers_are_no_reset():
+    fallen = falling(20.0, tumbling=False)
+    assert not restart_events(with_texts(fallen, b"Internal error: feed failed"))
+
+
 def test_without_a_report_a_fall_and_a_tumble_are_needed():
     (event,) = restart_events(falling(30.0, tumbling=True))
     assert event.code is Reported.RESTARTED_IN_FLIGHT

@@ -349,9 +349,17 @@ def _first_reading_is_repeated(data: Bytes, frames: Frames) -> bool:
     rows = np.flatnonzero(np.isin(frames.message_id, list(READING_LAYOUTS)))
     if not len(rows):
         return False
-    start, end = int(frames.start[rows[0]]), int(frames.end[rows[0]])
-    content = data.tobytes()
-    return content.find(content[start:end], end) >= 0
+    first = rows[0]
+    is_alike = (frames.message_id == frames.message_id[first]) & (
+        frames.sequence == frames.sequence[first]
+    )
+    content = data.data
+    first_content = bytes(content[int(frames.start[first]) : int(frames.end[first])])
+    for row in np.flatnonzero(is_alike).tolist():
+        start, end = int(frames.start[row]), int(frames.end[row])
+        if row > first and bytes(content[start:end]) == first_content:
+            return True
+    return False
 
 
 def _has_copies(data: Bytes, frames: Frames) -> bool:
