@@ -19,13 +19,8 @@ from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.events import Reported
+from mavdem.ingest.joined import MAX_BOOT_CLOCK
 from mavdem.ingest.telemetry import Telemetry
-
-MAX_BOOT_CLOCK = 30.0
-"""Time, s, that the boot clock reads at most at the beginning of a log that a restart in the air began.
-
-A choice: an autopilot logs within some seconds of its start, and nobody takes off so soon.
-"""
 
 FALL_SECONDS = 10.0
 """Duration from the beginning, s, in which the fall after a restart is sought: one from 400 m takes as long."""

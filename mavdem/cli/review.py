@@ -10,13 +10,13 @@ from mavdem.cli.options import (
     file_option,
     json_option,
     params_option,
-    source_argument,
+    sources_argument,
     vehicle_option,
 )
 from mavdem.cli.output import print_blocks, print_json, progress
 from mavdem.cli.output_files import check_output_folder
 from mavdem.cli.result_folders import default_result_folder, write_results
-from mavdem.cli.sources import read_source
+from mavdem.cli.sources import read_sources
 from mavdem.cli.streams import escape_unprintable, print_to_stdout
 from mavdem.documents.review import review_document
 from mavdem.report.review import review_screen
@@ -25,14 +25,14 @@ from mavdem.results import PAGE_FILE, RESULT_FILES
 
 
 @click.command("review")
-@source_argument
+@sources_argument
 @vehicle_option
 @params_option
 @file_option("--out", "Folder for the results. [default: named after the log]")
 @json_option
 @click.option("--verbose", is_flag=True, help="Also print what `mavdem learn` does.")
 def review_command(
-    source: str,
+    sources: tuple[str, ...],
     vehicle: str | None,
     params: Path | None,
     out: Path | None,
@@ -42,8 +42,9 @@ def review_command(
     """Reports all that a log says: what happened, lights, next step.
 
     SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz, at any rate. `mavdem LOG` is the
-    same. The first sentence is how a flight was lost, or else the worst that was found. Each light is good, watch, BAD
-    or unknown: motors, vibration, tracking, margins of the control loops, power, estimator, wind, log.
+    same. Two logs are joined if the autopilot restarted in flight and began the second. The first sentence is how a
+    flight was lost, or else the worst that was found. Each light is good, watch, BAD or unknown: motors, vibration,
+    tracking, margins of the control loops, power, estimator, wind, log.
 
     The folder --out receives report.html, all of it with pictures in one file to mail, and report.json; where a model
     can be learned also model.json, flight.rrd for `rerun` and flight.mcap for Foxglove.
@@ -54,11 +55,12 @@ def review_command(
     Examples:
       mavdem review flight.tlog
       mavdem flight.bin --params vehicle.param --out results
+      mavdem 00000042.BIN 00000043.BIN
     """
-    folder = out or default_result_folder(source)
-    check_output_folder(folder, RESULT_FILES, source, params)
+    folder = out or default_result_folder(sources[0])
+    check_output_folder(folder, RESULT_FILES, *sources, params)
     start_time = perf_counter()
-    log = read_source(source, params)
+    log = read_sources(sources, params)
     assessment = assess(log, vehicle, progress=progress)
     document = review_document(assessment)
     write_results(folder, document, assessment)

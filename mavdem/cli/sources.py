@@ -22,6 +22,7 @@ from mavdem.errors import NotLearnable, Unreadable
 from mavdem.facts.command import NamedSource
 from mavdem.flight import Flight
 from mavdem.ingest import Log, read_log
+from mavdem.ingest.joined import join_logs
 from mavdem.ingest.parameter_file import with_parameters
 
 Result = TypeVar("Result")
@@ -56,6 +57,32 @@ def read_source(source: str, params: Path | None = None) -> Log:
     if params is None:
         return log
     return with_parameters(log, params)
+
+
+def read_sources(sources: Sequence[str], params: Path | None = None) -> Log:
+    """Reads the logs of one flight that SOURCE arguments name, joined to one log.
+
+    Args:
+        sources: Paths of the logs, at least one.
+        params: File with parameters of the autopilot, for those that the logs do not have.
+
+    Raises:
+        click.BadParameter: A log is named twice.
+        Unreadable: A log cannot be read, or the logs are not of one flight.
+    """
+    refuse_repeated_sources(sources)
+    log = join_logs([read_source(source) for source in sources])
+    if params is None:
+        return log
+    return with_parameters(log, params)
+
+
+def refuse_repeated_sources(sources: Sequence[str]) -> None:
+    """Raises ``click.BadParameter`` where a log is named twice."""
+    if len(set(sources)) < len(sources):
+        raise click.BadParameter(
+            "one is named twice: each flight counts once.", param_hint="SOURCE"
+        )
 
 
 def assess_without_model(
@@ -132,10 +159,7 @@ def map_flights(
         click.BadParameter: A log is named twice.
         Unreadable, NotLearnable: No log can be used; the error is that of the first one.
     """
-    if len(set(sources)) < len(sources):
-        raise click.BadParameter(
-            "one is named twice: each flight counts once.", param_hint="SOURCE"
-        )
+    refuse_repeated_sources(sources)
     results = {}
     errors: dict[str, NotLearnable | Unreadable] = {}
     for name, source in sources_by_flight_name(sources).items():

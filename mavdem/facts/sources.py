@@ -34,6 +34,7 @@ class Source(Code):
     MCAP_WITHOUT_FLIGHT = "mcap_without_flight"
     ROS2_DAMAGED = "ros2_damaged"
     TWO_VEHICLES_ONE_ID = "two_vehicles_one_id"
+    LOGS_NOT_JOINED = "logs_not_joined"
     MOTOR_BASIS = "motor_basis"
 
 
@@ -67,6 +68,7 @@ class Repair(Code):
     RECORDING_CUT = "recording_cut"
     JSON_OF_NO_DIALECT = "json_of_no_dialect"
     TOPICS_NOT_READ = "topics_not_read"
+    LOGS_JOINED = "logs_joined"
 
 
 class Flaw(StrEnum):
@@ -78,6 +80,18 @@ class Flaw(StrEnum):
     FAR_STAMP = "far_stamp"
     IMPOSSIBLE_STAMP = "impossible_stamp"
     NO_STAMP = "no_stamp"
+
+
+class Separation(StrEnum):
+    """Why several logs are not those of one flight."""
+
+    NOT_ONE_VEHICLE = "not_one_vehicle"
+    OTHER_SYSTEM = "other_system"
+    OTHER_AUTOPILOT = "other_autopilot"
+    OTHER_BOARD = "other_board"
+    OTHER_TIME = "other_time"
+    SAME_TIME = "same_time"
+    TIME_UNKNOWN = "time_unknown"
 
 
 class Package(Code):

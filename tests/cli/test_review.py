@@ -56,3 +56,22 @@ def test_the_library_returns_what_is_printed(tmp_path):
 def test_a_file_that_is_missing_is_no_command(capsys):
     assert run("missing.tlog") == 2
     assert "missing.tlog" in capsys.readouterr().err
+
+
+def test_two_logs_of_one_flight_are_one_review(here, capsys):
+    content = SLOW.read_bytes()
+    middle = len(content) // 2
+    first, second = here / "first.tlog", here / "second.tlog"
+    first.write_bytes(content[:middle])
+    second.write_bytes(content[middle:])
+    assert run(SLOW) == 0
+    whole = capsys.readouterr().out.splitlines()
+    assert run(first, second, "--verbose") == 0
+    screen = capsys.readouterr().out.splitlines()
+    (title,) = (line for line in screen if line.startswith("first.tlog: "))
+    assert title.partition(": ")[2] == whole[0].partition(": ")[2]
+    assert (here / "first" / "report.json").is_file()
+    assert run(second, first) == 2
+    assert "not known to be of one flight" in capsys.readouterr().err
+    assert run(first, first) == 2
+    assert "named twice" in capsys.readouterr().err

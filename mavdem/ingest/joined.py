@@ -1,0 +1,336 @@
+"""Logs of one flight that the autopilot wrote one after the other, joined to one log.
+
+An autopilot that restarts in flight (watchdog, brown-out) begins a new file, and so does a logger that begins anew
+while the autopilot runs on. Files are of one flight where they are of one vehicle and the next begins shortly after the
+end of the one before it, by UTC. Where the autopilot had no UTC, the vehicle must be armed before and after.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import nan
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.errors import Unreadable
+from mavdem.facts.sources import Repair, Separation, Source
+from mavdem.ingest.telemetry import (
+    Columns,
+    Component,
+    Log,
+    Parameters,
+    Tables,
+    Telemetry,
+    concatenated_columns,
+    repair_facts,
+    selected_rows,
+)
+from mavdem.ingest.vocabulary import ARMED
+
+MAX_RESTART_SECONDS = 60.0
+"""Longest time, s, between the end of a file and the beginning of the next one of the same flight.
+
+A choice: an autopilot logs again some seconds after a restart, and nobody changes a battery so soon.
+"""
+
+MAX_CLOCK_ERROR = 2.0
+"""Largest error, s, of a difference of two times by UTC.
+
+A choice: GPS time is logged up to some tenths of a second late, and flights last longer than this.
+"""
+
+MAX_BOOT_CLOCK = 30.0
+"""Time, s, that the boot clock reads at most at the beginning of a log that a restart in the air began.
+
+A choice: an autopilot logs within some seconds of its start, and nobody takes off so soon.
+"""
+
+MAX_ARMING_DELAY = 10.0
+"""Time, s, from the beginning of a log within which an autopilot is armed again that restarted in the air.
+
+A choice: an autopilot that arms again after a reset by its watchdog does so as soon as it has started.
+"""
+
+MICROSECONDS = 1e6
+"""Microseconds in a second."""
+
+MIN_UTC = 1e9
+"""UNIX time, s, from which on UTC counts as known: of the year 2001. Before its first fix a receiver counts from 0."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The one vehicle of a log, with the times at which its record begins and ends."""
+
+    log: Log
+    """The log."""
+    vehicle: Telemetry
+    """Its only vehicle."""
+    first_boot: int
+    """Number of the boot in which the record begins."""
+    last_boot: int
+    """Number of the boot in which it ends."""
+    start: float
+    """Beginning on the clock of the first boot, s."""
+    end: float
+    """End on the clock of the last boot, s."""
+    utc_at_first_boot: float | None
+    """UNIX time at which the clock of the first boot read 0, s; None where it is not known."""
+    utc_at_last_boot: float | None
+    """UNIX time at which the clock of the last boot read 0, s; None where it is not known."""
+
+    @property
+    def utc_start(self) -> float:
+        """UNIX time of the beginning, s; NaN where it is not known."""
+        return nan if self.utc_at_first_boot is None else self.utc_at_first_boot + self.start
+
+
+def join_logs(logs: Sequence[Log]) -> Log:
+    """Joins logs of one flight to one log, whose later boots are those of the later logs.
+
+    Args:
+        logs: At least one log. They may be in any order where all have UTC; without it they must be in order of time.
+
+    Returns:
+        The log, under the name of the earliest one; the very log where there is only one.
+
+    Raises:
+        Unreadable: The logs are not of one flight, or nothing shows that they are.
+    """
+    if len(logs) == 1:
+        return logs[0]
+    recordings = _in_order_of_time([_recording(log) for log in logs])
+    joined = recordings[0]
+    for recording in recordings[1:]:
+        joined = _recording(_joined_pair(joined, recording))
+    return joined.log
+
+
+def _recording(log: Log) -> Recording:
+    """Returns the one vehicle of a log with its times; raises ``Unreadable`` where there is not exactly one."""
+    if len(log.vehicles) != 1:
+        raise Unreadable(
+            Source.LOGS_NOT_JOINED,
+            path=log.source,
+            because=Separation.NOT_ONE_VEHICLE,
+            count=len(log.vehicles),
+        )
+    (vehicle,) = log.vehicles
+    boots: set[int] = set()
+    for columns in vehicle.messages.values():
+        boots.update(np.unique(columns["boot"]).tolist())
+    first_boot, last_boot = min(boots), max(boots)
+    return Recording(
+        log=log,
+        vehicle=vehicle,
+        first_boot=first_boot,
+        last_boot=last_boot,
+        start=float(_densest_time(vehicle.messages, first_boot)[0]),
+        end=float(_densest_time(vehicle.messages, last_boot)[-1]),
+        utc_at_first_boot=_utc_at_boot(vehicle.messages, first_boot),
+        utc_at_last_boot=_utc_at_boot(vehicle.messages, last_boot),
+    )
+
+
+def _densest_time(messages: Tables, boot: int) -> Array:
+    """Returns the stamps (N,), s, of the message that came most often in a boot.
+
+    Messages that come seldom may be older than the file: PX4 repeats their last values at its beginning.
+    """
+    densest = np.zeros(0)
+    for columns in messages.values():
+        time = columns["time"][columns["boot"] == boot]
+        if len(time) > len(densest):
+            densest = time
+    return densest
+
+
+def _utc_at_boot(messages: Tables, boot: int) -> float | None:
+    """Returns the UNIX time at which the clock of a boot read 0, s; None where the autopilot had no UTC."""
+    calendar = messages.get("SYSTEM_TIME", {})
+    if "time_unix_usec" not in calendar:
+        return None
+    utc = np.asarray(calendar["time_unix_usec"], np.float64) / MICROSECONDS
+    is_known = (calendar["boot"] == boot) & (utc >= MIN_UTC)
+    if not is_known.any():
+        return None
+    return float(np.median(utc[is_known] - calendar["time"][is_known]))
+
+
+def _in_order_of_time(recordings: Sequence[Recording]) -> list[Recording]:
+    """Returns the recordings by their beginning in UTC, or as they are given where one of them has no UTC."""
+    starts = [recording.utc_start for recording in recordings]
+    if np.isnan(starts).any():
+        return list(recordings)
+    return sorted(recordings, key=lambda recording: recording.utc_start)
+
+
+def _joined_pair(earlier: Recording, later: Recording) -> Log:
+    """Joins two logs of one flight; raises ``Unreadable`` where they are not of one flight."""
+    gap = _gap_by_utc(earlier, later)
+    separation = _separation_of_vehicles(earlier.vehicle, later.vehicle)
+    if separation is None:
+        separation = _separation_in_time(earlier, later, gap)
+    if separation is not None:
+        raise Unreadable(
+            Source.LOGS_NOT_JOINED,
+            path=earlier.log.source,
+            other=later.log.source,
+            because=separation,
+            duration=gap,
+        )
+    has_restarted = not _clock_runs_on(earlier, later)
+    vehicle = _joined_vehicle(earlier, later, has_restarted)
+    repair = repair_facts(
+        Repair.LOGS_JOINED,
+        path=later.log.source,
+        restarted=has_restarted,
+        duration=None if gap is None else max(gap, 0.0),
+    )
+    return _joined_log(earlier.log, later.log, replace(vehicle, repairs=vehicle.repairs + repair))
+
+
+def _separation_of_vehicles(earlier: Telemetry, later: Telemetry) -> Separation | None:
+    """Returns what shows that two vehicles are not the same one; None where nothing does."""
+    if (earlier.system, earlier.component) != (later.system, later.component):
+        return Separation.OTHER_SYSTEM
+    if earlier.autopilot != later.autopilot:
+        return Separation.OTHER_AUTOPILOT
+    if earlier.board and later.board and earlier.board != later.board:
+        return Separation.OTHER_BOARD
+    return None
+
+
+def _separation_in_time(
+    earlier: Recording, later: Recording, gap: float | None
+) -> Separation | None:
+    """Returns what shows that the times of two logs are not those of one flight; None where nothing does.
+
+    Args:
+        earlier, later: The recordings in the order of time.
+        gap: Time by UTC between them, s; None where it is not known.
+    """
+    if gap is None:
+        return None if _is_flown_on(earlier, later) else Separation.TIME_UNKNOWN
+    if gap < -MAX_CLOCK_ERROR:
+        return Separation.SAME_TIME
+    if gap > MAX_RESTART_SECONDS:
+        return Separation.OTHER_TIME
+    return None
+
+
+def _gap_by_utc(earlier: Recording, later: Recording) -> float | None:
+    """Returns the time by UTC from the end of a log to the beginning of the next, s; None where it is not known."""
+    if earlier.utc_at_last_boot is None or later.utc_at_first_boot is None:
+        return None
+    return (later.utc_at_first_boot + later.start) - (earlier.utc_at_last_boot + earlier.end)
+
+
+def _clock_runs_on(earlier: Recording, later: Recording) -> bool:
+    """Returns whether the boot clock of a log goes on in the next: the autopilot did not restart between them."""
+    if earlier.utc_at_last_boot is not None and later.utc_at_first_boot is not None:
+        return abs(later.utc_at_first_boot - earlier.utc_at_last_boot) <= MAX_CLOCK_ERROR
+    return 0.0 <= later.start - earlier.end <= MAX_RESTART_SECONDS
+
+
+def _is_flown_on(earlier: Recording, later: Recording) -> bool:
+    """Returns whether two logs without UTC show by themselves that they are of one flight.
+
+    The vehicle is armed at the end of the one and soon after the beginning of the other, whose clock either runs on or
+    has begun anew so shortly before that nobody can have armed the vehicle on the ground.
+    """
+    heartbeats_before = _heartbeats(earlier.vehicle, earlier.last_boot)
+    heartbeats_after = _heartbeats(later.vehicle, later.first_boot)
+    ends_armed = bool((heartbeats_before["base_mode"][-1:] & ARMED).any())
+    is_beginning = heartbeats_after["time"] <= later.start + MAX_ARMING_DELAY
+    begins_armed = bool((heartbeats_after["base_mode"][is_beginning] & ARMED).any())
+    has_just_started = later.start <= MAX_BOOT_CLOCK
+    return ends_armed and begins_armed and (_clock_runs_on(earlier, later) or has_just_started)
+
+
+def _heartbeats(vehicle: Telemetry, boot: int) -> Columns:
+    """Returns ``time`` and ``base_mode`` (N,) of the HEARTBEATs of a boot; N is 0 where there are none."""
+    columns = vehicle.messages.get("HEARTBEAT", {})
+    if "base_mode" not in columns:
+        return {"time": np.zeros(0), "base_mode": np.zeros(0, np.uint8)}
+    return selected_rows(columns, columns["boot"] == boot)
+
+
+def _joined_vehicle(earlier: Recording, later: Recording, has_restarted: bool) -> Telemetry:
+    """Joins the messages of one vehicle, and what its logs say of it.
+
+    Args:
+        earlier, later: The recordings in the order of time.
+        has_restarted: Whether the later one begins with a boot of its own.
+
+    Returns:
+        The vehicle, without the repair that it is joined. Where the logs have different values the later one's count,
+        such as its parameters.
+    """
+    boot_offset = earlier.last_boot - later.first_boot + int(has_restarted)
+    messages: dict[str, Columns] = dict(earlier.vehicle.messages)
+    for name, columns in later.vehicle.messages.items():
+        if not has_restarted:
+            # What is older than the file would be there twice, and out of order.
+            is_repeated = (columns["boot"] == later.first_boot) & (columns["time"] <= earlier.end)
+            columns = selected_rows(columns, ~is_repeated)
+        moved = {**columns, "boot": columns["boot"] + boot_offset}
+        if name in messages:
+            moved = concatenated_columns([messages[name], moved])
+        messages[name] = moved
+    before, after = earlier.vehicle, later.vehicle
+    new_repairs = tuple(fact for fact in after.repairs if fact not in before.repairs)
+    return replace(
+        before,
+        vehicle=after.vehicle if before.vehicle == "UNKNOWN" else before.vehicle,
+        messages=messages,
+        parameters={**before.parameters, **after.parameters},
+        initial_parameters=_initial_parameters(before, after),
+        repairs=before.repairs + new_repairs,
+        firmware=before.firmware or after.firmware,
+        board=before.board or after.board,
+        hardware=before.hardware or after.hardware,
+        dropouts=before.dropouts + after.dropouts,
+        source_names={**before.source_names, **after.source_names},
+    )
+
+
+def _initial_parameters(before: Telemetry, after: Telemetry) -> Parameters:
+    """Returns the first values, over both logs, of the parameters that changed in one of them or between them."""
+    initial_values = {**after.initial_parameters, **before.initial_parameters}
+    for name, value in before.parameters.items():
+        value_at_restart = after.initial_parameters.get(name, after.parameters.get(name, value))
+        if value != value_at_restart:
+            initial_values.setdefault(name, value)
+    return initial_values
+
+
+def _joined_log(earlier: Log, later: Log, vehicle: Telemetry) -> Log:
+    """Makes one log of two, with the vehicle that was joined of both."""
+    components: dict[tuple[int, int], Component] = {}
+    for component in (*earlier.components, *later.components):
+        ids = (component.system, component.component)
+        if ids in components:
+            component = replace(
+                component,
+                messages=_added_counts(components[ids].messages, component.messages),
+                lost=components[ids].lost + component.lost,
+            )
+        components[ids] = component
+    stamps = (*earlier.receive_time, *later.receive_time)
+    known_stamps = [stamp for stamp in stamps if np.isfinite(stamp)]
+    return Log(
+        source=earlier.source,
+        vehicles=(vehicle,),
+        components=tuple(components[ids] for ids in sorted(components)),
+        unread=earlier.unread + later.unread,
+        frames=earlier.frames + later.frames,
+        bytes_skipped=earlier.bytes_skipped + later.bytes_skipped,
+        receive_time=(min(known_stamps, default=nan), max(known_stamps, default=nan)),
+    )
+
+
+def _added_counts(first: Mapping[str, int], second: Mapping[str, int]) -> dict[str, int]:
+    """Returns the sums of two counts of messages, by name."""
+    names = dict.fromkeys((*first, *second))
+    return {name: first.get(name, 0) + second.get(name, 0) for name in names}
