@@ -123,6 +123,18 @@ def test_late_messages_are_no_reboot():
         assert not clock_of(low).boot.any()
 
 
+def test_a_reboot_seconds_after_the_start_is_no_late_link():
+    times = np.concatenate([1 + 0.1 * np.arange(90), 1 + 0.1 * np.arange(300)])
+    assert clock_of(times).boot.tolist() == [0] * 90 + [1] * 300
+    # A second link, 3 s late, brings every fifth message, or brings all for a while.
+    rows = np.arange(400)
+    regular = 1 + 0.1 * rows
+    fifth = np.concatenate([regular[:90], regular[60:90:5], regular[90:]])
+    burst = np.where((rows >= 90) & (rows < 120), regular - 3.0, regular)
+    assert not clock_of(fifth).boot.any()
+    assert not clock_of(burst).boot.any()
+
+
 def test_messages_of_another_time_are_no_reboot_where_the_clock_goes_on():
     times = 400 + 0.1 * np.arange(400)
     rows = np.arange(400)

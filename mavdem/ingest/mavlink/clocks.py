@@ -52,6 +52,12 @@ A choice: an autopilot sends within some seconds, and its radio is there within 
 MAX_LATE_SECONDS = 10.0
 """Time, s, by which messages come late at most, over a second link. A choice: 3 s were seen."""
 
+MIN_STAMPS_SHARE = 0.5
+"""Least number of stamps while a restarted clock rises, as a fraction of those of this time at the usual rate.
+
+A choice: links lose less, and messages that only a second link brought are those that the first one lost.
+"""
+
 MAX_WRAP_GAP = 60.0
 """Longest silence, s, across which a 32-bit reference clock counts as wrapped; after a longer one, as restarted."""
 
@@ -284,7 +290,8 @@ def _reboot_rows(time: Times) -> Rows:
     ``MIN_RESET_STAMPS`` stamps in a row that are all below the highest one since the last restart. Where the clock
     fell by less than ``MAX_LATE_SECONDS``, or reads more than ``MAX_RESTART_TIME``, messages of a second link or of
     another time may be mixed with those of the first. There the former clock must not come back for as long as
-    ``MAX_LATE_SECONDS`` last.
+    ``MAX_LATE_SECONDS`` last. An autopilot that restarts seconds after its start may reach the former clock in this
+    time, but step by step.
 
     Args:
         time: Stamps (n,) in stream order, s, wraps undone.
@@ -308,7 +315,14 @@ def _reboot_rows(time: Times) -> Rows:
         has_fallen_far = highest_next < highest_of_boot - MAX_LATE_SECONDS
         if is_near_zero and has_fallen_far:
             has_restarted = True
-        elif is_near_zero or has_fallen_far:
+        elif is_near_zero:
+            has_fallen = highest_next < highest_of_boot - MIN_RESET_STEP
+            stays_below = highest_later < highest_of_boot - MIN_RESET_STEP
+            following_stamps = time[row : row + late_stamps]
+            has_restarted = stays_below or (
+                has_fallen and _rises_steadily(following_stamps, highest_of_boot, median_step)
+            )
+        elif has_fallen_far:
             has_restarted = highest_later < highest_of_boot - MIN_RESET_STEP
         else:
             has_restarted = False
@@ -317,6 +331,23 @@ def _reboot_rows(time: Times) -> Rows:
             highest_of_boot = stamp
         highest_of_boot = max(highest_of_boot, stamp)
     return np.array(reboot_rows, dtype=np.int64)
+
+
+def _rises_steadily(stamps: Times, former_highest: float, median_step: float) -> bool:
+    """Returns whether a clock that fell rises to where it was as often and evenly as the messages come.
+
+    A restarted clock does. Late messages of a second link are few, since copies were dropped, or the first link's
+    between them make the clock jump.
+
+    Args:
+        stamps: Stamps (n,) from the fall on, s, in stream order.
+        former_highest: Highest stamp before the fall, s.
+        median_step: Median of the rising steps of the whole clock, s.
+    """
+    fall = former_highest - MIN_RESET_STEP - stamps[0]
+    stamps_below = np.count_nonzero(stamps < former_highest - MIN_RESET_STEP)
+    has_jumps = (np.diff(stamps) > MIN_RESET_STEP).any()
+    return bool(not has_jumps and stamps_below >= MIN_STAMPS_SHARE * fall / median_step)
 
 
 def _highest_ahead(values: Times, count: int) -> Times:
