@@ -47,20 +47,26 @@ A gyro logged at 10 Hz misses a part of a tumble, but not most of it.
 def attitude_losses(scene: Scene, error: AttitudeError, flight: Interval) -> list[Fact]:
     """Returns the losses of attitude in one flight, in time order.
 
-    A flight may have several that were recovered. One that was not is the last of the list: after it the vehicle is
-    lost, and what its attitude does then is left out.
+    A vehicle may lose its attitude and recover several times. The first loss that it does not recover from ends the
+    search, since the attitude of a vehicle that has crashed means nothing. So only the last event of the list can be
+    one without recovery.
 
     Args:
         scene: sensors of the boot.
-        error: of the attitude in this boot.
+        error: error of roll and pitch in this boot.
         flight: start and end of the flight, s since boot.
+
+    Returns:
+        Events with the code ``ATTITUDE_CAUGHT`` for each loss that was recovered or harmless. The last one may have the
+        code ``TIPPED``, ``HIT`` or ``ATTITUDE_LOST`` instead.
     """
     events = []
     climb_rate = series_of_boot(scene.signals.climb_rate, scene.boot)
-    for interval in _loss_intervals(error, flight, climb_rate):
-        loss = _AttitudeLoss(scene, flight, error, *interval)
-        events.append(loss.event())
-        if events[-1].code is not MotionEvent.ATTITUDE_CAUGHT:
+    for start, end in _loss_intervals(error, flight, climb_rate):
+        event = _AttitudeLoss(scene, flight, error, start, end).event()
+        events.append(event)
+        is_recovered = event.code is MotionEvent.ATTITUDE_CAUGHT
+        if not is_recovered:
             break
     return events
 

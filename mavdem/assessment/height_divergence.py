@@ -76,11 +76,16 @@ def _long_enough(intervals: Intervals) -> Intervals:
 def _divergence(scene: Scene, interval: Interval) -> Fact | None:
     """Returns the divergence of the height in an interval in which barometer and estimate contradict each other.
 
-    It is one only where both move in opposite directions, and the stick asks for neither.
+    It is one only where the barometer and the estimate move in opposite directions, and the pilot's stick does not ask
+    for the motion that the barometer shows. The accelerometer's error, or else vibration, is the likely cause.
 
     Args:
         scene: sensors of the boot.
         interval: start and end, s since boot.
+
+    Returns:
+        An event with the mean climb by the estimate as ``climb_rate`` and by the barometer as ``speed``, m/s upward,
+        its ``cause`` and its witnesses; None if the height did not diverge.
     """
     barometer, estimate = scene.height.barometer_climb, scene.height.estimated_climb
     assert barometer is not None and estimate is not None
@@ -101,7 +106,9 @@ def _divergence(scene: Scene, interval: Interval) -> Fact | None:
         if len(travel):
             median_travel = float(np.median(travel))
             is_rising = true_climb > 0
-            if median_travel > CLIMB_STICK if is_rising else median_travel < SINK_STICK:
+            asks_for_climb = is_rising and median_travel > CLIMB_STICK
+            asks_for_descent = not is_rising and median_travel < SINK_STICK
+            if asks_for_climb or asks_for_descent:
                 return None
             statements.append(
                 supporting_statement(Witness.THROTTLE_NOT_RAISED, share=median_travel)
@@ -173,7 +180,18 @@ def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
 
 
 def _vibration(scene: Scene, interval: Interval) -> Fact | None:
-    """Returns that accelerometers clipped or vibrated strongly in an interval; None if they did not."""
+    """Returns that accelerometers clipped or vibrated strongly in an interval, as a cause of a diverged height.
+
+    Clipping, which means samples out of the range of an accelerometer, goes first: it surely makes a wrong mean force.
+
+    Args:
+        scene: sensors of the boot.
+        interval: of the divergence, s since boot.
+
+    Returns:
+        A statement with the number of clips or the largest vibration, m/s²; None if there was neither, or vibration was
+        not recorded.
+    """
     vibration = reported_vibration(scene.signals)
     if vibration is None:
         return None
@@ -184,16 +202,22 @@ def _vibration(scene: Scene, interval: Interval) -> Fact | None:
     count = int(vibration.clips[rows].sum())
     if count:
         return supporting_statement(Witness.CLIPPED, count=count)
-    highest = float(levels.values[rows].max())
-    return (
-        supporting_statement(Witness.VIBRATED, vibration=highest)
-        if highest > HIGH_VIBRATION
-        else None
-    )
+    largest_level = float(levels.values[rows].max())
+    if largest_level <= HIGH_VIBRATION:
+        return None
+    return supporting_statement(Witness.VIBRATED, vibration=largest_level)
 
 
 def _full_throttle(scene: Scene, interval: Interval) -> Fact | None:
-    """Returns that the strongest motor worked near its limit in an interval; None if none did."""
+    """Returns that a motor worked near its upper limit in an interval; None if none did, or none was recorded.
+
+    Args:
+        scene: sensors of the boot.
+        interval: of the divergence, s since boot.
+
+    Returns:
+        A statement with the largest command of all motors, as a ``share`` of their range.
+    """
     motors = scene.signals.motors
     if motors is None or scene.boot not in motors.boot:
         return None
@@ -201,7 +225,7 @@ def _full_throttle(scene: Scene, interval: Interval) -> Fact | None:
     rows = in_intervals(commands.time, [interval])
     if not rows.any():
         return None
-    highest = float(commands.values[rows].max())
-    return (
-        supporting_statement(Witness.MOTORS_FULL, share=highest) if highest > FULL_SHARE else None
-    )
+    largest_command = float(commands.values[rows].max())
+    if largest_command <= FULL_SHARE:
+        return None
+    return supporting_statement(Witness.MOTORS_FULL, share=largest_command)

@@ -108,7 +108,14 @@ def _measured_state(values: Array) -> Fact:
 
 
 def _batteries(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the batteries with their voltages, judged as in the light of the power."""
+    """Yields the batteries with their voltages, V, judged as in the light on power.
+
+    The state is the worst of the voltage in flight and the autopilot's warnings of this battery. Without either, it
+    only says whether the voltage was measured.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
     measured = batteries_in_flight(evidence)
     warnings = list(evidence.warnings_in_flight(POWER_REPORTS))
     for battery in batteries_worst_first(evidence.signals):
@@ -168,7 +175,14 @@ def _estimators(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _receivers(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the satellite receivers with their numbers of satellites, and whether they had a fix."""
+    """Yields the satellite receivers with their numbers of satellites, and whether they had a position fix.
+
+    A fix has three dimensions and at least ``MIN_FIX_SATELLITES``. A receiver that does not report the number of
+    satellites is listed by its type of fix.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
     telemetry = evidence.signals.telemetry
     for number, message in enumerate(RECEIVER_MESSAGES, 1):
         satellites = recorded_series(telemetry, message, "satellites_visible", "fix_type")
@@ -187,9 +201,15 @@ def _receivers(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _barometers(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the barometers with their altitude."""
+    """Yields the barometers with their altitude, m, or where the log has none, their pressure, hPa.
+
+    ArduPilot's ``BAROMETER_PARAMETER`` says which one is used; without it, that is not known.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
     telemetry = evidence.signals.telemetry
-    used = telemetry.parameters.get(BAROMETER_PARAMETER)
+    primary = telemetry.parameters.get(BAROMETER_PARAMETER)
     for number, message in enumerate(BAROMETERS):
         altitude = recorded_series(telemetry, message, "altitude")
         unit = "m"
@@ -200,19 +220,25 @@ def _barometers(evidence: Evidence) -> Iterator[Instance]:
             continue
         values = _values_in_flight(evidence, altitude)
         yield Instance(
-            "barometer",
-            f"barometer {number + 1}",
-            "altitude" if unit == "m" else "pressure",
-            unit,
-            values.min(),
-            values.max(),
-            _measured_state(values),
-            None if used is None else float(used == number),
+            kind="barometer",
+            name=f"barometer {number + 1}",
+            quantity="altitude" if unit == "m" else "pressure",
+            unit=unit,
+            low=values.min(),
+            high=values.max(),
+            state=_measured_state(values),
+            used_share=None if primary is None else float(primary == number),
         )
 
 
 def _compasses(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the compasses with the strength of their field."""
+    """Yields the compasses with the strength of the magnetic field that they measure, mGauss.
+
+    ArduPilot's ``COMPASS_USE_PARAMETERS`` say which ones are used; without them, that is not known.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
     telemetry = evidence.signals.telemetry
     for number, messages in enumerate(COMPASSES):
         field = None
@@ -225,34 +251,43 @@ def _compasses(evidence: Evidence) -> Iterator[Instance]:
         strength = np.linalg.norm(_values_in_flight(evidence, field), axis=1)
         used = telemetry.parameters.get(COMPASS_USE_PARAMETERS[number])
         yield Instance(
-            "compass",
-            f"compass {number + 1}",
-            "field",
-            "mGauss",
-            strength.min(),
-            strength.max(),
-            _measured_state(strength),
-            None if used is None else float(used > 0),
+            kind="compass",
+            name=f"compass {number + 1}",
+            quantity="field",
+            unit="mGauss",
+            low=strength.min(),
+            high=strength.max(),
+            state=_measured_state(strength),
+            used_share=None if used is None else float(used > 0),
         )
 
 
 def _imus(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the IMUs with their vibration, as the autopilot reports it."""
+    """Yields the IMUs with their vibration, m/s², as the autopilot reports it: the largest of its axes at each time.
+
+    The levels have the columns of the axes of the first IMU, then those of the second, and so on.
+    """
     vibration = reported_vibration(evidence.signals)
     if vibration is None:
         return
     levels = _values_in_flight(evidence, vibration.levels)
     axis_count = len(vibration.axes)
     for number in range(levels.shape[1] // axis_count):
-        largest = levels[:, axis_count * number : axis_count * (number + 1)].max(axis=1)
-        state = _measured_state(largest)
+        first_column = axis_count * number
+        largest = levels[:, first_column : first_column + axis_count].max(axis=1)
         yield Instance(
-            "IMU", f"IMU {number + 1}", "vibration", "m/s²", largest.min(), largest.max(), state
+            kind="IMU",
+            name=f"IMU {number + 1}",
+            quantity="vibration",
+            unit="m/s²",
+            low=largest.min(),
+            high=largest.max(),
+            state=_measured_state(largest),
         )
 
 
 def _speed_controllers(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the speed controllers that report the speed of their motor."""
+    """Yields the speed controllers that report the speed of their motor, by DataFlash's messages ESC, in 1/min."""
     columns = evidence.signals.telemetry.messages.get("ESC", {})
     if "Instance" not in columns:
         return
@@ -261,13 +296,13 @@ def _speed_controllers(evidence: Evidence) -> Iterator[Instance]:
         speeds = _values_in_flight(evidence, _series_of(controller, "RPM"))
         if len(speeds):
             yield Instance(
-                "speed controller",
-                f"ESC {number + 1}",
-                "speed",
-                "1/min",
-                speeds.min(),
-                speeds.max(),
-                _measured_state(speeds),
+                kind="speed controller",
+                name=f"ESC {number + 1}",
+                quantity="speed",
+                unit="1/min",
+                low=speeds.min(),
+                high=speeds.max(),
+                state=_measured_state(speeds),
             )
 
 
@@ -277,7 +312,14 @@ def _series_of(columns: Columns, field: str) -> TimeSeries:
 
 
 def _outputs(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the outputs that drive the motors, with the motor of each."""
+    """Yields the outputs of the autopilot that drive motors, each with its range of commands and its motor.
+
+    The commands are in the unit in which the log has them, such as µs of a pulse; "1" stands for none. The autopilot
+    uses all of these outputs throughout, so that their share of use is 1.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
     motors = evidence.signals.motors
     if motors is None:
         return
@@ -285,17 +327,15 @@ def _outputs(evidence: Evidence) -> Iterator[Instance]:
     for name, channel, values in zip(
         motors.geometry.names, motors.geometry.channels, outputs.T, strict=True
     ):
-        state = _measured_state(values)
-        unit = motors.scale.unit or "1"
         yield Instance(
-            "output",
-            f"output {channel} ({_without_place(name)})",
-            "command",
-            unit,
-            values.min(),
-            values.max(),
-            state,
-            1.0,
+            kind="output",
+            name=f"output {channel} ({_without_place(name)})",
+            quantity="command",
+            unit=motors.scale.unit or "1",
+            low=values.min(),
+            high=values.max(),
+            state=_measured_state(values),
+            used_share=1.0,
         )
 
 

@@ -103,18 +103,23 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     other_lights = [lights[name] for name in OTHER_LIGHTS]
     # How a lost flight ended outranks everything else.
     ending = [] if evidence.ending is None else [evidence.ending]
-    bad_events = _worst_first([fact for fact in (*ending, *evidence.events) if fact.is_bad])
+    bad_events = [fact for fact in (*ending, *evidence.events) if fact.is_bad]
     restarts = [fact for fact in evidence.events if fact.code is Reported.RESTARTED_IN_FLIGHT]
     urgent = _urgent_warnings(evidence)
-    bad_lights = _worst_first([fact for fact in (*vehicle_lights, *other_lights) if fact.is_bad])
+    bad_lights = [fact for fact in (*vehicle_lights, *other_lights) if fact.is_bad]
     # A battery or an estimator that is bad is the reason for a failsafe, and for a log that ends in the air.
     reasons = [lights[name] for name in (Light.POWER, Light.ESTIMATOR) if lights[name].is_bad]
     if urgent and reasons:
         urgent = reasons
     # A restart in flight is the reason for whatever followed.
-    for facts in (restarts, bad_events, urgent, bad_lights):
-        if facts:
-            return facts[0]
+    if restarts:
+        return restarts[0]
+    if bad_events:
+        return _largest_of_first_kind(bad_events)
+    if urgent:
+        return urgent[0]
+    if bad_lights:
+        return _largest_of_first_kind(bad_lights)
     if not evidence.has_operated:
         return _reason_on_ground(evidence)
     # Attitudes far from their setpoint come first, and warnings of the autopilot last.
@@ -137,16 +142,17 @@ def _reason_on_ground(evidence: Evidence) -> Fact:
     return evidence.learnability.reason
 
 
-def _worst_first(bad: Sequence[Fact]) -> list[Fact]:
-    """Returns bad facts with the one of the headline first: of the first one's code, that with the largest rise.
+def _largest_of_first_kind(bad_facts: Sequence[Fact]) -> Fact:
+    """Returns the fact that the headline names: of those with the code of the first one, the largest.
 
-    Of several losses of thrust the one with the largest rise of the motor's command is named, not the earliest.
+    Size matters for losses of thrust only: their figure ``rise`` is by how much a motor's command rose to make up for
+    its loss, and the largest is named, not the earliest. Of facts without that figure the first is returned.
+
+    Args:
+        bad_facts: at least one, the most important kind first.
     """
-    if not bad:
-        return []
-    of_same_code = [fact for fact in bad if fact.code is bad[0].code]
-    worst = max(of_same_code, key=lambda fact: fact.figures.get("rise", 0.0))
-    return [worst]
+    same_kind = [fact for fact in bad_facts if fact.code is bad_facts[0].code]
+    return max(same_kind, key=lambda fact: fact.figures.get("rise", 0.0))
 
 
 def _urgent_warnings(evidence: Evidence) -> list[Fact]:

@@ -98,8 +98,9 @@ def _not_flown(signals: Signals, boot: int) -> Fact | None:
 def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Iterator[Fact]:
     """Yields the events of one boot, in no particular order.
 
-    Losses of attitude, falls and height estimates that diverged are examined flight by flight. They explain limits of
-    motors that come after them, which are left out.
+    Losses of attitude, falls and height estimates that diverged are examined flight by flight. After them the
+    controller drives motors to their limits, however sound these are. So motors at a limit are not reported while the
+    vehicle is out of control.
 
     Args:
         signals: signals of the vehicle.
@@ -112,25 +113,39 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
     flights = flights_in_boot(signals, boot)
     yield from _clipping_events(signals, boot, flights)
     out_of_control: Intervals = []
-    # The events of the flight under examination; after the loop, those of the last flight.
-    flight_events: list[Fact] = []
+    events_of_last_flight: list[Fact] = []
     for flight in flights:
         scene = Scene(signals, boot, flight[0])
         flight_events = list(_events_of_flight(scene, error, flight, reports))
         yield from flight_events
-        for event in flight_events:
-            if event.code is MotionEvent.HEIGHT_DIVERGED:
-                out_of_control.append((event.time or 0.0, flight[1]))
-            elif event.is_bad:
-                out_of_control.append(((event.time or 0.0) + LASTING_SECONDS, flight[1]))
+        out_of_control += _intervals_out_of_control(flight_events, flight)
+        events_of_last_flight = flight_events
     for event in motor_events(signals, boot, flights):
-        # A vehicle that falls or lies on its back drives motors to their limit whatever they are worth, and so does one
-        # that follows a false height.
         is_explained = in_intervals(event.time or 0.0, out_of_control)
         if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or not is_explained:
             yield event
     if flights:
-        yield from _end_in_air(signals, boot, flights[-1], error.time[-1], flight_events)
+        yield from _end_in_air(signals, boot, flights[-1], error.time[-1], events_of_last_flight)
+
+
+def _intervals_out_of_control(flight_events: Sequence[Fact], flight: Interval) -> Intervals:
+    """Returns the intervals, s since boot, from each event that takes the vehicle out of control to the flight's end.
+
+    A vehicle that falls or lies on its back has motors at their limits, and so does one that follows a false height.
+
+    Args:
+        flight_events: events of the flight.
+        flight: its start and end, s since boot.
+    """
+    intervals = []
+    for event in flight_events:
+        start = event.time or 0.0
+        if event.code is MotionEvent.HEIGHT_DIVERGED:
+            intervals.append((start, flight[1]))
+        elif event.is_bad:
+            # A motor may reach its limit as the loss begins and be its cause: such a limit is still reported.
+            intervals.append((start + LASTING_SECONDS, flight[1]))
+    return intervals
 
 
 def _events_of_flight(

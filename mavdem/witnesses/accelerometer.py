@@ -1,4 +1,4 @@
-"""What the accelerometer is worth, and what it felt: gravity at rest, force in flight, peaks, and rest itself."""
+"""The accelerometer of a boot: whether it measures gravity at rest, its peaks, and when the vehicle rested."""
 
 from dataclasses import dataclass
 
@@ -76,7 +76,7 @@ class AccelerometerWitness:
 
     @property
     def knock_size(self) -> float:
-        """Specific force, m/s², from which on a peak is a knock."""
+        """Specific force, m/s², from which on a peak is a knock: gravity, as it was measured, and a margin."""
         return (self.gravity_at_rest or GRAVITY) + PEAK_ABOVE_REST
 
 
@@ -142,7 +142,8 @@ class StillWindows:
 def still_windows(signals: Signals, boot: int) -> StillWindows | None:
     """Returns in which windows the vehicle is still, on the ground or in calm air.
 
-    A gyro that measures the same throughout is dead and shows nothing.
+    It is still where the range of every body rate, and that of the specific force, is below its limit. A gyro that
+    measures the same throughout is dead and shows nothing.
 
     Args:
         signals: signals of the vehicle.
@@ -187,16 +188,27 @@ def window_ranges(time: Array, values: Array, windows: Array) -> Array:
     after = np.searchsorted(time, windows + REST_SECONDS, side="left")
     ranges = np.full(len(windows), np.nan)
     is_filled = after - first >= 2
-    # ``reduceat`` reduces between neighbouring starts; the samples after the last window are cut off.
-    used = values[: after[-1]] if len(after) else values
+    # ``reduceat`` reduces from each start to the next one. The windows lie side by side, so that these are the windows
+    # themselves; only the last one needs an end, for which the samples after it are cut off.
+    values_in_windows = values[: after[-1]] if len(after) else values
     starts = first[is_filled]
     if len(starts):
-        ranges[is_filled] = np.maximum.reduceat(used, starts) - np.minimum.reduceat(used, starts)
+        largest = np.maximum.reduceat(values_in_windows, starts)
+        smallest = np.minimum.reduceat(values_in_windows, starts)
+        ranges[is_filled] = largest - smallest
     return ranges
 
 
 def _is_powered(signals: Signals, boot: int, windows: Array) -> Flags:
-    """Returns whether the motors may carry the vehicle in each window (W,); false where they were not recorded."""
+    """Returns whether the motors are fast enough to carry the vehicle in each window (W,), by their mean output.
+
+    It is false throughout where motor outputs were not recorded.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        windows: (W,) starts of windows of ``REST_SECONDS``, s since boot.
+    """
     collective = series_of_boot(signals.collective, boot)
     if collective is None:
         return np.zeros(len(windows), dtype=bool)

@@ -37,6 +37,9 @@ CONTEXT_SECONDS = 3.0
 MEAN_SECONDS = 1.0
 """Seconds over which heights are averaged."""
 
+TOP_QUANTILE = 0.95
+"""Quantile of the heights under power that stands for the top of a flight, without single damaged samples; a choice."""
+
 
 @dataclass(frozen=True)
 class FlightVerdict:
@@ -122,14 +125,18 @@ def powered_intervals(signals: Signals, boot: int) -> Intervals:
 
 
 def _rise(height: TimeSeries, powered: Intervals) -> float | None:
-    """Returns the largest rise of the height, m, in a time under power, from before it or until after it.
+    """Returns by how much the vehicle rose above the ground while its motors could carry it, m.
 
-    A flight rises from the ground that it began on, or sinks to the ground that it ends on; a log may have only one
-    of both.
+    The ground is the lower of the heights ``CONTEXT_SECONDS`` before and after the time under power: a log may have
+    only the take-off or only the landing, and then the other end is in the air. The 95th percentile of the height under
+    power stands for the top, so that single damaged samples do not.
 
     Args:
         height: (N,) m, of one boot.
         powered: intervals under power, s.
+
+    Returns:
+        The largest rise of all intervals, at least 0; None without samples under power.
     """
     mean = windowed_mean(height.time, height.values, MEAN_SECONDS)
     rises = []
@@ -138,8 +145,8 @@ def _rise(height: TimeSeries, powered: Intervals) -> float | None:
         if not is_inside.any():
             continue
         around = in_intervals(height.time, [(start - CONTEXT_SECONDS, end + CONTEXT_SECONDS)])
-        first, last = mean[around][[0, -1]]
-        # The lower of both ends is nearer to the ground.
-        rise = float(np.quantile(mean[is_inside], 0.95) - min(first, last))
+        height_before, height_after = mean[around][[0, -1]]
+        ground = min(height_before, height_after)
+        rise = float(np.quantile(mean[is_inside], TOP_QUANTILE) - ground)
         rises.append(max(rise, 0.0))
     return max(rises, default=None)

@@ -113,7 +113,9 @@ def height_witnesses(signals: Signals, boot: int) -> HeightWitnesses:
 def barometer_noise(altitude: TimeSeries) -> float | None:
     """Returns how noisy a barometer is: the robust RMS, m/s², of the second differences of its means over 1 s.
 
-    No multirotor accelerates that much for longer, so that this measures the sensor and not the flight.
+    The second difference of an altitude over 1 s steps is a vertical acceleration. No multirotor keeps up an
+    acceleration beyond ``MAX_BAROMETER_NOISE``, so that a larger figure is of the sensor and not of the flight. Robust
+    means by the median absolute deviation, which a few outliers do not change.
 
     Args:
         altitude: (N,) m, of one boot.
@@ -124,6 +126,7 @@ def barometer_noise(altitude: TimeSeries) -> float | None:
     duration = altitude.time[-1] - altitude.time[0]
     if len(altitude.time) < MIN_BAROMETER_RATE * max(duration, SLOPE_SECONDS):
         return None
+    # The mean altitude in each second of the boot clock that has samples.
     seconds = np.floor(altitude.time).astype(np.int64)
     distinct_seconds, rows, counts = np.unique(seconds, return_inverse=True, return_counts=True)
     means = np.bincount(rows, altitude.values) / counts
@@ -155,7 +158,14 @@ def windowed_mean(time: Array, values: Array, width: float) -> Array:
 
 
 def _climb_by_barometer(barometer: TimeSeries) -> TimeSeries | None:
-    """Returns the slope of the barometer's altitude over ``SLOPE_SECONDS``, m/s upward, at ``GRID_RATE``."""
+    """Returns the slope of the barometer's altitude over ``SLOPE_SECONDS``, m/s upward, at ``GRID_RATE``.
+
+    Args:
+        barometer: (N,) altitude of one boot, m, averaged over ``MEAN_SECONDS``.
+
+    Returns:
+        (M,) central differences; None if the record is not longer than ``SLOPE_SECONDS``.
+    """
     start, end = barometer.time[0] + SLOPE_SECONDS / 2, barometer.time[-1] - SLOPE_SECONDS / 2
     if end <= start:
         return None
@@ -169,17 +179,25 @@ def _climb_by_barometer(barometer: TimeSeries) -> TimeSeries | None:
 def _contradictions(
     barometer_climb: TimeSeries | None, estimated_climb: TimeSeries | None
 ) -> Intervals:
-    """Returns when climb by estimate and by barometer differ by more than ``MAX_CLIMB_DIFFERENCE`` for long, s."""
+    """Returns when climb by estimate and by barometer differ by more than ``MAX_CLIMB_DIFFERENCE`` for long, s.
+
+    Args:
+        barometer_climb: (M,) m/s upward, at ``GRID_RATE``; None without a usable barometer.
+        estimated_climb: (K,) m/s upward; None if it was not recorded.
+
+    Returns:
+        Intervals, s since boot, of at least ``MIN_CONTRADICTION_SECONDS`` in which both were recorded.
+    """
     if barometer_climb is None or estimated_climb is None or not len(barometer_climb.time):
         return []
     time = barometer_climb.time
     estimate = np.interp(time, estimated_climb.time, estimated_climb.values)
     is_covered = (time >= estimated_climb.time[0]) & (time <= estimated_climb.time[-1])
     is_apart = is_covered & (abs(estimate - barometer_climb.values) > MAX_CLIMB_DIFFERENCE)
-    recorded = (float(time[0]), float(time[-1]))
     long_intervals = []
     for start, end in true_intervals(time, is_apart):
-        start, end = max(start, recorded[0]), min(end, recorded[1])
+        # An interval at the edge of the record is open there; only its recorded part counts.
+        start, end = max(start, float(time[0])), min(end, float(time[-1]))
         if end - start >= MIN_CONTRADICTION_SECONDS:
             long_intervals.append((start, end))
     return long_intervals

@@ -37,7 +37,7 @@ def position_validity(signals: Signals) -> TimeSeries | None:
             continue
         for name in names:
             has_position = flags.values.astype(np.int64) & mavlink_constant(name) > 0
-            # A flag that never says so is not filled in.
+            # A flag that is never set is not filled in by this estimator.
             if has_position.any():
                 return TimeSeries(flags.time, flags.boot, has_position.astype(float))
     return None
@@ -45,9 +45,9 @@ def position_validity(signals: Signals) -> TimeSeries | None:
 
 @cached_per_vehicle()
 def position_fix(signals: Signals) -> TimeSeries | None:
-    """Returns whether any GPS receiver had a position fix (N,), 1 or 0, when the first recorded one sent a message.
+    """Returns whether any GPS receiver had a position fix (N,), 1 or 0; None if no receiver was recorded.
 
-    None if none was recorded.
+    The N samples are at the messages of the first receiver that was recorded, in all boots.
     """
     for message in RECEIVER_MESSAGES:
         fix_types = recorded_series(signals.telemetry, message, "fix_type")

@@ -22,7 +22,7 @@ MIN_CORRELATION = 0.5
 """Correlation of setpoint and angle from which on the vehicle answers."""
 
 MIN_SLOPE = 0.3
-"""Angle per angle of the setpoint from which on the vehicle answers."""
+"""Slope of the regression of the angle on its setpoint, rad/rad, from which on the vehicle answers; 1 is perfect."""
 
 MAX_IGNORED_CORRELATION = 0.2
 """Correlation of setpoint and angle up to which the vehicle ignores a setpoint that varies much."""
@@ -133,7 +133,9 @@ class _Answer(NamedTuple):
 def _answer(time: Array, angles: Array, setpoints: Array, is_powered: Flags) -> _Answer:
     """Compares roll and pitch with their setpoints under power.
 
-    The setpoint is delayed by up to ``DELAY_SECONDS``, and the delay with the largest correlation counts.
+    The setpoint is delayed by up to ``DELAY_SECONDS``, and the delay with the largest correlation counts. The vehicle
+    answers if roll or pitch follows well: nothing holds it then. It does not answer if nothing follows, although the
+    setpoints vary much or are far from the angles, and it hardly moves: so a vehicle on a bench behaves.
 
     Args:
         time: (N,) s.
@@ -141,8 +143,10 @@ def _answer(time: Array, angles: Array, setpoints: Array, is_powered: Flags) -> 
         setpoints: (N, 2) their setpoints, rad; NaN where there is none.
         is_powered: (N,) whether the motors could carry the vehicle.
     """
+    # The latest sample at each instant of a uniform grid, since delays are whole steps of it.
     grid = np.arange(time[0], time[-1], 1 / ANSWER_RATE)
     on_grid = np.searchsorted(time, grid, side="right") - 1
+    # One entry for each axis with enough samples (errors) and whose setpoint varies enough (the others).
     correlations = []
     slopes = []
     errors = []
@@ -153,6 +157,7 @@ def _answer(time: Array, angles: Array, setpoints: Array, is_powered: Flags) -> 
             continue
         errors.append(float(np.median(abs(angle - setpoint)[is_known])))
         deviation = float(np.std(setpoint[is_known]))
+        # A setpoint that hardly varies cannot show an answer.
         if deviation < MIN_SETPOINT_RANGE:
             continue
         correlation, slope = _best_fit(angle, setpoint, is_known)
@@ -190,7 +195,9 @@ class _Fit(NamedTuple):
 
 
 def _best_fit(angle: Array, setpoint: Array, is_known: Flags) -> _Fit:
-    """Fits an angle by its setpoint, delayed by up to ``DELAY_SECONDS``.
+    """Fits an angle by its setpoint, delayed by up to ``DELAY_SECONDS``, with linear regression for each delay.
+
+    Delays without a variance of angle or setpoint are skipped; if all are, correlation −1 and slope 0 are returned.
 
     Args:
         angle: (M,) rad, at ``ANSWER_RATE``.
@@ -213,10 +220,11 @@ def _best_fit(angle: Array, setpoint: Array, is_known: Flags) -> _Fit:
 
 
 def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
-    """Returns whether the change of roll and pitch is the integral of the gyro's rates.
+    """Returns whether the changes of roll and pitch are the integrals of the gyro's rates.
 
-    A gyro with a bias agrees with the attitude that the estimator made of it, so that agreement only supports, and
-    disagreement condemns.
+    Both are compared over steps of ``TURN_SECONDS`` under power, by the RMS of their difference relative to that of the
+    change (``MAX_AGREEING_RATIO``). A gyro with a bias agrees with the attitude that the estimator computed from it. So
+    agreement is only weak evidence for the gyro, while disagreement shows that one of the two is wrong.
 
     Args:
         signals: signals of the vehicle.
@@ -237,6 +245,7 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
         time, angle, euler_rate = tilt.time[rows], tilt.angle[rows], tilt.euler_rate[rows]
         if len(time) < 2:
             return None
+        # Trapezoidal integral of the rate of the Euler angle, which is computed from the gyro.
         steps = np.diff(time)
         means = (euler_rate[1:] + euler_rate[:-1]) / 2
         integral = np.concatenate([[0.0], np.cumsum(steps * means)])

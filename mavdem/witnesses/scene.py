@@ -1,4 +1,7 @@
-"""What the sensors show around one moment: knocks, rotation, sinking, rest and the stick, each as a statement."""
+"""What the sensors of one boot show around a moment: knocks, rotation, sinking, rest and the throttle stick.
+
+Each method returns a statement for or against an event (:mod:`mavdem.witnesses.statements`), or the figure itself.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -46,7 +49,10 @@ CLOSED_STICK = 0.08
 """Travel of the throttle stick up to which it is closed: twice the dead zone of ArduPilot's THR_DZ and RC3_DZ."""
 
 OPEN_STICK = 0.15
-"""Travel of the throttle stick from which on it was open before."""
+"""Travel of the throttle stick above which it is clearly open, so that a closed stick afterwards is a movement."""
+
+OPEN_BEFORE_SECONDS = 1.0
+"""Seconds before an interval in which the stick may have been open for its closing to count within the interval."""
 
 CONTRADICTION_MARGIN = 0.5
 """Seconds after a moment within which a contradiction of barometer and estimate concerns it: both are averages."""
@@ -90,7 +96,7 @@ class Rest:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The sensors of one boot, to be asked about moments; times and intervals are s since boot."""
+    """The sensors of one boot, with methods that state what they show in an interval; all times are s since boot."""
 
     signals: Signals
     """Signals of the vehicle."""
@@ -141,18 +147,17 @@ class Scene:
             if rate is not None:
                 is_inside = (rate.time >= interval[0]) & (rate.time <= interval[1])
                 fastest = max(fastest, float(abs(rate.values[is_inside]).max(initial=0.0)))
-        return (
-            supporting_statement(Witness.ROTATED, body_rate=fastest)
-            if fastest > FAST_RATE
-            else None
-        )
+        if fastest <= FAST_RATE:
+            return None
+        return supporting_statement(Witness.ROTATED, body_rate=fastest)
 
     @cached_property
     def climb_estimate(self) -> TimeSeries | None:
-        """Estimated climb (N,), m/s upward, without what diverged: samples far below the take-off; None without any.
+        """Climb by the autopilot's estimate (N,), m/s upward; None if it was not recorded.
 
-        After an impact the estimate often runs away. Where a barometer was recorded it shows that, else the estimated
-        height does.
+        After an impact the estimate often runs away. A barometer shows that (:meth:`sink_rate` compares the two). Where
+        none was recorded, samples at which the estimated height is more than ``MAX_GROUND_HEIGHT`` below the take-off
+        are left out instead: the vehicle cannot be there.
         """
         climb_rate = series_of_boot(self.signals.climb_rate, self.boot)
         height = series_of_boot(self.signals.height, self.boot)
@@ -164,9 +169,11 @@ class Scene:
         return climb_rate.select(heights > -MAX_GROUND_HEIGHT)
 
     def sink_rates(self, interval: Interval) -> dict[str, float]:
-        """Returns the largest speed downward in an interval, m/s, by "barometer" and "estimate", as far as known.
+        """Returns the largest speed downward in an interval, m/s, by each height sensor.
 
-        A climb throughout is a negative speed.
+        Returns:
+            Speeds by the source, "barometer" and "estimate"; a source without samples in the interval is missing. The
+            speed is negative if the vehicle climbed throughout.
         """
         rates = {}
         for source, climb in (
@@ -183,8 +190,11 @@ class Scene:
     def sink_rate(self, interval: Interval) -> float | None:
         """Returns the largest speed downward in an interval, m/s, that the height sensors do not contradict.
 
-        That is the estimate's, or the lesser of barometer and estimate where the two contradict each other: the slope
-        of a barometer lags behind a short fall. It is 0 for a climb throughout, None if neither was recorded.
+        The estimate is preferred, since the slope of the barometer's averages lags behind a short fall. Where the two
+        contradict each other, either may be wrong, and the smaller speed is the one that both confirm.
+
+        Returns:
+            Speed, m/s, 0 for a climb throughout; None if neither was recorded.
         """
         rates = self.sink_rates(interval)
         if not rates:
@@ -207,37 +217,52 @@ class Scene:
         return tuple(statements)
 
     def throttle_closed(self, interval: Interval) -> Fact | None:
-        """Returns when the pilot closed the throttle in an interval; None if the stick stayed open, or was closed."""
+        """Returns that the pilot moved the throttle stick from open to closed in an interval.
+
+        Args:
+            interval: start and end, s since boot. The stick must have been open in it, or in the
+                ``OPEN_BEFORE_SECONDS`` before it: one that was closed all the time says nothing.
+
+        Returns:
+            A statement with the time of the first closed sample; None if the stick was not recorded, was not closed in
+            the interval, or had been closed before.
+        """
         stick = series_of_boot(throttle_stick(self.signals), self.boot)
         if stick is None:
             return None
         is_closed = stick.values <= CLOSED_STICK
-        was_open = np.maximum.accumulate(
-            np.where(stick.time >= interval[0] - MIN_REST_SECONDS, stick.values, 0.0)
-        )
+        # The largest travel of the stick so far, at each sample; what it did long before the interval does not count.
+        is_recent = stick.time >= interval[0] - OPEN_BEFORE_SECONDS
+        largest_travel = np.maximum.accumulate(np.where(is_recent, stick.values, 0.0))
         is_inside = (stick.time >= interval[0]) & (stick.time <= interval[1])
-        rows = np.flatnonzero(is_inside & is_closed & (was_open > OPEN_STICK))
+        rows = np.flatnonzero(is_inside & is_closed & (largest_travel > OPEN_STICK))
         if not len(rows):
             return None
         return supporting_statement(Witness.THROTTLE_CLOSED, time=stick.time[rows[0]])
 
     def rest_after(self, time: float, latest: float) -> Rest | None:
-        """Returns how the vehicle came to rest between two times, s; None if it did not.
+        """Returns how the vehicle came to rest between two times; None if it did not.
 
         It rests where it does not rotate for ``MIN_REST_SECONDS`` and the motors do not carry it, or where it lies on
-        its side, which no motor holds still in the air.
+        its side, which no motor holds still in the air. The record of rest has windows of ``REST_SECONDS``; the first
+        run of neighbouring windows that is long enough is the rest.
+
+        Args:
+            time: earliest beginning of the rest, s since boot.
+            latest: end of the search, s since boot: windows that start later do not count.
         """
         record = _rest_record(self.signals, self.boot)
         if record is None:
             return None
-        needed = round(MIN_REST_SECONDS / REST_SECONDS)
+        needed_windows = round(MIN_REST_SECONDS / REST_SECONDS)
         is_candidate = (record.start >= time) & (record.start <= latest) & record.is_rest
-        run = 0
+        # The number of windows of rest that follow each other up to this one.
+        run_length = 0
         for row in np.flatnonzero(is_candidate).tolist():
-            is_next = run > 0 and bool(is_candidate[row - 1])
-            run = run + 1 if is_next else 1
-            if run == needed:
-                first = row - needed + 1
+            continues_run = run_length > 0 and bool(is_candidate[row - 1])
+            run_length = run_length + 1 if continues_run else 1
+            if run_length == needed_windows:
+                first = row - needed_windows + 1
                 angles = record.angle[first : row + 1]
                 known = angles[np.isfinite(angles)]
                 angle = float(np.median(known)) if len(known) else None
@@ -260,7 +285,10 @@ class _RestRecord:
 
 @cached_per_vehicle()
 def _rest_record(signals: Signals, boot: int) -> _RestRecord | None:
-    """Judges rest and pose of a boot, window by window; None if the body rates were not recorded.
+    """Judges in each window of a boot whether the vehicle rests on the ground, and how far it is from upright.
+
+    A still vehicle rests if its motors are too slow to carry it. Beyond ``SIDE_ANGLE`` it rests whatever they do, since
+    nothing hovers on its side. None if the body rates were not recorded.
 
     Args:
         signals: signals of the vehicle.

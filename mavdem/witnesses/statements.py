@@ -1,4 +1,4 @@
-"""Statements of witnesses: facts that speak for an event or against it, and what an event is worth by them."""
+"""Statements of witnesses: facts that support or contradict an event, and how they decide the event's level."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -63,7 +63,7 @@ def contradicting_statements(witnesses: Iterable[Fact]) -> Facts:
 
 
 def support_count(witnesses: Iterable[Fact]) -> int:
-    """Returns how many independent witnesses support the event."""
+    """Returns how many independent witnesses support the event: the number of different ``SOURCES`` they rest on."""
     sources = set()
     for fact in supporting_statements(witnesses):
         code = Witness(fact.code)

@@ -144,14 +144,18 @@ def with_oscillation_torque_marked(learned: Learned, oscillates: bool) -> Learne
 
 
 def _overridden(finding: Finding, override: Fact) -> Finding:
-    """Lowers the grade of a finding because the flight itself is doubtful.
+    """Returns a finding of a flight that is itself doubtful: it is not GOOD, and its reason names the doubt.
 
-    A GOOD finding becomes LIMITED. Another one keeps its grade and its reason, because it is not the flight that
-    lowered it. In an oscillation the figures of a finding mean nothing, so its reason is replaced.
+    A GOOD finding becomes LIMITED, and any other keeps its grade.
 
     Args:
         finding: what the model is good for, by its figures alone.
         override: what makes the flight doubtful.
+
+    Returns:
+        The finding with a reason of the code ``FLIGHT_DOUBTED``, which wraps two others. Its ``because`` is the former
+        reason, left out in an oscillation, in which the figures mean nothing. Its ``override`` is the doubt on the
+        flight, left out where the grade is low by the figures alone and the vehicle does not oscillate.
     """
     is_lowered = finding.grade is Grade.GOOD
     oscillates = override.code is Override.OSCILLATION

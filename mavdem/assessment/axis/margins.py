@@ -36,7 +36,7 @@ USUAL_MARGINS = MARGIN_TARGETS["default"]
 """The usual margins: a loop that has less is to be watched."""
 
 SETPOINT_WAS_LOGGED = (Loops.CROSSOVER_UNSEEN, Loops.LOOP_NOT_FOUND, Loops.MARGIN_UNCERTAIN)
-"""Reasons why a loop is not identified although the setpoint of the rate was logged and excited it."""
+"""Reasons why a loop is not identified although the log has a setpoint of the rate that excited the axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +55,11 @@ class AxisMargins:
 
     @cached_property
     def facts(self) -> Facts:
-        """What is known of the margins, with a level; figures that decide nothing are left out.
+        """What is known of the stability margins: at most two facts, each good, to be watched or bad.
 
-        The measurement by an injected signal goes before the identified loop, and that before a peak of the spectrum.
-        The response of the rate to its setpoint is a second, independent fact.
+        The first fact is of the best source that the log has: the measurement by an injected signal, else the
+        identified loop, else a peak of the spectrum. The response of the rate to its setpoint is a second, independent
+        one. A fact of the level "unknown", whose interval holds the limit, is left out.
         """
         facts = []
         if self.injected is not None:
@@ -66,8 +67,9 @@ class AxisMargins:
         elif isinstance(self.loop, Loop):
             facts.append(_loop_fact(self.loop))
         elif self.peak is not None:
-            fact = _figures_fact(MarginsLight.RATE_STANDS_OUT, None, self.peak)
+            fact = _peak_fact(MarginsLight.RATE_STANDS_OUT, None, self.peak)
             if isinstance(self.loop, Fact) and self.loop.code in SETPOINT_WAS_LOGGED:
+                # The usual advice, to log the setpoint, would not help: the reason why there is no loop is added.
                 fact = fact.but(because=self.loop)
             facts.append(fact)
         if self.response is not None:
@@ -215,11 +217,11 @@ def resonance_fact(resonance: Resonance) -> Fact:
         # A response that was measured only up to a low frequency may rise again where the rate loop crosses over.
         if resonance.rolls_off and resonance.max_frequency >= MAX_LOOP_FREQUENCY / 2:
             level = Level.GOOD
-    return _figures_fact(code, level, resonance)
+    return _peak_fact(code, level, resonance)
 
 
-def _figures_fact(code: MarginsLight, level: Level | None, resonance: Resonance) -> Fact:
-    """Returns a fact with the figures of a resonance.
+def _peak_fact(code: MarginsLight, level: Level | None, resonance: Resonance) -> Fact:
+    """Returns a fact that states the peak of a response or spectrum with its figures.
 
     Args:
         code: what the fact says.

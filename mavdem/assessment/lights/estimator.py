@@ -33,6 +33,9 @@ from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio, mavlink_
 INNOVATIONS = tuple(EstimatorRatio)
 """The innovations that are judged, in the order of the columns of :func:`innovation_ratios`."""
 
+GLITCH_COLUMN = len(INNOVATIONS)
+"""Index of the column of :func:`innovation_ratios` that says whether the GPS position jumped, after the ratios."""
+
 INNOVATION_FIELDS = {
     "EKF_STATUS_REPORT": (
         "velocity_variance",
@@ -143,16 +146,20 @@ def rejection_in(time: Array, ratios: Array, limit: float) -> Rejection:
 
     Args:
         time: (N,) s.
-        ratios: (N, 4) of the ``INNOVATIONS``.
-        limit: of the ratios.
+        ratios: (N, 4) of the ``INNOVATIONS``, each an innovation over what the filter's own test accepts.
+        limit: the ratio from which on the autopilot doubts its filter (:func:`innovation_limit`).
     """
     exceeds = ratios >= limit
     velocity, position, _, compass = exceeds.astype(float).T
-    doubts = velocity + (ratios[:, 0] >= 2 * limit) + position + compass
+    velocity_ratio, _, _, _ = ratios.T
+    # How many of the three doubt the filter, at each sample; a very large velocity counts twice.
+    doubts = velocity + (velocity_ratio >= 2 * limit) + position + compass
     durations = [longest_true_duration(time, column) for column in exceeds.T]
     largest_ratios = ratios.max(axis=0)
     # Of several that exceeded it equally long, or not at all, the largest is named.
-    worst = max(range(len(INNOVATIONS)), key=lambda row: (durations[row], largest_ratios[row]))
+    worst = max(
+        range(len(INNOVATIONS)), key=lambda column: (durations[column], largest_ratios[column])
+    )
     return Rejection(
         INNOVATIONS[worst],
         float(largest_ratios[worst] / limit),
@@ -163,14 +170,21 @@ def rejection_in(time: Array, ratios: Array, limit: float) -> Rejection:
 
 
 def innovation_limit(telemetry: Telemetry) -> float:
-    """Returns the innovation ratio from which on the filter is doubted."""
+    """Returns the innovation ratio from which on the autopilot doubts its filter.
+
+    It is the limit of PX4's own test or, for ArduPilot, the parameter FS_EKF_THRESH, whose value 0 disables the
+    failsafe; then, or without the parameter, its default counts.
+
+    Args:
+        telemetry: autopilot and parameters of the vehicle.
+    """
     if telemetry.autopilot == "PX4":
         return PX4_INNOVATION_LIMIT
     return telemetry.parameters.get("FS_EKF_THRESH", 0.0) or ARDUPILOT_INNOVATION_LIMIT
 
 
 def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
-    """Yields for each flight how large the innovations of the instance that flew were.
+    """Yields a fact for each flight on how large the innovations of the estimator were, of the instance that flew.
 
     The filter is doubted if one innovation exceeds the autopilot's limit for ``FAILSAFE_SECONDS``, and bad where
     ArduCopter's failsafe would have acted too.
@@ -210,22 +224,30 @@ def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
 
     Args:
         telemetry: messages of the vehicle, with the table of all instances.
-        flight: samples of the flight.
+        flight: samples of the flight; only its boot and times are used.
+
+    Returns:
+        Such as "core 1"; empty if no instance was logged during the flight.
     """
     instances = telemetry.messages[INSTANCES_MESSAGE]
-    is_read = instances["is_primary"] > 0
-    if not is_read.any():
-        is_read = ~is_read
-    rows = is_read & (instances["boot"] == flight.boot[0])
+    # Where the instance that flew was not logged, the ratios are those of another one.
+    is_source = instances["is_primary"] > 0
+    if not is_source.any():
+        is_source = ~is_source
+    rows = is_source & (instances["boot"] == flight.boot[0])
     rows &= (instances["time"] >= flight.time[0]) & (instances["time"] <= flight.time[-1])
     numbers, counts = np.unique(instances["instance"][rows], return_counts=True)
     return instance_name(telemetry, int(numbers[counts.argmax()])) if len(numbers) else ""
 
 
 def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
-    """Yields each instance of the estimator that rejected a measurement in flight while another one flew.
+    """Yields a fact for each spare instance of the estimator that rejected a measurement in flight.
 
-    The vehicle flies on, but with less to fall back upon.
+    A spare runs beside the primary instance, which flies the vehicle. The flight goes on if a spare fails, but then
+    fewer can take over.
+
+    Args:
+        evidence: what the log shows of the vehicle.
     """
     telemetry = evidence.signals.telemetry
     columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
@@ -249,14 +271,21 @@ def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _glitches(evidence: Evidence) -> Iterator[Fact]:
-    """Yields each flight in which the filter reported a jump of the GPS position while a receiver had one.
+    """Yields a fact for each flight in which the filter reported that the GPS position jumped (a "glitch").
 
-    Without a receiver, or a fix, the filter's flag has no meaning.
+    The filter's flag counts only while a receiver has a position fix: without one, there is no position to jump.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Yields:
+        Facts with the time of the first jump, s since boot, and as ``duration`` the longest time, s, that the flag was
+        set without a break.
     """
     telemetry = evidence.signals.telemetry
     for flight in evidence.in_flight(innovation_ratios(telemetry)):
         has_fix = has_position_fix(telemetry, int(flight.boot[0]), flight.time)
-        is_glitching = (flight.values[:, -1] > 0) & has_fix
+        is_glitching = (flight.values[:, GLITCH_COLUMN] > 0) & has_fix
         if is_glitching.any():
             yield Fact(
                 EstimatorLight.GPS_GLITCHED,
@@ -267,6 +296,9 @@ def _glitches(evidence: Evidence) -> Iterator[Fact]:
 
 def innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
     """Returns how far the estimator's measurements are from its predictions, relative to what it accepts.
+
+    An innovation is a measurement minus its prediction by the filter. Its ratio is 1 where the filter's test just
+    accepts the measurement. The first message that has all ratios is taken: ArduPilot's or PX4's.
 
     Args:
         telemetry: messages of the vehicle.
@@ -319,13 +351,14 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _best_receiver(evidence: Evidence) -> TimeSeries | None:
-    """Returns fix type, satellites and dilution (N, 3) of the receiver with most satellites with a fix in flight.
+    """Returns the samples of the GPS receiver that had the most satellites in flight, on average with a 3D fix.
 
     Args:
         evidence: what the log shows of the vehicle.
 
     Returns:
-        The samples, dilution in hundredths; None where no receiver was recorded.
+        (N, 3) fix type, number of satellites, and horizontal dilution (HDOP) in hundredths; None where no receiver was
+        recorded.
     """
     best = None
     most_satellites = -1.0

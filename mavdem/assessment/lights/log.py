@@ -98,7 +98,7 @@ def _damage(telemetry: Telemetry) -> Fact | None:
 
 
 def _longest_gap(evidence: Evidence, attitude: Attitude) -> float:
-    """Returns the longest time without attitude in flight, s.
+    """Returns the longest time between two samples of the attitude in flight, s; 0 without flight.
 
     Args:
         evidence: the flights of the vehicle.
@@ -113,8 +113,8 @@ def _longest_gap(evidence: Evidence, attitude: Attitude) -> float:
 def _log_of_other_vehicle(evidence: Evidence) -> Fact:
     """Judges how well the log recorded a vehicle that is no multirotor, of which no model is learned.
 
-    So no rate is too slow, and the outputs of its motors do not count: only gaps of the attitude do, and dropouts of
-    the logger.
+    Without a model no rate is too slow, and the outputs of the motors do not matter. Only gaps of the attitude in
+    operation, and messages that the logger lost ("dropouts"), count.
 
     Args:
         evidence: the signals of the vehicle, and when it operated.

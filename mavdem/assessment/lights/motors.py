@@ -62,9 +62,10 @@ def motors_light(evidence: Evidence) -> Fact:
 
 
 def _has_full_throttle(evidence: Evidence) -> bool:
-    """Returns whether an event drove all motors to their limits, which then says nothing about the motors.
+    """Returns whether the flight had full throttle for a known reason, so that limits say nothing about the motors.
 
-    A height controller that follows a diverged height does so, and so does the end of a dive.
+    The reasons are a height estimate that diverged, since the height controller follows it at full throttle, and the
+    recovery from a dive.
     """
     for event in evidence.events:
         if event.code is MotionEvent.DIVED:
@@ -81,11 +82,14 @@ def _motor_names(evidence: Evidence) -> tuple[str, ...]:
 
 
 def _events_of_motors(evidence: Evidence) -> list[Fact]:
-    """Returns the events that show trouble of one motor, the most telling first.
+    """Returns the events that show trouble of one motor of this vehicle, the one to name in the light first.
 
-    They are the ending of the flight and warnings of some kinds in flight, as far as their subject is a motor of this
-    vehicle. Events without a figure of the lost thrust come first, then losses of thrust by their size, and equal ones
-    by their duration; last, without a hover, a moment at the limit.
+    The order is: how the flight was lost, if that names a motor; warnings in flight without a figure of the lost
+    thrust, such as a motor that was off; losses of thrust, the largest first, equal ones by their duration; and, if no
+    hover was measured, the longest moment at a limit.
+
+    Args:
+        evidence: what the log shows of the vehicle.
     """
     codes: list[Code] = [
         InFlight.MOTOR_LOST_THRUST,
@@ -96,7 +100,8 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     ]
     names = _motor_names(evidence)
     facts = [fact for fact in evidence.warnings_in_flight(codes) if fact.subject in names]
-    # The figure "rise" is by how much the motor's command rose to make up for its loss.
+    # The figure "rise" is by how much the motor's command rose to make up for its loss, as a share of the range. An
+    # event without it, which is no gradual loss, counts as infinitely large.
     facts.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_duration(fact)))
     ending = evidence.ending
     if ending is not None and ending.subject in names:
@@ -108,14 +113,18 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
 
 
 def _moments_at_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
-    """Returns the longest event of the motor that was at its limit the most, or that several motors were there alike.
+    """Returns which motor was at its upper limit for the longest time in flight, or that several were alike.
+
+    The times at the limit of all events of a motor are added. Motors with at least half of the longest time are alike
+    (:func:`mavdem.motors.saturation.most_limited_motors`) and named together: then no single motor is weak.
 
     Args:
         evidence: what the log shows of the vehicle.
         names: names of its motors.
 
     Returns:
-        One fact; none if no motor was at its limit.
+        A list with one fact: of one motor, its longest event; of several, a fact with their names and the time of the
+        first event. It is empty if no motor was at its limit.
     """
     events = list(evidence.warnings_in_flight([MotionEvent.MOTOR_AT_ITS_STOP]))
     times_at_limit = dict.fromkeys(names, 0.0)

@@ -84,11 +84,14 @@ def power_light(evidence: Evidence) -> Fact:
 
 
 def _constant_voltages(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator[Fact]:
-    """Yields the voltage of each battery of a vehicle with several that is not measured in flight.
+    """Yields a fact for each battery that was recorded but not measured in flight: its sensor is not connected.
 
     Args:
         evidence: what the log shows of the vehicle.
-        batteries: those that are measured.
+        batteries: those that were measured in flight, which are left out.
+
+    Yields:
+        Facts with the number of the ``battery`` and its largest ``voltage``, V.
     """
     measured = {battery.number for battery in batteries}
     for battery in evidence.signals.batteries:
@@ -114,7 +117,7 @@ def batteries_in_flight(evidence: Evidence) -> list[Battery]:
 
 
 def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
-    """Returns how the voltage of a battery held in flight.
+    """Judges whether the voltage of a battery stayed above its limits in flight.
 
     The samples are averaged over 2 s and sorted. What decides is the voltage that they stay below for
     ``LOW_VOLTAGE_SECONDS`` in total, so that a short sag under a burst of thrust counts for nothing.
@@ -189,7 +192,7 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
 
 
 def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
-    """Yields how the supply voltage of the autopilot's board held in flight; nothing if it was not measured.
+    """Judges the supply voltage of the autopilot's board in flight; yields nothing if it was not measured.
 
     A supply that falls may reset the autopilot in the air. It is low below ``BOARD_VOLTAGE_LIMITS``, and otherwise it
     fell if its lowest value is ``MAX_BOARD_VOLTAGE_DROP`` below its median.

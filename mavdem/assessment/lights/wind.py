@@ -59,7 +59,17 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
 
 
 def _other_core(telemetry: Telemetry) -> dict[str, Any]:
-    """Returns the figure ``name`` with the message of the velocity, where it is of another core than the primary."""
+    """Returns a further figure of the wind, where the velocity behind it is of another core than the primary one.
+
+    ArduPilot runs several instances ("cores") of its estimator. Where the log lacks the primary one, another was read,
+    and the reader of the light should know.
+
+    Args:
+        telemetry: messages of the vehicle, and the repairs that were made as they were read.
+
+    Returns:
+        The name of the velocity's message in the log as ``name``; empty if the primary core was read.
+    """
     name = telemetry.name_in_source("LOCAL_POSITION_NED")
     is_other_core = any(
         name in repair.figures["names"]
