@@ -2,7 +2,7 @@
 
 In an automatic height mode the autopilot follows its estimate: one that falls makes the vehicle climb at full throttle,
 whatever the stick asks for. The cause is the accelerometer, whose error the estimator integrates: a wrong scale or
-offset, or vibration that it rectifies.
+offset, which it has at rest too, or vibration that it rectifies.
 """
 
 from collections.abc import Iterator
@@ -18,6 +18,7 @@ from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Witness
 from mavdem.vibration.vibration_message import reported_vibration
+from mavdem.witnesses.accelerometer import AccelerometerWitness
 from mavdem.witnesses.height import MIN_CONTRADICTION_SECONDS
 from mavdem.witnesses.scene import Scene
 from mavdem.witnesses.sensors import throttle_stick
@@ -41,6 +42,9 @@ above."""
 MAX_FORCE_ERROR = 0.4
 """Deviation, m/s², of the mean upward force in flight from gravity and the barometer's acceleration, that condemns the
 accelerometer. It is 0.04 in sound flights and 0.5 to 3.4 in those whose height ran away."""
+
+MIN_REST_SHARE = 0.5
+"""Share of the accelerometer's error in flight from which on the error at rest explains it; a choice."""
 
 CONTEXT_SECONDS = 5.0
 """Seconds before the divergence over which the accelerometer is averaged too: its error is integrated first."""
@@ -143,7 +147,8 @@ def _divergence(scene: Scene, interval: Interval) -> Fact | None:
 def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
     """Returns that the accelerometer measures a wrong force, at rest or in flight; None if it does not.
 
-    In flight the mean upward force must be gravity plus the acceleration that the barometer shows.
+    An error at rest is the cause if it explains at least ``MIN_REST_SHARE`` of the error in flight, or that is not
+    known. Otherwise vibration is, which the accelerometer feels in flight only.
 
     Args:
         scene: sensors of the boot.
@@ -152,9 +157,41 @@ def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
     accelerometer = scene.accelerometer
     if accelerometer is None:
         return None
-    if accelerometer.is_sound is False:
-        gravity = accelerometer.gravity_at_rest
-        return supporting_statement(Witness.GRAVITY_WRONG, part="at rest", acceleration=gravity)
+    flight_error = _force_error(scene, accelerometer, interval)
+    gravity = accelerometer.gravity_at_rest
+    is_wrong_in_flight = flight_error is not None and abs(flight_error) > MAX_FORCE_ERROR
+    if gravity is not None and accelerometer.is_sound is False:
+        is_explained = flight_error is None
+        if flight_error is not None and is_wrong_in_flight:
+            is_explained = (gravity - GRAVITY) / flight_error >= MIN_REST_SHARE
+        if is_explained:
+            return supporting_statement(Witness.GRAVITY_WRONG, part="at rest", acceleration=gravity)
+    if flight_error is None or not is_wrong_in_flight:
+        return None
+    # What a sound accelerometer would have measured is taken away, so that the figure compares with gravity.
+    return supporting_statement(
+        Witness.GRAVITY_WRONG,
+        part="in flight",
+        acceleration=GRAVITY + flight_error,
+        gravity=gravity,
+    )
+
+
+def _force_error(
+    scene: Scene, accelerometer: AccelerometerWitness, interval: Interval
+) -> float | None:
+    """Returns the error, m/s², of the mean upward force that the accelerometer measured around a divergence.
+
+    The mean must be gravity plus the acceleration that the barometer shows.
+
+    Args:
+        scene: sensors of the boot.
+        accelerometer: of the boot.
+        interval: of the divergence, s since boot.
+
+    Returns:
+        None where barometer or attitude are not known, or there are no samples.
+    """
     climb = scene.height.barometer_climb
     angles = []
     for tilt in scene.signals.tilts:
@@ -172,11 +209,7 @@ def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
     upward = float(-down[rows].mean())
     before, after = np.interp([start, end], climb.time, climb.values)
     expected = GRAVITY + (after - before) / (end - start)
-    if abs(upward - expected) <= MAX_FORCE_ERROR:
-        return None
-    # What a sound accelerometer would have measured is taken away, so that the figure compares with gravity.
-    acceleration = upward - expected + GRAVITY
-    return supporting_statement(Witness.GRAVITY_WRONG, part="in flight", acceleration=acceleration)
+    return upward - expected
 
 
 def _vibration(scene: Scene, interval: Interval) -> Fact | None:

@@ -34,7 +34,8 @@ URGENT_EVENTS = (
     Reported.CRASH_DETECTED,
 )
 """Losses, failsafes, restarts and impacts, the most important first. Even where they are only to be watched, they rank
-above every light: a trim or vibration does not matter beside a vehicle that fell."""
+above every light: a trim or vibration does not matter beside a vehicle that fell. Only a log that ends in the air ranks
+below a light that is bad."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +88,9 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     """Returns the worst that was found, which is shown first.
 
     The order is: that the vehicle did not fly; a restart in flight; how the flight was lost; other bad events; losses,
-    failsafes and impacts that are to be watched, or the bad power or estimator behind them; bad lights; without a
-    flight, why there is none; what else is to be watched; and that nothing is wrong with what was checked.
+    failsafes and impacts that are to be watched, or the bad power or estimator behind them; bad lights; a log that ends
+    in the air; without a flight, why there is none; what else is to be watched; and that nothing is wrong with what was
+    checked.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -106,8 +108,11 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     bad_events = [fact for fact in (*ending, *evidence.events) if fact.is_bad]
     restarts = [fact for fact in evidence.events if fact.code is Reported.RESTARTED_IN_FLIGHT]
     urgent = _urgent_warnings(evidence)
+    # A log that ends in the air only may have ended in a loss, so that what is certainly wrong comes first.
+    open_ends = [fact for fact in urgent if fact.code is MotionEvent.LOG_ENDED_IN_AIR]
+    urgent = [fact for fact in urgent if fact.code is not MotionEvent.LOG_ENDED_IN_AIR]
     bad_lights = [fact for fact in (*vehicle_lights, *other_lights) if fact.is_bad]
-    # A battery or an estimator that is bad is the reason for a failsafe, and for a log that ends in the air.
+    # A battery or an estimator that is bad is the reason for a failsafe.
     reasons = [lights[name] for name in (Light.POWER, Light.ESTIMATOR) if lights[name].is_bad]
     if urgent and reasons:
         urgent = reasons
@@ -120,6 +125,8 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
         return urgent[0]
     if bad_lights:
         return _largest_of_first_kind(bad_lights)
+    if open_ends:
+        return open_ends[0]
     if not evidence.has_operated:
         return _reason_on_ground(evidence)
     # Attitudes far from their setpoint come first, and warnings of the autopilot last.

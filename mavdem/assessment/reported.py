@@ -74,7 +74,7 @@ SENSOR_FAULTS = {
     "SENSOR_ABSOLUTE_PRESSURE": Fault(Reported.SENSOR_FAILED, "barometer"),
     "SENSOR_GPS": Fault(Reported.SENSOR_FAILED, "gps"),
     "SENSOR_RC_RECEIVER": Fault(Reported.RADIO_LOST),
-    "AHRS": Fault(Reported.ESTIMATOR_DIVERGED),
+    "AHRS": Fault(Reported.ESTIMATOR_DIVERGED, "attitude"),
 }
 """Faults by the bits of SYS_STATUS: the name of the bit is MAV_SYS_STATUS_ and the key (MAV_SYS_STATUS_SENSOR)."""
 

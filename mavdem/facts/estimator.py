@@ -12,4 +12,5 @@ class EstimatorLight(Code):
     FIX_POOR = "fix_poor"
     GPS_GLITCHED = "gps_glitched"
     COMPASS_DISTURBED = "compass_disturbed"
+    ACCELEROMETER_WRONG = "accelerometer_wrong"
     ESTIMATOR_UNMEASURED = "estimator_unmeasured"

@@ -161,7 +161,8 @@ def test_losses_failsafes_and_impacts_rank_above_trims_and_vibration(known, even
     assert headline(lights(**known), events=events).code is code
 
 
-def test_a_bad_battery_is_named_and_not_the_log_that_ends_in_the_air_for_it():
-    known = lights(power="bad")
+@mark.parametrize("name", ["power", "motors", "vibration"])
+def test_a_bad_light_ranks_above_a_log_that_ends_in_the_air(name):
+    known = lights(**{name: "bad"})
     ended = event(MotionEvent.LOG_ENDED_IN_AIR, height=9.0)
-    assert headline(known, events=(ended,)) is known["power"]
+    assert headline(known, events=(ended,)) is known[name]

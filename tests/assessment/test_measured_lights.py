@@ -31,6 +31,7 @@ from mavdem.assessment.lights.wind import wind_light
 from mavdem.assessment.mean_interval import MeanFigure
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.facts.log import LogLight, Simulator
@@ -257,6 +258,27 @@ def test_what_the_autopilot_warns_of_in_flight(time, level):
     known = evidence(changed(filtered(), "SYS_STATUS", **powered))
     known = replace(known, events=(warned, flagged))
     assert estimator_light(known).level == level and power_light(known).level == level
+
+
+def test_a_height_that_diverged_in_flight_makes_the_estimator_bad():
+    diverged = Fact(MotionEvent.HEIGHT_DIVERGED, time=30.0, boot=0, climb_rate=-2.0, speed=2.0)
+    light = estimator_light(replace(evidence(filtered()), events=(diverged,)))
+    assert (light.code, light.level) == (MotionEvent.HEIGHT_DIVERGED, "bad")
+
+
+@mark.parametrize("force, level", [(9.8, "good"), (8.4, "watch")])
+def test_an_accelerometer_that_is_wrong_at_rest_is_to_be_watched(force, level):
+    telemetry = changed(filtered(), "HIGHRES_IMU", **columns(TIME, xacc=0.0, yacc=0.0, zacc=-force))
+    noise = 1e-3 * np.random.default_rng(5).standard_normal(
+        len(telemetry.messages["ATTITUDE"]["time"])
+    )
+    assert estimator_light(evidence(changed(telemetry, "ATTITUDE", rollspeed=noise))).level == level
+
+
+def test_a_constant_supply_is_not_denied():
+    light = power_light(evidence(measured("POWER_STATUS", Vcc=5000.0)))
+    assert light.code is PowerLight.POWER_UNMEASURED
+    assert "supply reads 5.00 V throughout" in light.sentence
 
 
 def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():

@@ -99,6 +99,17 @@ def test_the_accelerometer_is_the_cause_of_a_height_that_diverges():
     assert cause.figures["acceleration"] == approx(8.0)
 
 
+def test_vibration_is_the_cause_where_the_error_at_rest_does_not_explain_that_in_flight():
+    made = height_runaway()
+    time = stamps(made, "HIGHRES_IMU")
+    is_shaken = (time > EVENT - 5.0) & (time < EVENT + 5.0)
+    made = changed(made, "HIGHRES_IMU", zacc=np.where(is_shaken, -2.0, -8.8))
+    cause = judged(made)[0][MotionEvent.HEIGHT_DIVERGED].figures["cause"]
+    assert cause.figures["part"] == "in flight"
+    assert cause.figures["acceleration"] == approx(2.0, abs=1.0)
+    assert "from 8.8 m/s² at rest" in cause.sentence
+
+
 @mark.parametrize("mode", ["Stabilize"])
 def test_where_the_stick_is_the_thrust_no_height_is_followed(mode):
     assert MotionEvent.HEIGHT_DIVERGED not in judged(height_runaway(mode))[0]

@@ -9,7 +9,7 @@ from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts.events import Reported
-from mavdem.ingest.vocabulary import NO_SEVERITY
+from mavdem.ingest.vocabulary import NO_SEVERITY, mavlink_constant
 
 HOVER = Hover()
 FLOWN = HOVER.telemetry(10.0, 10.0)
@@ -218,6 +218,16 @@ def test_a_sensor_that_is_used_and_not_healthy_failed():
     telemetry = changed(FLOWN, "SYS_STATUS", **columns(TIMES, **fields))
     (fact,) = events(telemetry, Reported.SENSOR_FAILED, Reported.RADIO_LOST)
     assert (fact.subject, fact.time, fact.until) == ("barometer", 20.0, 24.0)
+
+
+def test_the_health_of_the_attitude_is_no_variance_of_the_filter():
+    attitude = mavlink_constant("MAV_SYS_STATUS_AHRS")
+    sensors = {"present": attitude, "enabled": attitude, "health": np.where(LOST, 0, attitude)}
+    fields = {f"onboard_control_sensors_{name}": bits for name, bits in sensors.items()}
+    (fact,) = events(
+        changed(FLOWN, "SYS_STATUS", **columns(TIMES, **fields)), Reported.ESTIMATOR_DIVERGED
+    )
+    assert fact.sentence == "The autopilot reports that its attitude estimate is not healthy."
 
 
 def test_a_second_boot_is_a_restart():

@@ -9,7 +9,7 @@ from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst_fact
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
-from mavdem.dataset.intervals import longest_true_duration
+from mavdem.dataset.intervals import intersection, longest_true_duration
 from mavdem.dataset.position_fix import (
     FIX_3D,
     RECEIVER_MESSAGES,
@@ -17,6 +17,7 @@ from mavdem.dataset.position_fix import (
     UNKNOWN_SATELLITES,
     has_position_fix,
 )
+from mavdem.dataset.segments import recorded_spans
 from mavdem.dataset.time_series import (
     TimeSeries,
     clean_series,
@@ -24,11 +25,13 @@ from mavdem.dataset.time_series import (
     float_columns,
     recorded_series,
 )
-from mavdem.facts import Fact, Level
+from mavdem.facts import Code, Fact, Level
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio, mavlink_constant
+from mavdem.witnesses.accelerometer import accelerometer_witness
 
 INNOVATIONS = tuple(EstimatorRatio)
 """The innovations that are judged, in the order of the columns of :func:`innovation_ratios`."""
@@ -71,21 +74,24 @@ MIN_SATELLITES = 6
 MAX_FIELD_CHANGE = 0.3
 """Relative change of the compass's field by motors and currents up to which ArduPilot's documentation accepts it."""
 
-ESTIMATOR_REPORTS = {
+ESTIMATOR_EVENTS: set[Code] = {
     Reported.ESTIMATOR_DIVERGED,
     Reported.ESTIMATOR_SWITCHED,
     Reported.ESTIMATOR_RESET,
     Reported.GPS_JUMPED,
     Reported.GPS_LOST,
     Reported.SENSOR_FAILED,
+    MotionEvent.HEIGHT_DIVERGED,
+    MotionEvent.POSITION_LOST,
 }
-"""Reports of the autopilot in flight that concern the estimator."""
+"""Events in flight that concern the estimator: what the autopilot reports, and estimates that the motion refutes."""
 
 
 def estimator_light(evidence: Evidence) -> Fact:
     """Returns the worst of what the log shows of the state estimator in flight; unknown if the log has nothing of it.
 
-    That are the innovations of its filter, poor GPS fixes, a disturbed compass, and what the autopilot reported.
+    That are the innovations of its filter, poor GPS fixes, a disturbed compass, an accelerometer that is wrong at rest,
+    what the autopilot reported, and a height or position that was lost.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -103,7 +109,8 @@ def estimator_light(evidence: Evidence) -> Fact:
         *_spare_instances(evidence),
         *_poor_fixes(evidence),
         *_compass_disturbances(evidence),
-        *evidence.warnings_in_flight(ESTIMATOR_REPORTS),
+        *_wrong_accelerometers(evidence),
+        *evidence.warnings_in_flight(ESTIMATOR_EVENTS),
     ]
     if facts:
         return worst_fact(facts)
@@ -402,6 +409,23 @@ def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
             if abs(change) > MAX_FIELD_CHANGE:
                 yield Fact(EstimatorLight.COMPASS_DISTURBED, change=change)
         return
+
+
+def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
+    """Yields a fact for each boot with a flight in which the first accelerometer did not measure gravity at rest.
+
+    The estimator integrates its error, so that the height may run away in flight.
+
+    Yields:
+        Facts with the ``acceleration`` at rest, m/s².
+    """
+    for span in recorded_spans(evidence.signals):
+        accelerometer = accelerometer_witness(evidence.signals, span.boot)
+        has_flown = bool(intersection([(span.start, span.end)], evidence.flights(span.boot)))
+        if accelerometer is not None and has_flown and accelerometer.is_sound is False:
+            yield Fact(
+                EstimatorLight.ACCELEROMETER_WRONG, acceleration=accelerometer.gravity_at_rest
+            )
 
 
 def _field_strengths(field: Array) -> Array:

@@ -75,6 +75,7 @@ def power_light(evidence: Evidence) -> Fact:
             PowerLight.POWER_UNMEASURED,
             airborne=evidence.has_operated,
             voltage=max(volts, default=None),
+            voltage_usual=_constant_board_voltage(evidence),
         )
     worst = worst_fact(facts)
     if len(evidence.signals.batteries) > 1:
@@ -199,20 +200,12 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
 
     The fact has the lowest average over 2 s as ``voltage``, the median as ``voltage_usual``, and the limit, all in V.
     """
-    telemetry = evidence.signals.telemetry
     # A voltage that is constant was not measured.
-    for message in ("POWER_STATUS", "HWSTATUS"):
-        millivolts = recorded_series(telemetry, message, "Vcc")
-        if millivolts is None:
-            continue
-        lowest_possible, highest_possible = POSSIBLE_BOARD_VOLTAGE
-        volts = millivolts.values / 1000
-        possible = millivolts.select((volts >= lowest_possible) & (volts <= highest_possible))
-        if len(possible.time) and np.ptp(possible.values) > 0:
-            break
-    else:
-        return
-    averages = evidence.averages_in_flight(possible) / 1000
+    measured = None
+    for volts in _board_voltages(evidence):
+        if measured is None and np.ptp(volts.values) > 0:
+            measured = volts
+    averages = evidence.averages_in_flight(measured)
     if not len(averages):
         return
     lowest = averages.min()
@@ -234,6 +227,29 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
         voltage_usual=usual,
         voltage_limit=voltage_limit,
     )
+
+
+def _board_voltages(evidence: Evidence) -> Iterator[TimeSeries]:
+    """Yields for each message with the board's supply its possible voltages (N,), V, if it has any."""
+    lowest_possible, highest_possible = POSSIBLE_BOARD_VOLTAGE
+    for message in ("POWER_STATUS", "HWSTATUS"):
+        millivolts = recorded_series(evidence.signals.telemetry, message, "Vcc")
+        if millivolts is None:
+            continue
+        volts = TimeSeries(millivolts.time, millivolts.boot, millivolts.values / 1000)
+        possible = volts.select(
+            (volts.values >= lowest_possible) & (volts.values <= highest_possible)
+        )
+        if len(possible.time):
+            yield possible
+
+
+def _constant_board_voltage(evidence: Evidence) -> float | None:
+    """Returns the voltage of the board's supply, V, where the log has the same throughout; None otherwise."""
+    for volts in _board_voltages(evidence):
+        if np.ptp(volts.values) == 0:
+            return float(volts.values[0])
+    return None
 
 
 class _BatteryLoad(NamedTuple):
