@@ -133,10 +133,10 @@ def assess_signals(
 
 
 def _first_loss(events: Sequence[Fact], ending: Fact | None) -> Fact | None:
-    """Returns the first event after which the balance of the motors shows nothing; None if there was none.
+    """Returns the first event after which the outputs of the motors say nothing about the motors themselves.
 
     That is the loss of control, or a height estimate that diverged: a vehicle that follows a false height drives its
-    motors to their limits.
+    motors to their limits. None if there was no such event.
 
     Args:
         events: events of the log.

@@ -46,6 +46,7 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     flight = attitude_tracking(signals, boot)
     if flight is None or len(flight.time) < 2:
         return None
+    # Number of samples in the time that the vehicle has to follow a setpoint.
     window = max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(flight.time))))
     # Lowest and highest setpoint over the samples up to each one. SciPy centres its windows; this shift lets them end
     # with their sample.
@@ -60,7 +61,8 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     errors = np.where(is_unknown, error_without_setpoint, error_with_setpoint)
     roll_error, pitch_error = wrapped_angle(errors).T
     pitch = tilts[:, 1]
-    # Positive pitch is nose up, so that it leans the vehicle backward.
+    # The lean as a complex number: forward is real, right is imaginary. Positive pitch is nose up, so that it leans the
+    # vehicle backward; roll leans it the less, the more it is pitched.
     lean = 1j * roll_error * np.cos(pitch) - pitch_error
     return AttitudeError(
         time=flight.time,

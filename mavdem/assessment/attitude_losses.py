@@ -252,7 +252,9 @@ class _AttitudeLoss(NamedTuple):
     def _sink_rate(self, code: MotionEvent, onset: float) -> float | None:
         """Returns the largest speed downward of the loss that all height sensors confirm.
 
-        A vehicle that lost its attitude in the air falls afterwards. One that hit something had its speed before.
+        A vehicle that lost its attitude in the air falls afterwards, so that the speed is that from the onset on. One
+        that hit something had its speed before; the onset may be up to ``MAX_SETPOINT_DELAY`` after the impact, so that
+        twice that long before it is searched.
 
         Args:
             code: kind of the loss.
@@ -290,10 +292,18 @@ class _AttitudeLoss(NamedTuple):
     def _rotation(self, onset: float) -> Facts:
         """Returns whether the gyro confirms that the vehicle itself turned, and not only its setpoint.
 
+        The attitude must have changed by ``ONSET_ANGLE`` on one axis, and the integral of the body rates' size must
+        explain at least ``MIN_GYRO_SHARE`` of that change.
+
         Args:
-            onset: when the attitude began to leave its setpoint, s.
+            onset: when the attitude began to leave its setpoint, s since boot.
+
+        Returns:
+            One statement for or against the loss; none if there are too few samples.
         """
         end = min(self.end, self.start + RECOVERY_SECONDS, self.error.time[-1])
+        # The larger of roll and pitch: change of the angle (rad), integral of the absolute body rate (rad), and this
+        # rate itself (rad/s).
         largest_change = 0.0
         largest_turn = 0.0
         largest_rate = 0.0

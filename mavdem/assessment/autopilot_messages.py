@@ -128,16 +128,20 @@ def reported_problems(telemetry: Telemetry) -> list[Fact]:
 
 
 def _with_battery_levels(facts: Sequence[Fact]) -> list[Fact]:
-    """Returns the facts, those of a battery failsafe as a warning where a text calls the battery low.
+    """Returns the facts with battery failsafes turned from critical to a warning where a text calls the battery low.
 
-    ArduPilot's failsafe, an ERR or a text, is the same for a low and for a critical battery. The text about the battery
-    before it says which it was; without one it counts as critical.
+    ArduPilot reports the same failsafe, by an ERR message or a text, for a low and for a critical battery. A text about
+    the battery near it (:func:`_is_close`) says which it was; without one it counts as critical.
 
     Args:
         facts: what the autopilot reports.
+
+    Returns:
+        The same facts in the same order. A failsafe of a low battery has the code ``BATTERY_WARNED`` in place of
+        ``BATTERY_ALARMED``, and the usual level of that.
     """
     warnings = [fact for fact in facts if fact.code is Reported.BATTERY_WARNED]
-    levelled = []
+    corrected = []
     for fact in facts:
         is_failsafe = fact.code is Reported.BATTERY_ALARMED and (
             "error_code" in fact.figures or "failsafe" in fact.figures["text"].lower()
@@ -150,8 +154,8 @@ def _with_battery_levels(facts: Sequence[Fact]) -> list[Fact]:
                 subject=fact.subject,
                 **fact.figures,
             )
-        levelled.append(fact)
-    return levelled
+        corrected.append(fact)
+    return corrected
 
 
 def _is_close(first: Fact, second: Fact) -> bool:
@@ -258,7 +262,11 @@ def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
 def _problems_of_events(telemetry: Telemetry) -> Iterator[Fact]:
     """Yields the problems that ArduPilot logs as EV messages.
 
-    An event is a number. Most report no problem, such as "armed", and are missing from the table of meanings.
+    An event is a number. Most report no problem, such as "armed", and are missing from the table of meanings, the table
+    ``events`` of ``message_patterns.toml``.
+
+    Args:
+        telemetry: messages of the vehicle.
     """
     for time, boot, number in _rows_of_message(telemetry, "EV", "Id"):
         meaning = _MEANINGS["events"].get(str(number))
@@ -328,7 +336,8 @@ def _last_time(fact: Fact) -> float:
 def _is_repetition(earlier: Fact, later: Fact) -> bool:
     """Returns whether a ``later`` fact of the same code reports the ``earlier`` one again.
 
-    A report without a subject may be about the subject of the other.
+    It does if it follows within ``REPEAT_SECONDS`` and is about the same subject, such as "motor 2". A report that
+    names no subject may be about that of the other one.
     """
     subjects_agree = earlier.subject == later.subject or not earlier.subject or not later.subject
     return subjects_agree and (later.time or 0.0) - _last_time(earlier) <= REPEAT_SECONDS

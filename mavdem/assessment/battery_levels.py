@@ -19,13 +19,14 @@ CELL_VOLTAGE_LIMITS = Limits(3.3, 3.0)
 lithium cell is damaged below the second."""
 
 FULL_PERCENTILE = 99
-"""Percentile of the voltages of a log that is that of the full battery, without outliers."""
+"""Percentile of the voltages of a log that stands for the full battery: the highest, without outliers."""
 
 EMPTY_PERCENTILE = 5
-"""Percentile of the voltages of a log that is that of the battery when it was emptiest, without short sags."""
+"""Percentile of the voltages of a log that stands for the battery at its emptiest: the lowest, without short sags."""
 
 FULL_CELL_VOLTAGE = 4.2
-"""Voltage, V, of a full lithium cell, of which a battery of unknown cells is taken to have had its highest voltage."""
+"""Voltage, V, of a full lithium cell. The highest voltage of a battery with an unknown number of cells is taken for
+that of full cells."""
 
 LOW_VOLTAGE_PARAMETERS = ("{}LOW_VOLT", "FS_BATT_VOLTAGE")
 """ArduPilot's parameters of the voltage, V, at which it acts on a low battery; 0 for none. The last is of the first."""
@@ -89,10 +90,14 @@ def cell_count(parameters: Parameters, battery: Battery) -> int | None:
 
 
 def is_measured(parameters: Parameters, battery: Battery) -> bool:
-    """Returns whether a battery is connected to its sensor.
+    """Returns whether a battery is connected to its voltage sensor.
 
-    An open input of the sensor reads a constant voltage, or one that never exceeds the levels at which the autopilot
-    acts, and with which nobody would have taken off.
+    A sensor without a battery reads a constant voltage, or one that never exceeds the levels at which the autopilot
+    reports a low battery: nobody would have taken off with that.
+
+    Args:
+        parameters: of the autopilot, with those levels.
+        battery: with its voltages, V.
     """
     volts = battery.voltage.values
     # With 0 cells these are the levels of the autopilot's parameters alone.
@@ -101,10 +106,10 @@ def is_measured(parameters: Parameters, battery: Battery) -> bool:
 
 
 def batteries_worst_first(signals: Signals) -> list[Battery]:
-    """Returns the batteries of a vehicle, those that are measured first, and of these the emptiest.
+    """Returns the batteries of a vehicle, the emptiest first; those that are not measured come last.
 
-    They are compared by the voltage of a cell when they were emptiest. Where the number of cells is not known, a cell
-    is taken to have been full at the battery's highest voltage.
+    They are compared by the lowest voltage of a cell. Where the number of cells is not known, it is estimated as the
+    battery's highest voltage over ``FULL_CELL_VOLTAGE``.
     """
     parameters = signals.telemetry.parameters
 

@@ -106,7 +106,7 @@ class Condition(ImmutableResult):
 
 
 def condition_of(signals: Signals) -> Condition:
-    """Measures the condition of a vehicle, in settled flight where there is one.
+    """Measures the condition of a vehicle: motors, lean, vibration, battery and oscillation, mostly in settled flight.
 
     Args:
         signals: signals of the vehicle. They may have been prepared for a model with other inputs than the motors'

@@ -37,12 +37,16 @@ def falls(scene: Scene, interval: Interval) -> Iterator[Fact]:
     """Yields that the vehicle fell faster than ``FALL_SPEED``, if all height sensors confirm that.
 
     An estimate of the vertical speed that diverges looks like a fall. So the height, where it was recorded, must
-    decrease by at least the share ``SINK_AGREEMENT`` of the mean speed times the duration of the fall, and the
-    barometer must sink as fast.
+    decrease by at least the share ``SINK_AGREEMENT`` of the mean speed times the duration of the fall. A barometer that
+    contradicts the estimate must sink as fast too.
 
     Args:
         scene: sensors of the boot.
-        interval: start and end of the time to examine, s.
+        interval: start and end of the time to examine, s since boot.
+
+    Yields:
+        At most one event, from the first to the last sample of the estimate faster than ``FALL_SPEED``, with the
+        ``speed`` downward, m/s, and the height sensors as witnesses.
     """
     climb_rate = scene.climb_estimate
     if climb_rate is None:
@@ -69,6 +73,10 @@ def falls(scene: Scene, interval: Interval) -> Iterator[Fact]:
 
 def dives(scene: Scene, flight: Interval) -> Iterator[Fact]:
     """Yields dives of a flight: the throttle was closed, the vehicle sank fast, and it flew on afterwards.
+
+    A dive is intended and therefore good, but it explains high speeds and full throttle at its end. It must last for
+    ``MIN_DIVE_SECONDS`` and reach ``DIVE_SPEED`` by all height sensors, up to 1 s after the throttle was opened again:
+    the vehicle and the barometer's averages lag behind.
 
     Args:
         scene: sensors of the boot.
@@ -103,11 +111,18 @@ def dives(scene: Scene, flight: Interval) -> Iterator[Fact]:
 
 
 def _throttle_closed(scene: Scene, flight: Interval) -> TimeSeries | None:
-    """Returns whether the throttle was closed, 0 or 1: by the stick or, without one, by the motors; None without both.
+    """Returns whether the throttle was closed, at the samples of the motors' mean output.
+
+    The mean output must be below ``DIVE_COLLECTIVE_RATIO`` of its median in the flight. Where the pilot's stick was
+    recorded it must be near its lower end too, at up to twice ``CLOSED_STICK``: a pilot who dives need not close it
+    fully.
 
     Args:
         scene: sensors of the boot.
         flight: start and end of the flight, s since boot.
+
+    Returns:
+        (N,) 0 or 1, of the whole boot; None if no motor outputs were recorded in the flight.
     """
     collective = series_of_boot(scene.signals.collective, scene.boot)
     if collective is None:
@@ -125,7 +140,15 @@ def _throttle_closed(scene: Scene, flight: Interval) -> TimeSeries | None:
 
 
 def _flies_on(scene: Scene, flight: Interval, time: float) -> bool:
-    """Returns whether the vehicle was in the air for ``RECOVERY_SECONDS`` after a time, s, as far as that is known."""
+    """Returns whether the vehicle was still in the air ``RECOVERY_SECONDS`` after a time.
+
+    Flight and record must last so long, and the vehicle be above ``MAX_GROUND_HEIGHT``, if its height is known.
+
+    Args:
+        scene: sensors of the boot.
+        flight: start and end of the flight, s since boot.
+        time: s since boot.
+    """
     later = time + RECOVERY_SECONDS
     if min(flight[1], _record_end(scene)) < later:
         return False

@@ -86,9 +86,13 @@ def ending_of(
 
 
 def _throttle_closed(loss: Fact) -> Fact | None:
-    """Returns that the pilot closed the throttle before a vehicle toppled, by the witnesses of that; None otherwise.
+    """Returns that the pilot closed the throttle before a vehicle toppled over; None if nothing shows it.
 
-    Most pilots close it when they see that the vehicle topples: that is no cause.
+    It must be closed within ``FIRST_RESPONSE_SECONDS`` of the loss. Most pilots close it later, when they see that the
+    vehicle topples: that is a reaction and no cause.
+
+    Args:
+        loss: the event of the vehicle that toppled, with its witnesses, among which the closed throttle may be.
     """
     latest = (loss.time or 0.0) + FIRST_RESPONSE_SECONDS
     for witness in loss.figures["witnesses"]:
@@ -98,10 +102,12 @@ def _throttle_closed(loss: Fact) -> Fact | None:
 
 
 def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
-    """Returns the events with reports of a crash that no sensor confirms lowered to be watched.
+    """Returns all events, with the level of each report of a crash lowered to "watch" unless sensors confirm it.
 
-    ArduPilot's crash check also reports vehicles that never moved. A report counts where a loss by the motion is near,
-    or the sensors around it show a knock, a tumble, a fast descent or a lean; or where they cannot show any.
+    ArduPilot's crash check also reports vehicles that never moved. So the report is one witness of a crash, and the
+    usual rule decides (:func:`mavdem.witnesses.statements.weighed_event`): another one is needed. That is a loss by the
+    motion near the report, or a knock, a tumble, a fast descent or a lean that the sensors around it show. Where no
+    sensor was recorded that could show any of these, the report keeps its level.
 
     Args:
         signals: of the vehicle.

@@ -60,9 +60,9 @@ class Evidence:
 
     @property
     def other_vehicle(self) -> Fact | None:
-        """Why something is not judged that is judged of multirotors only; None of a vehicle that may be one.
+        """The reason why lights for multirotors only do not judge this vehicle; None for one that may be a multirotor.
 
-        What its sensors measure and its autopilot reports is judged of every vehicle.
+        What sensors measure and the autopilot reports is judged of every vehicle all the same.
         """
         kind = self.signals.telemetry.vehicle
         if kind in POSSIBLE_MULTIROTORS:
@@ -104,8 +104,9 @@ class Evidence:
     def reasons_not_to_fly(self) -> Facts:
         """Why the vehicle must not fly again as it is: it was lost, it oscillates, or a motor is at its limit.
 
-        Where there was no hover, which would show the share of the time at the limit, a moment at the limit counts.
-        Facts about such a vehicle are shown without advice to fly (:attr:`mavdem.facts.Fact.grounded`).
+        A motor at its limit is judged by its share of the hover or, where none was measured, by any moment at the
+        limit. It is empty if nothing speaks against flying, or the vehicle never flew. Facts about a vehicle that must
+        not fly are shown without advice to fly (:attr:`mavdem.facts.Fact.grounded`).
         """
         if self.not_flown is not None:
             return ()

@@ -47,7 +47,7 @@ CAUSES_OF_ALL_MOTORS = (
 """Causes that concern all motors alike, whatever the autopilot reports of one of them."""
 
 LANDING_PARAMETERS = ("MPC_THR_HOVER", "MPC_THR_MIN", "MOT_THST_HOVER", "MOT_SPIN_MIN")
-"""Parameters of the thrust by which PX4 and ArduPilot distinguish a landed vehicle from one that descends."""
+"""Parameters with levels of thrust, by which PX4 and ArduPilot distinguish a landed vehicle from one that descends."""
 
 ALIGNMENT_SHARE = 2 / 3
 """A direction belongs to a motor if it is within this share of half the angle between neighbouring motors: then it
@@ -285,8 +285,8 @@ def _failure_by_commands(
         signals: of the vehicle.
         boot: number of the boot.
         interval: while the attitude left its setpoint or the vehicle fell, s.
-        names_at_limit: motors that were at their limit some time before.
-        fall_direction: lean with which the vehicle fell, as in :func:`_weak_motor`.
+        names_at_limit: names of the motors that were at their limit before an impact.
+        fall_direction: lean with which the vehicle fell, as in :func:`_weak_motor`; None if it hit something.
     """
     motors = signals.motors
     if motors is None:
@@ -346,13 +346,14 @@ def _frozen_output(
 ) -> Fact | None:
     """Returns that the output of one motor was constant while the others worked to save the vehicle; None otherwise.
 
-    Exactly one motor must be constant, over several samples, while the commands of all motors vary much in the mean.
+    Exactly one motor must be constant, over ``MIN_FROZEN_SAMPLES``, while the range of the commands is on average
+    ``MIN_COMMAND_RANGE``. The constant command must be off the limits, at which a mixer itself may keep an output.
 
     Args:
         signals: of the vehicle.
         motors: its motors, k of them.
         commands: (N, k) as shares of the motors' range.
-        idle: the least command in flight. A mixer may hold an output at this or at the upper limit.
+        idle: the least command in flight, as a share of the range.
     """
     ranges = np.ptp(commands, axis=0)
     is_within_limits = (commands[0] > idle) & (commands[0] < motors.scale.stop - MIN_COMMAND_RANGE)
@@ -369,7 +370,9 @@ class _WeakMotor(NamedTuple):
     """Indices of a motor with too little thrust, and of the motor on the other side of the vehicle."""
 
     motor: int
+    """Index of the motor with too little thrust."""
     opposite: int
+    """Index of the motor across from it, which the controller throttles to level the vehicle."""
 
 
 def _weak_motor(
@@ -399,7 +402,7 @@ def _weak_motor(
     lift_direction = change @ positions
     if fall_direction is None:
         fall_direction = lift_direction
-    # The angle of a quotient of complex numbers is the angle between their directions.
+    # The angle of a quotient of complex numbers is the angle between their directions: (k,) from each motor.
     lift_angles = np.angle(lift_direction / positions)
     fall_angles = np.angle(fall_direction / positions)
     is_aligned = (abs(lift_angles) < max_angle) & (abs(fall_angles) < max_angle)

@@ -106,6 +106,7 @@ def height_in_flight(signals: Signals, boot: int, flight: Interval, time: float)
     """
     height = height_above_take_off(signals, boot, flight)
     take_off, _ = flight
+    # A flight that began before the log has no take-off to count from.
     if take_off == -inf:
         height = series_of_boot(signals.height, boot)
     return None if height is None else np.interp(time, height.time, height.values)

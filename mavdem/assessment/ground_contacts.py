@@ -121,7 +121,13 @@ class _Contact:
     """Events that the autopilot reports."""
 
     def event(self) -> Fact | None:
-        """Returns the contact as a fact; None if the flight ended in an ordinary landing, or goes on."""
+        """Returns the contact as a fact; None if the flight ended in an ordinary landing, or goes on.
+
+        1. The end of the search is when the vehicle rests; else the end of the record, if that is soon after the loss
+           or the flight; else some seconds after the loss of attitude.
+        2. The moment of the contact is sought in the ``SEARCH_SECONDS`` before (:meth:`_time`).
+        3. At least ``MIN_SUPPORT`` independent witnesses must support that it was no landing.
+        """
         rest = self._rest()
         record_end = float(self.error.time[-1])
         if rest is not None:
@@ -129,7 +135,7 @@ class _Contact:
         elif self._ends_soon(record_end):
             end = record_end
         elif self.loss is not None and self.loss.time is not None:
-            # A vehicle that was lost may lie with its motors running, which shake it.
+            # A vehicle that was lost may lie with its motors running. They shake it, so that it shows no rest.
             end = min(record_end, self.loss.time + SEARCH_SECONDS - MAX_SETPOINT_DELAY)
         else:
             return None
@@ -157,7 +163,10 @@ class _Contact:
         return is_slow and self._speed_lost_at_once((time - 1.0, time + 1.0)) is not None
 
     def _rest(self) -> Rest | None:
-        """Returns how the vehicle came to rest at the end of the flight; None if it did not."""
+        """Returns how the vehicle came to rest after its loss, or around the end of its flight; None if it did not.
+
+        It is sought for three times ``SEARCH_SECONDS``, since a vehicle that hit the ground may roll or slide on.
+        """
         if self.loss is not None:
             since = self.loss.time or self.flight[0]
         else:
@@ -174,10 +183,11 @@ class _Contact:
         return record_end - since < RECOVERY_SECONDS
 
     def _time(self, start: float, end: float) -> float | None:
-        """Returns when the vehicle touched the ground, s.
+        """Returns when the vehicle touched the ground, s since boot; None if nothing shows it.
 
-        The largest knock shows it. Without an accelerometer that is fast enough, the estimated speed that is lost at
-        once, or the loss of attitude near the ground, shows it.
+        The best sensor decides. That is the largest knock of the accelerometer, if it exceeds the vibration in flight;
+        then the loss of attitude, if that was near the ground; and, if no accelerometer is fast enough to show knocks,
+        the moment at which the estimated speed downward was lost.
 
         Args:
             start: beginning of the search, s since boot.
@@ -269,7 +279,11 @@ class _Contact:
     def _sinking(self, time: float) -> Facts:
         """Returns the fast descent before the contact, by each height sensor that shows it.
 
-        It is a witness only if the height sensors do not contradict each other.
+        The speed that all height sensors confirm must exceed ``MIN_SINK_RATE`` in the last seconds, so that an estimate
+        that runs away is no witness.
+
+        Args:
+            time: when the vehicle touched the ground, s since boot.
         """
         interval = (time - 3 * MAX_SETPOINT_DELAY, time)
         speed = self.scene.sink_rate(interval)
@@ -283,12 +297,19 @@ class _Contact:
         return float(self.error.magnitude[rows].max(initial=0.0))
 
     def _fact(self, time: float, rest: Rest | None, witnesses: Facts) -> Fact | None:
-        """Returns the fact of a contact, of the kind that height, speed, pose and stick show.
+        """Returns the event of a contact, of the kind that height, speed, pose and stick show.
+
+        A vehicle has toppled if it lost its attitude or rests on its side. It tipped over at take-off if it never rose,
+        toppled in its landing if it was about to land, and else hit the ground. One that stayed upright hit the ground
+        if it was faster than ``HARD_IMPACT_SPEED``, and else landed hard.
 
         Args:
             time: when the vehicle touched the ground, s since boot.
             rest: how it came to rest; None if the log ended before.
-            witnesses: what supports the contact.
+            witnesses: what supports the contact, and what contradicts it.
+
+        Returns:
+            The event, weighed by its witnesses; None for a slow, upright vehicle without a knock, which has landed.
         """
         speed = self.scene.sink_rate((time - 3 * MAX_SETPOINT_DELAY, time))
         # The tumble begins where the ground is touched, and its largest knock comes later.

@@ -171,6 +171,7 @@ def _events_of_flight(
     if contact is not None and loss is not None:
         is_ground_first = (contact.time or 0.0) <= (loss.time or 0.0)
         if is_ground_first or loss.code in CONTACTS:
+            # The contact tells the same event, and more exactly.
             loss = None
         else:
             # The vehicle was lost before; how it met the ground is of no further importance.
@@ -185,7 +186,7 @@ def _events_of_flight(
 
 
 def _until(flight: Interval, *events: Fact | None) -> Interval:
-    """Returns a flight until the first of some events, which may be None."""
+    """Returns the part of a flight before the first of some events, s since boot; events that are None do not count."""
     times = [event.time for event in events if event is not None and event.time is not None]
     return flight[0], min([flight[1], *times])
 
@@ -195,8 +196,13 @@ def _falls_of_flight(
 ) -> Iterator[Fact]:
     """Yields the fall of a flight, if there was one.
 
-    A fall follows a loss of attitude. Without one, it can only be seen before the contact with the ground, or around
-    the end of the flight.
+    The time in which a fall is sought depends on what else is known, so that a quick descent of an intact vehicle, or
+    an estimate that runs away after an impact, is not taken for one:
+
+    - from a loss of attitude to the contact with the ground;
+    - without a loss, in the ``RECOVERY_SECONDS`` before the contact, and until after the flight where the contact was
+      high above the ground, since the vehicle fell from there;
+    - without both, around the end of a record that has no landing.
 
     Args:
         scene: sensors of the boot.

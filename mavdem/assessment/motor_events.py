@@ -39,7 +39,7 @@ def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
         (start, end) in s, of those intervals that contain at least one run of ``LASTING_SECONDS`` without a gap.
     """
     runs = true_intervals(time, is_true)
-    # A run lasts until the sample after its last one.
+    # A run lasts until the sample after its last one; the last sample of all has none after it.
     next_time = np.append(time, time[-1])
     lasting_starts = []
     for start, end in runs:
@@ -80,12 +80,14 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
     is_off = _is_off(signals, motors, boot, commands.values)
     is_in_flight = in_intervals(commands.time, flights)
     is_off_ground = _has_left_ground(signals, boot, flights, commands.time)
+    # Each kind of event has its flags (N, k) by sample and motor, and the duration, s, above which it counts.
     for code, flags, min_duration in (
         (MotionEvent.MOTOR_AT_ITS_STOP, is_at_limit & is_off_ground[:, None], 0.0),
         (MotionEvent.MOTOR_OFF, is_off & is_in_flight[:, None], MAX_SETPOINT_DELAY),
     ):
         for name, motor_flags in zip(motors.geometry.names, flags.T, strict=True):
             for start, end in lasting_runs(commands.time, motor_flags, RECOVERY_SECONDS):
+                # A run that lasts to the end of the record has an infinite end.
                 length = min(end, commands.time[-1]) - start
                 if length <= min_duration:
                     continue
@@ -104,7 +106,8 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
 def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Array) -> Flags:
     """Returns (N,) whether the vehicle has left the ground in the flight so far, at N times.
 
-    Where no height was recorded, and in a flight that began before the record, it counts as off the ground.
+    It has from the first sample on that is more than ``MAX_GROUND_HEIGHT`` above the take-off. Where no height was
+    recorded, and in a flight that began before the record, it counts as off the ground throughout the flight.
 
     Args:
         signals: signals of the vehicle.

@@ -31,7 +31,7 @@ FAILSAFE_REPORTS = (Reported.FAILSAFE, Reported.ESTIMATOR_DIVERGED)
 """Reports of the autopilot that support a lost position."""
 
 REACTION_SECONDS = 3.0
-"""Seconds within which the autopilot reacts."""
+"""Seconds by which the reaction of the autopilot may come before the estimator reports the loss; a choice."""
 
 
 def position_losses(scene: Scene, flight: Interval, reports: Sequence[Fact] = ()) -> Iterator[Fact]:

@@ -152,7 +152,7 @@ def reported_events(signals: Signals) -> Facts:
 
 
 def _can_be(problem: Fact, signals: Signals) -> bool:
-    """Returns whether what the autopilot reports can have happened: without a position fix, no position jumps.
+    """Returns whether a reported problem is possible: without a position fix, the GPS position cannot have jumped.
 
     Args:
         problem: what the autopilot reports.

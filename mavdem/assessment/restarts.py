@@ -44,7 +44,10 @@ MAX_LATE_TAKE_OFF = 3.0
 """Time from the beginning, s, within which motors that run were never stopped: a choice; arming takes longer."""
 
 _WATCHDOG_TEXT = re.compile(r"^WDG\b|watchdog reset", re.IGNORECASE)
+"""Texts that report a watchdog reset in words."""
+
 _INTERNAL_ERROR_TEXT = re.compile(r"internal errors?\W+0x([0-9a-f]+)\b", re.IGNORECASE)
+"""Texts that report internal errors; the group is the mask of the errors, in hexadecimal."""
 
 WATCHDOG_ERROR = 0x800
 """Bit of ArduPilot's internal errors that stands for a watchdog reset."""
@@ -102,7 +105,7 @@ def _reports_watchdog(telemetry: Telemetry, span: Segment) -> bool:
 
 
 def _is_watchdog_text(message: StatusText) -> bool:
-    """Returns whether a text reports a watchdog reset, in words or by the mask of internal errors."""
+    """Returns whether a text reports a watchdog reset, in words or by its bit in the mask of internal errors."""
     if _WATCHDOG_TEXT.search(message.text):
         return True
     error_mask = _INTERNAL_ERROR_TEXT.search(message.text)
@@ -116,7 +119,14 @@ def _ends_in_air(signals: Signals, boot: int) -> bool:
 
 
 def _begins_in_flight(signals: Signals, span: Segment) -> bool:
-    """Returns whether the motors are armed and the vehicle flies from the beginning of a boot on."""
+    """Returns whether the motors are armed and the vehicle flies from the beginning of a boot on.
+
+    Both must begin within ``MAX_LATE_TAKE_OFF``: nobody arms and takes off so soon after a start on the ground.
+
+    Args:
+        signals: signals of the vehicle.
+        span: the recorded part of the boot.
+    """
     armed = armed_intervals(signals, span.boot)
     flights = flights_in_boot(signals, span.boot)
     latest_start = span.start + MAX_LATE_TAKE_OFF
@@ -131,6 +141,10 @@ def _begins_in_flight(signals: Signals, span: Segment) -> bool:
 def _descent(signals: Signals, span: Segment) -> float | None:
     """Returns by how much the vehicle falls at the beginning of a boot, m, where height and vertical speed agree.
 
+    Args:
+        signals: signals of the vehicle.
+        span: the recorded part of the boot.
+
     Returns:
         The height from the highest to the lowest point thereafter, within ``FALL_SECONDS``; None where one of both was
         not recorded, or the speed does not reach ``MIN_FALL_SPEED``.
@@ -144,7 +158,9 @@ def _descent(signals: Signals, span: Segment) -> float | None:
     speeds = climb_rate.values[climb_rate.time <= end]
     if not len(heights) or not len(speeds) or speeds.min() > -MIN_FALL_SPEED:
         return None
-    return float((np.maximum.accumulate(heights) - heights).max())
+    # How far the vehicle is below the highest point so far, at each sample.
+    drops = np.maximum.accumulate(heights) - heights
+    return float(drops.max())
 
 
 def _tumbles(signals: Signals, span: Segment) -> bool:

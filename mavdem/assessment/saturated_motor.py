@@ -1,4 +1,4 @@
-"""Motors that saturated in flight and did not hold the vehicle all the same: they lost thrust, suddenly or by and by.
+"""Motors that lost thrust, suddenly or slowly: they saturate in flight, and the vehicle leans or sinks all the same.
 
 A controller gives a motor that lost thrust a higher command. At its limit that is no longer enough: the vehicle leans
 to the side of that motor, or sinks, while the other motors have thrust left. A loss that takes a minute hides in the
@@ -39,13 +39,18 @@ MIN_LIMIT_SECONDS = 1.0
 """Time, s, that a motor must be at its limit: longer than a quick manoeuvre takes."""
 
 MIN_EXCESS = 0.25
-"""Command of a saturated motor above the mean of the others, as a share of the range, so that these have thrust left.
+"""Least command of a saturated motor above the mean of the others, as a share of the range.
+
+Then the others have thrust left, so that the motor and not the load is to blame.
 
 In real logs 99 % of the motors of sound vehicles are less than 0.11 above, a motor that failed was 0.25.
 """
 
 MAX_FORMER_EXCESS = 0.15
-"""The same in flight before it saturated: a motor that was farther above the others all along did not change."""
+"""Largest excess over the others in the flight before, as a share of the range.
+
+A motor that was farther above the others all along did not change: its load is larger.
+"""
 
 FORMER_QUANTILE = 0.25
 """Quantile of the flight before that stands for the sound motor: its thrust may have gone for most of that time."""
@@ -86,11 +91,11 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
         if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or event.time is None:
             continue
         if event.figures["boot"] in diverged_boots:
-            # A height that diverged drives all motors up, whatever they are worth.
+            # A height controller that follows a diverged height drives all motors up, sound ones too.
             continue
         is_of_ending = ending is not None and ending.figures.get("boot") == event.figures["boot"]
         if is_of_ending and event.time > latest_start:
-            # Once a vehicle is lost, its controller saturates motors whatever they are worth.
+            # Once a vehicle is lost, its controller drives sound motors to their limits too.
             continue
         loss = _saturation_loss(signals, motors, event, is_lost=is_of_ending)
         if loss is not None:
@@ -99,11 +104,13 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
 
 
 def with_saturated_motor(ending: Fact | None, losses: Sequence[Fact]) -> Fact | None:
-    """Returns how a flight was lost, with the motor that saturated first as the cause if nothing else is known.
+    """Returns how a flight was lost, with a motor that lost thrust as the cause if nothing else is known.
+
+    The motor is named only if all losses before it, and the autopilot's own report, are of this one motor.
 
     Args:
-        ending: how the flight was lost; None if it was not.
-        losses: motors that saturated before it, in any boot.
+        ending: how the flight was lost, which may have a cause already; None if it was not.
+        losses: motors that lost thrust (:func:`saturation_losses`), in any boot and in the order of time.
     """
     if ending is None or ending.code is not Ending.CONTROL_LOST or ending.figures["cause"]:
         return ending
@@ -188,11 +195,11 @@ def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> 
 
 
 def _excess(commands: Array, number: int) -> Array:
-    """Returns (N,) by how much the command of one motor is above the mean of the others.
+    """Returns by how much the command of one motor is above the mean of the others, (N,) as shares of the range.
 
     Args:
-        commands: (N, k) as shares of the range.
-        number: Index of the motor.
+        commands: (N, k) commands of k motors, as shares of the range.
+        number: index of the motor.
     """
     return commands[:, number] - np.delete(commands, number, axis=1).mean(axis=1)
 

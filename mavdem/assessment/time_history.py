@@ -260,7 +260,7 @@ def _followed_setpoint(
 
 
 def wind_history(evidence: WindEvidence, segment: Segment) -> WindHistory | None:
-    """Returns the wind in m/s, with the autopilot's own estimate as speed and direction.
+    """Returns the estimated wind, with the autopilot's own estimate as speed (m/s) and direction (degrees).
 
     Args:
         evidence: what is known of the wind.
