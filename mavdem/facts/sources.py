@@ -87,8 +87,11 @@ class Separation(StrEnum):
 
     NOT_ONE_VEHICLE = "not_one_vehicle"
     OTHER_SYSTEM = "other_system"
-    OTHER_AUTOPILOT = "other_autopilot"
+    OTHER_FORMAT = "other_format"
+    OTHER_FIRMWARE = "other_firmware"
     OTHER_BOARD = "other_board"
+    OTHER_PARAMETERS = "other_parameters"
+    DISARMED = "disarmed"
     OTHER_TIME = "other_time"
     SAME_TIME = "same_time"
     TIME_UNKNOWN = "time_unknown"

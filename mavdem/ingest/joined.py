@@ -1,8 +1,9 @@
 """Logs of one flight that the autopilot wrote one after the other, joined to one log.
 
 An autopilot that restarts in flight (watchdog, brown-out) begins a new file, and so does a logger that begins anew
-while the autopilot runs on. Files are of one flight where they are of one vehicle and the next begins shortly after the
-end of the one before it, by UTC. Where the autopilot had no UTC, the vehicle must be armed before and after.
+while the autopilot runs on. Two files are of one flight where they are of one vehicle, the first ends armed, and the
+second begins shortly thereafter by UTC: that of the recorder of a stream, else that of the autopilot. Without UTC the
+vehicle must also be armed as soon as the second begins.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,10 +46,19 @@ MAX_BOOT_CLOCK = 30.0
 A choice: an autopilot logs within some seconds of its start, and nobody takes off so soon.
 """
 
-MAX_ARMING_DELAY = 10.0
+MAX_ARMING_DELAY = 3.0
 """Time, s, from the beginning of a log within which an autopilot is armed again that restarted in the air.
 
-A choice: an autopilot that arms again after a reset by its watchdog does so as soon as it has started.
+A choice: one that arms again after a reset by its watchdog does so as soon as it has started; a pilot takes longer.
+"""
+
+MIN_COMMON_PARAMETERS = 50
+"""Number of parameters from which on they show whether two logs are of one vehicle: a choice, far below all."""
+
+MAX_CHANGED_PARAMETERS = 0.15
+"""Largest share of the parameters that differ between the end of a log and the beginning of the next.
+
+A choice: of logs of one board on different days at most 7 % differ, such as calibrations and counters.
 """
 
 MICROSECONDS = 1e6
@@ -120,15 +130,24 @@ def _recording(log: Log) -> Recording:
     for columns in vehicle.messages.values():
         boots.update(np.unique(columns["boot"]).tolist())
     first_boot, last_boot = min(boots), max(boots)
+    start = float(_densest_time(vehicle.messages, first_boot)[0])
+    end = float(_densest_time(vehicle.messages, last_boot)[-1])
+    if np.isfinite(log.receive_time).all():
+        # The recorder's clock is that of all logs that it made, whatever the autopilot knows.
+        utc_at_first_boot: float | None = log.receive_time[0] - start
+        utc_at_last_boot: float | None = log.receive_time[1] - end
+    else:
+        utc_at_first_boot = _utc_at_boot(vehicle.messages, first_boot)
+        utc_at_last_boot = _utc_at_boot(vehicle.messages, last_boot)
     return Recording(
         log=log,
         vehicle=vehicle,
         first_boot=first_boot,
         last_boot=last_boot,
-        start=float(_densest_time(vehicle.messages, first_boot)[0]),
-        end=float(_densest_time(vehicle.messages, last_boot)[-1]),
-        utc_at_first_boot=_utc_at_boot(vehicle.messages, first_boot),
-        utc_at_last_boot=_utc_at_boot(vehicle.messages, last_boot),
+        start=start,
+        end=end,
+        utc_at_first_boot=utc_at_first_boot,
+        utc_at_last_boot=utc_at_last_boot,
     )
 
 
@@ -191,25 +210,49 @@ def _joined_pair(earlier: Recording, later: Recording) -> Log:
 
 
 def _separation_of_vehicles(earlier: Telemetry, later: Telemetry) -> Separation | None:
-    """Returns what shows that two vehicles are not the same one; None where nothing does."""
+    """Returns what shows that two logs are not of the same vehicle; None where nothing does."""
     if (earlier.system, earlier.component) != (later.system, later.component):
         return Separation.OTHER_SYSTEM
+    if earlier.translated_from != later.translated_from:
+        return Separation.OTHER_FORMAT
     if earlier.autopilot != later.autopilot:
-        return Separation.OTHER_AUTOPILOT
+        return Separation.OTHER_FIRMWARE
+    if earlier.firmware and later.firmware and earlier.firmware != later.firmware:
+        return Separation.OTHER_FIRMWARE
     if earlier.board and later.board and earlier.board != later.board:
         return Separation.OTHER_BOARD
+    if _changed_parameters(earlier, later) > MAX_CHANGED_PARAMETERS:
+        return Separation.OTHER_PARAMETERS
     return None
+
+
+def _changed_parameters(earlier: Telemetry, later: Telemetry) -> float:
+    """Returns the share of parameters that differ between the end of a log and the beginning of the next.
+
+    Returns:
+        The share of those that both logs have; 0 where these are fewer than ``MIN_COMMON_PARAMETERS``.
+    """
+    values_before = earlier.parameters
+    values_after = {**later.parameters, **later.initial_parameters}
+    common_names = values_before.keys() & values_after.keys()
+    if len(common_names) < MIN_COMMON_PARAMETERS:
+        return 0.0
+    changed_count = sum(values_before[name] != values_after[name] for name in common_names)
+    return changed_count / len(common_names)
 
 
 def _separation_in_time(
     earlier: Recording, later: Recording, gap: float | None
 ) -> Separation | None:
-    """Returns what shows that the times of two logs are not those of one flight; None where nothing does.
+    """Returns what shows that two logs of a vehicle are not of one flight; None where nothing does.
 
     Args:
         earlier, later: The recordings in the order of time.
         gap: Time by UTC between them, s; None where it is not known.
     """
+    armed_flags = _heartbeats(earlier.vehicle, earlier.last_boot)["base_mode"] & ARMED
+    if len(armed_flags) and not armed_flags[-1]:
+        return Separation.DISARMED
     if gap is None:
         return None if _is_flown_on(earlier, later) else Separation.TIME_UNKNOWN
     if gap < -MAX_CLOCK_ERROR:

@@ -18,6 +18,9 @@ UTC = 1.7e9
 CUT = 25.0
 """When the first log ends, s: in flight."""
 
+NAMES = [f"P{number}" for number in range(100)]
+"""Names of parameters."""
+
 
 def moved(telemetry, seconds):
     """The telemetry on a clock that reads so much less."""
@@ -45,7 +48,12 @@ def halves(silence=4.0, restarted=True, has_utc=True):
 
 
 def joined(*telemetries):
-    return join_logs([log_of(telemetry) for telemetry in telemetries])
+    """The logs of one vehicle each, whose recorder had no clock, joined."""
+    return join_logs([without_clock(telemetry) for telemetry in telemetries])
+
+
+def without_clock(telemetry):
+    return replace(log_of(telemetry), receive_time=(np.nan, np.nan))
 
 
 def separation(*telemetries):
@@ -93,7 +101,8 @@ def test_an_autopilot_that_ran_on_has_one_boot(has_utc):
 
 def test_later_logs_have_later_boots():
     first, second = halves()
-    third = with_utc(replace(second, source="third.tlog"), UTC + 85.0)
+    second = only(second, lambda time: time < 30.0)
+    third = with_utc(replace(second, source="third.tlog"), UTC + 65.0)
     (vehicle,) = joined(third, first, second).vehicles
     assert np.unique(vehicle.messages["ATTITUDE"]["boot"]).tolist() == [0, 1, 2]
 
@@ -111,13 +120,18 @@ def test_parameters_that_changed_keep_their_first_value():
     ("other", "reason"),
     [
         ({"system": 2}, Separation.OTHER_SYSTEM),
-        ({"autopilot": "PX4"}, Separation.OTHER_AUTOPILOT),
+        ({"translated_from": "DataFlash"}, Separation.OTHER_FORMAT),
+        ({"autopilot": "PX4"}, Separation.OTHER_FIRMWARE),
+        ({"firmware": "ArduCopter V4.5.0"}, Separation.OTHER_FIRMWARE),
         ({"board": "0A0B"}, Separation.OTHER_BOARD),
+        ({"parameters": dict.fromkeys(NAMES, 2.0)}, Separation.OTHER_PARAMETERS),
     ],
 )
 def test_logs_of_two_vehicles_are_refused(other, reason):
     first, second = halves()
-    first = replace(first, board="0C0D")
+    first = replace(
+        first, board="0C0D", firmware="ArduCopter V4.6.0", parameters=dict.fromkeys(NAMES, 1.0)
+    )
     assert separation(first, replace(second, **other)) is reason
 
 
@@ -128,10 +142,18 @@ def test_logs_of_two_flights_are_refused():
     assert separation(first, with_utc(second, UTC + 3.0)) is Separation.SAME_TIME
 
 
+@mark.parametrize("has_utc", [True, False])
+def test_after_a_landing_the_next_log_is_another_flight(has_utc):
+    landed = Hover().telemetry()
+    _, second = halves(has_utc=has_utc)
+    if has_utc:
+        landed = with_utc(landed, UTC)
+        second = with_utc(second, UTC + landed.messages["ATTITUDE"]["time"][-1])
+    assert separation(landed, second) is Separation.DISARMED
+
+
 def test_without_utc_the_vehicle_is_armed_before_and_after():
     first, second = halves(has_utc=False)
-    landed = Hover().telemetry()
-    assert separation(landed, second) is Separation.TIME_UNKNOWN
     long_on_the_ground = moved(second, -100.0)
     assert separation(first, long_on_the_ground) is Separation.TIME_UNKNOWN
     assert separation(first, changed(second, "HEARTBEAT", base_mode=1)) is Separation.TIME_UNKNOWN
@@ -139,6 +161,16 @@ def test_without_utc_the_vehicle_is_armed_before_and_after():
 
 def test_a_log_of_two_vehicles_is_not_joined():
     first, second = halves()
-    both = replace(log_of(first), vehicles=(first, second))
-    fact = unreadable(join_logs, [both, log_of(second)])
+    both = replace(without_clock(first), vehicles=(first, second))
+    fact = unreadable(join_logs, [both, without_clock(second)])
     assert fact.figures["because"] is Separation.NOT_ONE_VEHICLE
+
+
+def test_the_clock_of_the_recorder_orders_streams():
+    first, second = halves(has_utc=False)
+    earlier = replace(log_of(first), receive_time=(UTC, UTC + CUT))
+    later = replace(log_of(second), receive_time=(UTC + CUT + 4.0, UTC + 90.0))
+    log = join_logs([later, earlier])
+    assert log.receive_time == (UTC, UTC + 90.0)
+    (vehicle,) = log.vehicles
+    assert vehicle.source == first.source
