@@ -9,8 +9,9 @@ from mavdem.arrays import Array
 from mavdem.assessment.battery_levels import batteries_worst_first
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights.estimator import (
+    INNOVATION_LIMIT,
     INNOVATIONS,
-    innovation_limit,
+    failsafe_limit_of,
     innovation_ratios,
     instance_name,
     rejection_in,
@@ -131,7 +132,7 @@ def _batteries(evidence: Evidence) -> Iterator[Instance]:
 def _estimators(evidence: Evidence) -> Iterator[Instance]:
     """Yields the instances of the estimator with their largest innovation ratio over its limit, and which one flew."""
     telemetry = evidence.signals.telemetry
-    limit = innovation_limit(telemetry)
+    failsafe_limit = failsafe_limit_of(telemetry)
     columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
     # Samples (N, 5) of each instance: its ratios and, of several instances, whether it flew.
     series: dict[str, TimeSeries] = {}
@@ -151,9 +152,9 @@ def _estimators(evidence: Evidence) -> Iterator[Instance]:
         values = _values_in_flight(evidence, ratios_of_instance)
         ratios = values[:, : len(INNOVATIONS)]
         used_share = float(values[:, -1].mean()) if columns else 1.0
-        largest = ratios.max(axis=1) / limit
+        largest = ratios.max(axis=1) / INNOVATION_LIMIT
         rejections = [
-            rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], limit)
+            rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], failsafe_limit)
             for flight in evidence.in_flight(ratios_of_instance)
         ]
         code = InstanceState.MEASURED

@@ -161,6 +161,36 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     return [loss.but(names=tuple(bad_motors)) for loss in losses]
 
 
+def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:
+    """Returns the changes of a flight without losses of thrust that were none, and without the recoveries of these.
+
+    A loss that ended within ``MIN_LOSS_SECONDS`` is withdrawn together with its recovery. A recovery without a loss
+    before it is left out as well.
+
+    Args:
+        changes: All changes of the flight, in the order of time.
+    """
+    # By boot and name of the motor: its losses since it was last sound.
+    losses_of_motor: dict[tuple[int, str], list[MotorAlarm]] = {}
+    withdrawn: list[MotorAlarm] = []
+    for change in changes:
+        motor = (change.boot, change.name)
+        if change.motor is None:
+            continue
+        if change.is_weak:
+            losses_of_motor.setdefault(motor, []).append(change)
+            continue
+        losses = losses_of_motor.pop(motor, [])
+        if not losses:
+            withdrawn.append(change)
+        else:
+            # As in ``thrust_losses``, the largest loss counts.
+            largest = max(losses, key=lambda loss: loss.size)
+            if change.since - largest.since < MIN_LOSS_SECONDS:
+                withdrawn += [*losses, change]
+    return [change for change in changes if change not in withdrawn]
+
+
 def alarm_figures(changes: Sequence[MotorAlarm]) -> JsonValues:
     """Returns the changes of a flight by their kind, and the bound on the rate of false alarms.
 

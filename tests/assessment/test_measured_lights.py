@@ -9,9 +9,10 @@ from recorded_flights import recorded
 
 from mavdem.assessment.battery_levels import CELL_VOLTAGE_LIMITS, FULL_CELL_VOLTAGES
 from mavdem.assessment.lights.estimator import (
-    ARDUPILOT_INNOVATION_LIMIT,
+    ARDUPILOT_FAILSAFE_LIMIT,
     FAILSAFE_SECONDS,
     INNOVATION_FIELDS,
+    INNOVATION_LIMIT,
     MAX_FIELD_CHANGE,
     estimator_light,
 )
@@ -164,7 +165,7 @@ def filtered(flags=831, **ratios):
     return measured("EKF_STATUS_REPORT", flags=glitch, **fields)
 
 
-BEYOND = ARDUPILOT_INNOVATION_LIMIT + 0.05
+BEYOND = INNOVATION_LIMIT + 0.05
 IDLE = dict.fromkeys(INNOVATION_FIELDS["EKF_STATUS_REPORT"], 0.0)
 """Of a filter that does not run."""
 
@@ -206,6 +207,30 @@ def test_levels_of_the_filter(telemetry, code, level):
         assert "beyond their limits for 0.2 s at most" in str(fact)
     else:
         assert "beyond their limits for 0.2 s at most" not in str(fact)
+
+
+def test_the_failsafe_may_doubt_a_filter_that_rejects_nothing():
+    seconds = FAILSAFE_SECONDS + 1.0
+    below_limit = (ARDUPILOT_FAILSAFE_LIMIT + INNOVATION_LIMIT) / 2
+    single = estimator_light(evidence(filtered(compass=(below_limit, seconds))))
+    assert single.is_good and single.figures["ratio"] == approx(below_limit)
+    pair = dict.fromkeys(("compass", "velocity"), (below_limit, seconds))
+    fact = estimator_light(evidence(filtered(**pair)))
+    assert fact.is_bad and fact.figures["failsafe_limit"] == ARDUPILOT_FAILSAFE_LIMIT
+    assert "rejected" not in fact.sentence and "(80 %) for 1.8 s: velocity 90 %" in fact.sentence
+
+
+def test_the_largest_innovation_of_all_flights_is_named(monkeypatch):
+    known = evidence(filtered(compass=(0.5, 0.1)))
+    monkeypatch.setattr(type(known), "flights", lambda self, boot: [(10.0, 25.0), (26.0, 60.0)])
+    fact = estimator_light(known)
+    assert fact.is_good and fact.figures["ratio"] == approx(0.5)
+
+
+def test_a_lost_position_is_the_light_of_the_estimator():
+    lost = Fact(MotionEvent.POSITION_LOST, Level.BAD, time=30.0, until=48.0, duration=18.0, boot=0)
+    fact = estimator_light(replace(evidence(filtered()), events=(lost,)))
+    assert (fact.code, fact.level) == (MotionEvent.POSITION_LOST, "bad")
 
 
 @mark.parametrize(

@@ -8,7 +8,12 @@ from scipy.signal import lfilter
 
 from mavdem.facts import Level
 from mavdem.motors.loss_detection import MotorLossDetector
-from mavdem.motors.motor_changes import MIN_LOSS_SECONDS, MotorAlarm, thrust_losses
+from mavdem.motors.motor_changes import (
+    MIN_LOSS_SECONDS,
+    MotorAlarm,
+    lasting_changes,
+    thrust_losses,
+)
 
 RATE = 10.0
 START = 30.0
@@ -66,3 +71,14 @@ def test_a_loss_counts_from_eight_seconds_on(seconds, count):
     loss = MotorAlarm(11.0, 10.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
     end = loss._replace(time=30.0, since=10.0 + seconds, size=0.0)
     assert len(thrust_losses([loss, end])) == count
+
+
+def test_a_withdrawn_loss_and_its_recovery_go_as_a_pair():
+    loss = MotorAlarm(11.0, 10.0, 2, "motor 2", 0.3, 0.99, loss=(0.2, 0.4))
+    torque = loss._replace(time=20.0, since=19.0, motor=None, name="")
+    early_end = loss._replace(time=18.0, since=9.5 + MIN_LOSS_SECONDS, size=0.0, loss=())
+    late_end = loss._replace(time=30.0, since=28.0, size=0.0, loss=())
+    assert lasting_changes([loss, early_end, torque]) == [torque]
+    assert lasting_changes([loss, torque, late_end]) == [loss, torque, late_end]
+    assert lasting_changes([loss, torque]) == [loss, torque]
+    assert lasting_changes([late_end]) == []

@@ -54,7 +54,7 @@ from mavdem.ingest import Log
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.motors.balance_blocks import MIN_SAMPLE_RATE
 from mavdem.motors.loss_detection import MotorLossDetector
-from mavdem.motors.motor_changes import MotorAlarm
+from mavdem.motors.motor_changes import MotorAlarm, lasting_changes
 from mavdem.motors.trim_pattern import trim_of_signals
 from mavdem.plant.wind_torque import estimate_wind_torque
 
@@ -336,7 +336,7 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         )
         for time, command, heading in settled_samples:
             detector.update(time, command, heading)
-        alarms += detector.alarms
+        alarms += lasting_changes(detector.alarms)
     return tuple(alarms)
 
 

@@ -56,10 +56,10 @@ GLITCH_FLAGS = {
 }
 """Bits of the ``flags`` of these messages that report a jump of the GPS position."""
 
-PX4_INNOVATION_LIMIT = 1.0
-"""Innovation ratio at which PX4's filter rejects a measurement."""
+INNOVATION_LIMIT = 1.0
+"""Innovation ratio at which the filters of PX4 and ArduPilot reject a measurement."""
 
-ARDUPILOT_INNOVATION_LIMIT = 0.8
+ARDUPILOT_FAILSAFE_LIMIT = 0.8
 """Innovation ratio from which ArduCopter's ``ekf_check.cpp`` doubts the filter: the default of FS_EKF_THRESH."""
 
 FAILSAFE_SECONDS = 1.0
@@ -99,9 +99,11 @@ def estimator_light(evidence: Evidence) -> Fact:
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
-    # Of facts with one level the first is named: that of the flight with the longest doubts.
+    # Of facts with one level the first is named: that of the flight with the longest doubts, or the largest innovation.
     filter_facts = sorted(
-        _filter_facts(evidence), key=lambda fact: fact.figures["duration"], reverse=True
+        _filter_facts(evidence),
+        key=lambda fact: (fact.figures["duration"], fact.figures["ratio"]),
+        reverse=True,
     )
     facts = [
         *filter_facts,
@@ -125,7 +127,7 @@ class Rejection:
     name: EstimatorRatio
     """The innovation."""
     ratio: float
-    """Its largest value, as a ratio to the limit."""
+    """Its largest value, as a ratio to the ``INNOVATION_LIMIT``."""
     time: float
     """When it was that large, s."""
     duration: float
@@ -141,27 +143,26 @@ class Rejection:
     @property
     def is_bad(self) -> bool:
         """Whether ArduCopter's failsafe would have acted."""
-        return self.is_doubted and self.failsafe_duration >= FAILSAFE_SECONDS
+        return self.failsafe_duration >= FAILSAFE_SECONDS
 
 
-def rejection_in(time: Array, ratios: Array, limit: float) -> Rejection:
+def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection:
     """Finds the innovation that exceeded its limit longest; where none did, the largest one.
 
     An innovation is the difference of a measurement and its prediction by the filter, here relative to what the filter
-    accepts. ArduCopter's failsafe (``ekf_check.cpp``) counts where two of velocity, position and compass exceed the
-    limit, where a velocity of twice the limit counts as two. The height does not count for that.
+    accepts. ArduCopter's failsafe (``ekf_check.cpp``) has a limit of its own: it counts where two of velocity, position
+    and compass exceed that limit, where a velocity of twice the limit counts as two. The height does not count.
 
     Args:
         time: (N,) s.
         ratios: (N, 4) of the ``INNOVATIONS``, each an innovation over what the filter's own test accepts.
-        limit: the ratio from which on the autopilot doubts its filter (:func:`innovation_limit`).
+        failsafe_limit: the ratio from which on the failsafe doubts the filter (:func:`failsafe_limit_of`).
     """
-    exceeds = ratios >= limit
-    velocity, position, _, compass = exceeds.astype(float).T
+    velocity, position, _, compass = (ratios >= failsafe_limit).astype(float).T
     velocity_ratio, _, _, _ = ratios.T
     # How many of the three doubt the filter, at each sample; a very large velocity counts twice.
-    doubts = velocity + (velocity_ratio >= 2 * limit) + position + compass
-    durations = [longest_true_duration(time, column) for column in exceeds.T]
+    doubts = velocity + (velocity_ratio >= 2 * failsafe_limit) + position + compass
+    durations = [longest_true_duration(time, column) for column in (ratios >= INNOVATION_LIMIT).T]
     largest_ratios = ratios.max(axis=0)
     # Of several that exceeded it equally long, or not at all, the largest is named.
     worst = max(
@@ -169,15 +170,15 @@ def rejection_in(time: Array, ratios: Array, limit: float) -> Rejection:
     )
     return Rejection(
         INNOVATIONS[worst],
-        float(largest_ratios[worst] / limit),
+        float(largest_ratios[worst] / INNOVATION_LIMIT),
         float(time[ratios[:, worst].argmax()]),
         durations[worst],
         longest_true_duration(time, doubts >= 2),
     )
 
 
-def innovation_limit(telemetry: Telemetry) -> float:
-    """Returns the innovation ratio from which on the autopilot doubts its filter.
+def failsafe_limit_of(telemetry: Telemetry) -> float:
+    """Returns the innovation ratio from which on the autopilot's failsafe doubts its filter.
 
     It is the limit of PX4's own test or, for ArduPilot, the parameter FS_EKF_THRESH, whose value 0 disables the
     failsafe; then, or without the parameter, its default counts.
@@ -186,29 +187,36 @@ def innovation_limit(telemetry: Telemetry) -> float:
         telemetry: autopilot and parameters of the vehicle.
     """
     if telemetry.autopilot == "PX4":
-        return PX4_INNOVATION_LIMIT
-    return telemetry.parameters.get("FS_EKF_THRESH", 0.0) or ARDUPILOT_INNOVATION_LIMIT
+        return INNOVATION_LIMIT
+    return telemetry.parameters.get("FS_EKF_THRESH", 0.0) or ARDUPILOT_FAILSAFE_LIMIT
 
 
 def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
     """Yields a fact for each flight on how large the innovations of the estimator were, of the instance that flew.
 
-    The filter is doubted if one innovation exceeds the autopilot's limit for ``FAILSAFE_SECONDS``, and bad where
-    ArduCopter's failsafe would have acted too.
+    The filter is doubted if one innovation exceeds the ``INNOVATION_LIMIT`` for ``FAILSAFE_SECONDS``, and bad where
+    ArduCopter's failsafe would have acted. Its limit may be lower, so that it acts before the filter rejects anything.
 
     Each fact has the ``name`` of the worst innovation, its largest ``ratio`` to the limit, and for how long, s, it
-    exceeded the limit without a break. Where the log has several instances, the subject is the one that flew. Where
+    exceeded the limit without a break. Of a filter that only the failsafe doubts, the duration is the failsafe's, and
+    the fact has its ``failsafe_limit``. Where the log has several instances, the subject is the one that flew. Where
     only others were logged, one of them stands in for it: the fact is then a ``spare``, and never bad.
     """
     telemetry = evidence.signals.telemetry
-    limit = innovation_limit(telemetry)
+    failsafe_limit = failsafe_limit_of(telemetry)
     instances = telemetry.messages.get(INSTANCES_MESSAGE, {})
     for flight in evidence.in_flight(innovation_ratios(telemetry)):
-        rejection = rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], limit)
+        rejection = rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], failsafe_limit)
         is_spare = bool(instances) and not instances["is_primary"].any()
         code = EstimatorLight.FILTER_AGREED
+        duration = rejection.duration
+        failsafe_figures = {}
         if rejection.is_doubted:
             code = EstimatorLight.FILTER_DOUBTED
+        elif rejection.is_bad:
+            code = EstimatorLight.FILTER_DOUBTED
+            duration = rejection.failsafe_duration
+            failsafe_figures["failsafe_limit"] = failsafe_limit
         yield Fact(
             code,
             Level.BAD if rejection.is_bad and not is_spare else None,
@@ -216,7 +224,8 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
             subject=_instance_in_flight(telemetry, flight) if instances else "",
             name=rejection.name,
             ratio=rejection.ratio,
-            duration=rejection.duration,
+            duration=duration,
+            **failsafe_figures,
             **({"is_spare": True} if is_spare else {}),
         )
 
@@ -260,12 +269,12 @@ def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
     columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
     if not columns or not columns["is_primary"].any():
         return
-    limit = innovation_limit(telemetry)
+    failsafe_limit = failsafe_limit_of(telemetry)
     for number in np.unique(columns["instance"]).tolist():
         is_spare = (columns["instance"] == number) & (columns["is_primary"] == 0)
         ratios = np.nan_to_num(float_columns(columns, INNOVATIONS))
         for flight in evidence.in_flight(clean_series(columns, ratios, is_spare)):
-            rejection = rejection_in(flight.time, flight.values, limit)
+            rejection = rejection_in(flight.time, flight.values, failsafe_limit)
             if rejection.is_doubted:
                 yield Fact(
                     EstimatorLight.SPARE_DOUBTED,
