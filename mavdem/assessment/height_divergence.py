@@ -11,6 +11,7 @@ import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.assessment.ground_contacts import CLIMB_STICK
+from mavdem.assessment.lights.vibration import vibration_limits
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import Intervals, complement, in_intervals, intersection
 from mavdem.dataset.phases import mode_intervals, series_of_boot
@@ -51,9 +52,6 @@ CONTEXT_SECONDS = 5.0
 
 FULL_SHARE = 0.9
 """Command of the strongest motor, as a share of the range, from which on the motors work at full throttle."""
-
-HIGH_VIBRATION = 30.0
-"""Vibration, m/s², above which ArduPilot's documentation warns of errors of the height ("Measuring Vibration")."""
 
 
 def height_divergences(scene: Scene, flight: Interval) -> Iterator[Fact]:
@@ -213,7 +211,7 @@ def _force_error(
 
 
 def _vibration(scene: Scene, interval: Interval) -> Fact | None:
-    """Returns that accelerometers clipped or vibrated strongly in an interval, as a cause of a diverged height.
+    """Returns that accelerometers clipped or vibrated beyond the autopilot's limit, as a cause of a diverged height.
 
     Clipping, which means samples out of the range of an accelerometer, goes first: it surely makes a wrong mean force.
 
@@ -236,7 +234,7 @@ def _vibration(scene: Scene, interval: Interval) -> Fact | None:
     if count:
         return supporting_statement(Witness.CLIPPED, count=count)
     largest_level = float(levels.values[rows].max())
-    if largest_level <= HIGH_VIBRATION:
+    if largest_level <= vibration_limits(scene.signals.telemetry).bad:
         return None
     return supporting_statement(Witness.VIBRATED, vibration=largest_level)
 

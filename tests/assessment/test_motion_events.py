@@ -1,5 +1,7 @@
 """Events of the motion, each with the witnesses for it and against it, on made-up flights with all instruments."""
 
+from dataclasses import replace
+
 import numpy as np
 from hover import changed, columns, only
 from instrumented import (
@@ -108,6 +110,17 @@ def test_vibration_is_the_cause_where_the_error_at_rest_does_not_explain_that_in
     assert cause.figures["part"] == "in flight"
     assert cause.figures["acceleration"] == approx(2.0, abs=1.0)
     assert "from 8.8 m/s² at rest" in cause.sentence
+
+
+@mark.parametrize("autopilot, is_cause", [("PX4", True), ("ARDUPILOTMEGA", False)])
+def test_vibration_is_a_cause_beyond_the_limit_of_the_autopilot(autopilot, is_cause):
+    made = replace(height_runaway(), autopilot=autopilot)
+    time = stamps(made, "LOCAL_POSITION_NED")
+    levels = {f"vibration_{axis}": 15.0 for axis in "xyz"}
+    clips = {f"clipping_{imu}": 0.0 for imu in range(3)}
+    made = changed(made, "VIBRATION", **columns(time, **levels, **clips))
+    diverged = judged(made)[0][MotionEvent.HEIGHT_DIVERGED]
+    assert (Witness.VIBRATED in witnesses(diverged, Side.FOR)) is is_cause
 
 
 @mark.parametrize("mode", ["Stabilize"])

@@ -9,6 +9,7 @@ from mavdem.dataset import phases
 from mavdem.dataset.segments import Segment, in_segments
 from mavdem.facts import Fact
 from mavdem.facts.vibration import VibrationLight
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.vibration.vibration_message import reported_vibration
 
 ARDUPILOT_LEVELS = Limits(15.0, 30.0)
@@ -21,11 +22,16 @@ CLIP_LIMITS = Limits(0, 100)
 """Number of clips of one IMU in a flight: ArduPilot's page on vibration calls fewer than 100 acceptable."""
 
 
+def vibration_limits(telemetry: Telemetry) -> Limits:
+    """Returns the limits, m/s², of the autopilot: ArduPilot and PX4 measure vibration in different ways."""
+    return PX4_LEVELS if telemetry.autopilot == "PX4" else ARDUPILOT_LEVELS
+
+
 def vibration_light(evidence: Evidence) -> Fact:
     """Judges the vibration that the autopilot itself measured; unknown if it was not recorded.
 
     Two figures count, and the worse decides: the largest mean level of all IMUs and axes, m/s², by the limits of the
-    autopilot, since ArduPilot and PX4 measure levels in different ways; and the largest number of clips of an IMU,
+    autopilot (:func:`vibration_limits`); and the largest number of clips of an IMU,
     which are samples outside its range. They are of settled flight or, without any, of all time in the air.
 
     Args:
@@ -51,7 +57,7 @@ def vibration_light(evidence: Evidence) -> Fact:
     rows = in_segments(levels, *segments)
     if not rows.any():
         return unknown
-    limits = PX4_LEVELS if telemetry.autopilot == "PX4" else ARDUPILOT_LEVELS
+    limits = vibration_limits(telemetry)
     # The columns are the axes of the first IMU, then those of the second.
     mean_levels = levels.values[rows].mean(axis=0)
     largest_level = mean_levels.max()
