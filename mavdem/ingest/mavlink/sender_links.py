@@ -40,7 +40,7 @@ MAX_HEADING_PITCH = radians(60)
 """Pitch, rad, up to which the heading is used: where the nose points up or down it is not defined. A choice."""
 
 MAX_VEHICLES = 4
-"""Number of vehicles under the same ids that are told apart: a choice."""
+"""Number of vehicles under the same ids that are distinguished: a choice."""
 
 MIN_CLOCK_STEPS = 3
 """Number of readings with a rising clock that make a track one of a vehicle: a choice."""
