@@ -87,6 +87,7 @@ class Condition(ImmutableResult):
     tilt_max: float | None = None
     """Largest such angle, rad."""
     vibration: VibrationFigures | None = None
+    """Vibration and clipping, as the autopilot measures them."""
     batteries: tuple[BatteryFigures, ...] = ()
     """Of each battery, the emptiest first; of all that was recorded, where there was no settled flight."""
     oscillation: Oscillation | None = None
@@ -235,7 +236,7 @@ def _roll_and_pitch(signals: Signals, segments: Segments) -> list[Array]:
 
 
 def _mean_lean(signals: Signals, settled: Segments) -> dict[str, MeanFigure]:
-    """Returns the means of roll and pitch, rad; empty if they are not known."""
+    """Returns the means of roll and pitch in settled flight, rad, by axis; empty if they were not recorded there."""
     angles = _roll_and_pitch(signals, settled)
     duration = total_duration(settled)
     return {
@@ -288,7 +289,7 @@ def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures 
 
 
 def _figures_of_batteries(signals: Signals, segments: Segments) -> tuple[BatteryFigures, ...]:
-    """Returns the figures of all batteries in some segments, the emptiest first."""
+    """Returns the figures of all batteries in some segments, the emptiest first; without those not recorded there."""
     figures = []
     for battery in batteries_worst_first(signals):
         battery_figures = _battery_figures(battery, segments)

@@ -32,7 +32,8 @@ at each start, identify no vehicle.
 """
 
 SIMULATOR_OFFSETS = ((0.001, 0.001, 0.001), (5.0, 13.0, -18.0))
-"""Offsets along X, Y and Z of accelerometer and compass that every vehicle of ArduPilot's simulator has."""
+"""Offsets along X, Y and Z that every vehicle of ArduPilot's simulator has: of the accelerometer, m/s², and of the
+compass, mGauss. They identify no vehicle."""
 
 CALIBRATION_DIGITS = 4
 """Significant digits of a calibration that both text files and 32-bit numbers keep."""

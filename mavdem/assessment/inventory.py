@@ -20,7 +20,10 @@ MIN_MESSAGES_FOR_STEP = 50
 """Number of messages of a stream from which on the usual step between them is known."""
 
 STEP_JITTER = 0.25
-"""Jitter of the step between messages, as a share of it: a step up to 1.75 times as long lacks no message."""
+"""Jitter of the time step between messages, as a share of it: a step up to 1.75 times as long lacks no message.
+
+The ratio of a step to the usual one is reduced by this before it is rounded, so that 1.5 + 0.25 is the limit.
+"""
 
 MIN_MEAN_RATE_SHARE = 1 / 4
 """Mean rate, as a share of the rate without gaps, below which a stream comes in bursts: then its rate is the mean."""
@@ -30,9 +33,13 @@ class VehicleContents(NamedTuple):
     """What a log holds of one vehicle before learning."""
 
     telemetry: Telemetry
+    """Its messages and parameters."""
     learnability: Learnability
+    """Whether a model can be learned, with the rates of the streams."""
     condition: Condition
+    """Motor balance, lean, vibration and battery."""
     identity: Identity
+    """Name, type, firmware and board."""
 
 
 def inventory(log: Log, vehicles: Sequence[VehicleContents] | None = None) -> JsonValues:
@@ -216,6 +223,12 @@ def _missing_share(telemetry: Telemetry) -> float | None:
 
     A step of n times the usual one lacks n − 1 messages. The usual step is the mean of the middle half of the steps: an
     autopilot whose loop takes 4 ms sends a message of 100 Hz in steps of 8 and 12 ms.
+
+    Args:
+        telemetry: messages of the vehicle; those with fewer than ``MIN_MESSAGES_FOR_STEP`` are left out.
+
+    Returns:
+        Share of the messages that should be there, 0 to 1.
     """
     shares = []
     for columns in telemetry.messages.values():
@@ -223,6 +236,7 @@ def _missing_share(telemetry: Telemetry) -> float | None:
         steps = np.diff(columns["time"])[np.diff(columns["boot"]) == 0]
         if message_count < MIN_MESSAGES_FOR_STEP or not len(steps):
             continue
+        # Without the lowest and the highest quarter.
         quarter = len(steps) // 4
         usual_step = np.sort(steps)[quarter : len(steps) - quarter].mean()
         if usual_step > 0:

@@ -129,7 +129,8 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
         return open_ends[0]
     if not evidence.has_operated:
         return _reason_on_ground(evidence)
-    # Attitudes far from their setpoint come first, and warnings of the autopilot last.
+    # Nothing is bad: the first of what is to be watched counts. Attitudes far from their setpoint come first, and
+    # warnings of the autopilot last.
     far_attitudes = [
         event for event in evidence.events if event.figures.get("angle", 0.0) > FAR_ANGLE
     ]
@@ -167,6 +168,9 @@ def _urgent_warnings(evidence: Evidence) -> list[Fact]:
 
     What the motion shows counts wherever it was, since a vehicle that hit the ground is no longer in flight; what the
     autopilot reports counts in flight only.
+
+    Args:
+        evidence: what the log shows of the vehicle.
     """
     reported = list(evidence.warnings_in_flight(URGENT_EVENTS))
     motion = [event for event in evidence.events if isinstance(event.code, MotionEvent)]
@@ -187,7 +191,7 @@ def _nothing_wrong(lights: NamedFacts) -> Fact:
     checked = [name for name in VEHICLE_LIGHTS if lights[name].is_good]
     unchecked = [name for name in VEHICLE_LIGHTS if name not in checked]
     if not checked:
-        # A log that has all that is needed is no reason.
+        # The log is the reason, unless it has all that is needed; then the first light says why it is unknown.
         reason = unchecked[0] if lights[Light.LOG].is_good else Light.LOG
         return Fact(Headline.NOTHING_CHECKED, because=lights[reason])
     # Only the light of the motors shows a motor or propeller that is about to fail.

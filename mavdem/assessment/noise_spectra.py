@@ -77,6 +77,7 @@ class MeasuredNoise(NamedTuple):
         """
         for line in self.lines:
             if line.kind is LineKind.MOTOR and line.frequency < filtered.nyquist_frequency:
+                # Lower and upper end of the band about the line, Hz.
                 band = np.multiply(LINE_BAND, line.frequency)
                 remaining_share = filtered.mean_power(*band) / unfiltered.mean_power(*band)
                 yield Fact(

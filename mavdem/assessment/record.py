@@ -163,7 +163,7 @@ class Assessment:
 
     @property
     def refusal(self) -> NotLearnable:
-        """Why there is no model, and what to do next, as an error to raise."""
+        """Why there is no model, and what to do next, as an error that a caller who needs one raises."""
         because = self.headline if self.analysis is None else self.analysis.reason
         return NotLearnable(NoModel.REFUSED, because=because, next_step=self.next_step)
 

@@ -54,6 +54,7 @@ class Fault(NamedTuple):
     """What a field or bit of a message reports when it is set."""
 
     code: Reported
+    """Code of the event."""
     subject: str = ""
     """What is at fault; empty if the code names it."""
 
@@ -83,8 +84,11 @@ class CountingField(NamedTuple):
     """A field of a message whose every change is an event."""
 
     message: str
+    """Name of the message."""
     field: str
+    """Name of its field, which holds a number or count."""
     code: Reported
+    """Code of the event."""
     subject: str
     """Subject of the event; ``{}`` stands for the new value."""
 
@@ -102,10 +106,13 @@ class FaultSignal(NamedTuple):
     """For each sample of a message, whether it reports one fault."""
 
     message: str
+    """Name of the message."""
     is_faulty: Flags
     """(N,) for the N samples of the message; (0,) where it or its field was not recorded."""
     code: Reported
+    """Code of the event."""
     subject: str = ""
+    """What is at fault; empty if the code names it."""
     columns: Columns | None = None
     """The N samples, where they are not all of the message: of one of several batteries."""
 
@@ -435,10 +442,13 @@ def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
 def _sensor_faults(
     health: NDArray[np.int64], present: NDArray[np.int64], enabled: NDArray[np.int64]
 ) -> Iterator[FaultSignal]:
-    """Yields the sensors of SYS_STATUS that are present and enabled, and not healthy.
+    """Yields the fault signal of each of the ``SENSOR_FAULTS`` by SYS_STATUS.
+
+    A sensor is at fault where it is present and enabled, and not healthy. Signals of sound sensors are yielded too:
+    they are never faulty.
 
     Args:
-        health, present, enabled: (N,) masks with a bit for each sensor.
+        health, present, enabled: (N,) bit masks of the N messages, with a bit for each sensor (MAV_SYS_STATUS_SENSOR).
     """
     unhealthy = ~health & present & enabled
     for sensor, fault in SENSOR_FAULTS.items():

@@ -128,9 +128,12 @@ def _saturation_loss(
 ) -> Fact | None:
     """Returns that a motor at its limit lost thrust; None if the log does not show that.
 
-    Its command must have been near those of the others before, and stand out from them at its limit. The limit must
-    last: to the end of the record, to the loss of the vehicle, or for ``RECOVERY_SECONDS``. The vehicle must be off the
-    ground, which else makes it lean, and lean towards the motor, or sink.
+    All of this must be true:
+
+    - The limit lasts: to the end of the record, to the loss of the vehicle, or for ``RECOVERY_SECONDS``.
+    - The vehicle is off the ground, which could make it lean.
+    - The motor's command was near those of the others before, and stands out from them at its limit.
+    - The vehicle leans towards the motor, or sinks.
 
     Args:
         signals: of the vehicle.

@@ -16,13 +16,14 @@ TIERS = {
     "b": Fact(Allowed.TIER_B, rate=MIN_SLOW_MOTION_RATE),
     "c": Fact(Allowed.TIER_C),
 }
-"""What each tier allows: a full model, a model of the slow motion, or the condition only."""
+"""What each tier allows: "a" a full model, "b" a model of the slow motion, "c" figures of the condition only."""
 
 
 class NextTier(NamedTuple):
     """The tier above that of a log."""
 
     tier: str
+    """"a", "b" or "c"."""
     reason: Fact
     """Why the log does not have it, and what to change."""
     is_slow: bool

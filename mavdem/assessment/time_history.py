@@ -191,7 +191,10 @@ def _within(signal: TimeSeries | None, segment: Segment) -> TimeSeries | None:
 
 
 def _motor_history(signals: Signals, segment: Segment) -> MotorHistory | None:
-    """Returns the outputs of the motors within a segment; None if they were not recorded."""
+    """Returns the outputs of the motors within a segment, in percent of their range; None if not recorded.
+
+    The deviations from the mean of all motors show what steers the vehicle, without the common thrust.
+    """
     motors = signals.motors
     if motors is None:
         return None

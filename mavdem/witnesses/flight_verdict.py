@@ -116,7 +116,17 @@ def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
 
 
 def powered_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns when the motors of a boot could carry the vehicle, by their collective (mean output of all motors), s."""
+    """Returns when the motors of a boot could carry the vehicle, s since boot.
+
+    That is while the collective, the mean output of all motors, averaged over 2 s, exceeds the least one in flight.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+
+    Returns:
+        Intervals; none if motor outputs were not recorded.
+    """
     collective = series_of_boot(signals.collective, boot)
     if collective is None:
         return []

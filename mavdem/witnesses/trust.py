@@ -13,7 +13,7 @@ from mavdem.witnesses.rotation import RotationWitness, rotation_witness
 
 @dataclass(frozen=True, eq=False)
 class SensorTrust:
-    """What the sensors of one boot are worth; a question that the log cannot answer is None."""
+    """Which sensors of one boot can be trusted; a question that the log cannot answer is None."""
 
     boot: int
     """Number of the boot."""

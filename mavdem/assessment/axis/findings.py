@@ -217,7 +217,7 @@ def _grade(parameter: str, relative_half_width: float, status: Status = Status.R
 
 
 def _first_reason(reason: Fact | None) -> Fact:
-    """Returns the reason why an estimate is not reported; of several reasons the first.
+    """Returns the one reason to show for an estimate that is not reported; of several doubts the first.
 
     Args:
         reason: of an estimate that is not reported, which always has one: a doubt, or a list of several.
@@ -266,6 +266,7 @@ def _damping_finding(physical: Physical) -> Finding:
         relative_half_widths["damping"] = half_widths.damping / physical.damping
     if physical.lag:
         relative_half_widths["lag"] = half_widths.lag / physical.lag
+    # The different grades of the two parameters: one if they are alike.
     grades = {
         _grade(name, relative_half_width, physical.status[name])
         for name, relative_half_width in relative_half_widths.items()

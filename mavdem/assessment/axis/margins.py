@@ -109,9 +109,9 @@ def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact 
     """Returns the identified loop of an axis, or why it does not count.
 
     Each loop predicts the response of the rate to its setpoint, which the flight shows too. A loop counts if the two
-    agree, and does not if they differ. If too little was measured to tell, the other axes decide: where the response of
-    one of them has less than half of the fit that it should have, the gains or the mixer are not those of the
-    parameters, and so on all axes.
+    agree, and does not if they differ. If too little was measured to tell, the other axes decide. Where the response of
+    one of them has less than half of the fit that it should have, the vehicle did not fly with the gains or the mixer
+    that its parameters state. Then no loop that is computed from them counts.
 
     Args:
         axis: "roll", "pitch" or "yaw".
@@ -139,11 +139,16 @@ def _loop_fact(loop: Loop) -> Fact:
     """Judges the stability margins of an identified loop, as a fact.
 
     They are compared with the usual margins and with the least ones to fly with. The confidence is the share of the
-    posterior samples of the plant whose margins meet the least ones. The level is good if the estimate is as usual and
-    the confidence at least ``CONFIDENCE_LEVEL``, bad if the confidence is at most 1 minus that, and else to be watched.
+    posterior samples of the plant whose margins meet the least ones. The level is good if the estimate meets the usual
+    margins, so that its rating is not bad, and the confidence is at least ``CONFIDENCE_LEVEL``. It is bad if the
+    confidence is at most 1 minus that, and else to be watched.
 
     Args:
         loop: the identified loop.
+
+    Returns:
+        A fact with the figures of the rating (:func:`mavdem.loops.axis_loops.margin_rating`), its axis, and whether the
+        estimate of the plant is biased.
     """
     rating = margin_rating(loop)
     # The share of plants, drawn from the estimate and its errors, that have at least these margins.

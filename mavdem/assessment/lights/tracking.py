@@ -8,7 +8,7 @@ from mavdem.facts.margins import TrackingLight
 
 
 def tracking_light(evidence: Evidence) -> Fact:
-    """Returns the worse of roll and pitch; if both are unknown, what to log.
+    """Judges how roll and pitch follow their setpoints, by the worse of the two; if both are unknown, what to log.
 
     Of two with the same level the one with the larger error is worse. If an overshoot is the worst, all axes that
     overshoot are named. A vehicle that oscillates may follow its setpoints well in the mean, but its light is to be

@@ -13,10 +13,16 @@ from mavdem.ingest.telemetry import Telemetry
 from mavdem.vibration.vibration_message import reported_vibration
 
 ARDUPILOT_LEVELS = Limits(15.0, 30.0)
-"""m/s², of VIBE: https://ardupilot.org/copter/docs/common-measuring-vibration.html."""
+"""Mean vibration, m/s², of ArduPilot's message VIBE.
+
+Source: https://ardupilot.org/copter/docs/common-measuring-vibration.html.
+"""
 
 PX4_LEVELS = Limits(4.905, 9.81)
-"""m/s², of ``accel_vibration_metric``: https://github.com/PX4/flight_review, app/plot_app/configured_plots.py."""
+"""Mean vibration, m/s², of PX4's ``accel_vibration_metric``.
+
+Source: https://github.com/PX4/flight_review, app/plot_app/configured_plots.py.
+"""
 
 CLIP_LIMITS = Limits(0, 100)
 """Number of clips of one IMU in a flight: ArduPilot's page on vibration calls fewer than 100 acceptable."""
