@@ -435,28 +435,31 @@ def _common_directions(flights: Sequence[UniformSamples], motors: int) -> Array 
 def _controller_fields(flights: Sequence[UniformSamples]) -> JsonValues:
     """Returns the fields of a record that describe the controller, as far as the segments have them.
 
-    These are its parameters and the range of the inputs, from the ``provenance`` of the first segment, and the
-    setpoints, where all segments have the same ones.
+    These are its parameters and the range of the inputs, and the setpoints, where all segments have the same ones.
+    Segments of one record are parts of one flight, so that the first one's ``provenance``, what is known of their
+    origin, holds for all.
 
     Args:
-        flights: The segments. ``provenance["parameters"]`` has the autopilot's parameters by name,
-            ``provenance["earlier"]`` their values before a change, and ``provenance["scale"]`` the inputs at no
-            throttle, "low", and at full throttle, "high".
+        flights: The segments, at least one. Only those of the class ``Flight`` have the attributes that are read here.
+            ``provenance["parameters"]`` has the autopilot's parameters by name, ``provenance["earlier"]`` their values
+            before a change, and ``provenance["scale"]`` the inputs at no throttle, "low", and at full throttle, "high".
 
     Returns:
         Values of the fields ``parameters``, ``earlier``, ``input_range`` and, where there are any, ``setpoints`` and
         ``setpoint_names`` of :class:`Record`.
     """
-    provenance: Mapping[str, Any] = getattr(flights[0], "provenance", {})
+    first_segment = flights[0]
+    # Other kinds of samples lack these attributes: they are read by name, with a default.
+    provenance: Mapping[str, Any] = getattr(first_segment, "provenance", {})
     scale = provenance.get("scale", {})
     fields: JsonValues = {
         "parameters": dict(provenance.get("parameters", {})),
         "earlier": dict(provenance.get("earlier", {})),
         "input_range": (scale["low"], scale["high"]) if scale else (),
     }
-    names = getattr(flights[0], "setpoint_names", ())
+    names = getattr(first_segment, "setpoint_names", ())
     if names and all(getattr(flight, "setpoint_names", ()) == names for flight in flights):
-        # Not every kind of segment has this attribute, so that it is read by name.
+        # A segment with names of setpoints has these, though its type here does not declare them.
         setpoints = [getattr(flight, "setpoints") for flight in flights]  # noqa: B009
         fields["setpoints"] = np.concatenate(setpoints)
         fields["setpoint_names"] = names

@@ -293,7 +293,12 @@ class Store:
             self._delete_rows()
 
     def reread_logs_without_page(self) -> None:
-        """Marks the logs to be read again that have a flight whose page no longer exists."""
+        """Marks the logs to be read again whose pages are incomplete: one that a row of theirs names does not exist.
+
+        A page is the HTML file of a flight. A log whose column ``ended`` is "source" is read again like one whose file
+        could not be opened.
+        """
+        # A row is the JSON text of a flight; one that is damaged counts as a row without a page.
         pages = self.db.execute(
             """select distinct log, json_extract(iif(json_valid(row), row, '{}'), '$.page') as page from flights
             where page glob ?""",

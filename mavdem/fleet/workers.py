@@ -295,18 +295,23 @@ def side_by_side(
     # Each reader has one log at a time: when it is done, its function is submitted anew with the next log.
     executor = ThreadPoolExecutor(MAX_READER_THREADS)
     try:
+        # The readers that work, by the future of the log that each reads.
         busy = {executor.submit(read, job): read for read, job in zip(reads, jobs, strict=False)}
         while busy:
             # It waits for a limited time only: another thread may have received a signal, which Python handles in this
             # thread when it wakes.
-            for future in islice(wait(busy, POLL_SECONDS, FIRST_COMPLETED).done, 1):
+            completed = wait(busy, POLL_SECONDS, FIRST_COMPLETED).done
+            # One outcome at a time: the others are completed still at the next wait, which then returns at once.
+            for future in islice(completed, 1):
                 read = busy.pop(future)
                 outcome = future.result()
                 if outcome is not None:
                     yield outcome
+                # The reader takes the next log; where none is left, it is done.
                 for job in islice(jobs, 1):
                     busy[executor.submit(read, job)] = read
     finally:
+        # This also runs where the caller takes no more outcomes. A signal to end waits until all threads have ended.
         cancel()
         with blocked_signals(*TERMINATION_SIGNALS):
             executor.shutdown()

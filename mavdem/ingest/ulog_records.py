@@ -126,18 +126,33 @@ class _RecordScan:
             start = end
 
     def sound_content(self) -> bytes:
-        """Returns the file made of the records that are kept."""
+        """Returns a file with the records that are kept; the same bytes as ``content`` where nothing was left out.
+
+        The record with the flags, which follows the header of the file, is written anew: offsets of appended data in it
+        would be wrong where records before them were left out.
+        """
         flags = self._flags_without_offsets()
         first_record = FILE_HEADER_BYTES + len(flags)
         is_whole = self._kept[1:] == [slice(first_record, len(self.content))]
         if is_whole and flags == self._flags:
             return self.content
         pieces = [self.content[part] for part in self._kept]
+        # The first piece is the header of the file, which the flags follow.
         pieces.insert(1, flags)
         return b"".join(pieces)
 
     def _appended_offsets(self, first_record: int) -> list[int]:
-        """Returns where data was appended, ascending; none where the flags say so, or are damaged."""
+        """Returns where data was appended to the file, as after a crash of the system, ascending.
+
+        The flags record has eight bytes of compatible flags, eight of incompatible ones, and three offsets, of which
+        unused ones are 0 (https://docs.px4.io/main/en/dev_log/ulog_file_format.html, "Flag Bits Message").
+
+        Args:
+            first_record: Offset behind the flags, where the other records begin.
+
+        Returns:
+            The offsets; none where no data was appended, or where the flags are damaged.
+        """
         if not self._flags:
             return []
         values = struct.unpack("<8B8B3Q", self._flags[HEADER.size :])
@@ -150,7 +165,10 @@ class _RecordScan:
         return []
 
     def _flags_without_offsets(self) -> bytes:
-        """Returns the record of the flags for a file whose appended data follows the rest; empty without flags."""
+        """Returns the flags record without its offsets of appended data; empty where the file has no flags.
+
+        It is for a file in which the appended data directly follows the rest, so that readers need no offsets.
+        """
         flags = bytearray(self._flags)
         if flags:
             first_incompatible_flag = HEADER.size + 8

@@ -85,11 +85,13 @@ class RowGrid:
         self._samplings: tuple[StreamSampling, ...] = ()
         # Number of the next point to complete, 0 at the beginning of the grid: its time is start_time + dt · number.
         self._next_index = 0
-        # Time of the latest completed point, and until when no new beginning is tried, s of the boot clock.
+        # Time of the latest completed point, s of the boot clock.
         self._latest_time = -inf
-        self._retry_time = -inf
-        # A rate has changed before this time, s, so that only later samples decide about the step.
-        self._steady_time = -inf
+        # Where streams were too slow: the time from which on a new segment is tried again, s.
+        self._next_attempt_time = -inf
+        # Where a stream changed its rate: the end of the seconds in which it did, s. Only later samples decide about
+        # the step.
+        self._rate_change_time = -inf
         # All steps that segments have had, s, of which one is taken again where a measured step is nearly the same.
         self._former_steps: list[float] = []
 
@@ -100,7 +102,7 @@ class RowGrid:
             forget_step: whether the time step is decided anew for the next segment; else it stays.
         """
         self.is_running = False
-        self._retry_time = -inf
+        self._next_attempt_time = -inf
         if forget_step:
             self.dt = None
 
@@ -108,7 +110,7 @@ class RowGrid:
         """Ends the segment at a reboot, whose clock begins anew; numbers of segments and former steps stay."""
         self.end(forget_step=True)
         self._latest_time = -inf
-        self._steady_time = -inf
+        self._rate_change_time = -inf
 
     def begin(self, streams: Sequence[SampleStream]) -> bool:
         """Begins a segment if the streams are long and fast enough.
@@ -128,12 +130,12 @@ class RowGrid:
         start_time = max(
             *(stream.start_time for stream in streams),
             self._latest_time + STAMP_ROUNDING,
-            self._steady_time,
+            self._rate_change_time,
         )
         # Until this time every stream has samples.
         end_time = min((stream.time[-1] if stream.time else -inf) for stream in streams)
         needed_seconds = DECISION_SECONDS if self.dt is None else RESUME_SECONDS
-        if end_time < self._retry_time or end_time - start_time < needed_seconds:
+        if end_time < self._next_attempt_time or end_time - start_time < needed_seconds:
             return False
         # Stamps of each stream in these seconds, s; those at either end may be rounded.
         times = []
@@ -167,9 +169,9 @@ class RowGrid:
     ) -> float | None:
         """Decides the time step of the grid by the rates of the streams, as for a log.
 
-        Two things put the decision off. Where a stream is slower than ``MIN_STREAM_RATE``, it is tried again after
-        ``RETRY_SECONDS``. Where a rate changes within these seconds, which the numbers of samples in ``RATE_BINS``
-        parts show, only what comes later counts.
+        The decision is put off in two cases. Where a stream is slower than ``MIN_STREAM_RATE``, the next attempt is
+        made after ``RETRY_SECONDS``. Where a rate changes within these seconds, only later samples decide. A change is
+        recognised by the numbers of samples in ``RATE_BINS`` equal parts of these seconds.
 
         Args:
             times: stamps of each stream between the limits, (N,) each, s.
@@ -181,25 +183,28 @@ class RowGrid:
         """
         rates = tuple(resampling.mean_rate(time) for time in times)
         if min(rates) < MIN_STREAM_RATE:
-            self._retry_time = end_time + RETRY_SECONDS
+            self._next_attempt_time = end_time + RETRY_SECONDS
             return None
         limits = (start_time, end_time)
         counts = np.array([np.histogram(time, bins=RATE_BINS, range=limits)[0] for time in times])
         if np.any(counts.max(axis=1) >= MAX_STEP_RATIO * counts.min(axis=1)):
             # A rate changes here: a step decided from stamps of both rates would be neither's, and would stay.
-            self._steady_time = end_time
+            self._rate_change_time = end_time
             return None
         self.rates = rates
-        return self._former_step_near(resampling.common_step(times))
+        return self._reused_step(resampling.common_step(times))
 
-    def _former_step_near(self, step: float) -> float:
-        """Replaces a measured step by a step used before, if they differ by less than ``MAX_STEP_RATIO``.
+    def _reused_step(self, step: float) -> float:
+        """Replaces a measured step by that of an earlier segment, if they differ by less than ``MAX_STEP_RATIO``.
 
         Lost samples make the measured step a little longer. The model that was learned so far has the earlier step, and
         can only go on with rows of the same one.
 
         Args:
-            step: measured step, s. Where it is new, it is remembered.
+            step: measured step, s. Where no earlier one is near it, it is noted for later segments.
+
+        Returns:
+            The earlier step, s, or else the measured one.
         """
         for former_step in self._former_steps:
             if 1 / MAX_STEP_RATIO < step / former_step < MAX_STEP_RATIO:

@@ -169,9 +169,9 @@ def _flight_evidence(
     """Compares a flight with healthy flights, by the balance of its motors and by their effort.
 
     The balance is the torque that the motors make in roll, pitch and yaw, relative to their thrust: one weak motor
-    shifts it in its own direction. The effort is their mean output times the voltage. How far the balance deviates
-    is computed first, then how probable each cause of the deviation is. What changed before the vehicle's previous
-    flight probably persists, so that flight's probabilities are the prior.
+    shifts it in its own direction. The effort is their mean output times the voltage. How far the balance deviates is
+    computed first, then how probable each cause of the deviation is. What had changed by the vehicle's previous flight
+    probably persists, so that the probabilities after that flight are the prior of this one.
 
     Args:
         flight: A flight of which all needed figures are known (``HealthFigures.missing`` is None).
@@ -179,15 +179,17 @@ def _flight_evidence(
         previous: Evidence of the vehicle's flight before this one; None without one.
     """
     assert flight.signatures is not None
+    balance_prior, effort_prior = None, None
+    if previous is not None:
+        balance_prior, effort_prior = previous.change.posterior, previous.effort
+    # A signature is how the motors' commands change where one of the motors is weak.
     hypotheses = ChangeHypotheses(flight.signatures)
     flight_deviation = deviation(flight, healthy)
     return _FlightEvidence(
         deviation=flight_deviation,
         hypotheses=hypotheses,
-        change=hypotheses.explain(
-            flight_deviation, None if previous is None else previous.change.posterior
-        ),
-        effort=effort_change(flight, healthy, None if previous is None else previous.effort),
+        change=hypotheses.explain(flight_deviation, balance_prior),
+        effort=effort_change(flight, healthy, effort_prior),
     )
 
 

@@ -29,11 +29,17 @@ SMALLEST_VARIANCE = 1e-6
 """Least variance of a mean share: it bounds the odds of blocks that are all alike."""
 
 SMOOTHING_BLOCKS = 4
-"""Number of blocks whose mean tells when a change was over: 2 s."""
+"""Number of blocks, 2 s, over whose mean it is decided when a change was over: single blocks are too noisy."""
+
+HALF_CHANGE = 0.5
+"""Share of a change below which the balance is nearer to that before the change than to that after it."""
 
 
 class LossConfirmation(NamedTuple):
-    """A loss of thrust that was detected a moment ago, with what tells whether it lasts."""
+    """A loss of thrust that was detected a moment ago, with the balance before and after it.
+
+    The balance is the torque about each of a axes relative to the thrust; a block is half a second of flight.
+    """
 
     motor: int
     """Index of the motor."""
@@ -42,11 +48,11 @@ class LossConfirmation(NamedTuple):
     detection: float
     """When it was detected, s."""
     balance_before: Array
-    """(a,) balance before the change."""
+    """(a,) balance on each axis before the change."""
     change: Array
-    """(a,) balance that the change left, less that before."""
+    """(a,) balance after the change, less that before."""
     variance: Array
-    """(a,) variance of the change."""
+    """(a,) variance of that difference."""
 
     def is_decidable(self, time: float) -> bool:
         """Returns whether there is enough flight after the change at a time, s."""
@@ -56,10 +62,11 @@ class LossConfirmation(NamedTuple):
         """Returns whether the loss is confirmed at a time, s, since nothing withdrew it."""
         return time >= self.start + MIN_LOSS_SECONDS + MAX_CONFIRMATION_SECONDS
 
-    def shown_shares(self, balances: Array) -> Array:
-        """Returns (N,) which share of the change each block shows: 0 as before the change, 1 as after it.
+    def remaining_shares(self, balances: Array) -> Array:
+        """Returns (N,) which share of the change remains in each block: 0 as before the change, 1 as after it.
 
-        It is the projection on the change, weighted by its variance, so that axes count more on which it is known well.
+        It is the projection of the balance on the change. Each axis is weighted by the inverse of the variance, so that
+        axes on which the change is known well count more.
 
         Args:
             balances: (N, a) balance of each block.
@@ -75,10 +82,13 @@ class LossConfirmation(NamedTuple):
 
         Args:
             times: (N,) ends of the blocks since the detection, s.
-            balances: N balances (a,).
+            balances: N balances (a,) of these blocks.
+
+        Returns:
+            The log odds; 0, even odds, while there is too little flight to decide.
         """
         is_settled = np.array(times) > self.start + MIN_LOSS_SECONDS
-        shares = self.shown_shares(np.array(balances)[is_settled])
+        shares = self.remaining_shares(np.array(balances)[is_settled])
         if len(shares) * BLOCK_SECONDS < MIN_CONFIRMATION_SECONDS:
             return 0.0
         mean = shares.mean()
@@ -91,13 +101,15 @@ class LossConfirmation(NamedTuple):
         return float((1 - 2 * mean) / (2 * max(mean_variance, SMALLEST_VARIANCE)))
 
     def blocks_since_return(self, balances: Sequence[Array]) -> int:
-        """Returns for how many of the last blocks the change has been over: since it was last shown by half.
+        """Returns for how many of the latest blocks the change has been over, at least 1.
+
+        The change counts as over after the last block in whose moving mean at least half of it remained.
 
         Args:
-            balances: N balances (a,) of the blocks since the detection.
+            balances: N balances, each with a value for every axis (a,), of the blocks since the detection.
         """
-        shares = self.shown_shares(np.array(balances))
+        shares = self.remaining_shares(np.array(balances))
         means = np.convolve(shares, np.full(SMOOTHING_BLOCKS, 1 / SMOOTHING_BLOCKS), "same")
-        rows = np.flatnonzero(means >= 0.5)
-        last_shown = int(rows[-1]) if len(rows) else 0
-        return max(len(shares) - 1 - last_shown, 1)
+        changed_rows = np.flatnonzero(means >= HALF_CHANGE)
+        last_changed_row = int(changed_rows[-1]) if len(changed_rows) else 0
+        return max(len(shares) - 1 - last_changed_row, 1)

@@ -100,10 +100,11 @@ def _messages_by_rate(vehicle: JsonValues) -> dict[str, list[str]]:
 
 
 def stream_contents(contents: JsonValues) -> list[Sentence]:
-    """Returns a sentence on what was received from each sender, and one on what could not be decoded.
+    """Returns a sentence on each sender that lost messages or that is no vehicle, and one on undecodable messages.
 
     Args:
-        contents: from ``mavdem.assessment.inventory``.
+        contents: from ``mavdem.assessment.inventory``: ``speakers`` are all senders of messages, ``vehicles`` those of
+            them that are vehicles, and ``unread`` the messages that could not be decoded.
     """
     vehicles = [component_id(vehicle) for vehicle in contents["vehicles"]]
     sentences = []
@@ -112,7 +113,9 @@ def stream_contents(contents: JsonValues) -> list[Sentence]:
         sentences += render_section(
             "sender",
             **sender,
-            is_ordinary=is_vehicle or bool(vehicles),
+            # Beside a vehicle, ground stations and radios are usual, and are not listed. Where a log has no vehicle,
+            # every sender is listed, so that the reader sees what the log has instead.
+            is_ordinary=len(vehicles) > 0,
             is_silent=sender["kind"] == UNNAMED and not is_vehicle,
             # The gaps of a ground station have no meaning: it numbers its messages to all links together.
             is_lossy=is_vehicle and _is_lossy(sender),
@@ -235,7 +238,11 @@ def drag_table(drag: Drag, settings: Mapping[str, tuple[float, float, float]]) -
 
 
 def air_blocks(assessment: Assessment) -> Blocks:
-    """Returns the wind of a log, as :func:`wind_blocks` does, and the share of the wind torque that it explains."""
+    """Returns the wind of a log in sentences, as :func:`wind_blocks` does, and how much of the wind torque it explains.
+
+    The wind torque is the part of the torque that the motors do not explain. The result is empty where the log was not
+    searched for wind.
+    """
     if assessment.evidence is None:
         return []
     blocks = wind_blocks(assessment.evidence.wind)

@@ -90,7 +90,14 @@ def _texts_of_next_step(tuning: Tuning) -> set[str]:
 
 
 def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:
-    """Returns what limits gains that change: the cautions about the loops by which they were found."""
+    """Returns sentences on how far the advised gains can be trusted, for the axes on which gains shall change.
+
+    They are the cautions about the estimated control loop of an axis, from which its gains were calculated. Axes with
+    the same caution share a sentence.
+
+    Args:
+        advice_by_axis: by axis, the advice, or a fact why there is none.
+    """
     axes_and_cautions = []
     for axis, advice in advice_by_axis.items():
         if isinstance(advice, Advice) and advice.parameters:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mavdem.ingest.vocabulary import mavlink_constant
 from sitl_scenarios.mavlink.autopilots import Autopilot
 from sitl_scenarios.mavlink.units import HOME, METRES_PER_DEGREE, by_column, heading
-from sitl_scenarios.mishaps.instruments import CELLS, InstrumentedMotion
+from sitl_scenarios.mishaps.instruments import CELLS, SECOND_BATTERY_SHARE, InstrumentedMotion
 from sitl_scenarios.mishaps.sensor_faults import FIX_3D
 from sitl_scenarios.motion import Arrays
 from sitl_scenarios.plan import ON_GROUND
@@ -47,6 +47,12 @@ HORIZONTAL_WITHOUT_FIX = 2 | 8
 
 PX4_VIBRATION_SCALE = 0.25
 """PX4's vibration metric by ArduPilot's, whose filters differ: the limits of both stand in about this ratio."""
+
+EMPTY_CELL = 3.2
+"""Voltage of a cell, V, that autopilots take for empty; a choice."""
+
+FULL_CELL = 4.15
+"""Voltage of a cell, V, that they take for full; a choice."""
 
 BATTERY_CAPACITY = 3000.0
 """Charge of a full battery, mAh."""
@@ -166,24 +172,33 @@ def _vibration_fields(motion: InstrumentedMotion, autopilot: Autopilot) -> Array
 def charge_share(motion: InstrumentedMotion, battery: int) -> NDArray[Any]:
     """Returns the remaining charge of a battery, 0 to 1, as autopilots estimate it by the voltage of a cell; (N,)."""
     cell = motion.battery_voltage[:, battery] / CELLS
-    return ((cell - 3.2) / (4.15 - 3.2)).clip(0.0, 1.0)
+    return ((cell - EMPTY_CELL) / (FULL_CELL - EMPTY_CELL)).clip(0.0, 1.0)
 
 
 def _battery_fields(motion: InstrumentedMotion, boot: NDArray[np.int64]) -> Fields:
-    """Returns the fields of BATTERY_STATUS; two batteries take turns, second by second."""
+    """Returns the fields of BATTERY_STATUS; of two batteries each is reported every other second.
+
+    Units are those of the message: mV, A / 100, mAh and percent. An autopilot that does not know the voltage of single
+    cells sends the battery's voltage as that of the first cell.
+
+    Args:
+        motion: N rows of the flight.
+        boot: Their times since boot, µs; (N,).
+    """
     is_second = ~np.isnan(motion.battery_voltage[:, 1]) & (boot // 1_000_000 % 2 == 1)
     battery = is_second.astype(int)
     rows = np.arange(len(boot))
     voltages = np.full((len(boot), 10), float(UNKNOWN_VOLTAGE))
     voltages[:, 0] = np.round(1000 * motion.battery_voltage[rows, battery])
     share = np.where(is_second, charge_share(motion, 1), charge_share(motion, 0))
+    current_shares = np.where(is_second, SECOND_BATTERY_SHARE, 1.0)
     return {
         "id": battery,
         "battery_function": 1,
         "type": 1,
         "temperature": np.iinfo(np.int16).max,
         "voltages": voltages,
-        "current_battery": np.round(100 * motion.battery_current * np.where(is_second, 0.25, 1.0)),
+        "current_battery": np.round(100 * motion.battery_current * current_shares),
         "current_consumed": np.round(BATTERY_CAPACITY * (1 - share)),
         "energy_consumed": -1,
         "battery_remaining": np.round(100 * share),
@@ -214,7 +229,15 @@ def system_status_fields(motion: InstrumentedMotion, sensors: int) -> Fields:
 
 
 def flight_modes(motion: InstrumentedMotion, autopilot: Autopilot) -> NDArray[Any]:
-    """Returns base and custom mode of each row, (N, 2): those of the plan, or of whoever flies otherwise."""
+    """Returns base and custom mode of each row, (N, 2), as HEARTBEAT reports them.
+
+    They are those of the flight plan, which depend on the landed state, except where a pilot or a failsafe flies.
+
+    Args:
+        motion: N rows of the flight; ``mode`` is 0 where the plan is flown.
+        autopilot: Autopilot that reports the modes.
+    """
+    # The row of mode 0 is never used: there the mode of the plan is taken.
     planned = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]
     others = np.array([(0, 0), *autopilot.manual_modes])
     return np.where(motion.mode[:, None] > 0, others[motion.mode], planned)

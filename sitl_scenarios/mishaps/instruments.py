@@ -71,11 +71,32 @@ BOARD_NOISE = 0.01
 SOUND_RATIO = 0.12
 """Usual innovation of a measurement by what the filter accepts."""
 
+SOUND_RATIO_SPREAD = 0.2
+"""Standard deviation of that innovation from cycle to cycle, relative to it; a choice."""
+
+FORCE_NOISE_PER_VIBRATION = 0.1
+"""Standard deviation of the accelerometer, m/s², for each m/s² of added vibration; a choice."""
+
+KNOCK_DIRECTION = (0.5, -0.4, -0.7)
+"""Share of a knock of the ground that each body axis of the accelerometer feels; a choice.
+
+The ground pushes upwards against the vehicle, and turns it, so that no axis feels all of it.
+"""
+
+KNOCK_CLIPS = 2
+"""Samples beyond the range of the accelerometer in each cycle of a strong knock; a choice."""
+
+USED_CELL_VOLTAGE = 3.5
+"""Voltage without load, V, with which each cell of a second battery that will be empty begins the flight; a choice."""
+
+SECOND_BATTERY_SHARE = 0.25
+"""Current of the second battery by that of the first, of a vehicle with two; a choice."""
+
 NO_BATTERY = np.nan
 """Voltage of a battery that is not there."""
 
-FIELDS_OF_NOISE = 9
-"""Random numbers of one cycle."""
+NOISE_COLUMNS = 9
+"""Random numbers of one cycle: accelerometer (3), barometer, satellites (3), innovations, supply of the board."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,51 +155,54 @@ class Instruments:
 
     @staticmethod
     def _noise_rows(scenario: Scenario) -> Iterator[list[float]]:
-        """Yields white noise of unit variance, ``FIELDS_OF_NOISE`` numbers for each cycle."""
+        """Yields white noise of unit variance, ``NOISE_COLUMNS`` numbers for each cycle."""
         random = scenario.random(INSTRUMENTS)
         while True:
-            yield from random.standard_normal((NOISE_BLOCK, FIELDS_OF_NOISE)).tolist()
+            yield from random.standard_normal((NOISE_BLOCK, NOISE_COLUMNS)).tolist()
 
     def row(
-        self, time: float, state: State, battery: float, readings: Readings, knock: float
+        self,
+        time: float,
+        state: State,
+        remaining_voltage: float,
+        readings: Readings,
+        knock: float,
     ) -> dict[str, Any]:
         """Returns what the instruments measure in this cycle, by the names of the fields of ``InstrumentedMotion``.
+
+        All follow from how hard the rotors work, relative to hover. Thrust, and the imbalance that shakes the frame, go
+        with the square of the rotor speeds; the power, and so the current, goes with their cube.
 
         Args:
             time: Seconds after arming.
             state: True state, with the accelerations of the last step.
-            battery: Remaining fraction of the battery's voltage.
+            remaining_voltage: Share of the first battery's voltage that the scenario's ``battery_sag`` leaves, 0 to 1.
             readings: Errors of the sensors.
-            knock: Blow of the ground, m/s².
+            knock: What a blow of the ground adds to the accelerometer, m/s².
         """
         noise = next(self._noise)
-        # Mean cube of the rotor speeds by that in hover: the power; their mean square: thrust and imbalance.
-        ratios = [speed / self._hover_speed for speed in state.rotors]
-        effort = sum(ratio**2 for ratio in ratios) / self._rotors
-        power = sum(abs(ratio) ** 3 for ratio in ratios) / self._rotors
-        vibration = effort * (SOUND_VIBRATION + readings.vibration)
+        board_noise = noise[8]
+        speed_ratios = [speed / self._hover_speed for speed in state.rotors]
+        thrust_ratio = sum(ratio**2 for ratio in speed_ratios) / self._rotors
+        power_ratio = sum(abs(ratio) ** 3 for ratio in speed_ratios) / self._rotors
+        current = HOVER_CURRENT * self._rotors * power_ratio
+        vibration = thrust_ratio * (SOUND_VIBRATION + readings.vibration)
         self._clips += max(vibration - CLIPPING_LEVEL, 0.0) * CLIPS_PER_VIBRATION * self._cycle
         if knock > KNOCK_CLIP:
-            self._clips += 2
-        voltages = self._battery_voltages(time, HOVER_CURRENT * self._rotors * power, battery)
+            self._clips += KNOCK_CLIPS
         north, east, down = state.position
-        height = -down + readings.height_error
-        if -down < PROP_WASH_REACH:
-            height -= PROP_WASH_HEIGHT * min(effort, 1.0) * (1.0 + down / PROP_WASH_REACH)
-        height += BAROMETER_NOISE * noise[3]
-        if readings.stuck_height is not None:
-            height = readings.stuck_height
-        fix_noise = [FIX_NOISE * number for number in noise[4:7]]
-        usual = SOUND_RATIO * (1.0 + 0.2 * noise[7])
+        north_noise, east_noise, down_noise = (FIX_NOISE * number for number in noise[4:7])
+        usual = SOUND_RATIO * (1.0 + SOUND_RATIO_SPREAD * noise[7])
         return {
-            "specific_force": self._specific_force(state, readings, knock, effort, noise),
+            "specific_force": self._specific_force(state, readings, knock, thrust_ratio, noise[:3]),
             "vibration": vibration,
             "clips": int(self._clips),
-            "barometer_height": height,
+            "barometer_height": self._barometer_height(down, readings, thrust_ratio, noise[3]),
+            # Satellites lie on one side only, above: the vertical position is twice as uncertain.
             "fix": (
-                north + fix_noise[0],
-                east + readings.east_error + fix_noise[1],
-                down + 2 * fix_noise[2],
+                north + north_noise,
+                east + readings.east_error + east_noise,
+                down + 2 * down_noise,
             ),
             "fix_type": readings.fix_type,
             "satellites": readings.satellites,
@@ -189,43 +213,100 @@ class Instruments:
                 usual + readings.compass_ratio,
             ),
             "is_glitching": readings.position_ratio > 1.0,
-            "battery_voltage": voltages,
-            "battery_current": HOVER_CURRENT * self._rotors * power,
-            "board_voltage": self._board_voltage(time) + BOARD_NOISE * noise[8],
+            "battery_voltage": self._battery_voltages(time, current, remaining_voltage),
+            "battery_current": current,
+            "board_voltage": self._board_voltage(time) + BOARD_NOISE * board_noise,
         }
 
+    @staticmethod
+    def _barometer_height(
+        down: float, readings: Readings, thrust_ratio: float, noise: float
+    ) -> float:
+        """Returns the height by the barometer, m above the take-off.
+
+        Near the ground the rotors press air below the vehicle: the pressure rises, and the height reads too low, the
+        more the nearer the ground is.
+
+        Args:
+            down: True position down from the take-off, m.
+            readings: Errors of the sensors.
+            thrust_ratio: Thrust of the rotors by that in hover.
+            noise: A random number of unit variance.
+        """
+        height = -down + readings.height_error
+        if -down < PROP_WASH_REACH:
+            height -= PROP_WASH_HEIGHT * min(thrust_ratio, 1.0) * (1.0 + down / PROP_WASH_REACH)
+        height += BAROMETER_NOISE * noise
+        if readings.stuck_height is not None:
+            height = readings.stuck_height
+        return height
+
     def _specific_force(
-        self, state: State, readings: Readings, knock: float, effort: float, noise: list[float]
+        self,
+        state: State,
+        readings: Readings,
+        knock: float,
+        thrust_ratio: float,
+        noise: list[float],
     ) -> tuple[float, ...]:
-        """Returns the accelerometer in body axes, m/s²: acceleration less gravity, with noise, bias and knock."""
+        """Returns the accelerometer in body axes, m/s²: acceleration less gravity, with noise, bias and knock.
+
+        Args:
+            state: True state; its linear accelerations are in NED, m/s².
+            readings: Errors of the sensors.
+            knock: What a blow of the ground adds, m/s².
+            thrust_ratio: Thrust of the rotors by that in hover, with which the noise grows.
+            noise: Three random numbers of unit variance, one for each axis.
+        """
         north, east, down = state.accelerations.linear
         without_gravity = (north, east, down - GRAVITY)
+        # The columns of the matrix from body axes to NED are the body axes, on which the force is projected.
         rows = rotation_matrix(state.attitude)
         force = [dot(column, without_gravity) for column in zip(*rows, strict=True)]
-        spread = effort * (FORCE_NOISE + 0.1 * readings.vibration)
-        x, y, z = (part + spread * number for part, number in zip(force, noise[:3], strict=True))
-        # The ground pushes against the vehicle, and turns it: the axes share the blow.
-        return x + 0.5 * knock, y - 0.4 * knock, z + readings.force_bias - 0.7 * knock
+        spread = thrust_ratio * (FORCE_NOISE + FORCE_NOISE_PER_VIBRATION * readings.vibration)
+        x, y, z = (part + spread * number for part, number in zip(force, noise, strict=True))
+        knock_x, knock_y, knock_z = (share * knock for share in KNOCK_DIRECTION)
+        return x + knock_x, y + knock_y, z + readings.force_bias + knock_z
 
-    def _battery_voltages(self, time: float, current: float, battery: float) -> tuple[float, float]:
-        """Returns the voltages of both batteries under a current, A; the second is NaN where there is none."""
-        share = min(max(time / self._duration, 0.0), 1.0)
-        open_voltage = FULL_BATTERY_VOLTAGE + (DISCHARGED_VOLTAGE - FULL_BATTERY_VOLTAGE) * share
+    def _battery_voltages(
+        self, time: float, current: float, remaining_voltage: float
+    ) -> tuple[float, float]:
+        """Returns the voltages of both batteries under load, V; that of the second is NaN where there is none.
+
+        The voltage without load falls evenly over the flight, as the charge is used. The load lowers it by the current
+        times the internal resistance.
+
+        Args:
+            time: Seconds after arming.
+            current: Current of the first battery, A.
+            remaining_voltage: Share of the first battery's voltage that the scenario's ``battery_sag`` leaves, 0 to 1.
+        """
+        flown_share = min(max(time / self._duration, 0.0), 1.0)
+        open_voltage = _between(FULL_BATTERY_VOLTAGE, DISCHARGED_VOLTAGE, flown_share)
         mishap = self._mishap
         if isinstance(mishap, FailsafeDisarm) and mishap.cause == "battery":
-            # It is empty at the failsafe.
-            spent = min(max(time / mishap.start, 0.0), 1.0)
-            open_voltage = 11.4 + (EMPTY_VOLTAGE - 11.4) * spent
-        first = battery * open_voltage - RESISTANCE * current
-        if isinstance(mishap, EmptyBattery):
-            second = CELLS * (3.5 + (mishap.cell - 3.5) * share) - RESISTANCE * current / 4
-            return first, second
-        return first, NO_BATTERY
+            # This battery was used before the flight, and is empty when the failsafe acts.
+            share_to_failsafe = min(max(time / mishap.start, 0.0), 1.0)
+            open_voltage = _between(DISCHARGED_VOLTAGE, EMPTY_VOLTAGE, share_to_failsafe)
+        first = remaining_voltage * open_voltage - RESISTANCE * current
+        if not isinstance(mishap, EmptyBattery):
+            return first, NO_BATTERY
+        cell_voltage = _between(USED_CELL_VOLTAGE, mishap.cell, flown_share)
+        second_current = SECOND_BATTERY_SHARE * current
+        return first, CELLS * cell_voltage - RESISTANCE * second_current
 
     def _board_voltage(self, time: float) -> float:
-        """Returns the supply of the board, V, which falls before a brown-out."""
+        """Returns the supply of the autopilot's board, V, ``time`` seconds after arming.
+
+        It is constant, except before a brown-out, where it falls evenly to the voltage at which the board stops.
+        """
         mishap = self._mishap
         if not isinstance(mishap, BrownOut) or time < mishap.start:
             return BOARD_VOLTAGE
-        fallen = min((time - mishap.start) / mishap.seconds, 1.0)
-        return BOARD_VOLTAGE + (mishap.voltage - BOARD_VOLTAGE) * fallen
+        fallen_share = min((time - mishap.start) / mishap.seconds, 1.0)
+        return _between(BOARD_VOLTAGE, mishap.voltage, fallen_share)
+
+
+def _between(start: float, end: float, share: float) -> float:
+    """Returns the value at a ``share``, 0 to 1, of the way from ``start`` to ``end``."""
+    return start + (end - start) * share

@@ -413,11 +413,12 @@ def _filling_frames(
     # Unless the stream ends here, the space after the last linked frame is left to the next block: an end of 0 makes it
     # empty.
     space_end = np.append(linked.start, len(data) + gap if is_end_of_stream else 0)
+    # NumPy's view of the memory, whose slices are cheaper than those of the array.
     content = data.data
     frame_starts = array("q")
     for row in np.flatnonzero(space_end > space_start).tolist():
-        first, goal = int(space_start[row]), int(space_end[row])
-        frame_starts.extend(_starts_of_chain(content, first, goal, gap))
+        chain = _starts_of_chain(content, int(space_start[row]), int(space_end[row]), gap)
+        frame_starts.extend(chain)
     frames = frames_at(data, np.frombuffer(frame_starts, dtype=np.int64))
     is_unknown = crc_extras.take(frames.message_id, mode="clip") < 0
     frames.checksum[:] = np.where(is_unknown, MESSAGE_UNKNOWN, CHECKSUM_FAILED)
@@ -425,17 +426,19 @@ def _filling_frames(
 
 
 def _starts_of_chain(content: memoryview, offset: int, goal: int, gap: int) -> Sequence[int]:
-    """Follows frames by the lengths in their headers, each to the next.
+    """Follows frames by the lengths in their headers, each to the next, up to the next linked frame.
+
+    That the lengths lead exactly to a linked frame shows that these are frames too. Behind the last linked frame there
+    is none to lead to: there the chain must go on until the stream ends, which may cut its last frame.
 
     Args:
         content: The stream.
         offset: Where the first frame begins.
-        goal: Where a frame must begin that is the last one's neighbour; beyond the stream for its end.
+        goal: Where the next linked frame begins; for frames behind the last linked one, an offset beyond the stream.
         gap: Number of bytes between one frame and the next.
 
     Returns:
-        The offset of each frame before the goal, if the chain leads there, or is cut off by the end of the stream;
-        else none.
+        The offset of each frame of the chain; none where the lengths do not lead to the goal or the stream's end.
     """
     starts = array("q")
     size = len(content)

@@ -343,12 +343,12 @@ class VehicleTracks:
     A vehicle that restarts, or whose estimate jumps, does not come back to the former clock, heading or position.
 
     Attributes:
-        were_two: whether there were two at any time.
+        has_found_two: whether two vehicles were recognised at any time.
     """
 
     def __init__(self) -> None:
         """Begins without a reading."""
-        self.were_two = False
+        self.has_found_two = False
         # The track of the latest reading is the first.
         self._tracks: list[_VehicleTrack] = []
         # By what contradicts: the number of readings that could show it, and at which a former vehicle came back.
@@ -367,7 +367,11 @@ class VehicleTracks:
         return count - self._latest_recognition < RECOGNITION_READINGS
 
     def add(self, reading: Reading) -> None:
-        """Adds the next reading under the ids.
+        """Adds the next reading under the ids, to the track of the vehicle that it fits.
+
+        Tracks are tried from that of the latest reading on. Where the reading contradicts that one but fits a former
+        one, the messages have switched back to the former vehicle, which is counted. Where it fits none, a new track
+        begins. Tracks whose clock does not go on, as of forged messages, do not count.
 
         Args:
             reading: what a vehicle reports.
@@ -403,7 +407,7 @@ class VehicleTracks:
         switches = self._switches[contradiction]
         switches.append(count)
         if len(switches) == limit.switches and count - switches[0] <= limit.readings:
-            self.were_two = True
+            self.has_found_two = True
             self._latest_recognition = self._reading_counts[Contradiction.CLOCK]
 
 

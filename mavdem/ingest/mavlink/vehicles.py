@@ -180,7 +180,13 @@ def _stream_repairs(stream: FrameStream, unread: Sequence[UnreadFrames]) -> Fact
 
 
 def _receive_interval(stamps: NDArray[np.uint64]) -> Interval:
-    """Returns first and last trustworthy receive stamp, UNIX s, from stamps (N,), µs; NaN where there is none."""
+    """Returns the first and the last receive stamp of a recording, UNIX s; NaN where there is none.
+
+    Stamps far from those around them are left out: they are damaged, or from a computer clock that was not yet set.
+
+    Args:
+        stamps: When each frame was received (N,), UNIX µs; 0 where that was not recorded.
+    """
     seconds = stamps[stamps > 0] / MICROSECONDS
     seconds = seconds[~deviates_from_median(seconds, STAMP_WINDOW, MAX_STAMP_JUMP)]
     if not len(seconds):
@@ -255,7 +261,7 @@ def _unread_frames(
     is_unreadable = frames.checksum != CHECKSUM_MATCHES
     checksums = frames.checksum[is_unreadable]
     # One key per message and sender. An unknown message is unknown in each of its frames, so that the first frame of a
-    # key tells it.
+    # key shows it.
     keys = (frames.message_id << SENDER_BITS | sender_ids)[is_unreadable]
     for key, rows in rows_by_value(keys).items():
         message_id = key >> SENDER_BITS
@@ -293,20 +299,23 @@ class _SenderStream:
 
 
 MIN_IRREGULAR_SHARE = 0.05
-"""Share of sequence numbers that do not follow the one before, above which every frame is looked at: a choice."""
+"""Share of frames whose sequence number does not follow that of the frame before, above which several links or two
+vehicles are suspected, and all bytes of every frame are compared: a choice."""
 
 
 def _sender_stream(data: Bytes, frames: Frames) -> _SenderStream:
     """Finds out over which links the frames of a sender came, which of them are copies, and how many are missing.
 
-    Over one link the sequence numbers of one vehicle rise, by more than 1 where messages were lost. Only where many do
-    not, or where a frame with a boot clock comes twice, is every frame looked at.
+    Over one link the sequence numbers of one vehicle rise, by more than 1 where messages were lost. Most recordings are
+    like that, and the numbers alone suffice. Several links, or two vehicles under the same ids, are suspected in two
+    cases: many numbers do not rise, or a frame with a boot clock comes twice. Only then every frame is compared with
+    those before it, which takes much longer.
 
     Args:
         data: The stream (B,).
         frames: The frames (n,) of one sender, in stream order.
     """
-    # Bytes are made signed, so that differences may be negative.
+    # Signed numbers, so that their differences may be negative.
     sequence = frames.sequence.astype(np.int16)
     steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)
     is_irregular = (steps == 0) | (steps > MAX_MISSING_STEP)
@@ -317,7 +326,18 @@ def _sender_stream(data: Bytes, frames: Frames) -> _SenderStream:
     if not has_several_links and not (may_have_copies and _has_copies(data, frames)):
         lost = int(missing_messages(sequence[:-1], sequence[1:]).sum())
         return _SenderStream(np.ones(len(frames), dtype=np.bool_), max(lost, 0))
+    return _sender_stream_of_links(data, frames)
+
+
+def _sender_stream_of_links(data: Bytes, frames: Frames) -> _SenderStream:
+    """Compares each frame of a sender with those before it, to find copies, missing frames and a second vehicle.
+
+    Args:
+        data: The stream (B,).
+        frames: The frames (n,) of one sender, in stream order.
+    """
     links = SenderLinks()
+    # NumPy's view of the memory, whose slices are cheaper than those of the array.
     content = data.data
     is_first = []
     is_readable = frames.checksum == CHECKSUM_MATCHES
@@ -335,7 +355,7 @@ def _sender_stream(data: Bytes, frames: Frames) -> _SenderStream:
         max(links.missing, 0),
         links.copies,
         links.longest_delay,
-        links.vehicles.were_two,
+        links.vehicles.has_found_two,
     )
 
 
@@ -353,6 +373,7 @@ def _first_reading_is_repeated(data: Bytes, frames: Frames) -> bool:
     is_alike = (frames.message_id == frames.message_id[first]) & (
         frames.sequence == frames.sequence[first]
     )
+    # NumPy's view of the memory, whose slices are cheaper than those of the array.
     content = data.data
     first_content = bytes(content[int(frames.start[first]) : int(frames.end[first])])
     for row in np.flatnonzero(is_alike).tolist():
@@ -379,6 +400,7 @@ def _has_copies(data: Bytes, frames: Frames) -> bool:
     if not len(repeated_keys):
         return False
     candidates = np.flatnonzero(np.isin(keys, repeated_keys))
+    # NumPy's view of the memory, whose slices are cheaper than those of the array.
     content = data.data
     contents = set[bytes]()
     for row in candidates.tolist():
@@ -412,7 +434,7 @@ def _component_record(
     """
     messages, clock_repairs = _messages(data, frames_of_messages)
     if sender_stream.copies:
-        # What only the second link brought came late.
+        # Messages that only the second link delivered came late, after later ones.
         messages = {name: _in_time_order(columns) for name, columns in messages.items()}
     kind, autopilot = UNNAMED, UNNAMED
     if "HEARTBEAT" in messages:
@@ -447,7 +469,7 @@ def _in_time_order(columns: Columns) -> Columns:
 def _is_vehicle(component: Component) -> bool:
     """Returns whether a component is a vehicle: by its HEARTBEAT, or without any by the messages that it sent.
 
-    One that sent nothing but HEARTBEATs has nothing to read.
+    One that sent nothing but HEARTBEATs is no vehicle here: nothing of its motion can be read.
     """
     if component.kind == UNNAMED:
         return not VEHICLE_MESSAGES.isdisjoint(component.messages)
@@ -574,6 +596,7 @@ class FrameStream:
         """
         rows = np.arange(len(self.stamps))
         last_stamped_row = np.maximum.accumulate(np.where(self.stamps > 0, rows, 0))
+        # NumPy's view of the memory, whose slices are cheaper than those of the array.
         content = self.data.data
         for stamp, start, end in zip(
             self.stamps[last_stamped_row].tolist(),
@@ -615,11 +638,13 @@ def joined_parts(parts: Sequence[RecordingPart]) -> RecordingPart:
     part_numbers = np.repeat(np.arange(len(parts)), [len(part.frames) for part in parts])
     order = np.argsort(positions, kind="stable")
     frames = frames[order]
+    # NumPy's views of the memory, whose slices are cheaper than those of arrays.
+    contents = [part.data.data for part in parts]
     data = bytearray()
     for part_number, start, end in zip(
         part_numbers[order].tolist(), frames.start.tolist(), frames.end.tolist(), strict=True
     ):
-        data += parts[part_number].data.data[start:end]
+        data += contents[part_number][start:end]
     ends = np.cumsum(frames.size)
     frames = replace(frames, start=ends - frames.size, end=ends)
     return RecordingPart(
