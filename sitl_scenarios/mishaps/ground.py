@@ -76,7 +76,11 @@ class GroundContact:
         return abs(self.rest_lean - self.lean) < radians(1)
 
     def advance(self, seconds: float) -> None:
-        """Moves the vehicle on by so many ``seconds``."""
+        """Moves the vehicle on by so many ``seconds``.
+
+        A vehicle that hit the ground comes to lie with the lag ``SETTLING_SECONDS``. One that tips over is an inverted
+        pendulum: its lean λ follows λ̈ = f² sin λ, with f = ``TOPPLE_FREQUENCY``, until rotors and hull hit the ground.
+        """
         self.knock *= exp(-seconds / KNOCK_SECONDS)
         if not self.is_toppling:
             change = (self.rest_lean - self.lean) * (1.0 - exp(-seconds / SETTLING_SECONDS))
@@ -124,7 +128,14 @@ def lean_of(attitude: Quaternion) -> float:
 
 
 def impact(state: State) -> GroundContact:
-    """Returns the contact of a vehicle that hits the ground: it comes to lie on its side, its back, or its feet."""
+    """Returns the contact of a vehicle that hits the ground: it comes to lie on its side, its back, or its feet.
+
+    The more it leans at the impact, the further it turns over; a fast impact on its feet breaks them. The knock is the
+    speed over the time in which the ground stops the vehicle, as far as accelerometers can measure it.
+
+    Args:
+        state: True state at the impact.
+    """
     rows = rotation_matrix(state.attitude)
     # The down axis of the body, north and east: it leans about the horizontal axis at right angles to it.
     north, east = rows[0][2], rows[1][2]

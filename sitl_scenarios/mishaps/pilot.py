@@ -175,14 +175,27 @@ class Pilot:
         return ControlOutput((idle_pulse,) * self.body.rotors, (*NO_ROTATION, IDLE_COMMAND))
 
     def _level(self, estimate: State, thrust: float) -> ControlOutput:
-        """Returns the output that holds the vehicle level with a thrust, by the weight."""
+        """Returns the output that holds the vehicle level, with its heading, at a thrust.
+
+        Args:
+            estimate: State as the autopilot estimates it.
+            thrust: Thrust of all rotors by the weight.
+        """
         _, _, yaw = euler_angles(estimate.attitude)
         return self.controller.attitude_control(
             estimate, (0.0, 0.0, yaw), NO_ROTATION, thrust * self.body.mass * GRAVITY, True
         )
 
     def _cut(self, start: float, time: float) -> ControlOutput | None:
-        """Flies by hand until the throttle is closed; then the motors idle."""
+        """Flies by hand until the pilot closes the throttle in the air; then the motors idle, and the vehicle falls.
+
+        Args:
+            start: When the throttle is closed, s after arming.
+            time: Seconds after arming.
+
+        Returns:
+            The output of idling motors; None before, while the plan's controller still flies.
+        """
         self.mode = "stabilize"
         self.throttle_stick = self.hover_stick
         if time < start:

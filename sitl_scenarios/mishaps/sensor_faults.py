@@ -142,7 +142,15 @@ class SensorFaults:
         )
 
     def _run_away(self, mishap: HeightRunaway, time: float) -> None:
-        """Lets the estimated height fall while the mishap lasts, without the barometer, and brings it back then."""
+        """Lets the estimated height fall while the mishap lasts, and brings it back to the true one afterwards.
+
+        The accelerometer reads too little upward force. The filter integrates that to a climb rate and a height that
+        are too low, and rejects the barometer, which disagrees.
+
+        Args:
+            mishap: Its start and duration, s, bias of the accelerometer and vibration, m/s².
+            time: Seconds after arming.
+        """
         since = time - mishap.start
         if 0.0 <= since < mishap.seconds:
             self.readings.vibration = mishap.vibration
