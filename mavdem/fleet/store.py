@@ -308,7 +308,7 @@ class Store:
         self.db.executemany("update logs set ended = 'source' where log = ?", contents)
 
     def track(self, sources: Iterable[LogSource]) -> None:
-        """Marks the flights of these logs for the table, as far as the logs are known."""
+        """Marks logs as tracked, as far as the store has them: the fleet's table shows the flights of these only."""
         with self.transaction():
             paths = [(utf8_text(source.path),) for source in sources]
             self.db.executemany("update logs set tracked = 1 where path = ?", paths)
@@ -434,7 +434,15 @@ class Store:
         )
 
     def _delete_rows(self, condition: str = IS_LOST_SQL, values: Sequence[Any] = ()) -> None:
-        """Deletes the rows that meet an SQL condition with ``values``; their vehicles are to be judged again."""
+        """Deletes the rows that meet an SQL condition; their vehicles are to be judged again.
+
+        The health of a vehicle's motors is judged from all its flights together, so that the rows that stay are no
+        longer right. They are marked by an empty column ``judged``.
+
+        Args:
+            condition: SQL; by default that the log of a row no longer exists under any name.
+            values: Values of the question marks in it.
+        """
         vehicles = f"select vehicle from flights where {condition}"
         self.db.execute(f"update flights set judged = null where vehicle in ({vehicles})", values)
         self.db.execute(f"delete from flights where {condition}", values)

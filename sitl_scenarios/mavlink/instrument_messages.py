@@ -157,7 +157,11 @@ def _satellite_fields(motion: InstrumentedMotion) -> Fields:
 
 
 def _vibration_fields(motion: InstrumentedMotion, autopilot: Autopilot) -> Arrays:
-    """Returns the fields of VIBRATION but its time; PX4 has one level for all axes, in the field of z."""
+    """Returns the fields of VIBRATION but its time: levels, m/s² with ArduPilot, and clipped samples since boot.
+
+    PX4 has one level for all axes, in the field of z. With ArduPilot the horizontal axes shake a little less than the
+    vertical one; by how much is a choice.
+    """
     clips = {"clipping_0": motion.clips}
     if autopilot.name == "px4":
         return {"vibration_z": PX4_VIBRATION_SCALE * motion.vibration, **clips}

@@ -176,7 +176,14 @@ class InstrumentedSimulation(Simulation):
         return super()._landed_state(reference)
 
     def _touch_down(self, reference: Reference) -> None:
-        """Puts the vehicle on its feet, or begins a crash or a fall to the side."""
+        """Puts a vehicle that reached the ground on its feet, or begins a crash or a fall to the side.
+
+        It stays on its feet where it is slow and upright enough (``holds``), and tips over from them only by the mishap
+        of a landing. Otherwise it has hit the ground, and comes to lie.
+
+        Args:
+            reference: Setpoints of the flight plan, which tell a landing from a bounce.
+        """
         is_held = holds(self._state.velocity, self._state.attitude)
         if is_held:
             super()._touch_down(reference)
@@ -208,7 +215,7 @@ class InstrumentedSimulation(Simulation):
             self._gyro.raw_rates = self._gyro.filtered_rates = NO_ROTATION
 
     def _lift_ratio(self) -> float:
-        """Returns the thrust of all rotors by the weight."""
+        """Returns the thrust of all rotors, as of sound propellers in still air, by the weight."""
         body = self._airframe
         thrust = sum(body.thrust_at(speed) for speed in self._state.rotors)
         return thrust / (body.rotors * body.thrust_at(body.hover_speed))
