@@ -13,6 +13,7 @@ from mavdem.assessment.axis.figures import ALL_AXES
 from mavdem.assessment.axis.loops import loops_of_axes
 from mavdem.assessment.ending import ending_of, weighed_reports
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.judgement import judge, unjudged
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.record import Assessment
@@ -165,7 +166,9 @@ def _motor_changes(analysis: LogAnalysis, ending: Fact | None) -> list[Fact]:
 
 def alarms_before_loss(alarms: Sequence[MotorAlarm], ending: Fact | None) -> list[MotorAlarm]:
     """Returns the alarms before control was lost: after that the balance of the motors shows nothing."""
-    loss_time = inf if ending is None or ending.time is None else ending.time
+    loss_time = None if ending is None else loss_onset(ending)
+    if loss_time is None:
+        loss_time = inf
     return [alarm for alarm in alarms if alarm.time < loss_time]
 
 

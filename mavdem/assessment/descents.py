@@ -56,6 +56,10 @@ def falls(scene: Scene, interval: Interval) -> Iterator[Fact]:
         return
     start, end = climb_rate.time[is_falling][[0, -1]].tolist()
     speed = scene.sink_rate((start - 1, end + 1))
+    # After an impact the estimate may be wrong, but until then it may be right.
+    speed_until_end = scene.sink_rate((start - 1, end))
+    if speed is not None and speed_until_end is not None:
+        speed = max(speed, speed_until_end)
     if speed is None or speed < FALL_SPEED:
         return
     height = trusted_height(scene.signals, scene.boot, scene.take_off)

@@ -8,6 +8,7 @@ from mavdem.assessment.first_failure import (
     FIRST_RESPONSE_SECONDS,
     first_failure,
 )
+from mavdem.assessment.flights import loss_onset
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.phases import series_of_boot
@@ -82,6 +83,7 @@ def ending_of(
         word=motor_report if adds_to_cause else None,
         witnesses=loss.figures.get("witnesses", ()),
         **{name: loss.figures.get(name) for name in ("height", "speed", "boot")},
+        **{name: loss.figures[name] for name in ("onset", "is_ground") if name in loss.figures},
     )
 
 
@@ -94,7 +96,7 @@ def _throttle_closed(loss: Fact) -> Fact | None:
     Args:
         loss: the event of the vehicle that toppled, with its witnesses, among which the closed throttle may be.
     """
-    latest = (loss.time or 0.0) + FIRST_RESPONSE_SECONDS
+    latest = (loss_onset(loss) or 0.0) + FIRST_RESPONSE_SECONDS
     for witness in loss.figures["witnesses"]:
         if witness.code is Witness.THROTTLE_CLOSED and (witness.time or 0.0) <= latest:
             return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=witness.time)

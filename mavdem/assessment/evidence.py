@@ -16,7 +16,7 @@ from mavdem.assessment.axis.margins import AxisMargins, margins_of
 from mavdem.assessment.axis.overrides import overrides_of
 from mavdem.assessment.axis.tracking import MODES_WITHOUT_ANGLE_SETPOINT, tracking_of_axes
 from mavdem.assessment.condition import Condition
-from mavdem.assessment.flights import settled_flight
+from mavdem.assessment.flights import loss_onset, settled_flight
 from mavdem.assessment.time_history import TimeHistory, time_history
 from mavdem.dataset import phases
 from mavdem.dataset.intervals import Intervals, complement, in_intervals, intersection
@@ -218,4 +218,4 @@ class Evidence:
         ending = self.ending
         if ending is None or ending.figures.get("boot", boot) != boot:
             return [(-inf, inf)]
-        return [(-inf, ending.time or inf)]
+        return [(-inf, loss_onset(ending) or inf)]

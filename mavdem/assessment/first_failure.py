@@ -16,7 +16,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.attitude_error import attitude_error
 from mavdem.assessment.attitude_losses import LOST_ANGLE
-from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.assessment.flights import RECOVERY_SECONDS, loss_onset
 from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import in_intervals
@@ -106,7 +106,7 @@ def first_failure(
         collective: mean output of all motors in the hover, as a share of their range.
     """
     boot = loss.figures["boot"]
-    onset = loss.time
+    onset = loss_onset(loss)
     assert onset is not None
     motors_off = _events_at(events, MotionEvent.MOTOR_OFF, boot, onset)
     if motors_off:

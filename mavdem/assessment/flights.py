@@ -17,6 +17,7 @@ from mavdem.dataset.phases import (
 from mavdem.dataset.segments import Segment, Segments, recorded_spans, settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts import Fact
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 
 RECOVERY_SECONDS = 5.0
@@ -140,3 +141,9 @@ def max_sink_rate(climb_rate: TimeSeries | None, start: float, end: float) -> fl
         return None
     speeds = climb_rate.values[in_intervals(climb_rate.time, [(start, end)])]
     return -min(speeds) if len(speeds) else None
+
+
+def loss_onset(loss: Fact) -> float | None:
+    """Returns when the loss of a vehicle began, s: where it hit the ground tumbling, the attitude was lost before."""
+    onset: float | None = loss.figures.get("onset", loss.time)
+    return onset

@@ -64,6 +64,9 @@ LANDING_STEP = 1.5
 TUMBLE_SECONDS = 1.5
 """Seconds by which the largest knock of a tumble may come after the first contact; on real logs 1.3."""
 
+KNOCK_SECONDS = 0.1
+"""Longest time, s, from the first large sample of a knock to its peak; a choice."""
+
 MIN_FALL_SECONDS = 0.5
 """Seconds in which a vehicle that loses its attitude in the air falls 1.2 m. A knock that comes earlier came first."""
 
@@ -99,7 +102,8 @@ def ground_contact(
     Returns:
         A fact with the kind of contact as its code (``TIPPED``, ``TOPPLED``, ``HIT`` or ``LANDED_HARD``), the figures
         ``height`` (m above the take-off, just before), ``speed`` (m/s downward, that all height sensors confirm),
-        ``angle`` (largest error of the attitude, rad) and its witnesses.
+        ``angle`` (largest error of the attitude, rad) and its witnesses. Where the attitude was lost shortly before a
+        hit, it has that time, s, as ``onset``; where something hit above the take-off was the ground, ``is_ground``.
     """
     contact = _Contact(scene, error, flight, loss, reports)
     return contact.event()
@@ -311,13 +315,15 @@ class _Contact:
         Returns:
             The event, weighed by its witnesses; None for a slow, upright vehicle without a knock, which has landed.
         """
-        speed = self.scene.sink_rate((time - 3 * MAX_SETPOINT_DELAY, time))
-        # The tumble begins where the ground is touched, and its largest knock comes later.
+        latest = time
+        # A tumble has its largest knock later.
         loss_time = None if self.loss is None else self.loss.time
         if loss_time is not None and loss_time < time:
             is_tumble = self._time_of_low_loss() is not None and time - loss_time < TUMBLE_SECONDS
             if is_tumble or time - loss_time < MIN_FALL_SECONDS:
                 time = loss_time
+        contact = self._first_knock(time, latest)
+        speed = self.scene.sink_rate((contact - 3 * MAX_SETPOINT_DELAY, contact))
         closed = self.scene.throttle_closed((time - 3 * MAX_SETPOINT_DELAY, time + 1.5))
         has_toppled = self.loss is not None or (rest is not None and rest.is_on_side)
         has_knocked = any(fact.code is Witness.KNOCKED for fact in witnesses)
@@ -333,15 +339,43 @@ class _Contact:
             code = MotionEvent.LANDED_HARD
         if closed is not None and code is MotionEvent.TOPPLED:
             witnesses = (*witnesses, closed)
+        is_hit = code is MotionEvent.HIT
+        height = self._height_of_contact(contact if is_hit else time)
         event = Fact(
             code,
-            time=time,
+            time=contact if is_hit else time,
             angle=self._largest_error((time - MAX_SETPOINT_DELAY, time + RECOVERY_SECONDS)),
-            height=self._height_of_contact(time),
+            height=height,
             speed=speed,
             boot=self.scene.boot,
         )
+        if is_hit and time < contact:
+            event = event.but(onset=time)
+        if is_hit and self._is_near_rest(height, rest):
+            event = event.but(is_ground=True)
         return weighed_event(event, witnesses)
+
+    def _first_knock(self, start: float, latest: float) -> float:
+        """Returns the time, s, of the peak of the first knock that is larger than the vibration before.
+
+        Args:
+            start: when the attitude was lost, s since boot. Near the ground that may be shortly before the contact.
+            latest: when the largest knock was, s since boot; returned where no other one is shown.
+        """
+        accelerometer = self.scene.accelerometer
+        if accelerometer is None or start >= latest:
+            return latest
+        size = accelerometer.knock_size
+        before = accelerometer.peak((self.flight[0] + MAX_SETPOINT_DELAY, start - KNOCK_SECONDS))
+        if before is not None:
+            size = max(size, before[1])
+        is_knock = (accelerometer.magnitude >= size) & (accelerometer.time <= latest)
+        rows = np.flatnonzero(is_knock & (accelerometer.time >= start - KNOCK_SECONDS))
+        if not len(rows):
+            return latest
+        first = float(accelerometer.time[rows[0]])
+        peak = accelerometer.peak((first, min(first + KNOCK_SECONDS, latest)))
+        return first if peak is None else peak[0]
 
     def _height_of_contact(self, time: float) -> float | None:
         """Returns the height above the take-off at a contact, m, by a source that can be trusted; None without any.
@@ -353,6 +387,16 @@ class _Contact:
             return None
         rows = in_intervals(height.time, [(time, time + MAX_SETPOINT_DELAY)])
         return float(height.values[rows].min()) if rows.any() else self.scene.height_at(time)
+
+    def _is_near_rest(self, height: float | None, rest: Rest | None) -> bool:
+        """Returns whether a height of a contact, m, is that of the resting place, and that is near the take-off's.
+
+        The ground is not level, and heights drift in flight: what was hit there was the ground.
+        """
+        resting_height = None if rest is None else self.scene.height_at(rest.time)
+        if height is None or resting_height is None:
+            return False
+        return resting_height <= LANDING_STEP and height - resting_height <= LANDING_STEP
 
     def _was_landing(
         self, time: float, rest: Rest | None, speed: float | None, is_closed: bool

@@ -17,6 +17,7 @@ from mavdem.assessment.descents import dives, falls
 from mavdem.assessment.flights import (
     RECOVERY_SECONDS,
     flights_in_boot,
+    loss_onset,
     merge_close,
 )
 from mavdem.assessment.ground_contacts import ground_contact
@@ -169,7 +170,7 @@ def _events_of_flight(
     yield from losses
     contact = ground_contact(scene, error, flight, loss, reports)
     if contact is not None and loss is not None:
-        is_ground_first = (contact.time or 0.0) <= (loss.time or 0.0)
+        is_ground_first = (loss_onset(contact) or 0.0) <= (loss.time or 0.0)
         if is_ground_first or loss.code in CONTACTS:
             # The contact tells the same event, and more exactly.
             loss = None

@@ -16,6 +16,7 @@ from mavdem.assessment.flights import (
     RECOVERY_SECONDS,
     flights_in_boot,
     height_in_flight,
+    loss_onset,
     max_sink_rate,
 )
 from mavdem.assessment.motor_events import LASTING_SECONDS
@@ -82,7 +83,7 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
         latest_start = ending.time + LASTING_SECONDS
         if ending.code is Ending.CRASHED:
             # Motors fight an obstacle that turns the vehicle over, so that only earlier limits are evidence.
-            latest_start = ending.time - MAX_SETPOINT_DELAY
+            latest_start = (loss_onset(ending) or ending.time) - MAX_SETPOINT_DELAY
     diverged_boots = {
         event.figures["boot"] for event in events if event.code is MotionEvent.HEIGHT_DIVERGED
     }

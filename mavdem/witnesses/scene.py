@@ -24,7 +24,14 @@ from mavdem.witnesses.accelerometer import (
     accelerometer_witness,
     still_windows,
 )
-from mavdem.witnesses.height import HeightWitnesses, height_witnesses, trusted_height
+from mavdem.witnesses.height import (
+    MAX_CLIMB_DIFFERENCE,
+    MEAN_SECONDS,
+    SLOPE_SECONDS,
+    HeightWitnesses,
+    height_witnesses,
+    trusted_height,
+)
 from mavdem.witnesses.sensors import throttle_stick
 from mavdem.witnesses.statements import (
     ACCELEROMETER,
@@ -191,7 +198,8 @@ class Scene:
         """Returns the largest speed downward in an interval, m/s, that the height sensors do not contradict.
 
         The estimate is preferred, since the slope of the barometer's averages lags behind a short fall. Where the two
-        contradict each other, either may be wrong, and the smaller speed is the one that both confirm.
+        contradict each other, and not only by that lag, either may be wrong, and the smaller speed is the one that both
+        confirm.
 
         Returns:
             Speed, m/s, 0 for a climb throughout; None if neither was recorded.
@@ -200,9 +208,29 @@ class Scene:
         if not rates:
             return None
         around = [(interval[0], interval[1] + CONTRADICTION_MARGIN)]
-        if "estimate" in rates and not intersection(self.height.contradictions, around):
-            return max(0.0, rates["estimate"])
+        if "estimate" in rates:
+            is_apart = bool(intersection(self.height.contradictions, around))
+            if not is_apart or self._sank_as_far(interval[1]):
+                return max(0.0, rates["estimate"])
         return max(0.0, min(rates.values()))
+
+    def _sank_as_far(self, end: float) -> bool:
+        """Returns whether the barometer sank as far as the estimate in the ``SLOPE_SECONDS`` before a time, s.
+
+        A fall of a second or two is too short for the slope of the barometer, which then seems to contradict the
+        estimate. The lost height does not lag: it is known once the averages are over.
+        """
+        climb = self.climb_estimate
+        if climb is None:
+            return False
+        rows = np.flatnonzero((climb.time >= end - SLOPE_SECONDS) & (climb.time <= end))
+        if len(rows) < 2 or climb.time[rows[0]] > end - SLOPE_SECONDS / 2:
+            return False
+        estimated_change = float(np.trapezoid(climb.values[rows], climb.time[rows]))
+        change = self.height.barometer_change(float(climb.time[rows[0]]), end + MEAN_SECONDS / 2)
+        if change is None:
+            return False
+        return change - estimated_change <= MAX_CLIMB_DIFFERENCE * SLOPE_SECONDS
 
     def sinking(self, interval: Interval, least: float = MIN_SINK_RATE) -> tuple[Fact, ...]:
         """Returns for barometer and estimate whether they sank faster than ``least``, m/s, in an interval."""

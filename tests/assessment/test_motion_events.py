@@ -247,6 +247,37 @@ def test_an_impact_has_a_knock_a_descent_and_rest_as_witnesses():
     assert ending.figures["witnesses"] == hit.figures["witnesses"]
 
 
+def test_an_impact_is_at_the_first_knock_and_its_event_and_ending_agree():
+    """At 2.5 m it begins to tumble, hits the ground 0.6 s later, and harder once more after that."""
+    tumble = EVENT + 7.5
+    made = moving(
+        instrumented("Stabilize"),
+        lambda since: np.interp(since, [0.0, 7.5, 7.51, 8.1], [-1.0, -1.0, -1.0, -7.0]),
+    )
+    made = stick(driven(made, 1000.0, tumble + 0.6), 1800)
+    made = rolled(made, 170.0, tumble, 0.8)
+    made = knocked(knocked(made, tumble + 0.6, 50.0), tumble + 0.9, 90.0)
+    events, ending = judged(made)
+    hit = events[MotionEvent.HIT]
+    assert hit.time == ending.time == approx(tumble + 0.6, abs=0.05)
+    assert ending.figures["onset"] == approx(tumble, abs=0.3)
+    assert "hit the ground at 38.1 s" in hit.sentence
+    assert ending.sentence.startswith("Hit the ground at 38.1 s")
+
+
+def test_the_slope_of_a_barometer_does_not_contradict_a_short_fall():
+    """It falls freely for 1.4 s from 10 m, and its estimate goes on falling."""
+    made = moving(instrumented(), falling)
+    made = rolled(driven(made, 1000.0), 110.0, EVENT + 0.3, 1.0)
+    made = knocked(made, EVENT + 1.43, 150.0)
+    place = made.messages["LOCAL_POSITION_NED"]
+    goes_on = place["time"] > EVENT + 1.43
+    made = changed(made, "LOCAL_POSITION_NED", vz=np.where(goes_on, 12.0, place["vz"]))
+    events, _ = judged(made)
+    for code in (MotionEvent.HIT, MotionEvent.FELL):
+        assert events[code].figures["speed"] == approx(13.5, abs=1.0)
+
+
 def test_a_hard_landing_upright_is_to_be_watched():
     events, ending = judged(impact(2.5))
     assert ending is None
