@@ -19,8 +19,8 @@ class TextPattern(NamedTuple):
     """What a text of the autopilot means if a regular expression is found in it."""
 
     expression: re.Pattern[str]
-    """Named groups: numbers (``motor``, ``lane``, ``battery``), what the text is about (``subject``), its gist
-    (``text``)."""
+    """Named groups: numbers (``motor``, ``lane``, ``battery``), the ``watchdog``, what the text is about (``subject``),
+    its gist (``text``)."""
     code: str
     """Value of the code of :class:`Reported`; empty for a text that reports the end of a problem."""
     level: Level | None = None
@@ -210,6 +210,8 @@ def _problem_of_text(message: StatusText, warns: bool) -> Fact | None:
         for name in ("motor", "lane", "battery"):
             if not subject and groups.get(name):
                 subject = f"{name} {groups[name]}"
+        if groups.get("watchdog"):
+            subject = "watchdog"
         return Fact(
             Reported(pattern.code),
             pattern.level,

@@ -79,6 +79,11 @@ class Evidence:
                 return True
         return False
 
+    @property
+    def has_flown(self) -> bool:
+        """Whether the vehicle operated, and its motion does not show that it stayed on the ground."""
+        return self.has_operated and self.not_flown is None
+
     @cached_property
     def margins(self) -> tuple[AxisMargins, ...]:
         """The stability margins of roll, pitch and yaw, without flight in the modes that excite the vehicle."""

@@ -75,6 +75,7 @@ REASONS_OF_STOP = (
     Reported.FLIGHT_TERMINATED,
     Reported.RADIO_LOST,
     Reported.BATTERY_ALARMED,
+    Reported.BATTERY_SPENT,
     Reported.GROUND_STATION_LOST,
     Reported.FENCE_BREACHED,
     Reported.FAILSAFE,

@@ -120,7 +120,12 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     if restarts:
         return restarts[0]
     if bad_events:
-        return _largest_of_first_kind(bad_events)
+        worst = _largest_of_first_kind(bad_events)
+        spent = [fact for fact in bad_events if fact.code is Reported.BATTERY_SPENT]
+        # A battery that was critical first was in an emergency later, which is worse.
+        if worst.code is Reported.BATTERY_ALARMED and spent:
+            worst = spent[0]
+        return worst
     if urgent:
         return urgent[0]
     if bad_lights:

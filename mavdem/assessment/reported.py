@@ -14,9 +14,10 @@ from mavdem.assessment.autopilot_messages import (
     mode_change_reason,
     reported_problems,
 )
-from mavdem.assessment.flights import flights_in_boot, height_in_flight
+from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, height_in_flight
 from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS, POSSIBLE_BOARD_VOLTAGE
 from mavdem.assessment.restarts import restarts
+from mavdem.confidence import Interval
 from mavdem.dataset.batteries import battery_columns, battery_name
 from mavdem.dataset.intervals import in_intervals, intersection, true_intervals
 from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
@@ -24,6 +25,7 @@ from mavdem.dataset.phases import (
     AVERAGING_SECONDS,
     SURFACE_VEHICLES,
     armed_intervals,
+    height_above_take_off,
     series_of_boot,
     without_grounded,
 )
@@ -37,6 +39,9 @@ from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Columns, last_values
 from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND, mavlink_constant
 
+EMERGENCY_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_EMERGENCY")
+"""The charge state "emergency", which is worse than "critical": the vehicle must land at once."""
+
 LOW_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_LOW")
 """The charge state "low" of BATTERY_STATUS; larger values are worse, but for ``CHARGING``."""
 
@@ -45,6 +50,10 @@ CHARGING = mavlink_constant("MAV_BATTERY_CHARGE_STATE_CHARGING")
 
 SENSOR_MASKS = ("health", "present", "enabled")
 """Ends of the names of three bit masks of SYS_STATUS, ``onboard_control_sensors_…``, with a bit for each sensor."""
+
+MAX_TOUCH_DOWN_DROP = 3.0
+"""Height, m, by which a vehicle that has landed may still seem to sink: a choice, beyond the barometer's error in the
+downwash over the ground. One that sinks farther had its motors stopped in the air."""
 
 MAX_MOTORS = 16
 """Number of motors in PX4's ``motor_failure_mask``, one bit each."""
@@ -133,12 +142,16 @@ def reported_events(signals: Signals) -> Facts:
             *_take_offs_and_landings(signals, span),
             *_mode_changes(signals, span),
         ]
+        restarts_of_boot = list(restarts(signals, span))
         faults = [
-            *restarts(signals, span),
+            *restarts_of_boot,
             *_estimator_changes(signals, span),
             *_lasting_faults(signals, span),
             *(fact for fact in problems if fact.figures["boot"] == boot and _can_be(fact, signals)),
         ]
+        if any(fact.figures.get("watchdog") for fact in restarts_of_boot):
+            # The restart states the watchdog already.
+            faults = [fact for fact in faults if not _is_watchdog_report(fact)]
         flights = flights_in_boot(signals, boot)
         # Faults shortly before arming and after disarming belong to the flight too.
         around_armed = [
@@ -156,6 +169,11 @@ def reported_events(signals: Signals) -> Facts:
             flight = max(begun_flights, default=(time, inf))
             events.append(fact.but(height=height_in_flight(signals, boot, flight, time)))
     return tuple(events)
+
+
+def _is_watchdog_report(fact: Fact) -> bool:
+    """Returns whether a fact is a text of the autopilot about its watchdog."""
+    return fact.code is Reported.AUTOPILOT_ERROR and fact.subject == "watchdog"
 
 
 def _can_be(problem: Fact, signals: Signals) -> bool:
@@ -251,7 +269,33 @@ def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
                 time = detected_changes[np.argmin(distances)]
             elif vehicle not in POSSIBLE_MULTIROTORS:
                 continue
+            elif code is Reported.ON_GROUND and _is_high(signals, span.boot, flight):
+                # The motors were stopped in the air.
+                continue
             yield _event(signals, span, message, code, time)
+
+
+def _is_high(signals: Signals, boot: int, flight: Interval) -> bool:
+    """Returns whether the vehicle was in the air when a flight ended by its motor outputs.
+
+    Afterwards it sinks by more than ``MAX_TOUCH_DOWN_DROP``. Where the record ends within a second, its height above
+    the take-off counts instead.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        flight: start and end of the flight, s since boot.
+    """
+    height = height_above_take_off(signals, boot, flight)
+    if height is None:
+        return False
+    _, end = flight
+    end_height = np.interp(end, height.time, height.values)
+    ground_height = 0.0
+    if height.time[-1] >= end + 1.0:
+        is_after = in_intervals(height.time, [(end, end + RECOVERY_SECONDS)])
+        ground_height = height.values[is_after].min(initial=end_height)
+    return bool(end_height - ground_height > MAX_TOUCH_DOWN_DROP)
 
 
 def _mode_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
@@ -411,7 +455,7 @@ def _second_receiver_has_fix(signals: Signals) -> Flags:
 
 
 def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
-    """Yields when the autopilot calls a battery low, and when critical or worse, for each battery on its own.
+    """Yields when the autopilot calls a battery low, critical or worse, and spent, for each battery on its own.
 
     The battery is the subject where there are several. Where BATTERY_STATUS has the charge states of several batteries,
     that of SYS_STATUS, which is one of them, would repeat it.
@@ -431,10 +475,12 @@ def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
         subject = battery_name(battery.number) if has_several else ""
         charge = battery.columns["charge_state"]
         is_low = charge == LOW_CHARGE
-        is_critical = (charge > LOW_CHARGE) & (charge != CHARGING)
+        is_emergency = charge == EMERGENCY_CHARGE
+        is_critical = (charge > LOW_CHARGE) & (charge != CHARGING) & ~is_emergency
         for is_faulty, code in (
             (is_low, Reported.BATTERY_WARNED),
             (is_critical, Reported.BATTERY_ALARMED),
+            (is_emergency, Reported.BATTERY_SPENT),
         ):
             yield FaultSignal(battery.message, is_faulty, code, subject, battery.columns)
 
@@ -444,8 +490,9 @@ def _sensor_faults(
 ) -> Iterator[FaultSignal]:
     """Yields the fault signal of each of the ``SENSOR_FAULTS`` by SYS_STATUS.
 
-    A sensor is at fault where it is present and enabled, and not healthy. Signals of sound sensors are yielded too:
-    they are never faulty.
+    A sensor is at fault where it is present and enabled, and not healthy any more. One that was never healthy in a log
+    did not fail in it: autopilots clear the bit as well before calibration, or where they do not use the sensor.
+    Signals of sound sensors are yielded too: they are never faulty.
 
     Args:
         health, present, enabled: (N,) bit masks of the N messages, with a bit for each sensor (MAV_SYS_STATUS_SENSOR).
@@ -453,4 +500,6 @@ def _sensor_faults(
     unhealthy = ~health & present & enabled
     for sensor, fault in SENSOR_FAULTS.items():
         bit = mavlink_constant(f"MAV_SYS_STATUS_{sensor}")
-        yield FaultSignal("SYS_STATUS", unhealthy & bit > 0, fault.code, fault.subject)
+        was_healthy = np.logical_or.accumulate(health & bit > 0)
+        has_failed = was_healthy & (unhealthy & bit > 0)
+        yield FaultSignal("SYS_STATUS", has_failed, fault.code, fault.subject)

@@ -37,6 +37,7 @@ class Reported(Code):
     GROUND_STATION_LOST = "ground_station_lost"
     BATTERY_WARNED = "battery_warned"
     BATTERY_ALARMED = "battery_alarmed"
+    BATTERY_SPENT = "battery_spent"
     BOARD_VOLTAGE_LOW = "board_voltage_low"
     RESTARTED = "restarted"
     RESTARTED_IN_FLIGHT = "restarted_in_flight"

@@ -130,9 +130,11 @@ def test_a_battery_that_the_autopilot_calls_critical_is_bad_and_named(state, is_
     if not is_bad:
         assert fact.level == "good"
         return
-    assert (fact.code, fact.subject) == (Reported.BATTERY_ALARMED, "battery 2")
+    code = Reported.BATTERY_SPENT if state == EMERGENCY else Reported.BATTERY_ALARMED
+    assert (fact.code, fact.subject) == (code, "battery 2")
     assert fact.level == "bad" and fact.time == approx(20.2)
-    assert "that battery 2 is critical" in str(fact)
+    words = "is at its end: emergency" if state == EMERGENCY else "is critical"
+    assert f"that battery 2 {words}" in str(fact)
     assert len(fact.figures["batteries"]) == 2
 
 

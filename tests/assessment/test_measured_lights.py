@@ -155,6 +155,22 @@ def test_levels_of_the_supply(usual, least, code, level):
     assert (fact.code, fact.level) == (code, level)
 
 
+def test_a_voltage_that_changes_is_not_called_one_whatever_the_load():
+    volts = 16.4 + SAG
+    open_input = power_light(evidence(battery(volts, {"BATT_LOW_VOLT": 20.0})))
+    assert open_input.code is PowerLight.POWER_UNMEASURED
+    assert "whatever the load" not in open_input.sentence
+    constant = power_light(evidence(battery(0 * volts + 16.4)))
+    assert "it reads 16.4 V whatever the load" in constant.sentence
+
+
+def test_a_vehicle_that_stayed_on_the_ground_has_no_flight_to_judge_the_power_by():
+    known = evidence(battery(16.4 + SAG))
+    stayed = Fact(MotionEvent.NOT_FLOWN, Level.WATCH, time=12.0, boot=0)
+    fact = power_light(replace(known, events=(stayed,)))
+    assert fact.sentence == "No flight shows the battery under load."
+
+
 def filtered(flags=831, **ratios):
     """The hover with a filter's report: its ratios are 0.1, and others for some seconds."""
     fields = dict.fromkeys(INNOVATION_FIELDS["EKF_STATUS_REPORT"], 0.1)

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from hover import X_QUAD_PARAMETERS, Hover, evidence_of, with_pulses
+from hover import X_QUAD_PARAMETERS, Hover, changed, evidence_of, with_pulses
 from hover import pulses as outputs_of
 from numpy.random import default_rng
 from pytest import approx, mark
@@ -138,3 +138,18 @@ def test_limits_of_a_diverged_height_or_after_a_dive_are_no_motor_s(code, level)
     event = Fact(code, level, time=20.0, until=21.0, speed=6.0, boot=0)
     limited = motors_light(replace(flight, events=(event,)))
     assert limited.code is not MotorsLight.MOTOR_LIMITED
+
+
+def test_outputs_that_never_change_are_not_called_missing():
+    made = Hover(hovering=20.0).telemetry(20.0, 20.0)
+    constant = {f"servo{number}_raw": 1000 for number in range(1, 5)}
+    fact = motors_light(evidence_of(Signals(changed(made, "SERVO_OUTPUT_RAW", **constant))))
+    assert fact.code is MotorsLight.MOTORS_NOT_SEEN
+    assert "no output in SERVO_OUTPUT_RAW ever changes" in fact.sentence
+
+
+def test_no_headroom_is_stated_under_a_height_that_diverged():
+    sound = evidence_of(Signals(Hover(hovering=40.0).telemetry(20.0, 20.0)))
+    diverged = Fact(MotionEvent.HEIGHT_DIVERGED, Level.BAD, time=20.0, boot=0)
+    fact = motors_light(replace(sound, events=(diverged,)))
+    assert fact.figures.get("headroom") is None and "headroom" not in fact.sentence

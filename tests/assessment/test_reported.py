@@ -149,7 +149,7 @@ STATES = {
         Reported.BOARD_VOLTAGE_LOW,
     ),
     "SYS_STATUS": ("charge_state", 1, 2, Reported.BATTERY_WARNED),
-    "BATTERY_STATUS": ("charge_state", 1, 4, Reported.BATTERY_ALARMED),
+    "BATTERY_STATUS": ("charge_state", 1, 3, Reported.BATTERY_ALARMED),
 }
 DETECTED = {
     "fd_pitch": (Reported.ATTITUDE_FAILED, "bad", "pitch"),
@@ -228,6 +228,32 @@ def test_the_health_of_the_attitude_is_no_variance_of_the_filter():
         changed(FLOWN, "SYS_STATUS", **columns(TIMES, **fields)), Reported.ESTIMATOR_DIVERGED
     )
     assert fact.sentence == "The autopilot reports that its attitude estimate is not healthy."
+
+
+def test_a_sensor_that_was_never_healthy_did_not_fail():
+    used = 1 << 3 | 1 << 16
+    sensors = {"present": used, "enabled": used, "health": 1 << 16}
+    fields = {f"onboard_control_sensors_{name}": bits for name, bits in sensors.items()}
+    telemetry = changed(FLOWN, "SYS_STATUS", **columns(TIMES, **fields))
+    assert not events(telemetry, Reported.SENSOR_FAILED)
+
+
+def test_an_emergency_is_reported_beside_the_critical_battery_before_it():
+    state = np.select([TIMES < 20.0, TIMES < 30.0], [1, 3], 4)
+    telemetry = changed(FLOWN, "BATTERY_STATUS", **columns(TIMES, charge_state=state))
+    critical, spent = events(telemetry, Reported.BATTERY_ALARMED, Reported.BATTERY_SPENT)
+    assert (critical.code, critical.time) == (Reported.BATTERY_ALARMED, 20.0)
+    assert (spent.code, spent.time, spent.level) == (Reported.BATTERY_SPENT, 30.0, "bad")
+    assert spent.sentence == "The autopilot reports that the battery is at its end: emergency."
+
+
+def test_motors_that_stop_high_in_the_air_are_no_landing():
+    (landed,) = events(FLOWN, Reported.ON_GROUND)
+    time = FLOWN.messages["LOCAL_POSITION_NED"]["time"]
+    seconds_after = np.maximum(time - landed.time, 0.0)
+    height = np.where(time < 5.0, 0.0, np.maximum(10.0 - 5 * seconds_after**2, 0.0))
+    fallen = changed(FLOWN, "LOCAL_POSITION_NED", z=-height)
+    assert not events(fallen, Reported.ON_GROUND)
 
 
 def test_a_second_boot_is_a_restart():

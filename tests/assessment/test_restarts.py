@@ -46,6 +46,17 @@ def test_a_watchdog_reset_and_a_fall_are_a_restart_in_flight(text):
     assert 15.0 < event.figures["descent"] <= 20.5
 
 
+def test_the_watchdog_is_stated_once():
+    words = (b"WDG: T-3 SL0 FL123 FT3", b"Forcing logging for watchdog reset")
+    for telemetry, codes in (
+        (falling(20.0, tumbling=False), [Reported.RESTARTED_IN_FLIGHT]),
+        (falling(0.0, tumbling=False), [Reported.AUTOPILOT_ERROR]),
+    ):
+        events = reported_events(Signals(with_texts(telemetry, *words)))
+        stated = (Reported.RESTARTED_IN_FLIGHT, Reported.AUTOPILOT_ERROR)
+        assert [event.code for event in events if event.code in stated] == codes
+
+
 def test_a_watchdog_reset_on_the_ground_is_none_in_flight():
     still = falling(0.0, tumbling=False)
     assert not restart_events(with_texts(still, b"WDG: T-3 SL0 FL123 FT3"))

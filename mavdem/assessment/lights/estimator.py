@@ -116,7 +116,7 @@ def estimator_light(evidence: Evidence) -> Fact:
     ]
     if facts:
         return worst_fact(facts)
-    airborne = evidence.has_operated
+    airborne = evidence.has_flown
     return Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=airborne)
 
 

@@ -8,6 +8,7 @@ from mavdem.assessment.limits import worst_fact
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
+from mavdem.facts.learnability import MotorObstacle
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
 from mavdem.motors.balance import MIN_STEADY_SECONDS
@@ -43,7 +44,17 @@ def motors_light(evidence: Evidence) -> Fact:
         # The sentence of this fact differs for outputs that were not recorded, for which there are no names.
         names = _motor_names(evidence)
         not_measured = MotorsLight.MOTORS_NOT_SEEN
-        facts.append(Fact(not_measured, names=names, least_duration=MIN_STEADY_SECONDS))
+        reason = evidence.learnability.reason
+        # Outputs that were recorded and never change have no names either.
+        is_constant = reason is not None and reason.code is MotorObstacle.MOTORS_CONSTANT
+        facts.append(
+            Fact(
+                not_measured,
+                names=names,
+                least_duration=MIN_STEADY_SECONDS,
+                because=reason if is_constant and not names else None,
+            )
+        )
     else:
         # In a shorter hover one manoeuvre could decide the share of the time at the limit.
         limited = limited_motors(hover)
@@ -167,5 +178,8 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
         highest_trim = max(hover.trim_of_range)
         return Fact(MotorsLight.HEADROOM_LITTLE, share=headroom, trim=highest_trim)
     if trim.is_good:
-        return Fact(MotorsLight.MOTORS_EVEN, headroom=headroom, **trim.figures)
+        is_known = not _has_full_throttle(evidence)
+        return Fact(
+            MotorsLight.MOTORS_EVEN, headroom=headroom if is_known else None, **trim.figures
+        )
     return trim

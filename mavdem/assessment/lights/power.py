@@ -43,6 +43,7 @@ MAX_SAG = 0.5
 POWER_REPORTS = {
     Reported.BATTERY_WARNED,
     Reported.BATTERY_ALARMED,
+    Reported.BATTERY_SPENT,
     Reported.BOARD_VOLTAGE_LOW,
 }
 """Reports of the autopilot in flight that concern the power."""
@@ -70,11 +71,12 @@ def power_light(evidence: Evidence) -> Fact:
         *evidence.warnings_in_flight(POWER_REPORTS),
     ]
     if not facts:
-        volts = [battery.voltage.values.max() for battery in evidence.signals.batteries]
+        voltages_read = [battery.voltage.values for battery in evidence.signals.batteries]
         return Fact(
             PowerLight.POWER_UNMEASURED,
-            airborne=evidence.has_operated,
-            voltage=max(volts, default=None),
+            airborne=evidence.has_flown,
+            is_constant=not any(np.ptp(volts) for volts in voltages_read),
+            voltage=max((volts.max() for volts in voltages_read), default=None),
             voltage_usual=_constant_board_voltage(evidence),
         )
     worst = worst_fact(facts)
@@ -101,7 +103,8 @@ def _constant_voltages(evidence: Evidence, batteries: Sequence[Battery]) -> Iter
                 PowerLight.POWER_UNMEASURED,
                 subject=battery_name(battery.number),
                 battery=battery.number,
-                airborne=evidence.has_operated,
+                airborne=evidence.has_flown,
+                is_constant=bool(np.ptp(battery.voltage.values) == 0),
                 voltage=battery.voltage.values.max(),
             )
 
