@@ -17,6 +17,7 @@ from mavdem.arrays import Array
 from mavdem.assessment.attitude_error import attitude_error
 from mavdem.assessment.attitude_losses import LOST_ANGLE
 from mavdem.assessment.flights import RECOVERY_SECONDS, loss_onset
+from mavdem.assessment.height_divergence import MANUAL_THROTTLE_MODES
 from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import in_intervals
@@ -25,6 +26,7 @@ from mavdem.dataset.phases import (
     AVERAGING_SECONDS,
     MAX_SETPOINT_DELAY,
     min_airborne_collective,
+    mode_intervals,
     series_of_boot,
 )
 from mavdem.dataset.quality import samples_at_limits
@@ -141,13 +143,37 @@ def first_failure(
     cause = _failure_by_commands(signals, boot, interval, names_at_limit, fall_direction)
     diverged = _diverged_height(events, boot, onset)
     if diverged is not None:
-        return Fact(FailedFirst.HEIGHT_DIVERGED_FIRST, time=diverged.time, cause=diverged)
+        return Fact(
+            FailedFirst.HEIGHT_DIVERGED_FIRST,
+            time=diverged.time,
+            cause=diverged,
+            later_cause=_closed_throttle(signals, boot, diverged, onset),
+        )
     if cause is None or cause.code is not FailedFirst.ALL_OFF_FIRST:
         return cause
     # An autopilot that takes the vehicle for landed switches all motors off in the air.
     if fall_direction is not None and _assumed_landing(signals, boot, onset):
         return _landing_assumed(signals, cause, collective)
     return _reason_of_stop(signals, events, boot, cause)
+
+
+def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) -> Fact | None:
+    """Returns that the pilot closed the throttle between a height that diverged and the loss; None if not.
+
+    Only in a mode in which the stick is the thrust does the vehicle fall from that.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        diverged: the height estimate that diverged before.
+        onset: when the loss began, s since boot.
+    """
+    start = max(diverged.until or inf, onset - STOP_REASON_SECONDS)
+    closed = Scene(signals, boot).throttle_closed((start, onset))
+    manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
+    if closed is None or not in_intervals(closed.time or 0.0, manual):
+        return None
+    return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=closed.time)
 
 
 def _diverged_height(events: Sequence[Fact], boot: int, onset: float) -> Fact | None:

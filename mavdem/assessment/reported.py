@@ -1,6 +1,6 @@
 """Events that the autopilot reports in a log: its states, its texts and error codes, and faults of its sensors."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
@@ -57,6 +57,21 @@ downwash over the ground. One that sinks farther had its motors stopped in the a
 
 MAX_MOTORS = 16
 """Number of motors in PX4's ``motor_failure_mask``, one bit each."""
+
+
+FAILSAFE_TRIGGERS = (
+    Reported.BATTERY_WARNED,
+    Reported.BATTERY_ALARMED,
+    Reported.RADIO_LOST,
+    Reported.GROUND_STATION_LOST,
+    Reported.GPS_LOST,
+    Reported.FENCE_BREACHED,
+    Reported.ESTIMATOR_DIVERGED,
+)
+"""Reports for which autopilots begin a failsafe."""
+
+TRIGGER_SECONDS = 2.0
+"""Seconds before a failsafe within which its trigger is reported: the state of the system comes once a second."""
 
 
 class Fault(NamedTuple):
@@ -158,8 +173,12 @@ def reported_events(signals: Signals) -> Facts:
             (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
             for start, end in armed_intervals(signals, boot)
         ]
-        for fact in in_time_order([*states, *merge_repeats(faults)]):
+        merged_faults = merge_repeats(faults)
+        for fact in in_time_order([*states, *merged_faults]):
             time = fact.time or 0.0
+            trigger = _trigger_of(fact, merged_faults)
+            if trigger is not None:
+                fact = fact.but(cause=trigger)
             # After a restart in flight the motors may be off: that is bad nevertheless.
             is_restart = fact.code is Reported.RESTARTED_IN_FLIGHT
             if fact.is_bad and not is_restart and not in_intervals(time, around_armed):
@@ -174,6 +193,23 @@ def reported_events(signals: Signals) -> Facts:
 def _is_watchdog_report(fact: Fact) -> bool:
     """Returns whether a fact is a text of the autopilot about its watchdog."""
     return fact.code is Reported.AUTOPILOT_ERROR and fact.subject == "watchdog"
+
+
+def _trigger_of(failsafe: Fact, faults: Sequence[Fact]) -> Fact | None:
+    """Returns the last report of ``FAILSAFE_TRIGGERS`` shortly before a failsafe; None without one.
+
+    Args:
+        failsafe: any event; None is returned for one that is no failsafe.
+        faults: reports of the same boot, in order of time.
+    """
+    if failsafe.code is not Reported.FAILSAFE or failsafe.time is None:
+        return None
+    trigger = None
+    for fault in faults:
+        delay = failsafe.time - (fault.time or 0.0)
+        if fault.code in FAILSAFE_TRIGGERS and 0 <= delay <= TRIGGER_SECONDS:
+            trigger = fault
+    return trigger
 
 
 def _can_be(problem: Fact, signals: Signals) -> bool:

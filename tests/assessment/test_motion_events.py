@@ -123,6 +123,26 @@ def test_vibration_is_a_cause_beyond_the_limit_of_the_autopilot(autopilot, is_ca
     assert (Witness.VIBRATED in witnesses(diverged, Side.FOR)) is is_cause
 
 
+def test_a_throttle_closed_after_a_divergence_is_named_beside_it():
+    """It rises to 20 m by a false height; in Stabilize the pilot closes the throttle, and it falls."""
+    fell = EVENT + 6.5
+    made = height_runaway()
+    made = moving(
+        made, lambda since: np.where(since < 5.0, 2.0, -GRAVITY * np.maximum(since - 6.5, 0))
+    )
+    made = estimating(
+        made, lambda since: np.where(since < 5.0, -3.0, -GRAVITY * np.maximum(since - 6.5, 0))
+    )
+    made = in_mode(
+        stick(driven(made, 1000.0, fell), STICK_CLOSED, fell), (EVENT + 5.5, "Stabilize")
+    )
+    made = rolled(knocked(made, fell + 1.9, 150.0), 120.0, fell + 0.5)
+    cause = judged(made)[1].figures["cause"]
+    assert cause.code is FailedFirst.HEIGHT_DIVERGED_FIRST
+    assert cause.figures["later_cause"].time == approx(fell, abs=0.1)
+    assert "; then the pilot closed the throttle at 36.5 s" in cause.sentence
+
+
 @mark.parametrize("mode", ["Stabilize"])
 def test_where_the_stick_is_the_thrust_no_height_is_followed(mode):
     assert MotionEvent.HEIGHT_DIVERGED not in judged(height_runaway(mode))[0]

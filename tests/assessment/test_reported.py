@@ -220,6 +220,18 @@ def test_a_sensor_that_is_used_and_not_healthy_failed():
     assert (fact.subject, fact.time, fact.until) == ("barometer", 20.0, 24.0)
 
 
+@mark.parametrize("time, is_trigger", [(30.9, True), (28.5, False), (31.5, False)])
+def test_what_is_reported_just_before_a_failsafe_is_its_trigger(time, is_trigger):
+    beats = FLOWN.messages["HEARTBEAT"]["time"]
+    telemetry = changed(FLOWN, "HEARTBEAT", system_status=4 + (abs(beats - 35) < 5))
+    late = changed(
+        with_texts(telemetry, b"Battery 1 low voltage"), "STATUSTEXT", time=np.array([time])
+    )
+    (fact,) = events(late, Reported.FAILSAFE)
+    assert ("battery 1 is low" in fact.sentence) is is_trigger
+    assert ("fresher battery" in fact.remedy) is is_trigger
+
+
 def test_the_health_of_the_attitude_is_no_variance_of_the_filter():
     attitude = mavlink_constant("MAV_SYS_STATUS_AHRS")
     sensors = {"present": attitude, "enabled": attitude, "health": np.where(LOST, 0, attitude)}
