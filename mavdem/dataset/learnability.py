@@ -24,6 +24,7 @@ from mavdem.facts.learnability import Caution, MotorObstacle, Reason, Remedy
 from mavdem.flight import Flight
 from mavdem.ingest import Component
 from mavdem.ingest.motors import MULTIROTORS, POSSIBLE_MULTIROTORS
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.unit_errors import RATE_INTEGRATION_SPAN
 
 NEVER_ARMED = Fact(Reason.NEVER_ARMED, remedy=RECORD_A_FLIGHT)
@@ -259,7 +260,12 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
     if telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         return _no_multirotor(signals, components)
     if attitude is None:
-        return Fact(Reason.NO_ATTITUDE, recorder=recorder, remedy=rate_advice(telemetry))
+        return Fact(
+            Reason.NO_ATTITUDE,
+            recorder=recorder,
+            missing=_missing_part_of_attitude(telemetry),
+            remedy=rate_advice(telemetry),
+        )
     if signals.model_inputs is None:
         if signals.armed is not None and not signals.armed.values.any():
             return NEVER_ARMED
@@ -270,6 +276,20 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
         name = telemetry.name_in_source(attitude.message)
         return Fact(Reason.ATTITUDE_NOT_FINITE, name=name, axis=signals.axis)
     return None
+
+
+def _missing_part_of_attitude(telemetry: Telemetry) -> str:
+    """Returns which part of the attitude a DataFlash log lacks: "angles", "rates", or "" where that is not clear.
+
+    Angles and body rates are in the same messages as their setpoints, so that the setpoints show which were logged.
+
+    Args:
+        telemetry: Messages of a vehicle without ATTITUDE.
+    """
+    if "ATTITUDE_TARGET" not in telemetry.messages:
+        return ""
+    name = telemetry.name_in_source("ATTITUDE_TARGET")
+    return {"ATT": "rates", "ANG": "rates", "RATE": "angles"}.get(name, "")
 
 
 def _no_multirotor(signals: Signals, components: Sequence[Component]) -> Fact:

@@ -560,3 +560,21 @@ def test_a_demand_that_is_not_logged_takes_another_firmware_or_the_whole_log(
         assert remedy.figures["version"]
     else:
         assert not remedy.figures["version"]
+
+
+def test_the_missing_part_of_a_dataflash_attitude_is_named():
+    bare = HOVER.telemetry(without=("ATTITUDE",))
+    target = {"time": np.arange(3.0), "boot": np.zeros(3, int)}
+    messages = {**bare.messages, "ATTITUDE_TARGET": target}
+    for source, sentence in (
+        ("ATT", "There is no RATE or IMU message with the body rates."),
+        ("RATE", "There is no ATT or ANG message with the angles."),
+    ):
+        logged = dataclasses.replace(
+            bare,
+            messages=messages,
+            translated_from="DataFlash",
+            source_names={"ATTITUDE_TARGET": source},
+        )
+        reason = learnability_of(Signals(logged)).reason
+        assert (reason.code, reason.sentence) == (Reason.NO_ATTITUDE, sentence)
