@@ -37,6 +37,7 @@ from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.ingest.vocabulary import ON_GROUND
 from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.sensors import throttle_stick
 
 CAUSES_OF_ALL_MOTORS = (
     FailedFirst.ALL_OFF_FIRST,
@@ -58,6 +59,12 @@ belongs to no other."""
 SPENT_THRUST_SHARE = 0.9
 """Mean command of all motors, as a share of the highest, from which on all thrust is in use
 (THRUST_LOSS_CHECK_MINIMUM_THROTTLE of ArduCopter's ``crash_check.cpp``)."""
+
+FULL_STICK = 0.9
+"""Travel of the throttle stick from which on the pilot asks for all thrust; a choice."""
+
+LEAST_SINK_RATE = 0.5
+"""Speed downward, m/s, from which on a vehicle sinks for certain: estimates drift by 0.1 to 0.3 m/s."""
 
 MIN_COMMAND_RANGE = 0.05
 """Mean range of all motors' commands, as a share of the full range, beside which one that is constant has frozen; also
@@ -340,6 +347,11 @@ def _failure_by_commands(
     if thrust_share > SPENT_THRUST_SHARE:
         return Fact(FailedFirst.THRUST_SPENT_FIRST, time=time[0], share=thrust_share)
 
+    if fall_direction is None:
+        sinking = _sinking_at_full_throttle(signals, boot, motors, interval[1])
+        if sinking is not None:
+            return sinking
+
     # One motor: at its limit, or the opposite one at idle to make up for it.
     idle = min_airborne_collective(signals.telemetry.parameters)
     weak = _weak_motor(motors, change, fall_direction)
@@ -360,6 +372,46 @@ def _failure_by_commands(
     if has_swung or not len(failed_rows) or not is_only_one:
         return None
     return Fact(FailedFirst.LIMIT_FIRST, time=time[failed_rows[0]], subject=name)
+
+
+def _sinking_at_full_throttle(
+    signals: Signals, boot: int, motors: MotorOutputs, time: float
+) -> Fact | None:
+    """Returns that the vehicle sank although the pilot gave full throttle, with a motor at its limit; None if not.
+
+    Then all thrust is in use, however low the mean command is: a mixer lowers the other motors to keep the attitude.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        motors: its motors.
+        time: of the impact, s since boot; the second before it counts.
+    """
+    interval = (time - 1.0, time)
+    stick = series_of_boot(throttle_stick(signals), boot)
+    climb = Scene(signals, boot).climb_estimate
+    if stick is None or climb is None:
+        return None
+    travel = stick.values[in_intervals(stick.time, [interval])]
+    climb_rates = climb.values[in_intervals(climb.time, [interval])]
+    commands = motors.range_fractions(boot)
+    rows = in_intervals(commands.time, [interval])
+    if not len(travel) or not len(climb_rates) or not rows.any():
+        return None
+    at_limit, _ = samples_at_limits(commands.values[rows], motors.scale)
+    is_limited = at_limit.any(axis=1).mean() > 0.5
+    if travel.min() < FULL_STICK or climb_rates.max() > -LEAST_SINK_RATE or not is_limited:
+        return None
+    limited_names = []
+    for motor, name in enumerate(motors.geometry.names):
+        if at_limit[:, motor].any():
+            limited_names.append(name)
+    return Fact(
+        FailedFirst.THRUST_SPENT_FIRST,
+        time=interval[0],
+        share=commands.values[rows].mean() / motors.scale.stop,
+        names=tuple(limited_names),
+    )
 
 
 def _commands_between(commands: TimeSeries, start: float, end: float) -> Array:

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from hover import changed, columns, only
+from hover import changed, columns, only, pulses, with_pulses
 from instrumented import (
     EVENT,
     STICK_CLOSED,
@@ -296,6 +296,24 @@ def test_the_slope_of_a_barometer_does_not_contradict_a_short_fall():
     events, _ = judged(made)
     for code in (MotionEvent.HIT, MotionEvent.FELL):
         assert events[code].figures["speed"] == approx(13.5, abs=1.0)
+
+
+@mark.parametrize("pulse, is_spent", [(2000, True), (1500, False)])
+def test_a_vehicle_that_sinks_at_full_throttle_with_a_motor_at_its_limit_lacks_thrust(
+    pulse, is_spent
+):
+    ground = EVENT + 10.0 / 4.0
+    made = moving(instrumented("Stabilize"), lambda since: -4.0 * (since < 2.5))
+    outputs = pulses(made)
+    is_sinking = (stamps(made, "SERVO_OUTPUT_RAW") > EVENT) & (
+        stamps(made, "SERVO_OUTPUT_RAW") < ground
+    )
+    outputs[1] = np.where(is_sinking, 2000.0, outputs[1])
+    made = stick(with_pulses(made, outputs), pulse, EVENT, ground)
+    made = driven(knocked(made, ground), 1000.0, ground)
+    _, ending = judged(made)
+    cause = ending.figures["cause"]
+    assert (cause is not None and "sank at full throttle" in cause.sentence) is is_spent
 
 
 def test_a_hard_landing_upright_is_to_be_watched():
