@@ -228,3 +228,9 @@ def test_px4_batteries_are_the_connected_instances():
     assert fields["voltages"][:, 0] == approx(1000 * volts)
     assert sys_status({"battery_status": instances})["voltage_battery"] == approx(1000 * volts)
     assert not battery_status({"battery_status": {0: instances[1] | {"id": np.ones(10)}}})
+
+
+def test_of_one_battery_the_emergency_counts_and_not_the_critical_state_before():
+    states = {1: np.select([TIME < 20.0, TIME < 30.0, TIME < 45.0], [OK, CRITICAL, EMERGENCY], OK)}
+    fact = power_light(evidence(with_batteries({0: FULL, 1: FULL - 0.4}, states)))
+    assert (fact.code, fact.subject) == (Reported.BATTERY_SPENT, "battery 2")

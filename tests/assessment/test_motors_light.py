@@ -145,7 +145,7 @@ def test_outputs_that_never_change_are_not_called_missing():
     constant = {f"servo{number}_raw": 1000 for number in range(1, 5)}
     fact = motors_light(evidence_of(Signals(changed(made, "SERVO_OUTPUT_RAW", **constant))))
     assert fact.code is MotorsLight.MOTORS_NOT_SEEN
-    assert "no output in SERVO_OUTPUT_RAW ever changes" in fact.sentence
+    assert "no output in SERVO_OUTPUT_RAW ever changes." in fact.sentence
 
 
 def test_no_headroom_is_stated_under_a_height_that_diverged():

@@ -68,6 +68,8 @@ def power_light(evidence: Evidence) -> Fact:
         *voltages,
         *_battery_charges(evidence, batteries),
         *_board_voltage(evidence),
+        # A battery that was critical first may have been spent later, which is worse.
+        *evidence.warnings_in_flight((Reported.BATTERY_SPENT,)),
         *evidence.warnings_in_flight(POWER_REPORTS),
     ]
     if not facts:
