@@ -199,7 +199,7 @@ class RecordedLink:
     awaits_greeting = False
     dropped_datagrams = 0
     close = send = Mock()
-    drain_events = list
+    drain_events = receive_rest = list
 
     def __init__(self, name):
         self.name = name
