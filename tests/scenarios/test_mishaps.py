@@ -1,8 +1,11 @@
 """What goes wrong in a simulated flight stands in its truth, and shows in the messages as real autopilots send them."""
 
+from functools import cached_property
+
 import numpy as np
 from pytest import approx, mark, raises
 
+from mavdem.errors import Unreadable
 from mavdem.ingest.mavlink.vehicles import assemble
 from sitl_scenarios.damage import damage_history
 from sitl_scenarios.files import SECTION_KINDS, load, names, scenario_of
@@ -31,8 +34,11 @@ class Flight:
             }
         )
         self.motion = fly(self.scenario)
-        self.log = assemble(recorded(self.scenario, self.motion))
-        self.messages = self.log.vehicles[0].messages
+
+    @cached_property
+    def messages(self):
+        """The columns of each message, by its name."""
+        return assemble(recorded(self.scenario, self.motion)).vehicles[0].messages
 
     def column(self, message, field, begin=-np.inf, end=np.inf):
         """Values of a field whose times are from ``begin`` to ``end``, s after arming."""
@@ -243,6 +249,8 @@ def test_a_second_vehicle_has_its_own_clock():
     stream = recorded(flight.scenario, flight.motion)
     alone = recorded(flight.scenario.model_copy(update={"mishap": None}), flight.motion)
     assert len(stream.stamps) == approx(2 * len(alone.stamps), rel=0.05)
+    with raises(Unreadable, match="two vehicles that send as 1:1"):
+        assemble(stream)
 
 
 @mark.slow
