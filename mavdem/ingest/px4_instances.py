@@ -13,7 +13,13 @@ import numpy as np
 from mavdem.arrays import Array, Integers
 from mavdem.ingest.px4_messages import TRANSLATION_RULES, in_time_order
 from mavdem.ingest.px4_topics import Topics, first_instance, flag_or_true
-from mavdem.ingest.telemetry import Columns, Fields, selected_rows, translated_fields
+from mavdem.ingest.telemetry import (
+    Columns,
+    Fields,
+    fields_by_rule,
+    selected_rows,
+    translated_fields,
+)
 from mavdem.ingest.vocabulary import EstimatorRatio
 
 
@@ -54,7 +60,7 @@ def battery_status(topics: Topics) -> Fields:
 def _battery_fields(battery: Columns) -> Fields:
     """Translates one instance of battery_status to fields of SYS_STATUS, with the warning as ``charge_state``."""
     rule = TRANSLATION_RULES["SYS_STATUS"]
-    fields = translated_fields(battery, rule["fields"], rule.get("optional_fields"))
+    fields = fields_by_rule(battery, rule)
     columns = {"time": battery["time"], **fields}
     if "warning" in battery:
         # PX4's warnings begin with none, 0; MAVLink's states with undefined, 0, and then OK.
@@ -179,5 +185,5 @@ def _sensor(topics: Topics, sensor: SensorTopic, instance: int) -> Fields:
     """Makes the message of one instance of a sensor's topic; KeyError where it was not logged."""
     topic = topics[sensor.topic][instance]
     rule = TRANSLATION_RULES[sensor.first_message]
-    fields = translated_fields(topic, rule["fields"], rule.get("optional_fields"))
+    fields = fields_by_rule(topic, rule)
     return {"time": topic["time"], **fields}

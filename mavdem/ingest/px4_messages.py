@@ -31,9 +31,9 @@ from mavdem.ingest.telemetry import (
     Fields,
     Parameters,
     concatenated_columns,
+    fields_by_rule,
     interpolated,
     selected_rows,
-    translated_fields,
 )
 from mavdem.ingest.vocabulary import (
     ACTIVE,
@@ -244,7 +244,7 @@ def renamed_message(topics: Topics, message: str) -> Fields:
     for topic_name in rule["topics"]:
         topic = first_instance(topics, topic_name)
         if topic:
-            fields = translated_fields(topic, rule["fields"], rule.get("optional_fields"))
+            fields = fields_by_rule(topic, rule)
             return {"time": topic["time"], **fields}
     return {}
 

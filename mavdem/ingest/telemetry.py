@@ -217,6 +217,22 @@ def translated_fields(
     return fields
 
 
+def fields_by_rule(source: Columns, rule: Mapping[str, SourceFields]) -> Fields:
+    """Translates columns by a rule of a ``translation.toml``: its ``fields`` and, if it has them, ``optional_fields``.
+
+    Args:
+        source: Columns (N,) of the other format.
+        rule: The rule of a MAVLink message.
+
+    Returns:
+        Columns by name of MAVLink, in its units.
+
+    Raises:
+        KeyError: The source has none of the names of a required field.
+    """
+    return translated_fields(source, rule["fields"], rule.get("optional_fields"))
+
+
 @dataclass(frozen=True, eq=False)
 class Component(ImmutableResult):
     """One component that sent messages: a vehicle, a ground station, a gimbal, a radio.

@@ -23,8 +23,8 @@ from mavdem.ingest.telemetry import (
     SourceFields,
     Tables,
     concatenated_columns,
+    fields_by_rule,
     selected_rows,
-    translated_fields,
 )
 
 
@@ -97,7 +97,7 @@ def further_sensors(
             if not message_count(logged):
                 continue
             try:
-                fields = translated_fields(logged, rule["fields"], rule.get("optional_fields"))
+                fields = fields_by_rule(logged, rule)
             except KeyError:
                 continue
             name = (

@@ -61,6 +61,7 @@ from mavdem.ingest.telemetry import (
     Parameters,
     Tables,
     concatenated_columns,
+    fields_by_rule,
     last_values,
     repair_facts,
     selected_rows,
@@ -248,7 +249,7 @@ def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
         if not message_count(logged):
             continue
         try:
-            fields = translated_fields(logged, rule["fields"], rule.get("optional_fields"))
+            fields = fields_by_rule(logged, rule)
         except KeyError:
             continue
         return NamedMessage(estimates.names.get(name, name), with_stamps(logged, fields))
