@@ -20,10 +20,9 @@ from mavdem.assessment.lights.power import POWER_REPORTS, batteries_in_flight, b
 from mavdem.assessment.limits import worst_fact
 from mavdem.dataset.batteries import battery_name
 from mavdem.dataset.position_fix import (
-    FIX_3D,
-    MIN_FIX_SATELLITES,
     RECEIVER_MESSAGES,
     UNKNOWN_SATELLITES,
+    is_position_fix,
 )
 from mavdem.dataset.time_series import (
     TimeSeries,
@@ -178,7 +177,7 @@ def _estimators(evidence: Evidence) -> Iterator[Instance]:
 def _receivers(evidence: Evidence) -> Iterator[Instance]:
     """Yields the satellite receivers with their numbers of satellites, and whether they had a position fix.
 
-    A fix has three dimensions and at least ``MIN_FIX_SATELLITES``. A receiver that does not report the number of
+    A receiver that does not report the number of
     satellites is listed by its type of fix.
 
     Args:
@@ -190,7 +189,7 @@ def _receivers(evidence: Evidence) -> Iterator[Instance]:
         if satellites is None:
             continue
         counts, fix_types = _values_in_flight(evidence, satellites).T
-        has_fix = (fix_types >= FIX_3D) & (counts >= MIN_FIX_SATELLITES)
+        has_fix = is_position_fix(fix_types, counts)
         state = Fact(InstanceState.MEASURED)
         if not has_fix.all():
             state = Fact(InstanceState.WITHOUT_FIX, share=1 - has_fix.mean())

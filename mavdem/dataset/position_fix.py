@@ -3,7 +3,10 @@
 Without one, an estimator integrates accelerations, so that its velocity runs away, and some report it as valid.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.time_series import float_column
@@ -38,11 +41,21 @@ def has_fix_by_row(columns: Columns) -> Flags:
     Args:
         columns: Fields of GPS_RAW_INT or GPS2_RAW.
     """
-    has_fix = np.asarray(columns["fix_type"]) >= FIX_3D
-    if "satellites_visible" in columns:
-        satellites = float_column(columns, "satellites_visible")
-        has_fix &= (satellites >= MIN_FIX_SATELLITES) | ~np.isfinite(satellites)
-    return has_fix
+    fix_types = np.asarray(columns["fix_type"])
+    if "satellites_visible" not in columns:
+        return fix_types >= FIX_3D
+    return is_position_fix(fix_types, float_column(columns, "satellites_visible"))
+
+
+def is_position_fix(fix_types: NDArray[Any], satellites: Array) -> Flags:
+    """Returns whether messages of a receiver (N,) are of a position in three dimensions.
+
+    Args:
+        fix_types: Types of the fix (N,).
+        satellites: Numbers of satellites (N,); a number that is not known, infinite or NaN, contradicts no fix.
+    """
+    has_enough = (satellites >= MIN_FIX_SATELLITES) | ~np.isfinite(satellites)
+    return (fix_types >= FIX_3D) & has_enough
 
 
 def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from mavdem.assessment.condition import Condition
 from mavdem.containers import Names
 from mavdem.dataset.learnability import MIN_TRUSTED_CONSISTENCY
-from mavdem.facts import Fact, Facts, Level
+from mavdem.facts import Code, Fact, Facts, Level
 from mavdem.facts.assessment import Override
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE, Oscillation
 from mavdem.motors.hover import HoverFigures
@@ -25,6 +25,10 @@ class LimitedMotors(NamedTuple):
     def subject(self) -> str:
         """Name of the motor that stands out; empty of several alike, of which none is suspect."""
         return self.names[0] if len(self.names) == 1 else ""
+
+    def fact(self, code: Code) -> Fact:
+        """Returns a fact of these motors, with their ``names`` and ``share`` as figures."""
+        return Fact(code, subject=self.subject, names=self.names, share=self.share)
 
 
 def overrides_of(
@@ -54,13 +58,7 @@ def overrides_of(
     elif condition is not None and condition.hover is not None:
         limited = limited_motors(condition.hover)
         if limited is not None:
-            saturation = Fact(
-                Override.SATURATION,
-                subject=limited.subject,
-                names=limited.names,
-                share=limited.share,
-            )
-            overrides.append(saturation)
+            overrides.append(limited.fact(Override.SATURATION))
         elif trim is not None and trim.level is Level.WATCH:
             overrides.append(Fact(Override.TRIM, subject=trim.subject, because=trim))
     if consistency is not None and consistency < MIN_TRUSTED_CONSISTENCY:

@@ -61,13 +61,7 @@ def motors_light(evidence: Evidence) -> Fact:
         if _has_full_throttle(evidence):
             limited = None
         if limited is not None and hover.seconds >= MIN_STEADY_SECONDS:
-            fact = Fact(
-                MotorsLight.MOTOR_LIMITED,
-                subject=limited.subject,
-                names=limited.names,
-                share=limited.share,
-            )
-            facts.append(fact)
+            facts.append(limited.fact(MotorsLight.MOTOR_LIMITED))
         facts.append(_trim_or_headroom(evidence, hover))
     return worst_fact(facts)
 
