@@ -20,7 +20,6 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Side, Witness
-from mavdem.witnesses.height import trusted_height
 from mavdem.witnesses.scene import Scene
 from mavdem.witnesses.statements import contradicting_statement, supporting_statement, weighed_event
 
@@ -333,7 +332,7 @@ def has_risen_by(scene: Scene, flight: Interval, time: float) -> bool:
         time: s since boot.
     """
     take_off, _ = flight
-    height = trusted_height(scene.signals, scene.boot, take_off)
+    height = scene.height_above_take_off
     if height is None:
         return time - take_off > RECOVERY_SECONDS
     in_flight = in_intervals(height.time, [(take_off, time)])

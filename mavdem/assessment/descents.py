@@ -14,7 +14,6 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Witness
-from mavdem.witnesses.height import trusted_height
 from mavdem.witnesses.scene import CLOSED_STICK, Scene
 from mavdem.witnesses.sensors import throttle_stick
 from mavdem.witnesses.statements import supporting_statement, supporting_statements
@@ -62,7 +61,7 @@ def falls(scene: Scene, interval: Interval) -> Iterator[Fact]:
         speed = max(speed, speed_until_end)
     if speed is None or speed < FALL_SPEED:
         return
-    height = trusted_height(scene.signals, scene.boot, scene.take_off)
+    height = scene.height_above_take_off
     if height is not None:
         expected_change = SINK_AGREEMENT * climb_rate.values[is_falling].mean() * (end - start)
         before, after = np.interp([start, end], height.time, height.values)
@@ -154,16 +153,7 @@ def _flies_on(scene: Scene, flight: Interval, time: float) -> bool:
         time: s since boot.
     """
     later = time + RECOVERY_SECONDS
-    if min(flight[1], _record_end(scene)) < later:
+    if min(flight[1], scene.record_end) < later:
         return False
-    height = trusted_height(scene.signals, scene.boot, flight[0])
-    if height is None:
-        return True
-    return bool(np.interp(later, height.time, height.values) > MAX_GROUND_HEIGHT)
-
-
-def _record_end(scene: Scene) -> float:
-    """Returns the time of the last attitude of the boot, s."""
-    angle = series_of_boot(scene.signals.tilts[0].angle_series, scene.boot)
-    assert angle is not None
-    return float(angle.time[-1])
+    height = scene.height_at(later)
+    return height is None or height > MAX_GROUND_HEIGHT

@@ -9,7 +9,6 @@ from mavdem.confidence import Interval
 from mavdem.dataset import phases
 from mavdem.dataset.intervals import Intervals, in_intervals, intersection
 from mavdem.dataset.phases import (
-    MAX_GROUND_HEIGHT,
     airborne_intervals,
     height_above_take_off,
     series_of_boot,
@@ -111,28 +110,6 @@ def height_in_flight(signals: Signals, boot: int, flight: Interval, time: float)
     if take_off == -inf:
         height = series_of_boot(signals.height, boot)
     return None if height is None else np.interp(time, height.time, height.values)
-
-
-def trusted_climb_rate(signals: Signals, boot: int, flight: Interval) -> TimeSeries | None:
-    """Returns the vertical speed of a boot, without the samples in which its estimate has probably diverged.
-
-    After an impact the autopilot's vertical estimate often runs away. A height well below the take-off shows that.
-
-    Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
-        flight: start and end of the flight, s since boot, whose take-off is the zero of the height.
-
-    Returns:
-        Vertical speed, m/s up, at the samples that are not more than ``MAX_GROUND_HEIGHT`` below the take-off; at all
-        samples if no height was recorded. None if no speed was recorded.
-    """
-    climb_rate = series_of_boot(signals.climb_rate, boot)
-    height = height_above_take_off(signals, boot, flight)
-    if climb_rate is None or height is None:
-        return climb_rate
-    height_then = np.interp(climb_rate.time, height.time, height.values)
-    return climb_rate.select(height_then > -MAX_GROUND_HEIGHT)
 
 
 def max_sink_rate(climb_rate: TimeSeries | None, start: float, end: float) -> float | None:

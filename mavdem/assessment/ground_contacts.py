@@ -22,7 +22,6 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.witnesses import Side, Witness
-from mavdem.witnesses.height import trusted_height
 from mavdem.witnesses.scene import MIN_SINK_RATE, Rest, Scene
 from mavdem.witnesses.sensors import throttle_stick
 from mavdem.witnesses.statements import (
@@ -382,7 +381,7 @@ class _Contact:
 
         Heights are averages, so that the lowest within ``MAX_SETPOINT_DELAY`` afterwards counts.
         """
-        height = trusted_height(self.scene.signals, self.scene.boot, self.flight[0])
+        height = self.scene.height_above_take_off
         if height is None:
             return None
         rows = in_intervals(height.time, [(time, time + MAX_SETPOINT_DELAY)])

@@ -98,6 +98,10 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     """
     if evidence.not_flown is not None:
         return evidence.not_flown
+    for event in evidence.events:
+        # A restart in flight is the reason for whatever followed.
+        if event.code is Reported.RESTARTED_IN_FLIGHT:
+            return event
     vehicle_lights = [lights[name] for name in VEHICLE_LIGHTS]
     if evidence.condition.oscillation is not None:
         # A limit cycle drives motors to their limits, and so explains their light.
@@ -106,7 +110,6 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     # How a lost flight ended outranks everything else.
     ending = [] if evidence.ending is None else [evidence.ending]
     bad_events = [fact for fact in (*ending, *evidence.events) if fact.is_bad]
-    restarts = [fact for fact in evidence.events if fact.code is Reported.RESTARTED_IN_FLIGHT]
     urgent = _urgent_warnings(evidence)
     # A log that ends in the air only may have ended in a loss, so that what is certainly wrong comes first.
     open_ends = [fact for fact in urgent if fact.code is MotionEvent.LOG_ENDED_IN_AIR]
@@ -116,9 +119,6 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     reasons = [lights[name] for name in (Light.POWER, Light.ESTIMATOR) if lights[name].is_bad]
     if urgent and reasons:
         urgent = reasons
-    # A restart in flight is the reason for whatever followed.
-    if restarts:
-        return restarts[0]
     if bad_events:
         worst = _largest_of_first_kind(bad_events)
         spent = [fact for fact in bad_events if fact.code is Reported.BATTERY_SPENT]

@@ -34,7 +34,6 @@ from mavdem.facts.witnesses import Side
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses import flight_verdict
-from mavdem.witnesses.height import trusted_height
 from mavdem.witnesses.scene import Scene
 
 CONTACTS = (MotionEvent.HIT, MotionEvent.TIPPED, MotionEvent.TOPPLED)
@@ -211,8 +210,7 @@ def _falls_of_flight(
         loss: the loss of attitude in the air with which the flight ended; None if there was none.
         contact: how the flight met the ground; None for an ordinary landing.
     """
-    record_end = float(scene.signals.tilts[0].time[scene.signals.tilts[0].boot == scene.boot][-1])
-    flight_end = min(flight[1], record_end)
+    flight_end = min(flight[1], scene.record_end)
     start, end = flight_end - RECOVERY_SECONDS, flight_end + RECOVERY_SECONDS
     if loss is not None:
         start = loss.time or start
@@ -257,11 +255,8 @@ def _end_in_air(
             return
         if event.code is MotionEvent.ATTITUDE_LOST and is_old_loss:
             return
-    height = trusted_height(signals, boot, flight[0])
-    if height is None:
-        return
-    last_height = float(np.interp(end_time, height.time, height.values))
-    if last_height > MAX_GROUND_HEIGHT:
+    last_height = Scene(signals, boot, flight[0]).height_at(end_time)
+    if last_height is not None and last_height > MAX_GROUND_HEIGHT:
         yield Fact(MotionEvent.LOG_ENDED_IN_AIR, time=end_time, height=last_height, boot=boot)
 
 

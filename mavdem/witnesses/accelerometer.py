@@ -117,7 +117,8 @@ def rest_intervals(signals: Signals, boot: int) -> Intervals:
     windows = still_windows(signals, boot)
     if windows is None:
         return []
-    is_rest = windows.is_still & ~_is_powered(signals, boot, windows.start)
+    powered = is_powered(signals, boot, windows.start + REST_SECONDS / 2)
+    is_rest = windows.is_still if powered is None else windows.is_still & ~powered
     rest: Intervals = []
     for start in windows.start[is_rest].tolist():
         end = start + REST_SECONDS
@@ -199,19 +200,19 @@ def window_ranges(time: Array, values: Array, windows: Array) -> Array:
     return ranges
 
 
-def _is_powered(signals: Signals, boot: int, windows: Array) -> Flags:
-    """Returns whether the motors are fast enough to carry the vehicle in each window (W,), by their mean output.
-
-    It is false throughout where motor outputs were not recorded.
+def is_powered(signals: Signals, boot: int, time: Array) -> Flags | None:
+    """Returns whether the motors are fast enough to carry the vehicle at some times (T,), by their mean output.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        windows: (W,) starts of windows of ``REST_SECONDS``, s since boot.
+        time: (T,) s since boot.
+
+    Returns:
+        None where motor outputs were not recorded.
     """
     collective = series_of_boot(signals.collective, boot)
     if collective is None:
-        return np.zeros(len(windows), dtype=bool)
+        return None
     least = min_airborne_collective(signals.telemetry.parameters)
-    middle = windows + REST_SECONDS / 2
-    return np.asarray(np.interp(middle, collective.time, collective.values) > least)
+    return np.asarray(np.interp(time, collective.time, collective.values) > least)

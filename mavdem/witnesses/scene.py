@@ -12,7 +12,7 @@ import numpy as np
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import intersection
-from mavdem.dataset.phases import MAX_GROUND_HEIGHT, min_airborne_collective, series_of_boot
+from mavdem.dataset.phases import MAX_GROUND_HEIGHT, series_of_boot
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
@@ -22,6 +22,7 @@ from mavdem.witnesses.accelerometer import (
     REST_SECONDS,
     AccelerometerWitness,
     accelerometer_witness,
+    is_powered,
     still_windows,
 )
 from mavdem.witnesses.height import (
@@ -117,9 +118,21 @@ class Scene:
         """Barometer and estimated climb."""
         return height_witnesses(self.signals, self.boot)
 
+    @cached_property
+    def record_end(self) -> float:
+        """Time of the last attitude of the boot, s."""
+        angle = series_of_boot(self.signals.tilts[0].angle_series, self.boot)
+        assert angle is not None
+        return float(angle.time[-1])
+
+    @cached_property
+    def height_above_take_off(self) -> TimeSeries | None:
+        """Height (N,) above the take-off, m, by a source that can be trusted; None without any."""
+        return trusted_height(self.signals, self.boot, self.take_off)
+
     def height_at(self, time: float) -> float | None:
         """Returns the height above the take-off at a time, m, by a source that can be trusted; None without any."""
-        height = trusted_height(self.signals, self.boot, self.take_off)
+        height = self.height_above_take_off
         return None if height is None else float(np.interp(time, height.time, height.values))
 
     @cached_property
@@ -327,18 +340,12 @@ def _rest_record(signals: Signals, boot: int) -> _RestRecord | None:
         return None
     middle = still.start + REST_SECONDS / 2
     angle = _angle_from_upright(signals, boot, middle)
-    is_unpowered = _is_unpowered(signals, boot, middle)
-    is_rest = still.is_still & (is_unpowered | (angle > SIDE_ANGLE))
+    lies_on_side = angle > SIDE_ANGLE
+    # Without the motors' outputs only the pose shows the ground.
+    powered = is_powered(signals, boot, middle)
+    is_grounded = lies_on_side if powered is None else ~powered | lies_on_side
+    is_rest = still.is_still & is_grounded
     return _RestRecord(still.start, is_rest, angle)
-
-
-def _is_unpowered(signals: Signals, boot: int, time: Array) -> Flags:
-    """Returns whether the motors are known to be too slow to carry the vehicle at some times (W,), s."""
-    collective = series_of_boot(signals.collective, boot)
-    if collective is None:
-        return np.zeros(len(time), dtype=bool)
-    least = min_airborne_collective(signals.telemetry.parameters)
-    return np.asarray(np.interp(time, collective.time, collective.values) <= least)
 
 
 def _angle_from_upright(signals: Signals, boot: int, time: Array) -> Array:
