@@ -28,32 +28,47 @@ from mavdem.report.blocks import Table
     show_default=True,
     help="Folder for the report.",
 )
+@click.option(
+    "--flights",
+    "flights_folder",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="Folder with recorded flights of the AR.Drone (.mat), examined beside the simulated ones.",
+)
 @json_option
 @click.option("--list", "as_list", is_flag=True, help="List the items, one a line, the name first.")
-def reproduce_command(names: Names, out: Path, as_json: bool, as_list: bool) -> None:
+def reproduce_command(
+    names: Names, out: Path, flights_folder: Path | None, as_json: bool, as_list: bool
+) -> None:
     """Runs the paper's experiments again and checks its claims.
 
     ITEM is a name from --list; all items run unless some are named, which takes some minutes on two cores. The report
     is a folder with the page index.html and its figures, and numbers.json.
 
+    The paper's vehicle was really flown in wind: the flights of Bos et al., "Free Energy Principle for State and Input
+    Estimation of a Quadcopter Flying in Wind", are at github.com/FreddyBos97/DEM_Drone_in_wind. --flights reads them.
+
     \b
     Examples:
       mavdem reproduce --list
       mavdem reproduce noise prediction --out build/paper
+      mavdem reproduce benchmark --flights DEM_Drone_in_wind
     """
     if as_list:
         _list_claims(as_json)
         return
     require_extra("plot", "`mavdem reproduce`")
     # The experiments take a second to import, and need not be imported for the list.
+    from mavdem.experiments.paper.flights import read_ardrone_folder
     from mavdem.experiments.paper.report import ITEMS, NUMBERS, PAGE, ItemReport, document, write
     from mavdem.experiments.paper.runner import Runner
 
     check_output_folder(out, (PAGE, NUMBERS))
+    recorded_flights = {} if flights_folder is None else read_ardrone_folder(flights_folder)
     start_time = perf_counter()
     reports = []
     with process_pool(available_workers()) as executor:
-        runner = Runner(executor)
+        runner = Runner(executor, recorded_flights=recorded_flights)
         for claim, run_experiment in ITEMS.items():
             if names and claim.name not in names:
                 continue

@@ -21,6 +21,8 @@ class Forecasts(Code):
     STILL_IMPROVING = "still_improving"
     NO_TRUTH_FILE = "no_truth_file"
     TRUTH_OF_ANOTHER_FLIGHT = "truth_of_another_flight"
+    NO_MATLAB_FILES = "no_matlab_files"
+    NOT_AN_ARDRONE_FLIGHT = "not_an_ardrone_flight"
 
 
 class TestResult(StrEnum):

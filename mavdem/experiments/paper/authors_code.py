@@ -71,7 +71,7 @@ def run(runner: Runner) -> ExperimentResult:
         A check for each method and start of the forecasts, and the MSPE of both codes as ``numbers``. Without the
         authors' files only a remark.
     """
-    if not runner.uses_recorded or not RESULTS_FOLDER.is_dir():
+    if not runner.uses_authors_results or not RESULTS_FOLDER.is_dir():
         missing = f"The authors’ results are not in {RESULTS_FOLDER}, so there is nothing to compare with."
         return ExperimentResult(remarks=(missing,))
     authors_errors = read_authors_errors()

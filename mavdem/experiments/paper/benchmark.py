@@ -14,6 +14,7 @@ from mavdem.experiments.paper.flights import ARDRONE_NAME
 from mavdem.experiments.paper.runner import (
     CONSTANT_MEAN,
     DATA_START,
+    DEM_P1,
     DEM_P2,
     PEER_METHODS,
     QUESTION_BY_START,
@@ -22,7 +23,7 @@ from mavdem.experiments.paper.runner import (
     median_outcome,
 )
 from mavdem.experiments.scores import KNOWN
-from mavdem.report.blocks import Block, Sentence
+from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.figures.style import Picture
 from mavdem.report.numbers import listed, rounded
 
@@ -38,7 +39,7 @@ def run(runner: Runner) -> ExperimentResult:
 
     Three comparisons, each with a check that DEM has the lowest error: forecasts of the test data of the five simulated
     experiments, from the filtered state and from state 0; the squared error by step on the experiment of the paper's
-    figure; and the median error over windows of the recorded AR.Drone, if that data is on this machine.
+    figure; and the median error ratio over windows of the recorded flights, if there are any.
 
     Args:
         runner: holds the windows of training and test data, and runs the fits, whose results it keeps.
@@ -53,29 +54,32 @@ def run(runner: Runner) -> ExperimentResult:
     squared_errors = {}
     for name, forecast in forecasts.items():
         squared_errors[name] = ((forecast - test_outputs) ** 2).sum(axis=1)
-    ardrone_errors = _ardrone_errors(runner)
     checks = []
     for start, errors in experiment_errors.items():
         checks.append(lowest_error_check(errors, f"from {start}"))
     checks.append(_steps_check(squared_errors, runner.figure_window.flight))
-    if ardrone_errors:
+    tables = _error_tables(experiment_errors, list(runner.experiment_windows))
+    recorded_ratios: ErrorsByMethod = {}
+    if runner.recorded_windows:
+        recorded_ratios = _recorded_error_ratios(runner)
         # The check takes arrays of errors over flights; here the median over the windows is the only entry.
         medians = {
-            name: np.median(errors, keepdims=True) for name, errors in ardrone_errors.items()
+            name: np.median(ratios, keepdims=True) for name, ratios in recorded_ratios.items()
         }
         checks.append(lowest_error_check(medians, f"on {ARDRONE_NAME}"))
+        tables = (*recorded_table(recorded_ratios), *tables)
     numbers = {}
     for start, errors in experiment_errors.items():
         numbers[f"mspe, from {start}"] = lists_by_name(errors)
     numbers["squared_errors_by_step"] = lists_by_name(squared_errors)
-    numbers[f"mspe, windows of {ARDRONE_NAME}"] = lists_by_name(ardrone_errors)
+    numbers[f"error ratio, windows of {ARDRONE_NAME}"] = lists_by_name(recorded_ratios)
     remarks = []
-    if not runner.ardrone_windows:
-        remarks.append("The recorded flights are not on this machine and are left out.")
+    if not runner.recorded_windows:
+        remarks.append("Recorded flights are left out: --flights names their folder.")
     return ExperimentResult(
         checks=tuple(checks),
         numbers=numbers,
-        tables=_error_tables(experiment_errors, list(runner.experiment_windows)),
+        tables=tables,
         pictures=_pictures(runner, forecasts, squared_errors),
         remarks=tuple(remarks),
     )
@@ -116,9 +120,8 @@ def _experiment_outcome(runner: Runner, method: str, number: int, start: str) ->
     """
     if method == DEM_P2:
         return median_outcome(runner.random_prior_outcomes[DEM_P2, number], start)
-    flight_name = runner.experiment_windows[number].flight
     # The first window of the flight is the experiment.
-    return runner.outcomes[flight_name, method][0]
+    return runner.outcomes[number, method][0]
 
 
 def _figure_forecasts(runner: Runner) -> dict[str, Array]:
@@ -135,14 +138,45 @@ def _figure_forecasts(runner: Runner) -> dict[str, Array]:
     return forecasts
 
 
-def _ardrone_errors(runner: Runner) -> ErrorsByMethod:
-    """Returns the errors (windows,) on the recorded AR.Drone by method; empty without the recording."""
-    if not runner.ardrone_windows:
-        return {}
-    errors = {}
-    for method in COMPARED_METHODS:
-        errors[method] = forecast_errors(runner.outcomes[ARDRONE_NAME, method], DATA_START)
-    return errors
+def _recorded_error_ratios(runner: Runner) -> ErrorsByMethod:
+    """Returns the error ratios of the methods on all windows of the recorded flights.
+
+    The ratio of a window is the squared error of the forecast from the data over that of the constant mean, with each
+    output in units of its variance in training.
+
+    Returns:
+        (windows,) by name of the method; infinite where a method has no forecast.
+    """
+    ratios = {}
+    for method, outcomes in runner.recorded_outcomes.items():
+        # The last horizon is the whole test part.
+        ratios[method] = np.array([outcome.scores[KNOWN].ratio[-1] for outcome in outcomes])
+    return ratios
+
+
+def recorded_table(ratios: ErrorsByMethod) -> tuple[Block, ...]:
+    """Returns the table of the error ratios on the recorded flights, the lowest median first, and its introduction.
+
+    Args:
+        ratios: error over that of the constant mean, (windows,) by name of the method.
+    """
+    methods = [name for name in ratios if name != CONSTANT_MEAN]
+    methods.sort(key=lambda name: np.median(ratios[name]))
+    rows = []
+    for name in methods:
+        worse_count = int((ratios[name] > 1).sum())
+        rows.append([name, rounded(np.median(ratios[name]), 2), str(worse_count)])
+    window_count = len(ratios[CONSTANT_MEAN])
+    p2_ratios, p1_ratios = ratios[DEM_P2], ratios[DEM_P1]
+    lower_count = int((p2_ratios < p1_ratios).sum())
+    introduction = (
+        f"150 steps of {ARDRONE_NAME}, forecast after 700 of training, in {window_count} windows. {DEM_P2} has a lower "
+        f"error than {DEM_P1} in {lower_count} of them."
+    )
+    return (
+        Sentence(introduction),
+        Table(["method", "error over the constant mean’s, median", "windows worse than it"], rows),
+    )
 
 
 def lowest_error_check(errors: ErrorsByMethod, conditions: str) -> Check:

@@ -1,17 +1,21 @@
 """Flights for the paper's experiments: simulated in place of the paper's, which are not public, and recorded."""
 
 import os
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
 
 from mavdem.dataset import read_flight
-from mavdem.errors import NotLearnable
+from mavdem.errors import NotLearnable, Unreadable
 from mavdem.experiments.scores import REFERENCE_RATE
 from mavdem.experiments.window import part_samples
+from mavdem.facts.forecasts import Forecasts
 from mavdem.files import PathName
 from mavdem.flight import Flight
 from mavdem.ingest import read_log
@@ -37,13 +41,28 @@ ARDRONE_RECORDING = DATA_FOLDER / "ardrone_tudelft" / "expData10_29_25.mat"
 """MATLAB file of TU Delft's recorded AR.Drone 2.0 in wind: the paper's vehicle in the paper's laboratory."""
 
 ARDRONE_NAME = "the real AR.Drone"
-"""Name of that flight in sentences and documents."""
+"""Name of the flights of that vehicle in sentences and documents."""
 
 ARDRONE_RATE = 120
 """Hz, the rate at which the recorded AR.Drone is sampled, as in the paper's experiments."""
 
 ARDRONE_FIRST_SAMPLE = 2600
-"""First sample of the recording that is used: the AR.Drone is airborne from 21.7 s on, and never lands."""
+"""First sample of the raw recording that is used: the AR.Drone is airborne from 21.7 s on, and never lands."""
+
+ROLL_ROW, ROLL_RATE_ROW = 6, 9
+"""Rows of roll (rad) and roll rate (rad/s) among the twelve measured states of a published flight."""
+
+MATLAB_FILE_ERRORS = (
+    MatReadError,
+    ValueError,
+    TypeError,
+    KeyError,
+    AttributeError,
+    IndexError,
+    OverflowError,
+    zlib.error,
+)
+"""Errors that SciPy raises for damaged files and files of other kinds, and those of missing variables and fields."""
 
 TAKE_OFF_SECONDS = 3.0
 """s that are left out at the start of a simulated hover, while the motion of the take-off decays; a choice."""
@@ -125,17 +144,65 @@ def recorded_flights() -> Iterator[tuple[str, Flight]]:
         yield ARDRONE_RECORDING.parent.name, read_ardrone_flight(ARDRONE_RECORDING)
 
 
-def read_ardrone_flight(path: Path) -> Flight:
-    """Reads TU Delft's recorded AR.Drone 2.0 in wind from its MATLAB file.
+def read_ardrone_folder(folder: Path) -> dict[str, Flight]:
+    """Reads all recordings of the AR.Drone in a folder, as their authors publish them.
 
-    Motion capture, inertial sensor and motors have clocks of their own rates; all are interpolated to
-    ``ARDRONE_RATE``.
+    Args:
+        folder: folder with MATLAB files (``.mat``).
 
     Returns:
-        A flight with the PWM of four motors as inputs, and as outputs roll (rad) from motion capture and roll rate
-        (rad/s) from the inertial sensor.
+        Flights by the stem of their files, in the order of the names.
+
+    Raises:
+        Unreadable: the folder has no such file, or one of them has no flight.
     """
-    data = loadmat(path, squeeze_me=True, struct_as_record=False)["expData"].origData
+    paths = sorted(folder.glob("*.mat"))
+    if not paths:
+        raise Unreadable(Forecasts.NO_MATLAB_FILES, name=str(folder))
+    return {path.stem: read_ardrone_flight(path) for path in paths}
+
+
+def read_ardrone_flight(path: Path) -> Flight:
+    """Reads one of TU Delft's recorded flights of an AR.Drone 2.0 from its MATLAB file, in either of two layouts.
+
+    The flights of Bos et al. (``exp_25_WW_WM_2.mat``) are aligned by their authors and have a variable ``Data_model``;
+    a raw recording (``expData10_29_25.mat``) has ``expData``.
+
+    Returns:
+        A flight with the PWM of four motors as inputs, and as outputs roll (rad) and roll rate (rad/s).
+
+    Raises:
+        Unreadable: the file is damaged, or has neither variable.
+    """
+    try:
+        variables = loadmat(path, squeeze_me=True, struct_as_record=False)
+        if "Data_model" in variables:
+            return _aligned_flight(variables["Data_model"])
+        return _interpolated_flight(variables["expData"].origData)
+    except MATLAB_FILE_ERRORS as error:
+        raise Unreadable(Forecasts.NOT_AN_ARDRONE_FLIGHT, name=path.name) from error
+
+
+def _aligned_flight(data: Any) -> Flight:
+    """Returns the flight of a structure ``Data_model``: twelve states and four motor commands at common times.
+
+    Args:
+        data: MATLAB structure with ``time`` (N,), s, ``x_measured`` (12, N) and ``v`` (4, N).
+    """
+    states = np.asarray(data.x_measured, float)
+    outputs = states[[ROLL_ROW, ROLL_RATE_ROW]].T
+    return Flight(np.asarray(data.time, float), np.asarray(data.v, float).T, outputs, dt=data.dt)
+
+
+def _interpolated_flight(data: Any) -> Flight:
+    """Returns the flight of a structure ``expData.origData``, a raw recording.
+
+    Motion capture, inertial sensor and motors have clocks of their own rates; all are interpolated to
+    ``ARDRONE_RATE``. Roll comes from motion capture, roll rate from the inertial sensor.
+
+    Args:
+        data: MATLAB structure.
+    """
     # In the names of the file "ot" is the motion capture, "imu" the inertial sensor and "nav" the motors' log.
     time = np.arange(ARDRONE_FIRST_SAMPLE, len(data.otTime)) / ARDRONE_RATE
     end_time = min(data.otTime[-1], data.imuTime[-1], data.navTime[-1])

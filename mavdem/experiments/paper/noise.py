@@ -10,7 +10,7 @@ from mavdem.experiments.paper import figures
 from mavdem.experiments.paper.checks import Check, ExperimentResult
 from mavdem.experiments.paper.noise_tests import NoiseAnalysis, analyse_noise
 from mavdem.experiments.paper.runner import PAPER_SETTINGS, Runner
-from mavdem.experiments.window import Window
+from mavdem.experiments.window import Window, disjoint
 from mavdem.report.figures.style import Picture
 
 SIGNIFICANCE_LEVEL = 0.01
@@ -24,7 +24,7 @@ def run(runner: Runner) -> ExperimentResult:
     """Tests whether the process noise of DEM's models is Gaussian and coloured, as the paper claims.
 
     The noise w^φ̇ is what a model leaves of the derivative of its state roll rate. It is analysed for the model of each
-    simulated experiment, and of independent windows of the recorded AR.Drone, if that data is on this machine.
+    simulated experiment, and of disjoint windows of the recorded flights, if there are any.
 
     Args:
         runner: holds the windows, and learns the models in several processes.
@@ -33,8 +33,11 @@ def run(runner: Runner) -> ExperimentResult:
         Checks, figures, and the results of the tests as ``numbers``.
     """
     names = [f"experiment {number}" for number in runner.experiment_windows]
-    # Successive windows overlap by half, so every other one is independent.
-    windows = [*runner.experiment_windows.values(), *runner.ardrone_windows[::2]]
+    # Successive windows overlap by half, and only disjoint ones are independent.
+    independent_windows = [
+        runner.recorded_windows[index] for index in disjoint(runner.recorded_windows)
+    ]
+    windows = [*runner.experiment_windows.values(), *independent_windows]
     noises = runner.map_jobs(analyse_process_noise, windows)
     simulated_noises = dict(zip(names, noises[: len(names)], strict=True))
     ardrone_noises = noises[len(names) :]

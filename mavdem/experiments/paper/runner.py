@@ -5,7 +5,7 @@ Results that several experiments need are computed once and stored by the runner
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TypeVar
 
@@ -18,16 +18,14 @@ from mavdem.dem.parallel import parallel_map
 from mavdem.experiments.comparison import Method, Outcome, run_trial
 from mavdem.experiments.held_out import Progress
 from mavdem.experiments.paper.flights import (
-    ARDRONE_NAME,
-    ARDRONE_RECORDING,
     TEST_SAMPLES,
     TRAINING_SAMPLES,
-    read_ardrone_flight,
     simulated_experiment,
 )
 from mavdem.experiments.scores import FROM_ZERO, KNOWN
 from mavdem.experiments.window import Window, windows
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
+from mavdem.flight import Flight
 
 Job = TypeVar("Job")
 JobResult = TypeVar("JobResult")
@@ -60,12 +58,14 @@ PEER_METHODS = ("subspace(2)", "PEM(2)", "EM(2)")
 CONSTANT_MEAN = HeldOutForecast.CONSTANT_MEAN
 """Name of the baseline that forecasts the mean of the training data."""
 
-METHODS = [
-    method
-    for method in evaluate.METHODS
-    if method.name in (DEM_P2, DEM_P1, *PEER_METHODS, CONSTANT_MEAN)
-]
-"""The methods that are trained on the windows of every flight."""
+PAPER_METHODS = (DEM_P2, DEM_P1, *PEER_METHODS, CONSTANT_MEAN)
+"""Names of the methods that are trained on the windows of every flight."""
+
+RECORDED_METHODS = (MethodName.JOINT, MethodName.PLANT, *PAPER_METHODS)
+"""Names of the methods that are trained on the windows of recorded flights: the default of ``mavdem learn`` first."""
+
+METHODS_BY_NAME = {method.name: method for method in evaluate.METHODS}
+"""The methods of ``mavdem compare`` by name."""
 
 DATA_START = "the data"
 """Name of a forecast that starts from the state estimated at the end of training."""
@@ -124,8 +124,11 @@ class Runner:
     experiment_numbers: Sequence[int] = EXPERIMENT_NUMBERS
     """Numbers of the paper's experiments that are simulated."""
 
-    uses_recorded: bool = True
-    """Whether to use the recorded AR.Drone and the authors' results where they are on this machine."""
+    recorded_flights: Mapping[str, Flight] = field(default_factory=dict)
+    """Recorded flights of the AR.Drone by name, which are examined beside the simulated ones."""
+
+    uses_authors_results: bool = True
+    """Whether to use the results of the authors' own code where they are on this machine."""
 
     prior_count: int = RANDOM_PRIOR_COUNT
     """Random priors that DEM is trained from on each experiment."""
@@ -215,23 +218,30 @@ class Runner:
         return self.experiment_windows[self.figure_experiment]
 
     @cached_property
-    def ardrone_windows(self) -> tuple[Window, ...]:
-        """All windows of the recorded AR.Drone; empty if its recording is not on this machine or not to be used."""
-        if not self.uses_recorded or not ARDRONE_RECORDING.exists():
-            return ()
-        flight = read_ardrone_flight(ARDRONE_RECORDING)
-        return windows(ARDRONE_NAME, flight, TRAINING_SAMPLES, TEST_SAMPLES)
+    def recorded_windows(self) -> tuple[Window, ...]:
+        """All windows of the recorded flights, flight by flight; empty without any."""
+        flight_windows: list[Window] = []
+        for name, flight in self.recorded_flights.items():
+            flight_windows += windows(name, flight, TRAINING_SAMPLES, TEST_SAMPLES)
+        return tuple(flight_windows)
 
     @cached_property
-    def outcomes(self) -> dict[tuple[str, str], list[Outcome]]:
-        """Outcomes of ``METHODS`` by name of the flight and name of the method, one for each window of the flight."""
+    def recorded_outcomes(self) -> dict[str, list[Outcome]]:
+        """Outcomes of ``RECORDED_METHODS`` by name, one for each of ``recorded_windows``."""
         trials = {}
-        for flight_windows in (*self.simulated_windows.values(), self.ardrone_windows):
-            if not flight_windows:
-                continue
-            for method in METHODS:
-                key = (flight_windows[0].flight, method.name)
-                trials[key] = [(method, window) for window in flight_windows]
+        for name in RECORDED_METHODS:
+            trials[name] = [(METHODS_BY_NAME[name], window) for window in self.recorded_windows]
+        return self.run_trials(trials)
+
+    @cached_property
+    def outcomes(self) -> dict[tuple[int, str], list[Outcome]]:
+        """Outcomes of ``PAPER_METHODS`` by experiment and name, one for each window of the simulated flight."""
+        trials = {}
+        for number, flight_windows in self.simulated_windows.items():
+            for name in PAPER_METHODS:
+                trials[number, name] = [
+                    (METHODS_BY_NAME[name], window) for window in flight_windows
+                ]
         return self.run_trials(trials)
 
     @cached_property

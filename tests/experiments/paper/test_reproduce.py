@@ -168,7 +168,7 @@ def test_all_items_make_one_report(tmp_path, monkeypatch, request):
     # A report needs no more iterations of EM.
     monkeypatch.setattr(maximum_likelihood.iterate_em, "__defaults__", (5,))
     # Pictures of the demonstrations take ten seconds, and have tests of their own.
-    runner = Runner(experiment_numbers=(2,), uses_recorded=False, prior_count=2)
+    runner = Runner(experiment_numbers=(2,), uses_authors_results=False, prior_count=2)
     chosen = [claim for claim in ITEMS if claim.name != "demonstrations"]
     reports = [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen]
     write(tmp_path, reports, 1.0)
