@@ -11,12 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment.attitude_error import AttitudeError
-from mavdem.assessment.flights import RECOVERY_SECONDS, max_sink_rate, merge_close
+from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close
 from mavdem.assessment.motor_events import lasting_runs
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import Intervals, in_intervals, union
 from mavdem.dataset.phases import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY, series_of_boot
-from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Side, Witness
@@ -60,8 +59,7 @@ def attitude_losses(scene: Scene, error: AttitudeError, flight: Interval) -> lis
         code ``TIPPED``, ``HIT`` or ``ATTITUDE_LOST`` instead.
     """
     events = []
-    climb_rate = series_of_boot(scene.signals.climb_rate, scene.boot)
-    for start, end in _loss_intervals(error, flight, climb_rate):
+    for start, end in _loss_intervals(scene, error, flight):
         event = _AttitudeLoss(scene, flight, error, start, end).event()
         events.append(event)
         is_recovered = event.code is MotionEvent.ATTITUDE_CAUGHT
@@ -70,18 +68,16 @@ def attitude_losses(scene: Scene, error: AttitudeError, flight: Interval) -> lis
     return events
 
 
-def _loss_intervals(
-    error: AttitudeError, flight: Interval, climb_rate: TimeSeries | None
-) -> Intervals:
+def _loss_intervals(scene: Scene, error: AttitudeError, flight: Interval) -> Intervals:
     """Returns the intervals of a flight in which the attitude was lost.
 
     It is lost while the error exceeds ``LOST_ANGLE``. A vehicle that falls and ends its flight on its side has lost its
     attitude too, whatever the setpoint was.
 
     Args:
+        scene: sensors of the boot.
         error: error of the attitude in the boot.
         flight: start and end of the flight, s since boot.
-        climb_rate: vertical speed, m/s up; None if it was not recorded.
 
     Returns:
         Intervals, s since boot, that begin in the flight or at most ``MAX_SETPOINT_DELAY`` after it. Losses that follow
@@ -90,7 +86,7 @@ def _loss_intervals(
     lost = lasting_runs(error.time, error.magnitude > LOST_ANGLE, MAX_SETPOINT_DELAY)
     fallen = []
     for start, end in lasting_runs(error.time, error.is_toppled, MAX_SETPOINT_DELAY):
-        sink_rate = max_sink_rate(climb_rate, start, start + RECOVERY_SECONDS) or 0.0
+        sink_rate = scene.sink_rate((start, start + RECOVERY_SECONDS)) or 0.0
         if end >= flight[1] and sink_rate > FALL_SPEED:
             fallen.append((start, end))
     # The setpoint is tolerated for ``MAX_SETPOINT_DELAY``, so that a loss shows up to that long after the landing.

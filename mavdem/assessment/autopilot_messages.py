@@ -147,13 +147,7 @@ def _with_battery_levels(facts: Sequence[Fact]) -> list[Fact]:
             "error_code" in fact.figures or "failsafe" in fact.figures["text"].lower()
         )
         if is_failsafe and any(_is_close(fact, text) for text in warnings):
-            fact = Fact(
-                Reported.BATTERY_WARNED,
-                time=fact.time,
-                until=fact.until,
-                subject=fact.subject,
-                **fact.figures,
-            )
+            fact = fact.with_code(Reported.BATTERY_WARNED)
         corrected.append(fact)
     return corrected
 

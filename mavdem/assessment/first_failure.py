@@ -16,6 +16,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.attitude_error import attitude_error
 from mavdem.assessment.attitude_losses import LOST_ANGLE
+from mavdem.assessment.battery_levels import cell_count, voltage_levels
 from mavdem.assessment.flights import RECOVERY_SECONDS, loss_onset
 from mavdem.assessment.height_divergence import MANUAL_THROTTLE_MODES
 from mavdem.assessment.motor_events import LASTING_SECONDS
@@ -95,6 +96,9 @@ REASONS_OF_STOP = (
 A warning of a low battery comes again and again, so that it explains a stop only where the pilot did not close the
 throttle.
 """
+
+BATTERY_ALARMS = (Reported.BATTERY_ALARMED, Reported.BATTERY_SPENT)
+"""Reports of an empty battery. As a mere state of the battery they say nothing of the motors."""
 
 MIN_FROZEN_SAMPLES = 3
 """Number of equal samples that show a frozen output: two may be equal by chance."""
@@ -221,6 +225,10 @@ def _reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: 
         is_near = event.time is not None and window[0] <= event.time <= window[1]
         if not (is_of_boot and is_near):
             continue
+        is_mere_alarm = event.code in BATTERY_ALARMS and not _reports_failsafe(event)
+        if is_mere_alarm and not _battery_was_empty(signals, boot, stop_time):
+            # The voltage does not confirm the alarm: a battery that breaks loose in a crash raises one too.
+            continue
         if event.code in REASONS_OF_STOP:
             return Fact(FailedFirst.FAILSAFE_FIRST, time=event.time, cause=event)
         if event.code is Reported.BATTERY_WARNED and warning is None:
@@ -232,6 +240,36 @@ def _reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: 
     if warning is not None:
         return Fact(FailedFirst.FAILSAFE_FIRST, time=warning.time, cause=warning)
     return cause
+
+
+def _reports_failsafe(alarm: Fact) -> bool:
+    """Returns whether an alarm of the battery is an act of the autopilot: a failsafe, by an error code or in words."""
+    text = alarm.figures.get("text") or ""
+    return "error_code" in alarm.figures or "failsafe" in text.lower()
+
+
+def _battery_was_empty(signals: Signals, boot: int, time: float) -> bool:
+    """Returns whether a battery was below its critical voltage before a time, by the median of ``RECOVERY_SECONDS``.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        time: when the motors stopped, s since boot. What the voltage does afterwards is no cause.
+
+    Returns:
+        False too where no voltage or no limit is known.
+    """
+    parameters = signals.telemetry.parameters
+    for battery in signals.batteries:
+        voltage = series_of_boot(battery.voltage, boot)
+        if voltage is None:
+            continue
+        volts = voltage.values[in_intervals(voltage.time, [(time - RECOVERY_SECONDS, time)])]
+        cells = cell_count(parameters, battery) or 0
+        critical = voltage_levels(parameters, battery.number, cells).bad
+        if len(volts) and np.median(volts) < critical:
+            return True
+    return False
 
 
 def _events_at(events: Sequence[Fact], code: Code, boot: int, time: float) -> list[Fact]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from mavdem.confidence import Interval
 from mavdem.dataset import phases
-from mavdem.dataset.intervals import Intervals, in_intervals, intersection
+from mavdem.dataset.intervals import Intervals, intersection
 from mavdem.dataset.phases import (
     airborne_intervals,
     height_above_take_off,
@@ -15,7 +15,6 @@ from mavdem.dataset.phases import (
 )
 from mavdem.dataset.segments import Segment, Segments, recorded_spans, settled_segments
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 
@@ -110,14 +109,6 @@ def height_in_flight(signals: Signals, boot: int, flight: Interval, time: float)
     if take_off == -inf:
         height = series_of_boot(signals.height, boot)
     return None if height is None else np.interp(time, height.time, height.values)
-
-
-def max_sink_rate(climb_rate: TimeSeries | None, start: float, end: float) -> float | None:
-    """Returns the largest speed downward from ``start`` to ``end``, s, in m/s; None without samples there."""
-    if climb_rate is None:
-        return None
-    speeds = climb_rate.values[in_intervals(climb_rate.time, [(start, end)])]
-    return -min(speeds) if len(speeds) else None
 
 
 def loss_onset(loss: Fact) -> float | None:

@@ -81,6 +81,13 @@ It takes a mean of 10 m/s² upward beside the weight, more than autopilots use t
 IMPACT_SECONDS = 0.3
 """Duration, s, over which the decrease of the speed in an impact is measured."""
 
+STICK_DELAY = 0.3
+"""Seconds by which a stick may be logged later than the motion that it causes: receivers are logged at 3 to 10 Hz."""
+
+STICK_REACTION_SECONDS = 1.5
+"""Seconds after a contact in which a pilot who lands closes the throttle. It shows that a landing was meant, and no
+more: what follows the contact does not change how the vehicle came to it."""
+
 
 def ground_contact(
     scene: Scene,
@@ -323,14 +330,15 @@ class _Contact:
                 time = loss_time
         contact = self._first_knock(time, latest)
         speed = self.scene.sink_rate((contact - 3 * MAX_SETPOINT_DELAY, contact))
-        closed = self.scene.throttle_closed((time - 3 * MAX_SETPOINT_DELAY, time + 1.5))
+        earliest = time - 3 * MAX_SETPOINT_DELAY
+        closed = self.scene.throttle_closed((earliest, time + STICK_REACTION_SECONDS))
         has_toppled = self.loss is not None or (rest is not None and rest.is_on_side)
         has_knocked = any(fact.code is Witness.KNOCKED for fact in witnesses)
         code = MotionEvent.HIT
         if has_toppled:
             if not has_risen_by(self.scene, self.flight, time):
                 code = MotionEvent.TIPPED
-            elif self._was_landing(time, rest, speed, closed is not None):
+            elif self._was_landing(time, rest, speed, closed):
                 code = MotionEvent.TOPPLED
         elif (speed or 0.0) <= HARD_IMPACT_SPEED:
             if not has_knocked:
@@ -398,19 +406,23 @@ class _Contact:
         return resting_height <= LANDING_STEP and height - resting_height <= LANDING_STEP
 
     def _was_landing(
-        self, time: float, rest: Rest | None, speed: float | None, is_closed: bool
+        self, time: float, rest: Rest | None, speed: float | None, closed: Fact | None
     ) -> bool:
         """Returns whether a vehicle that toppled was about to land: low, slow, level, and not asked to climb.
+
+        A pilot who closed the throttle before the contact let the vehicle drop, so that it may have been higher and
+        faster. One who closed it afterwards meant to land, but the limits stay.
 
         Args:
             time: when it touched the ground, s since boot.
             rest: how it came to rest; None if the log ended before.
             speed: largest speed downward just before, m/s; None if it is not known.
-            is_closed: whether the pilot closed the throttle.
+            closed: that the pilot closed the throttle around the contact; None if nothing shows it.
         """
         before = time - MAX_SETPOINT_DELAY
         height = self.scene.height_at(before)
-        fastest = HARD_IMPACT_SPEED_CLOSED if is_closed else HARD_IMPACT_SPEED
+        is_dropped = closed is not None and (closed.time or 0.0) <= time + STICK_DELAY
+        fastest = HARD_IMPACT_SPEED_CLOSED if is_dropped else HARD_IMPACT_SPEED
         if height is None or (speed or 0.0) > fastest:
             return False
         resting_height = None if rest is None else self.scene.height_at(rest.time)
@@ -418,11 +430,11 @@ class _Contact:
             if resting_height > LANDING_STEP:
                 return False
             height = min(height, height - resting_height)
-        if height > (TOPPLE_HEIGHT_CLOSED if is_closed else TOPPLE_HEIGHT):
+        if height > (TOPPLE_HEIGHT_CLOSED if is_dropped else TOPPLE_HEIGHT):
             return False
         if self._leans(before) or self._asks_for_climb((before, time)):
             return False
-        return is_closed or self._is_descending(time)
+        return closed is not None or self._is_descending(time)
 
     def _is_descending(self, time: float) -> bool:
         """Returns whether the vehicle came down by ``LANDING_DESCENT`` or more just before a time, s."""

@@ -29,15 +29,15 @@ from mavdem.dataset.phases import (
     series_of_boot,
     without_grounded,
 )
-from mavdem.dataset.position_fix import FIX_3D, has_position_fix
+from mavdem.dataset.position_fix import has_position_fix
 from mavdem.dataset.segments import Segment, recorded_spans
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import recorded_series
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import Reported
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
-from mavdem.ingest.telemetry import Columns, last_values
+from mavdem.ingest.telemetry import Columns
 from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND, mavlink_constant
+from mavdem.witnesses.position import position_fix
 
 EMERGENCY_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_EMERGENCY")
 """The charge state "emergency", which is worse than "critical": the vehicle must land at once."""
@@ -434,12 +434,13 @@ def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
     is_critical = column("HEARTBEAT", "system_status") >= CRITICAL
     yield FaultSignal("HEARTBEAT", is_critical, Reported.FAILSAFE)
 
-    # A fix can be lost only after there was one, and not while a second receiver has one.
-    fix_type = column("GPS_RAW_INT", "fix_type")
-    is_lost = np.logical_or.accumulate(fix_type >= FIX_3D) & (fix_type < FIX_3D)
-    if is_lost.any() and "GPS2_RAW" in signals.telemetry.messages:
-        is_lost &= ~_second_receiver_has_fix(signals)
-    yield FaultSignal("GPS_RAW_INT", is_lost, Reported.GPS_LOST)
+    fix = position_fix(signals)
+    if fix is not None:
+        # A fix can be lost only after there was one.
+        has_fix = fix.values > 0
+        is_lost = np.logical_or.accumulate(has_fix) & ~has_fix
+        columns = {"time": fix.time, "boot": fix.boot}
+        yield FaultSignal("GPS_RAW_INT", is_lost, Reported.GPS_LOST, columns=columns)
 
     yield FaultSignal("input_rc", column("input_rc", "rc_lost") > 0, Reported.RADIO_LOST)
 
@@ -469,25 +470,6 @@ def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
         if has_failed.any():
             subject = f"motor {motor + 1}"
             yield FaultSignal(message, has_failed, Reported.MOTOR_FAILED, subject)
-
-
-def _second_receiver_has_fix(signals: Signals) -> Flags:
-    """Returns whether the second receiver had a fix at each message of the first (N,).
-
-    Args:
-        signals: signals of the vehicle, with the messages of both receivers.
-    """
-    first = signals.telemetry.messages["GPS_RAW_INT"]
-    second = recorded_series(signals.telemetry, "GPS2_RAW", "fix_type")
-    has_fix = np.zeros(len(first["time"]), np.bool_)
-    if second is None:
-        return has_fix
-    for boot in np.unique(second.boot):
-        rows = first["boot"] == boot
-        of_boot = second.select(second.boot == boot)
-        fix_types = last_values(first["time"][rows], of_boot.time, of_boot.values)
-        has_fix[rows] = fix_types >= FIX_3D
-    return has_fix
 
 
 def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:

@@ -12,29 +12,19 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.attitude_error import attitude_error
-from mavdem.assessment.flights import (
-    RECOVERY_SECONDS,
-    flights_in_boot,
-    height_in_flight,
-    loss_onset,
-    max_sink_rate,
-)
+from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, loss_onset
 from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.confidence import Interval
-from mavdem.dataset.intervals import Intervals, in_intervals
+from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.dataset.phases import (
-    MAX_GROUND_HEIGHT,
-    MAX_SETPOINT_DELAY,
-    MIN_CLIMB_SPEED,
-    series_of_boot,
-)
+from mavdem.dataset.phases import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY, MIN_CLIMB_SPEED
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.motors import InFlight
 from mavdem.motors.saturation import most_limited_motors
+from mavdem.witnesses.scene import Scene
 
 MIN_LIMIT_SECONDS = 1.0
 """Time, s, that a motor must be at its limit: longer than a quick manoeuvre takes."""
@@ -150,7 +140,8 @@ def _saturation_loss(
     if event.figures["duration"] < MIN_LIMIT_SECONDS or not lasts:
         return None
     flights = flights_in_boot(signals, boot)
-    height = _height_at(signals, boot, flights, start)
+    scene = _scene_at(signals, boot, start)
+    height = scene.height_at(start)
     if height is not None and height < MAX_GROUND_HEIGHT:
         return None
     number = motors.geometry.names.index(event.subject)
@@ -168,7 +159,7 @@ def _saturation_loss(
     excess = float(_excess(commands.values[rows], number).mean())
     if not stands_out or excess < MIN_EXCESS or former_excess > MAX_FORMER_EXCESS:
         return None
-    sink_rate = max_sink_rate(series_of_boot(signals.climb_rate, boot), start, end) or 0.0
+    sink_rate = scene.sink_rate((start, end)) or 0.0
     leans = _leans_towards(signals, motors, number, boot, (start, end))
     if not leans and sink_rate < MIN_CLIMB_SPEED:
         return None
@@ -183,19 +174,18 @@ def _saturation_loss(
     )
 
 
-def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> float | None:
-    """Returns the height, m, above the take-off of the flight that holds a time; None where it is not known.
+def _scene_at(signals: Signals, boot: int, time: float) -> Scene:
+    """Returns the sensors of a boot, with heights above the take-off of the flight that holds a time.
 
     Args:
         signals: of the vehicle.
         boot: number of the boot.
-        flights: start and end of each flight of the boot, s.
         time: s on the boot clock.
     """
-    for flight in flights:
+    for flight in flights_in_boot(signals, boot):
         if in_intervals(time, [flight]):
-            return height_in_flight(signals, boot, flight, time)
-    return None
+            return Scene(signals, boot, flight[0])
+    return Scene(signals, boot)
 
 
 def _excess(commands: Array, number: int) -> Array:

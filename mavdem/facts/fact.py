@@ -112,6 +112,12 @@ class Fact:
         known = {"time": self.time, "until": self.until, "subject": self.subject, **self.figures}
         return Fact(self.code, level or self.level, **known | changes)
 
+    def with_code(self, code: Code) -> Fact:
+        """Returns a fact of another ``code``, at the usual level of that, with the same time, subject and figures."""
+        return Fact(
+            code, time=self.time, until=self.until, subject=self.subject, **dict(self._figures)
+        )
+
     @property
     def is_good(self) -> bool:
         """Whether it is good."""

@@ -8,6 +8,7 @@ from functools import cached_property
 from math import inf, isinf
 
 import numpy as np
+from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
@@ -64,6 +65,12 @@ OPEN_BEFORE_SECONDS = 1.0
 
 CONTRADICTION_MARGIN = 0.5
 """Seconds after a moment within which a contradiction of barometer and estimate concerns it: both are averages."""
+
+MAX_FALL_SPEED = 60.0
+"""Speed downward, m/s, that no multirotor exceeds: twice that of a compact one of 0.6 kg and 0.01 m² that falls."""
+
+FALL_HEIGHT_MARGIN = 5.0
+"""Height, m, by which a fall may be longer than the heights of the flight show: their own error, and a slope."""
 
 MIN_REST_SECONDS = 1.0
 """Seconds of rest that show that the vehicle lies on the ground."""
@@ -192,10 +199,12 @@ class Scene:
         """Returns the largest speed downward in an interval, m/s, by each height sensor.
 
         Returns:
-            Speeds by the source, "barometer" and "estimate"; a source without samples in the interval is missing. The
-            speed is negative if the vehicle climbed throughout.
+            Speeds by the source, "barometer" and "estimate"; a source without samples in the interval, or with a speed
+            that is not possible (:meth:`_fall_speed_limit`), is missing. The speed is negative if the vehicle climbed
+            throughout.
         """
         rates = {}
+        limit = self._fall_speed_limit(interval[1])
         for source, climb in (
             ("barometer", self.height.barometer_climb),
             ("estimate", self.climb_estimate),
@@ -204,8 +213,28 @@ class Scene:
                 continue
             is_inside = (climb.time >= interval[0]) & (climb.time <= interval[1])
             if is_inside.any():
-                rates[source] = float(-climb.values[is_inside].min())
+                rate = float(-climb.values[is_inside].min())
+                if rate <= limit:
+                    rates[source] = rate
         return rates
+
+    def _fall_speed_limit(self, end: float) -> float:
+        """Returns the speed downward, m/s, that the vehicle cannot have exceeded until a time, s since boot.
+
+        A free fall from the greatest height of the flight to the lowest one ends at √(2 g h), and no multirotor exceeds
+        ``MAX_FALL_SPEED``. A faster estimate has diverged, as they do after an impact.
+        """
+        height = self.height_above_take_off
+        if height is None or isinf(self.take_off):
+            return MAX_FALL_SPEED
+        heights = height.values[(height.time >= self.take_off) & (height.time <= end)]
+        if not len(heights):
+            return MAX_FALL_SPEED
+        # Without a barometer the height is the estimate itself, which may end far below the ground.
+        has_barometer = self.height.barometer is not None
+        lowest = float(heights.min()) if has_barometer else 0.0
+        drop = max(float(heights.max()) - lowest, 0.0) + FALL_HEIGHT_MARGIN
+        return min(float(np.sqrt(2 * GRAVITY * drop)), MAX_FALL_SPEED)
 
     def sink_rate(self, interval: Interval) -> float | None:
         """Returns the largest speed downward in an interval, m/s, that the height sensors do not contradict.

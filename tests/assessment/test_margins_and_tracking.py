@@ -199,6 +199,19 @@ def test_tracking_has_the_error_without_the_delay():
     assert "angle_error" not in axes["yaw"].figures
 
 
+@mark.parametrize("rate", [10.0, 20.0])
+def test_an_oscillation_at_half_of_the_sampling_rate_is_an_error(rate):
+    """The roll alternates by 2° from sample to sample, about a setpoint that is sampled as often."""
+    amplitude = np.radians(2.0)
+    made = HOVER.telemetry(rate, rate)
+    time = made.messages["ATTITUDE"]["time"]
+    setpoint = 0.05 * np.sin(1.3 * time)
+    roll = setpoint + amplitude * (-1.0) ** np.arange(len(time))
+    made = asking(changed(made, "ATTITUDE", roll=roll), time, 7, None, setpoint)
+    figures = evidence(made).tracking["roll"].figures
+    assert figures["angle_error"] == approx(amplitude, rel=0.05)
+
+
 @mark.parametrize(
     "size, error, level",
     [

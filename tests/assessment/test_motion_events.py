@@ -218,6 +218,34 @@ def test_a_pilot_who_closes_the_throttle_once_it_topples_is_no_cause():
     assert (ending.code, ending.figures["cause"]) == (Ending.TOPPLED_AT_LANDING, None)
 
 
+def test_a_throttle_closed_after_the_contact_does_not_loosen_the_limits_of_a_landing():
+    """It drops from 2 m at 4 m/s: with a throttle closed before that is a landing, and else an impact."""
+    touch_down = EVENT + 8.5
+    codes = []
+    for closing in (-0.5, 1.0):
+        made = moving(
+            instrumented("Stabilize"),
+            lambda since: np.select([since < 8, since < 8.5], [-1.0, -4.0]),
+        )
+        made = driven(stick(made, STICK_CLOSED, touch_down + closing), 1000.0, touch_down)
+        made = rolled(knocked(made, touch_down + 0.1, 40.0), 95.0, touch_down)
+        codes.append(judged(made)[1].code)
+    assert codes == [Ending.TOPPLED_AT_LANDING, Ending.CRASHED]
+
+
+@mark.parametrize("volts, is_cause", [(14.0, False), (11.0, True)])
+def test_an_alarm_of_the_battery_explains_a_stop_only_with_an_empty_battery(volts, is_cause):
+    made = changed(failsafe_in_the_air(), "STATUSTEXT", text=np.array(["Hello"]))
+    made = only(made, lambda time: time < 0, "RC_CHANNELS")
+    time = np.arange(0.0, 60.0, 0.5)
+    voltage = np.where(time < EVENT - 10.0, 16.6, volts)
+    charge = np.where(time < EVENT, 1, 3)
+    battery = columns(time, voltage_battery=1000 * voltage, charge_state=charge)
+    cause = judged(changed(made, "SYS_STATUS", **battery))[1].figures["cause"]
+    code = FailedFirst.FAILSAFE_FIRST if is_cause else FailedFirst.ALL_OFF_FIRST
+    assert cause.code is code
+
+
 def dive():
     """With the throttle closed it falls for 0.8 s, and the motors stop it within as long."""
     made = moving(
@@ -314,6 +342,19 @@ def test_a_vehicle_that_sinks_at_full_throttle_with_a_motor_at_its_limit_lacks_t
     _, ending = judged(made)
     cause = ending.figures["cause"]
     assert (cause is not None and "sank at full throttle" in cause.sentence) is is_spent
+
+
+def test_a_descent_faster_than_a_free_fall_from_that_height_is_no_witness():
+    made = impact()
+    place = made.messages["LOCAL_POSITION_NED"]
+    runs_away = (place["time"] > EVENT + 1.2) & (place["time"] < EVENT + 2.5)
+    made = changed(made, "LOCAL_POSITION_NED", vz=np.where(runs_away, 41.0, place["vz"]))
+    hit = judged(made)[0][MotionEvent.HIT]
+    sources = [
+        fact.figures["source"] for fact in hit.figures["witnesses"] if fact.code is Witness.SANK
+    ]
+    assert sources == ["barometer"]
+    assert hit.figures["speed"] < 10
 
 
 def test_a_hard_landing_upright_is_to_be_watched():

@@ -152,8 +152,12 @@ def _setpoint_errors(
         segments: parts of the flight to compare.
         delays: (D,) s.
 
+    They are compared at the samples of the slower one, and the other is interpolated; where both have the same rate,
+    the setpoint is. Between samples of the response interpolation averages, so that an oscillation at half of its
+    sampling rate would vanish.
+
     Returns:
-        The N setpoints in the segments, and the errors of the response after each delay.
+        N setpoints in the segments, and the errors of the response after each delay.
     """
     setpoints = [np.zeros(0)]
     errors = [np.zeros((len(delays), 0))]
@@ -164,14 +168,26 @@ def _setpoint_errors(
         # One sample cannot be interpolated.
         if np.count_nonzero(response_rows) <= 1:
             continue
-        segment_setpoints = setpoint.values[setpoint_rows]
-        # (D, N): for each delay the times at which the response to each setpoint is due.
-        delayed_times = setpoint.time[setpoint_rows] + delays[:, None]
-        delayed_response = np.interp(
-            delayed_times, response.time[response_rows], response.values[response_rows]
+        setpoint_times, setpoint_values = (
+            setpoint.time[setpoint_rows],
+            setpoint.values[setpoint_rows],
         )
-        setpoints.append(segment_setpoints)
-        errors.append(delayed_response - segment_setpoints)
+        response_times, response_values = (
+            response.time[response_rows],
+            response.values[response_rows],
+        )
+        if len(setpoint_times) >= len(response_times):
+            # (D, N): for each delay the times of the setpoints that each response belongs to.
+            earlier_times = response_times - delays[:, None]
+            earlier_setpoints = np.interp(earlier_times, setpoint_times, setpoint_values)
+            setpoints.append(np.interp(response_times, setpoint_times, setpoint_values))
+            errors.append(response_values - earlier_setpoints)
+        else:
+            # (D, N): for each delay the times at which the response to each setpoint is due.
+            delayed_times = setpoint_times + delays[:, None]
+            delayed_response = np.interp(delayed_times, response_times, response_values)
+            setpoints.append(setpoint_values)
+            errors.append(delayed_response - setpoint_values)
     return SetpointErrors(np.concatenate(setpoints), np.concatenate(errors, axis=1))
 
 
