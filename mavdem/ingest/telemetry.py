@@ -155,10 +155,13 @@ def rows_by_value(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.intp
         The rows of each value, ascending; the values are in ascending order too.
     """
     order = np.argsort(values, kind="stable")
-    distinct_values, first_rows = np.unique(values[order], return_index=True)
+    sorted_values = values[order]
+    is_first = np.ones(len(values), dtype=np.bool_)
+    is_first[1:] = sorted_values[1:] != sorted_values[:-1]
+    first_rows = np.flatnonzero(is_first)
     # What lies before the first row of the first value is empty.
     groups = np.split(order, first_rows)[1:]
-    return dict(zip(distinct_values.tolist(), groups, strict=True))
+    return dict(zip(sorted_values[first_rows].tolist(), groups, strict=True))
 
 
 def selected_rows(columns: Columns, rows: slice | NDArray[Any]) -> Fields:

@@ -15,7 +15,7 @@ from mavdem.confidence import Interval
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
-from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock, deviates_from_median
+from mavdem.ingest.mavlink.clocks import MessageStamps, Rows, boot_clock, deviates_from_median
 from mavdem.ingest.mavlink.definitions import (
     MessageDefinition,
     decoded_columns,
@@ -122,11 +122,15 @@ def assemble(stream: FrameStream) -> Log:
     sender_ids = _sender_ids(frames)
     sender_streams = {}
     is_first = np.ones(len(frames), dtype=np.bool_)
-    for sender_id, rows in rows_by_value(sender_ids).items():
-        sender_streams[sender_id] = _sender_stream(stream.data, frames[rows])
-        is_first[rows] = sender_streams[sender_id].is_first
-    frames = frames[is_first]
-    sender_ids = sender_ids[is_first]
+    # Numbers of 16 bits are sorted fastest.
+    for sender_id, rows in rows_by_value(sender_ids.astype(np.uint16)).items():
+        sender_stream = _sender_stream(stream.data, frames, rows)
+        sender_streams[sender_id] = sender_stream
+        if sender_stream.copies:
+            is_first[rows] = sender_stream.is_first
+    if not is_first.all():
+        frames = frames[is_first]
+        sender_ids = sender_ids[is_first]
     frames_of_senders = _matching_frames(frames, sender_ids)
     unread = tuple(_unread_frames(frames, sender_ids, frames_of_senders))
     records = []
@@ -303,7 +307,7 @@ MIN_IRREGULAR_SHARE = 0.05
 vehicles are suspected, and all bytes of every frame are compared: a choice."""
 
 
-def _sender_stream(data: Bytes, frames: Frames) -> _SenderStream:
+def _sender_stream(data: Bytes, all_frames: Frames, rows: Rows) -> _SenderStream:
     """Finds out over which links the frames of a sender came, which of them are copies, and how many are missing.
 
     Over one link the sequence numbers of one vehicle rise, by more than 1 where messages were lost. Most recordings are
@@ -313,20 +317,32 @@ def _sender_stream(data: Bytes, frames: Frames) -> _SenderStream:
 
     Args:
         data: The stream (B,).
-        frames: The frames (n,) of one sender, in stream order.
+        all_frames: The frames (N,) of all senders, in stream order.
+        rows: Rows (n,) of the frames of one sender, ascending.
     """
     # Signed numbers, so that their differences may be negative.
-    sequence = frames.sequence.astype(np.int16)
+    sequence = all_frames.sequence[rows].astype(np.int16)
     steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)
     is_irregular = (steps == 0) | (steps > MAX_MISSING_STEP)
     has_several_links = np.count_nonzero(is_irregular) > MIN_IRREGULAR_SHARE * len(steps)
-    may_have_copies = bool((is_irregular | (steps > MAX_LATE_STEPS)).any())
-    if not may_have_copies:
-        may_have_copies = _first_reading_is_repeated(data, frames)
-    if not has_several_links and not (may_have_copies and _has_copies(data, frames)):
+    if not has_several_links:
+        may_have_copies = bool((is_irregular | (steps > MAX_LATE_STEPS)).any())
+        readings = all_frames[rows[_has_reading(all_frames.message_id[rows])]]
+        if not may_have_copies:
+            may_have_copies = _first_reading_is_repeated(data, readings)
+        has_several_links = np.bool_(may_have_copies and _has_copies(data, readings))
+    if not has_several_links:
         lost = int(missing_messages(sequence[:-1], sequence[1:]).sum())
-        return _SenderStream(np.ones(len(frames), dtype=np.bool_), max(lost, 0))
-    return _sender_stream_of_links(data, frames)
+        return _SenderStream(np.ones(len(rows), dtype=np.bool_), max(lost, 0))
+    return _sender_stream_of_links(data, all_frames[rows])
+
+
+def _has_reading(message_ids: Offsets) -> Flags:
+    """Flags messages (n,), by their ids, that have a boot clock which the autopilot itself stamps."""
+    flags = np.zeros(len(message_ids), dtype=np.bool_)
+    for message_id in READING_LAYOUTS:
+        flags |= message_ids == message_id
+    return flags
 
 
 def _sender_stream_of_links(data: Bytes, frames: Frames) -> _SenderStream:
@@ -364,21 +380,17 @@ def _first_reading_is_repeated(data: Bytes, frames: Frames) -> bool:
 
     Args:
         data: The stream (B,).
-        frames: The frames (n,) of one sender, in stream order.
+        frames: The frames (n,) of one sender that have a boot clock, in stream order.
     """
-    rows = np.flatnonzero(np.isin(frames.message_id, list(READING_LAYOUTS)))
-    if not len(rows):
+    if not len(frames):
         return False
-    first = rows[0]
-    is_alike = (frames.message_id == frames.message_id[first]) & (
-        frames.sequence == frames.sequence[first]
-    )
+    is_alike = (frames.message_id == frames.message_id[0]) & (frames.sequence == frames.sequence[0])
     # NumPy's view of the memory, whose slices are cheaper than those of the array.
     content = data.data
-    first_content = bytes(content[int(frames.start[first]) : int(frames.end[first])])
-    for row in np.flatnonzero(is_alike).tolist():
+    first_content = bytes(content[int(frames.start[0]) : int(frames.end[0])])
+    for row in np.flatnonzero(is_alike)[1:].tolist():
         start, end = int(frames.start[row]), int(frames.end[row])
-        if row > first and bytes(content[start:end]) == first_content:
+        if bytes(content[start:end]) == first_content:
             return True
     return False
 
@@ -391,7 +403,7 @@ def _has_copies(data: Bytes, frames: Frames) -> bool:
 
     Args:
         data: The stream (B,).
-        frames: The frames (n,) of one sender, in stream order.
+        frames: The frames (n,) of one sender that have a boot clock, in stream order.
     """
     last_bytes = rows_of(data, frames.end - LAST_BYTES, LAST_BYTES).view("<u4")[:, 0]
     keys = frames.sequence.astype(np.uint64) << np.uint64(8 * LAST_BYTES) | last_bytes
