@@ -16,6 +16,7 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.judgement import judge, unjudged
 from mavdem.assessment.motion import motion_events
+from mavdem.assessment.motor_speeds import with_speed_witnesses
 from mavdem.assessment.record import Assessment
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.saturated_motor import saturation_losses, with_saturated_motor
@@ -106,8 +107,8 @@ def assess_signals(
     reports = reported_events(signals)
     events = weighed_reports(signals, [*reports, *motion_events(signals, reports)])
     ending = ending_of(signals, events, analysis.condition.collective)
-    events += _motor_changes(analysis, _first_loss(events, ending))
-    saturated = saturation_losses(signals, events, ending)
+    events += with_speed_witnesses(signals, _motor_changes(analysis, _first_loss(events, ending)))
+    saturated = with_speed_witnesses(signals, saturation_losses(signals, events, ending))
     events += saturated
     ending = with_saturated_motor(ending, saturated)
     if ending is not None:
@@ -136,14 +137,18 @@ def assess_signals(
 def _first_loss(events: Sequence[Fact], ending: Fact | None) -> Fact | None:
     """Returns the first event after which the outputs of the motors say nothing about the motors themselves.
 
-    That is the loss of control, or a height estimate that diverged: a vehicle that follows a false height drives its
-    motors to their limits. None if there was no such event.
+    That is the loss of control, a motor that stood still, or a height estimate that diverged: a vehicle that follows a
+    false height drives its motors to their limits. None if there was no such event.
 
     Args:
         events: events of the log.
         ending: how the flight was lost; None if it was not.
     """
-    losses = [event for event in events if event.code is MotionEvent.HEIGHT_DIVERGED]
+    losses = []
+    for event in events:
+        is_standstill = event.code is MotionEvent.MOTOR_STOOD_STILL and event.is_bad
+        if is_standstill or event.code is MotionEvent.HEIGHT_DIVERGED:
+            losses.append(event)
     if ending is not None:
         losses.append(ending)
     return in_time_order(losses)[0] if losses else None

@@ -132,6 +132,11 @@ def first_failure(
             names=names,
             settings=_changed_functions(signals, names),
         )
+    standing = _standing_motor(events, boot, onset)
+    if standing is not None:
+        return Fact(
+            FailedFirst.MOTOR_STOOD_STILL_FIRST, time=standing.time, subject=standing.subject
+        )
     error = attitude_error(signals, boot)
     if error is None:
         return None
@@ -166,6 +171,20 @@ def first_failure(
     if fall_direction is not None and _assumed_landing(signals, boot, onset):
         return _landing_assumed(signals, cause, collective)
     return _reason_of_stop(signals, events, boot, cause)
+
+
+def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | None:
+    """Returns the first motor that stood still as a loss began; None if none did, or no second witness confirms it.
+
+    Args:
+        events: events of the flight.
+        boot: number of the boot.
+        onset: when the loss began, s since boot. Telemetry of controllers may be ``MAX_SETPOINT_DELAY`` later.
+    """
+    for event in _events_at(events, MotionEvent.MOTOR_STOOD_STILL, boot, onset, MAX_SETPOINT_DELAY):
+        if event.is_bad:
+            return event
+    return None
 
 
 def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) -> Fact | None:
@@ -272,22 +291,25 @@ def _battery_was_empty(signals: Signals, boot: int, time: float) -> bool:
     return False
 
 
-def _events_at(events: Sequence[Fact], code: Code, boot: int, time: float) -> list[Fact]:
+def _events_at(
+    events: Sequence[Fact], code: Code, boot: int, time: float, delay: float = LASTING_SECONDS
+) -> list[Fact]:
     """Returns the events of a code that last at a time.
 
     Args:
         events: of the log.
         code: of the events to return.
         boot: number of the boot.
-        time: on the boot clock, s. An event counts too that begins up to ``LASTING_SECONDS`` later: it must last that
-            long to be one.
+        time: on the boot clock, s.
+        delay: an event counts too that begins up to so many seconds later. ``LASTING_SECONDS`` is how long most events
+            must last to be one.
     """
     return [
         event
         for event in events
         if event.code is code
         and event.figures["boot"] == boot
-        and (event.time or 0.0) <= time + LASTING_SECONDS
+        and (event.time or 0.0) <= time + delay
         and (event.until or inf) >= time
     ]
 

@@ -24,17 +24,17 @@ from mavdem.dataset.position_fix import (
     UNKNOWN_SATELLITES,
     is_position_fix,
 )
+from mavdem.dataset.speed_controllers import SpeedController, speed_controllers
 from mavdem.dataset.time_series import (
     TimeSeries,
     clean_series,
-    float_column,
     float_columns,
     recorded_series,
 )
 from mavdem.facts import Fact, Level
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.instances import InstanceState
 from mavdem.immutable import ImmutableResult
-from mavdem.ingest.telemetry import Columns, rows_by_value, selected_rows
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE
 from mavdem.vibration.vibration_message import reported_vibration
 
@@ -49,6 +49,10 @@ COMPASS_USE_PARAMETERS = ("COMPASS_USE", "COMPASS_USE2", "COMPASS_USE3")
 
 BAROMETER_PARAMETER = "BARO_PRIMARY"
 """ArduPilot's parameter with the number of the barometer that is used, from 0."""
+
+
+MAX_ERROR_RATE = 1.0
+"""Errors per second of a speed controller in flight above which it is to be watched; a choice."""
 
 
 @dataclass(frozen=True)
@@ -287,28 +291,54 @@ def _imus(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _speed_controllers(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the speed controllers that report the speed of their motor, by DataFlash's messages ESC, in 1/min."""
-    columns = evidence.signals.telemetry.messages.get("ESC", {})
-    if "Instance" not in columns:
-        return
-    for number, rows in rows_by_value(columns["Instance"].astype(np.int64)).items():
-        controller = selected_rows(columns, rows)
-        speeds = _values_in_flight(evidence, _series_of(controller, "RPM"))
-        if len(speeds):
-            yield Instance(
-                kind="speed controller",
-                name=f"ESC {number + 1}",
-                quantity="speed",
-                unit="1/min",
-                low=speeds.min(),
-                high=speeds.max(),
-                state=_measured_state(speeds),
-            )
+    """Yields the speed controllers with the speed of their motor, 1/min, in flight.
+
+    The state is that the motor stood still although it was commanded to turn, as the event says; else that the
+    controller counted errors; else whether it measures.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
+    standstills = {}
+    for event in evidence.warnings_in_flight([MotionEvent.MOTOR_STOOD_STILL]):
+        standstills[event.figures["name"]] = event
+    for controller in speed_controllers(evidence.signals.telemetry):
+        speeds = _values_in_flight(evidence, controller.speed)
+        state = _measured_state(speeds)
+        errors = _errors_in_flight(evidence, controller)
+        if controller.name in standstills:
+            standstill = standstills[controller.name]
+            state = Fact(InstanceState.STOOD_STILL, standstill.level, time=standstill.time)
+        elif errors:
+            seconds = sum(np.ptp(part.time) for part in evidence.in_flight(controller.speed))
+            level = Level.WATCH if errors > MAX_ERROR_RATE * seconds else None
+            state = Fact(InstanceState.COUNTED_ERRORS, level, count=errors)
+        yield Instance(
+            kind="speed controller",
+            name=_name_with_motor(evidence, controller),
+            quantity="speed",
+            unit="1/min",
+            low=speeds.min(),
+            high=speeds.max(),
+            state=state,
+        )
 
 
-def _series_of(columns: Columns, field: str) -> TimeSeries:
-    """Returns the time series of a field of messages."""
-    return clean_series(columns, float_column(columns, field))
+def _errors_in_flight(evidence: Evidence, controller: SpeedController) -> int:
+    """Returns how many errors a controller counted in all flights; 0 where it reports none."""
+    count = 0.0
+    for flight in evidence.in_flight(controller.error_count):
+        count += flight.values[-1] - flight.values[0]
+    return max(int(count), 0)
+
+
+def _name_with_motor(evidence: Evidence, controller: SpeedController) -> str:
+    """Returns the name of a controller with its motor: "ESC 2 (motor 1)"; without it where that is not known."""
+    motors = evidence.signals.motors
+    motor = None if motors is None else controller.motor_index(motors.geometry)
+    if motors is None or motor is None:
+        return controller.name
+    return f"{controller.name} ({without_place(motors.geometry.names[motor])})"
 
 
 def _outputs(evidence: Evidence) -> Iterator[Instance]:
@@ -329,7 +359,7 @@ def _outputs(evidence: Evidence) -> Iterator[Instance]:
     ):
         yield Instance(
             kind="output",
-            name=f"output {channel} ({_without_place(name)})",
+            name=f"output {channel} ({without_place(name)})",
             quantity="command",
             unit=motors.scale.unit or "1",
             low=values.min(),
@@ -339,6 +369,6 @@ def _outputs(evidence: Evidence) -> Iterator[Instance]:
         )
 
 
-def _without_place(name: str) -> str:
+def without_place(name: str) -> str:
     """Returns the name of a motor without its place: "motor 1"."""
     return name.partition(" (")[0]

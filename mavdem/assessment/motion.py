@@ -23,10 +23,11 @@ from mavdem.assessment.flights import (
 from mavdem.assessment.ground_contacts import ground_contact
 from mavdem.assessment.height_divergence import height_divergences
 from mavdem.assessment.motor_events import LASTING_SECONDS, motor_events
+from mavdem.assessment.motor_speeds import standing_motors
 from mavdem.assessment.position_losses import position_losses
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import Intervals, in_intervals
-from mavdem.dataset.phases import MAX_GROUND_HEIGHT, series_of_boot
+from mavdem.dataset.phases import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY, series_of_boot
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
@@ -179,10 +180,42 @@ def _events_of_flight(
     for event in (loss, contact):
         if event is not None:
             yield event
+    yield from _standing_motors(scene, error, flight, loss, contact, reports)
     yield from _falls_of_flight(scene, flight, loss, contact)
     yield from dives(scene, flight)
     yield from height_divergences(scene, _until(flight, loss, contact))
     yield from position_losses(scene, _until(flight, loss, contact), reports)
+
+
+def _standing_motors(
+    scene: Scene,
+    error: AttitudeError,
+    flight: Interval,
+    loss: Fact | None,
+    contact: Fact | None,
+    reports: Sequence[Fact],
+) -> Iterator[Fact]:
+    """Yields the motors that stood still in a flight before it was lost.
+
+    After a contact with the ground propellers are blocked. A standstill that is the cause of a loss in the air may be
+    reported up to ``MAX_SETPOINT_DELAY`` after its onset, since telemetry of controllers is slow.
+
+    Args:
+        scene: sensors of the boot, with the take-off of this flight.
+        error: error of the attitude in this boot.
+        flight: start and end of the flight, s since boot.
+        loss: the loss of attitude in the air; None without one.
+        contact: how the flight met the ground; None for an ordinary landing.
+        reports: events that the autopilot reports.
+    """
+    latest = flight[1]
+    if contact is not None and contact.code is not MotionEvent.LANDED_HARD:
+        latest = min(latest, loss_onset(contact) or latest)
+    if loss is not None and loss.time is not None:
+        latest = min(latest, loss.time + MAX_SETPOINT_DELAY)
+    for event in standing_motors(scene, error, flight, reports):
+        if (event.time or 0.0) < latest:
+            yield event
 
 
 def _until(flight: Interval, *events: Fact | None) -> Interval:

@@ -77,12 +77,19 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
     diverged_boots = {
         event.figures["boot"] for event in events if event.code is MotionEvent.HEIGHT_DIVERGED
     }
+    # When a motor first stood still, by boot: the others work for it from then on.
+    standstills: dict[int, float] = {}
+    for event in events:
+        if event.code is MotionEvent.MOTOR_STOOD_STILL and event.is_bad:
+            standstills.setdefault(event.figures["boot"], event.time or 0.0)
     losses = []
     for event in events:
         if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or event.time is None:
             continue
         if event.figures["boot"] in diverged_boots:
             # A height controller that follows a diverged height drives all motors up, sound ones too.
+            continue
+        if event.time >= standstills.get(event.figures["boot"], inf) - LASTING_SECONDS:
             continue
         is_of_ending = ending is not None and ending.figures.get("boot") == event.figures["boot"]
         if is_of_ending and event.time > latest_start:

@@ -8,6 +8,7 @@ class MotionEvent(Code):
 
     MOTOR_AT_ITS_STOP = "motor_at_its_stop"
     MOTOR_OFF = "motor_off"
+    MOTOR_STOOD_STILL = "motor_stood_still"
     ATTITUDE_LOST = "attitude_lost"
     ATTITUDE_CAUGHT = "attitude_caught"
     TIPPED = "tipped"
@@ -39,6 +40,7 @@ class FailedFirst(Code):
     LIMIT_FIRST = "limit_first"
     OUTPUT_FROZE_FIRST = "output_froze_first"
     MOTOR_OFF_FIRST = "motor_off_first"
+    MOTOR_STOOD_STILL_FIRST = "motor_stood_still_first"
     ALL_OFF_FIRST = "all_off_first"
     LANDING_ASSUMED_FIRST = "landing_assumed_first"
     THRUST_SPENT_FIRST = "thrust_spent_first"

@@ -10,3 +10,7 @@ class InstanceState(Code):
     CONSTANT = "instance_constant"
     REJECTED = "instance_rejected"
     WITHOUT_FIX = "instance_without_fix"
+    STOOD_STILL = "instance_stood_still"
+    COUNTED_ERRORS = "instance_counted_errors"
+    DISAGREES = "instance_disagrees"
+    GRAVITY_WRONG = "instance_gravity_wrong"

@@ -12,7 +12,7 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 from scipy.spatial.transform import Rotation, Slerp
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.flight_modes import px4_custom_mode
 from mavdem.ingest.motor_geometry import MAX_PX4_ROTORS, motor_geometry
@@ -355,22 +355,61 @@ def sensor_samples(topics: Topics, sample_topic: SampleTopic) -> Fields:
     return {"time": (last_sample_time[:, None] - time_before_last)[is_sample], **axes}
 
 
-ESC_COUNT = 4
-"""Number of speed controllers whose speeds are read, those of a quadrotor."""
+MAX_ESCS = 8
+"""Number of speed controllers for which esc_status has room."""
+
+FIRST_MOTOR_FUNCTION = 101
+"""Value of ``actuator_function`` of the first motor; those of the others follow (PX4's ``functions.hpp``)."""
+
+MAX_MOTORS = 12
+"""Number of motors that have a value of ``actuator_function``."""
 
 
 def motor_speeds(topics: Topics) -> Fields:
-    """ESC, the message of DataFlash logs with the speeds of motors, of esc_status: a row for each motor, RPM.
+    """ESC, the message of DataFlash logs with the speeds of motors, of esc_status: a row for each controller.
 
-    Some controllers report a sign for the direction of rotation; the magnitude is used.
+    Returns:
+        ``time`` (N,), s, the number of the controller from 0 as ``Instance``, the size of its speed as ``RPM`` (some
+        report a sign for the direction), and as far as logged ``ErrorCount``, since boot, and the number of its motor
+        from 1 as ``Motor``, 0 for none.
     """
     topic = first_instance(topics, "esc_status")
-    speeds = np.column_stack([topic[f"esc[{n}].esc_rpm"] for n in range(ESC_COUNT)])
-    return {
-        "time": np.repeat(topic["time"], ESC_COUNT),
-        "Instance": np.tile(np.arange(ESC_COUNT), len(speeds)),
-        "RPM": abs(speeds).ravel(),
+    parts = []
+    for instance in range(MAX_ESCS):
+        if f"esc[{instance}].esc_rpm" not in topic:
+            break
+        is_online = _is_online(topic, instance)
+        if is_online.any():
+            parts.append(_speed_controller(selected_rows(topic, is_online), instance))
+    return in_time_order(parts)
+
+
+def _is_online(topic: Columns, instance: int) -> Flags:
+    """Returns for each message of esc_status (N,) whether a controller reports, by its flags or the number of them."""
+    if "esc_online_flags" in topic:
+        return topic["esc_online_flags"].astype(np.int64) >> instance & 1 > 0
+    return np.asarray(topic["esc_count"] > instance)
+
+
+def _speed_controller(topic: Columns, instance: int) -> Fields:
+    """Returns the rows of the table ESC of one controller.
+
+    Args:
+        topic: Messages of esc_status in which it reports, N rows.
+        instance: Its number, from 0.
+    """
+    field = f"esc[{instance}]."
+    fields: Fields = {
+        "time": topic["time"],
+        "Instance": np.full(len(topic["time"]), instance),
+        "RPM": abs(topic[f"{field}esc_rpm"].astype(np.float64)),
     }
+    if f"{field}esc_errorcount" in topic:
+        fields["ErrorCount"] = topic[f"{field}esc_errorcount"]
+    if f"{field}actuator_function" in topic:
+        motor = 1 + topic[f"{field}actuator_function"].astype(np.int64) - FIRST_MOTOR_FUNCTION
+        fields["Motor"] = np.where((motor >= 1) & (motor <= MAX_MOTORS), motor, 0)
+    return fields
 
 
 def current_mode(topics: Topics) -> Fields:

@@ -17,6 +17,7 @@ from mavdem.arrays import Array, ArrayPair, Indices
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.segments import Segments, in_segments
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.speed_controllers import speed_controllers
 from mavdem.dataset.time_series import TimeSeries, clean_series, recorded_series
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import interpolated
@@ -396,11 +397,14 @@ def _motor_speed(signals: Signals) -> TimeSeries | None:
     Returns:
         Speeds in order of time, turns per second; ``None`` where the log has no messages of ESCs.
     """
-    logged = signals.telemetry.messages.get("ESC")
-    if logged is None:
+    parts = []
+    for controller in speed_controllers(signals.telemetry):
+        parts.append(controller.speed.select(controller.speed.values > 0))
+    if not parts:
         return None
+    time = np.concatenate([part.time for part in parts])
+    boot = np.concatenate([part.boot for part in parts])
+    turns_per_second = np.concatenate([part.values for part in parts]) / 60.0
     # The last key is the first to sort by: boot, then time.
-    order = np.lexsort((logged["time"], logged["boot"]))
-    is_turning = logged["RPM"][order] > 0
-    rows = order[is_turning]
-    return TimeSeries(logged["time"][rows], logged["boot"][rows], logged["RPM"][rows] / 60.0)
+    order = np.lexsort((time, boot))
+    return TimeSeries(time[order], boot[order], turns_per_second[order])

@@ -52,8 +52,11 @@ def test_every_instance_has_its_range_and_state():
     assert instances["barometer 2"].high == approx(101, abs=0.1)
     assert [instances[f"barometer {n}"].used_share for n in (1, 2)] == [0.0, 1.0]
     assert instances["compass 1"].used_share == 0.0
-    assert instances["ESC 1"].low > 5000
-    assert (instances["ESC 2"].high, instances["ESC 2"].state.level) == (0, "unknown")
+    assert instances["ESC 1 (motor 1)"].low > 5000
+    assert (instances["ESC 2 (motor 2)"].high, instances["ESC 2 (motor 2)"].state.level) == (
+        0,
+        "unknown",
+    )
     assert instances["output 1 (motor 1)"].unit == "µs"
 
 

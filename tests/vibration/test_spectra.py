@@ -143,7 +143,7 @@ def test_motors_speeds_that_are_logged_name_their_order():
     telemetry = shaken(speed=140.0, steady=0.5)
     time = HOVER.stamps(10.0)
     turns = 70.0 * np.sqrt(throttle(time) / 0.5)
-    timed = changed(telemetry, "ESC", **columns(time, RPM=60 * turns))
+    timed = changed(telemetry, "ESC", **columns(time, Instance=0, RPM=60 * turns))
     _, found = lines(timed)
     assert found[0].kind is LineKind.MOTOR and found[0].exponent == approx(1.0, abs=0.15)
     assert found[0].order == approx(2.0, rel=0.02)

@@ -100,6 +100,7 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
         InFlight.MOTOR_LOST_THRUST,
         InFlight.MOTOR_SATURATED,
         MotionEvent.MOTOR_OFF,
+        MotionEvent.MOTOR_STOOD_STILL,
         Reported.MOTOR_FAILED,
         Reported.THRUST_LOST,
     ]

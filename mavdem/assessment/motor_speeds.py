@@ -1,0 +1,268 @@
+"""What the speeds that controllers (ESCs) measure show of motors: one that stands still, or turns as it is commanded.
+
+A motor that is commanded to turn and does not is lost, whatever the reason. But a controller that no longer reports may
+send a speed of 0, so that the motor counts as lost only with a second witness: the vehicle leans, the command rises to
+make up for it, or the autopilot reports the motor. Where a motor lost thrust but turns as before, its propeller did.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.assessment.attitude_error import AttitudeError
+from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.assessment.motor_events import lasting_runs
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.phases import MAX_SETPOINT_DELAY, min_airborne_collective, series_of_boot
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.speed_controllers import SpeedController, speed_controllers
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts import Fact, Facts
+from mavdem.facts.ending import MotionEvent
+from mavdem.facts.events import Reported
+from mavdem.facts.witnesses import Witness
+from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.statements import (
+    contradicting_statement,
+    supporting_statement,
+    weighed_event,
+)
+
+STANDSTILL_SHARE = 0.05
+"""Speed, as a share of the usual one in flight, below which a motor stands still; idle motors turn at 0.2 or more."""
+
+MIN_USUAL_SAMPLES = 5
+"""Number of samples in flight before, whose median is the usual speed of a motor; a choice."""
+
+MIN_LEAN_ERROR = np.radians(5.0)
+"""Error of the attitude, rad, that shows that a motor does not hold the vehicle; sound ones stay below 3°."""
+
+MIN_COMMAND_RISE = 0.1
+"""Rise of a motor's command, as a share of the range, that makes up for lost thrust; 99 % of trims vary less."""
+
+MIN_SPEED_CHANGE = 0.1
+"""Change of a motor's speed, relative to the usual one, that counts; the battery's voltage changes it by less."""
+
+REPORTS_OF_MOTOR = (Reported.MOTOR_FAILED, Reported.THRUST_LOST)
+"""Reports of the autopilot on one motor."""
+
+
+def standing_motors(
+    scene: Scene, error: AttitudeError, flight: Interval, reports: Sequence[Fact]
+) -> Iterator[Fact]:
+    """Yields the motors of a flight that stood still while they were commanded to turn.
+
+    Args:
+        scene: sensors of the boot, with the take-off of this flight.
+        error: of the attitude in this boot.
+        flight: start and end of the flight, s since boot.
+        reports: events that the autopilot reports.
+
+    Yields:
+        Facts with the name of the motor as subject, the ``name`` of its controller, its mean command as ``share`` of
+        the range, and witnesses.
+    """
+    motors = scene.signals.motors
+    if motors is None or scene.boot not in motors.boot:
+        return
+    for controller in speed_controllers(scene.signals.telemetry):
+        motor = controller.motor_index(motors.geometry)
+        speed = series_of_boot(controller.speed, scene.boot)
+        if motor is not None and speed is not None:
+            measured = speed.select(in_intervals(speed.time, [flight]))
+            command = _commands_at(motors, scene.boot, motor, measured.time)
+            for interval in _standstills(scene.signals, measured, command):
+                yield _standstill(scene, error, reports, controller, motor, interval)
+
+
+def _commands_at(motors: MotorOutputs, boot: int, motor: int, time: Array) -> TimeSeries:
+    """Returns the command of a motor as shares of its range, at some times (N,), s since boot.
+
+    Args:
+        motors: all motors.
+        boot: number of the boot.
+        motor: index of the motor.
+        time: (N,) s since boot.
+    """
+    commands = motors.range_fractions(boot)
+    values = np.interp(time, commands.time, commands.values[:, motor])
+    return TimeSeries(time, np.full(len(time), boot), values)
+
+
+def _standstills(signals: Signals, speed: TimeSeries, command: TimeSeries) -> Iterator[Interval]:
+    """Yields when a motor stood still although it was commanded to turn, s since boot; the end may be infinite.
+
+    It must have turned before, so that its controller measures.
+
+    Args:
+        signals: of the vehicle.
+        speed: of the motor in flight (N,), 1/min.
+        command: of the motor at the same times (N,), as shares of its range.
+    """
+    is_turning = speed.values > 0
+    if np.count_nonzero(is_turning) < MIN_USUAL_SAMPLES:
+        return
+    usual = np.median(speed.values[is_turning])
+    is_commanded = command.values > min_airborne_collective(signals.telemetry.parameters)
+    is_standing = is_commanded & (speed.values < STANDSTILL_SHARE * usual)
+    for start, end in lasting_runs(speed.time, is_standing, RECOVERY_SECONDS):
+        if np.count_nonzero(is_turning[speed.time < start]) >= MIN_USUAL_SAMPLES:
+            yield start, end
+
+
+def _standstill(
+    scene: Scene,
+    error: AttitudeError,
+    reports: Sequence[Fact],
+    controller: SpeedController,
+    motor: int,
+    interval: Interval,
+) -> Fact:
+    """Returns that a motor stood still, bad if a second witness confirms it.
+
+    Args:
+        scene: sensors of the boot.
+        error: of the attitude in this boot.
+        reports: events that the autopilot reports.
+        controller: of the motor.
+        motor: index of the motor.
+        interval: when the controller measured no rotation, s since boot; the end may be infinite.
+    """
+    motors = scene.signals.motors
+    assert motors is not None
+    start, end = interval[0], min(interval[1], scene.record_end)
+    commands = motors.range_fractions(scene.boot)
+    command = commands.values[:, motor]
+    rows = in_intervals(commands.time, [(start, end)])
+    before = in_intervals(commands.time, [(start - 2 * RECOVERY_SECONDS, start)])
+    share = float(command[rows].mean()) if rows.any() else 0.0
+    witnesses = [
+        supporting_statement(
+            Witness.SPEED_ZERO, name=controller.name, duration=end - start, share=share
+        ),
+        *_counted_errors(controller, scene.boot, (start, end)),
+    ]
+    if rows.any() and before.any():
+        usual = float(np.median(command[before]))
+        highest = float(np.quantile(command[rows], 0.95))
+        if highest - usual > MIN_COMMAND_RISE:
+            witnesses.append(
+                supporting_statement(Witness.COMMAND_ROSE, share=highest, share_before=usual)
+            )
+        else:
+            witnesses.append(contradicting_statement(Witness.COMMAND_UNCHANGED, share=usual))
+    error_rows = in_intervals(error.time, [(start - MAX_SETPOINT_DELAY, end)])
+    if error_rows.any():
+        angle = float(error.magnitude[error_rows].max())
+        if angle > MIN_LEAN_ERROR:
+            witnesses.append(supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle))
+        else:
+            witnesses.append(contradicting_statement(Witness.ATTITUDE_HELD, angle=angle))
+    name = motors.geometry.names[motor]
+    witnesses += _reports_on_motor(reports, scene.boot, name, (start, end))
+    event = Fact(
+        MotionEvent.MOTOR_STOOD_STILL,
+        time=start,
+        until=None if np.isinf(interval[1]) else interval[1],
+        subject=name,
+        name=controller.name,
+        share=share,
+        boot=scene.boot,
+    )
+    return weighed_event(event, witnesses)
+
+
+def _counted_errors(controller: SpeedController, boot: int, interval: Interval) -> Facts:
+    """Returns that a controller counted errors from a second before an interval to its end; nothing if it did not."""
+    errors = series_of_boot(controller.error_count, boot)
+    if errors is None:
+        return ()
+    start, end = interval
+    before, after = np.interp([start - MAX_SETPOINT_DELAY, end], errors.time, errors.values)
+    count = int(after - before)
+    if count <= 0:
+        return ()
+    return (supporting_statement(Witness.ERRORS_COUNTED, name=controller.name, count=count),)
+
+
+def _reports_on_motor(
+    reports: Sequence[Fact], boot: int, name: str, interval: Interval
+) -> list[Fact]:
+    """Returns the autopilot's reports on a motor around an interval, as witnesses.
+
+    Args:
+        reports: events that the autopilot reports.
+        boot: number of the boot.
+        name: name of the motor, which may have its place in brackets: "motor 2 (rear left)".
+        interval: start and end, s since boot.
+    """
+    start, end = interval[0] - RECOVERY_SECONDS, interval[1] + RECOVERY_SECONDS
+    statements = []
+    for report in reports:
+        is_of_motor = report.subject == name.partition(" (")[0]
+        is_near = report.figures["boot"] == boot and start <= (report.time or 0.0) <= end
+        if report.code in REPORTS_OF_MOTOR and is_of_motor and is_near:
+            statements.append(supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report))
+    return statements
+
+
+def with_speed_witnesses(signals: Signals, losses: Sequence[Fact]) -> list[Fact]:
+    """Returns losses of thrust, each with what the controller of its motor measured, for or against the motor.
+
+    A motor that turned more slowly although it was commanded more lost thrust itself. One that turned as before, or
+    faster, did not: then its propeller is to blame.
+
+    Args:
+        signals: of the vehicle.
+        losses: facts with the name of a motor as subject, and their ``boot``.
+    """
+    facts = []
+    for loss in losses:
+        witnesses = _speed_witnesses(signals, loss)
+        facts.append(loss.but(witnesses=witnesses) if witnesses else loss)
+    return facts
+
+
+def _speed_witnesses(signals: Signals, loss: Fact) -> Facts:
+    """Returns what the controller of a motor measured from its loss of thrust on, compared with the time before.
+
+    Args:
+        signals: of the vehicle.
+        loss: the loss, with the motor as subject.
+
+    Returns:
+        The witnesses that the loss has already, and one statement if the speed was measured before and after.
+    """
+    witnesses: Facts = loss.figures.get("witnesses", ())
+    motors = signals.motors
+    if motors is None or loss.time is None or loss.subject not in motors.geometry.names:
+        return witnesses
+    boot = loss.figures["boot"]
+    motor = motors.geometry.names.index(loss.subject)
+    end = loss.time + 2 * RECOVERY_SECONDS if loss.until is None else loss.until
+    for controller in speed_controllers(signals.telemetry):
+        speed = series_of_boot(controller.speed, boot)
+        if speed is None or controller.motor_index(motors.geometry) != motor:
+            continue
+        start = loss.time - 2 * RECOVERY_SECONDS
+        before = speed.values[in_intervals(speed.time, [(start, loss.time)])]
+        after = speed.values[in_intervals(speed.time, [(loss.time, end)])]
+        if len(before) < MIN_USUAL_SAMPLES or len(after) < MIN_USUAL_SAMPLES:
+            continue
+        usual, later = float(np.median(before)), float(np.median(after))
+        if usual <= 0:
+            continue
+        if later < (1 - MIN_SPEED_CHANGE) * usual:
+            statement = supporting_statement
+            code = Witness.MOTOR_SLOWED
+        else:
+            statement = contradicting_statement
+            code = Witness.MOTOR_TURNED
+        return (
+            *witnesses,
+            statement(code, name=controller.name, rotation=later, rotation_before=usual),
+        )
+    return witnesses

@@ -1,0 +1,177 @@
+"""Speed controllers (ESCs): the speed of each motor as its controller measures it, and the errors that it counts.
+
+Each log names them in its own way: DataFlash's ESC and PX4's esc_status (both translated to ESC), MAVLink's ESC_STATUS
+with ESC_INFO (PX4), and ESC_TELEMETRY_1_TO_4 to 29_TO_32 (ArduPilot). Controllers are numbered from 1 here, as
+ground stations do.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.arrays import Array, Flags
+from mavdem.dataset.time_series import TimeSeries, clean_series, float_column
+from mavdem.ingest.motors import MotorGeometry
+from mavdem.ingest.telemetry import Columns, Telemetry, rows_by_value, selected_rows
+
+CONTROLLERS_PER_MESSAGE = 4
+"""Number of controllers of which one ESC_STATUS, ESC_INFO or ESC_TELEMETRY message reports."""
+
+FIRST_NUMBERS = range(1, 33, CONTROLLERS_PER_MESSAGE)
+"""Numbers of the first controller of each ESC_TELEMETRY message."""
+
+MAX_SPEED = 500_000.0
+"""Speed, 1/min, that no motor reaches, not even the electrical one of ArduPilot's ESCs with 28 poles; faster ones are
+damaged messages."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpeedController:
+    """One speed controller that reports the speed of its motor."""
+
+    number: int
+    """Number of the controller, from 1."""
+    speed: TimeSeries
+    """Speed of the motor (N,), 1/min, whatever its direction."""
+    error_count: TimeSeries | None = None
+    """Errors that the controller counted since boot (M,); None where it reports no count."""
+    error_share: TimeSeries | None = None
+    """Share of its messages that were damaged (K,), 0 to 1, as DataFlash logs it; None where that is not known."""
+    motor: int | None = None
+    """Number of its motor, from 1, where the log says it; PX4 does since 1.14."""
+
+    @property
+    def name(self) -> str:
+        """Name of the controller: "ESC 2"."""
+        return f"ESC {self.number}"
+
+    def motor_index(self, geometry: MotorGeometry) -> int | None:
+        """Returns the index of its motor among those of a vehicle; None where it drives none of them.
+
+        Where the log does not name the motor, the controller has the number of its output channel, as in ArduPilot, and
+        in PX4 where channels count the motors.
+        """
+        numbers = geometry.channels if self.motor is None else geometry.motors
+        wanted = self.number if self.motor is None else self.motor
+        return numbers.index(wanted) if wanted in numbers else None
+
+
+def speed_controllers(telemetry: Telemetry) -> tuple[SpeedController, ...]:
+    """Returns the speed controllers that report the speed of a motor, by number.
+
+    The first kind of message that has any speed counts. A log that has ESC from the autopilot has no other.
+
+    Args:
+        telemetry: messages of the vehicle.
+    """
+    for controllers in (_logged(telemetry), _of_status(telemetry), _of_telemetry(telemetry)):
+        found = tuple(controllers)
+        if found:
+            return found
+    return ()
+
+
+def _series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeSeries | None:
+    """Returns the time series of values (N,) of a message; None where none is finite."""
+    series = clean_series(columns, values, rows)
+    return series if len(series.time) else None
+
+
+def _speed_series(columns: Columns, speed: Array, rows: Flags | None = None) -> TimeSeries | None:
+    """Returns the size of a speed (N,), 1/min, as a time series without impossible values; None where none is left."""
+    size = abs(speed)
+    is_possible = size <= MAX_SPEED
+    return _series(columns, size, is_possible if rows is None else is_possible & rows)
+
+
+def _logged(telemetry: Telemetry) -> Iterator[SpeedController]:
+    """Yields the controllers of the table ESC, which has a row for each of them at each time."""
+    columns = telemetry.messages.get("ESC", {})
+    if "Instance" not in columns:
+        return
+    for instance, rows in rows_by_value(columns["Instance"].astype(np.int64)).items():
+        controller = selected_rows(columns, rows)
+        speed = _speed_series(controller, float_column(controller, "RPM"))
+        if speed is None:
+            continue
+        errors = shares = None
+        if "ErrorCount" in controller:
+            errors = _series(controller, float_column(controller, "ErrorCount"))
+        if "Err" in controller:
+            shares = _series(controller, float_column(controller, "Err") / 100)
+        motor = int(controller["Motor"][0]) if "Motor" in controller else 0
+        yield SpeedController(instance + 1, speed, errors, shares, motor or None)
+
+
+def _of_status(telemetry: Telemetry) -> Iterator[SpeedController]:
+    """Yields the controllers of ESC_STATUS, with the errors of ESC_INFO.
+
+    Both have four controllers from ``index`` on. Controllers beyond the ``count`` of ESC_INFO do not exist; where that
+    is not known, those that never turn are left out.
+    """
+    status = telemetry.messages.get("ESC_STATUS", {})
+    information = telemetry.messages.get("ESC_INFO", {})
+    if "rpm" not in status or "index" not in status:
+        return
+    known_count = None
+    if "count" in information:
+        known_count = int(np.median(information["count"]))
+    for first, rows in rows_by_value(status["index"].astype(np.int64)).items():
+        group = selected_rows(status, rows)
+        errors_of_group: Columns = {}
+        if "error_count" in information:
+            is_of_group = information["index"] == first
+            errors_of_group = selected_rows(information, np.flatnonzero(is_of_group))
+        speeds = np.array(float_column(group, "rpm"), ndmin=2)
+        for place, speed_of_motor in enumerate(speeds.T):
+            number = first + place + 1
+            speed = _speed_series(group, speed_of_motor)
+            exists = speed is not None and bool(speed.values.any())
+            if known_count is not None:
+                exists = number <= known_count
+            if speed is None or not exists:
+                continue
+            errors = None
+            if len(errors_of_group.get("time", ())):
+                counts = np.array(float_column(errors_of_group, "error_count"), ndmin=2)
+                errors = _series(errors_of_group, counts[:, place])
+            yield SpeedController(number, speed, errors)
+
+
+def _of_telemetry(telemetry: Telemetry) -> Iterator[SpeedController]:
+    """Yields the controllers of ESC_TELEMETRY_1_TO_4 and so on.
+
+    ArduPilot sends a speed of 0 of a controller that is silent. Its counter of messages stands still then, so that such
+    samples are left out.
+    """
+    for first in FIRST_NUMBERS:
+        last = first + CONTROLLERS_PER_MESSAGE - 1
+        columns = telemetry.messages.get(f"ESC_TELEMETRY_{first}_TO_{last}", {})
+        if "rpm" not in columns:
+            continue
+        speeds = np.array(float_column(columns, "rpm"), ndmin=2)
+        counts = columns.get("count")
+        for place, speed_of_motor in enumerate(speeds.T):
+            is_heard = (
+                None if counts is None else _is_heard(columns, np.atleast_2d(counts)[:, place])
+            )
+            speed = _speed_series(columns, speed_of_motor, is_heard)
+            if speed is not None and (counts is not None or speed.values.any()):
+                yield SpeedController(first + place, speed)
+
+
+def _is_heard(columns: Columns, counts: NDArray[Any]) -> Flags:
+    """Returns for each message (N,) whether the controller was heard since the one before, by its counter.
+
+    Args:
+        columns: fields of the message, N rows.
+        counts: messages of the controller so far (N,); they begin again at 0 after 65535.
+    """
+    order = np.lexsort((columns["time"], columns["boot"]))
+    is_heard = np.zeros(len(counts), dtype=bool)
+    ordered = counts[order]
+    is_heard[order[1:]] = ordered[1:] != ordered[:-1]
+    return is_heard

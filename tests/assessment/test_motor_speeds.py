@@ -1,0 +1,100 @@
+"""Speeds that controllers measure, as witnesses of a motor that is lost: for it, and against it."""
+
+import numpy as np
+from hover import changed, columns, evidence_of, pulses, with_pulses
+from instrumented import EVENT, instrumented, knocked, moving, rolled
+from pytest import mark
+from scipy.constants import g as GRAVITY  # noqa: N812
+
+from mavdem.assessment.ending import ending_of
+from mavdem.assessment.instances import instances_of
+from mavdem.assessment.motion import motion_events
+from mavdem.assessment.motor_speeds import with_speed_witnesses
+from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
+from mavdem.facts.ending import FailedFirst, MotionEvent
+from mavdem.facts.motors import InFlight
+from mavdem.facts.witnesses import Side, Witness
+
+MOTOR = 1
+"""Index of the motor that fails: motor 2, rear left."""
+
+
+def with_speeds(made, speed_of_failing=0.0, rate=10.0):
+    """Four controllers measure 5000 1/min in flight; that of motor 2 another speed from ``EVENT`` on."""
+    time = np.arange(0.0, made.messages["ATTITUDE"]["time"][-1], 1 / rate)
+    outputs = made.messages["SERVO_OUTPUT_RAW"]
+    is_flying = np.interp(time, outputs["time"], outputs["servo1_raw"]) > 1100
+    speeds = np.where(is_flying, 5000.0, 0.0)[:, None] * np.ones(4)
+    failed = (time > EVENT) & is_flying
+    speeds[failed, MOTOR] = speed_of_failing
+    return changed(made, "ESC_STATUS", **columns(time, index=0, rpm=speeds))
+
+
+def lost_motor():
+    """The motor stops in a hover; its command rises to the limit, and the vehicle rolls over to its side and falls."""
+    made = moving(instrumented(), lambda since: -GRAVITY * since)
+    outputs = pulses(made)
+    is_lost = made.messages["SERVO_OUTPUT_RAW"]["time"] > EVENT + 0.2
+    outputs[MOTOR, is_lost] = 1950.0
+    made = rolled(with_pulses(made, outputs), -120.0, EVENT + 0.2, 0.8)
+    return knocked(made, EVENT + 1.43, 150.0)
+
+
+def judged(made):
+    signals = Signals(made, inputs="motors")
+    events = motion_events(signals)
+    assert all(event.sentence for event in events)
+    return {event.code: event for event in events}, ending_of(signals, events)
+
+
+def codes(event, side):
+    return {fact.code for fact in event.figures["witnesses"] if fact.figures["side"] == side}
+
+
+@mark.parametrize("rate", [10.0, 4.0])
+def test_a_motor_that_stands_still_while_commanded_is_lost_with_a_second_witness(rate):
+    events, ending = judged(with_speeds(lost_motor(), rate=rate))
+    stood_still = events[MotionEvent.MOTOR_STOOD_STILL]
+    assert stood_still.is_bad
+    assert stood_still.subject == "motor 2 (rear left)"
+    for_it = {Witness.SPEED_ZERO, Witness.COMMAND_ROSE, Witness.ATTITUDE_LEFT_SETPOINT}
+    assert for_it <= codes(stood_still, Side.FOR)
+    cause = ending.figures["cause"]
+    assert (cause.code, cause.subject) == (
+        FailedFirst.MOTOR_STOOD_STILL_FIRST,
+        "motor 2 (rear left)",
+    )
+
+
+def test_a_controller_that_reports_0_in_a_sound_hover_is_to_be_watched():
+    events, ending = judged(with_speeds(instrumented()))
+    stood_still = events[MotionEvent.MOTOR_STOOD_STILL]
+    assert stood_still.level == "watch"
+    assert codes(stood_still, Side.AGAINST) == {Witness.COMMAND_UNCHANGED, Witness.ATTITUDE_HELD}
+    assert "telemetry" in stood_still.remedy
+    assert ending is None
+
+
+def test_motors_that_all_turn_are_no_event():
+    events, _ = judged(with_speeds(instrumented(), 5000.0))
+    assert MotionEvent.MOTOR_STOOD_STILL not in events
+
+
+@mark.parametrize(
+    "speed, code, side",
+    [(3000.0, Witness.MOTOR_SLOWED, Side.FOR), (5500.0, Witness.MOTOR_TURNED, Side.AGAINST)],
+)
+def test_a_loss_of_thrust_has_the_speed_of_its_motor_for_or_against_it(speed, code, side):
+    signals = Signals(with_speeds(instrumented(), speed), inputs="motors")
+    loss = Fact(InFlight.MOTOR_LOST_THRUST, time=EVENT, subject="motor 2 (rear left)", boot=0)
+    (witnessed,) = with_speed_witnesses(signals, [loss])
+    assert codes(witnessed, side) == {code}
+
+
+def test_the_table_names_the_motor_of_a_controller_and_that_it_stood_still():
+    signals = Signals(with_speeds(instrumented()), inputs="motors")
+    evidence = evidence_of(signals, events=motion_events(signals))
+    states = {one.name: one.state for one in instances_of(evidence)}
+    assert "stood still" in states["ESC 2 (motor 2)"].sentence
+    assert states["ESC 1 (motor 1)"].level == "good"
