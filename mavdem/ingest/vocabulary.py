@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
-from scipy.spatial.transform import Rotation
 
 from mavdem.arrays import Array
 from mavdem.files import load_adjacent_toml
@@ -280,8 +279,14 @@ def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
     Returns:
         Quaternions (N, 4): w, x, y, z, from the body to north-east-down.
     """
-    rotations = Rotation.from_euler("ZYX", np.column_stack([yaw, pitch, roll]))
-    return rotations.as_quat(scalar_first=True)
+    half_angles = np.array([roll, pitch, yaw]) / 2
+    cos_roll, cos_pitch, cos_yaw = np.cos(half_angles)
+    sin_roll, sin_pitch, sin_yaw = np.sin(half_angles)
+    w = cos_roll * cos_pitch * cos_yaw + sin_roll * sin_pitch * sin_yaw
+    x = sin_roll * cos_pitch * cos_yaw - cos_roll * sin_pitch * sin_yaw
+    y = cos_roll * sin_pitch * cos_yaw + sin_roll * cos_pitch * sin_yaw
+    z = cos_roll * cos_pitch * sin_yaw - sin_roll * sin_pitch * cos_yaw
+    return np.column_stack([w, x, y, z])
 
 
 IGNORE_BODY_RATES = (

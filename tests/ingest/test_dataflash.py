@@ -322,3 +322,11 @@ def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
     assert vehicle.initial_parameters == {"SYSID_THISMAV": 7.0} and vehicle.system == 8
     assert (vehicle.firmware, vehicle.dropouts) == ("ArduCopter V4.5.7 (2a3dc4b7)", 8)
     assert {Repair.LOGGER_WITHOUT_ROOM: 8}.items() <= counts(vehicle).items()
+
+
+def test_a_text_that_is_older_than_the_log_keeps_its_time(tmp_path):
+    arming = made.message("MSG", 12_100_000, "Arming motors")
+    vehicle = vehicle_in(tmp_path, arming, *made.flight(TIMES))
+    texts = vehicle.messages["STATUSTEXT"]
+    assert texts["time"][texts["text"] == "Arming motors"].tolist() == [12.1]
+    assert vehicle.messages["ATTITUDE"]["time"][0] == TIMES[0]

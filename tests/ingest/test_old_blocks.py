@@ -62,3 +62,42 @@ def test_a_second_log_that_begins_late_on_its_clock_is_kept(tmp_path):
     content = attitudes(120.0, 180.0) + formats() + attitudes(90.0, 170.0)
     vehicle = vehicle_of(tmp_path, content)
     assert [fact.code for fact in vehicle.repairs] == [Repair.LOG_OF_SEVERAL_BOOTS]
+
+
+WEEK = 2300
+
+
+def satellite_times(start, end, utc_at_boot):
+    """GPS once a second with a fix, of a boot clock that read 0 at a time of the week, s."""
+    return b"".join(
+        message("GPS", round(1e6 * second), 0, 3, round(1e3 * (utc_at_boot + second)), WEEK)
+        for second in range(round(start), round(end))
+    )
+
+
+def with_satellites(start, end, utc_at_boot):
+    """Attitudes, with a satellite time after each second of them."""
+    return b"".join(
+        attitudes(second, second + 1.0) + satellite_times(second, second + 1.0, utc_at_boot)
+        for second in range(round(start), round(end))
+    )
+
+
+@mark.parametrize("old_start", [5, 400])
+def test_a_tail_of_an_older_flight_is_left_out_by_its_satellite_time(old_start, tmp_path):
+    content = with_satellites(20, 80, utc_at_boot=90_000)
+    content += with_satellites(old_start, old_start + 15, utc_at_boot=7_000)
+    vehicle = vehicle_of(tmp_path, content)
+    assert duration_and_boots(vehicle) == (approx(60.0, abs=0.1), 1)
+    (repair,) = [fact for fact in vehicle.repairs if fact.code is Repair.OLD_BLOCKS_LEFT_OUT]
+    assert repair.figures["count"] == 1
+    assert repair.figures["duration"] == approx(15.0, abs=0.2)
+
+
+def test_a_second_boot_and_a_pause_fit_the_satellite_time(tmp_path):
+    content = with_satellites(20, 80, utc_at_boot=90_000)
+    content += with_satellites(300, 360, utc_at_boot=90_000)
+    content += with_satellites(5, 60, utc_at_boot=90_420)
+    vehicle = vehicle_of(tmp_path, content)
+    assert [fact.code for fact in vehicle.repairs] == [Repair.LOG_OF_SEVERAL_BOOTS]
+    assert duration_and_boots(vehicle)[1] == 2

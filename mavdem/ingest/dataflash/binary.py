@@ -157,7 +157,10 @@ class DataflashRecording(NamedTuple):
     repairs: Facts
     """What was odd or damaged."""
     undefined_messages: int = 0
-    """Number of headers of messages in a binary log that belong to no message found: their definitions are missing."""
+    """Number of headers in a binary log that belong to no message found, since their definitions are missing.
+
+    They are counted only where most of the log could not be read.
+    """
 
 
 def parse_definition(values: FormatFields) -> tuple[int, FormatDefinition] | None:
@@ -235,8 +238,11 @@ def read_binary(content: bytes) -> DataflashRecording:
         return _decoded(data, definition_of_name[name], starts_of_name[name])
 
     counts = {name: len(starts) for name, starts in starts_of_name.items()}
-    undefined_messages = max(content.count(MARKER) - len(starts), 0)
-    return DataflashRecording(counts, decode, scan.skipped(), scan.repairs, undefined_messages)
+    skipped = scan.skipped()
+    undefined_messages = 0
+    if skipped > scan.message_bytes:
+        undefined_messages = max(content.count(MARKER) - len(starts), 0)
+    return DataflashRecording(counts, decode, skipped, scan.repairs, undefined_messages)
 
 
 DEFINITION_START = re.compile(

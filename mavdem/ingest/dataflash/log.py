@@ -26,14 +26,16 @@ from mavdem.ingest.dataflash.binary import (
     read_binary,
     usable_fields,
 )
-from mavdem.ingest.dataflash.old_blocks import blocks_of_other_logs
+from mavdem.ingest.dataflash.old_blocks import SatelliteTimes, blocks_of_other_logs
 from mavdem.ingest.dataflash.samples import ACCELEROMETER_FIELDS, GYRO_FIELDS, raw_samples
+from mavdem.ingest.dataflash.sensors import STATUS_3D_FIX
 from mavdem.ingest.dataflash.states import ARMING_EVENTS
 from mavdem.ingest.dataflash.tables import field_texts
 from mavdem.ingest.dataflash.text import read_text
 from mavdem.ingest.dataflash.translation import (
     FLIGHT_MESSAGES,
     TRANSLATED_MESSAGES,
+    satellite_utc,
     translated,
     with_new_names,
 )
@@ -155,8 +157,10 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
     Raises:
         Unreadable: It has no message of a flight.
     """
-    recording, logged, block_repairs = _without_old_blocks(recording, _logged_messages(recording))
-    tables, clock_repairs = _on_boot_clock(logged)
+    recording, logged, clock, block_repairs = _without_old_blocks(
+        recording, _logged_messages(recording)
+    )
+    tables, clock_repairs = _on_boot_clock(logged, clock)
     if not any(len(tables[name]["time"]) for name in FLIGHT_MESSAGES if name in tables):
         if "StartTime" in recording.decode("TIME").columns:
             raise Unreadable(Source.PX4_LOG_BEFORE_ULOG, path=source)
@@ -226,6 +230,19 @@ def _logged_messages(recording: DataflashRecording) -> dict[str, MessageTable]:
     return logged
 
 
+class _LogClock(NamedTuple):
+    """The n messages with a stamp of all names, in the order of the log."""
+
+    names: tuple[str, ...]
+    """Names of these messages."""
+
+    positions: Integers
+    """Position (n,) of each."""
+
+    seconds: Array
+    """Its stamp (n,), s."""
+
+
 class _KeptMessages(NamedTuple):
     """A log without the blocks of other logs in it."""
 
@@ -235,8 +252,23 @@ class _KeptMessages(NamedTuple):
     logged: dict[str, MessageTable]
     """Its messages that are translated, by name."""
 
+    clock: _LogClock
+    """Their stamps."""
+
     repairs: Facts
     """What was left out."""
+
+
+def _log_clock(logged: Mapping[str, MessageTable]) -> _LogClock:
+    """Returns the stamps of the messages whose stamps are used as a clock, in the order of the log."""
+    stamps = _stamps_of_messages(logged)
+    names = tuple(name for name in stamps if name not in MESSAGES_WITH_OLD_STAMPS)
+    if not names:
+        return _LogClock((), np.zeros(0, dtype=np.int64), np.zeros(0))
+    positions = np.concatenate([logged[name].position for name in names])
+    order = np.argsort(positions, kind="stable")
+    seconds = np.concatenate([stamps[name] for name in names])
+    return _LogClock(names, positions[order], seconds[order])
 
 
 def _without_old_blocks(
@@ -248,21 +280,14 @@ def _without_old_blocks(
         recording: The log.
         logged: Its messages that are translated, by name.
     """
-    positions = []
-    seconds = []
-    for name, stamps in _stamps_of_messages(logged).items():
-        if name not in MESSAGES_WITH_OLD_STAMPS:
-            positions.append(logged[name].position)
-            seconds.append(stamps)
-    if not positions:
-        return _KeptMessages(recording, logged, ())
-    all_positions = np.concatenate(positions)
-    order = np.argsort(all_positions, kind="stable")
+    clock = _log_clock(logged)
+    if not clock.names:
+        return _KeptMessages(recording, logged, clock, ())
     blocks = blocks_of_other_logs(
-        all_positions[order], np.concatenate(seconds)[order], recording.decode("FMT").position
+        clock.positions, clock.seconds, recording.decode("FMT").position, _satellite_times(logged)
     )
     if not blocks:
-        return _KeptMessages(recording, logged, ())
+        return _KeptMessages(recording, logged, clock, ())
 
     def decode(name: str) -> MessageTable:
         """Decodes the messages of one name outside of the blocks."""
@@ -274,14 +299,27 @@ def _without_old_blocks(
         return MessageTable(table.position[is_kept], columns)
 
     kept = recording._replace(decode=decode)
-    end = int(all_positions.max())
+    end = int(clock.positions.max())
     repairs = repair_facts(
         Repair.OLD_BLOCKS_LEFT_OUT,
         count=len(blocks),
         size=sum(min(block.end, end) - block.start for block in blocks),
         duration=sum(block.duration for block in blocks),
     )
-    return _KeptMessages(kept, _logged_messages(kept), repairs)
+    kept_messages = _logged_messages(kept)
+    return _KeptMessages(kept, kept_messages, _log_clock(kept_messages), repairs)
+
+
+def _satellite_times(logged: Mapping[str, MessageTable]) -> SatelliteTimes:
+    """Returns when the boot clock read 0, by each message GPS with the time of the satellites."""
+    positions, columns = logged["GPS"]
+    stamps = _stamps_of_messages({"GPS": logged["GPS"]}).get("GPS")
+    if stamps is None or not {"Status", "GMS", "GWk"} <= columns.keys():
+        return SatelliteTimes(np.zeros(0, dtype=np.int64), np.zeros(0))
+    has_time = (columns["Status"] >= STATUS_3D_FIX) & (columns["GWk"] > 0)
+    utc_at_boot = satellite_utc(columns["GWk"], columns["GMS"]) - stamps
+    has_time &= np.isfinite(utc_at_boot)
+    return SatelliteTimes(positions[has_time], utc_at_boot[has_time])
 
 
 def _stamps_of_messages(logged: Mapping[str, MessageTable]) -> dict[str, Array]:
@@ -317,7 +355,9 @@ def _firmware(texts: Sequence[str]) -> str:
     return ""
 
 
-def _on_boot_clock(logged: Mapping[str, MessageTable]) -> tuple[Tables, Facts]:
+def _on_boot_clock(
+    logged: Mapping[str, MessageTable], clock: _LogClock
+) -> tuple[Tables, Facts]:
     """Puts the messages that have stamps, and those of ``UNSTAMPED_MESSAGES``, on the boot clock.
 
     The stamps of all messages, in the order of the log, give one clock with boots counted and outliers found. Each
@@ -325,20 +365,17 @@ def _on_boot_clock(logged: Mapping[str, MessageTable]) -> tuple[Tables, Facts]:
 
     Args:
         logged: The messages by name.
+        clock: The stamps of all of them.
 
     Returns:
         Their columns, with ``time`` (s) and ``boot``, and the repairs of the clock. Messages with impossible or
         outlying stamps are left out.
     """
-    stamps = _stamps_of_messages(logged)
-    clock_messages = [name for name in stamps if name not in MESSAGES_WITH_OLD_STAMPS]
-    if not clock_messages:
+    if not clock.names:
         return {}, ()
+    stamps = _stamps_of_messages(logged)
     # All messages have one clock: their stamps, in the order of the log, are read as those of one message.
-    positions = np.concatenate([logged[name].position for name in clock_messages])
-    order = np.argsort(positions, kind="stable")
-    positions = positions[order]
-    seconds = np.concatenate([stamps[name] for name in clock_messages])[order]
+    _, positions, seconds = clock
     # As a float, or in text, a damaged stamp may be anything.
     is_impossible = ~((seconds >= 0) & (seconds <= MAX_STAMP_SECONDS))
     # To the boot clock, 0 stands for no stamp.
@@ -352,7 +389,7 @@ def _on_boot_clock(logged: Mapping[str, MessageTable]) -> tuple[Tables, Facts]:
     for name, table in logged.items():
         # Row of each message among the stamped ones; for one without a stamp, that of the stamped one behind it.
         rows = np.searchsorted(positions, table.position)
-        if name in clock_messages:
+        if name in clock.names:
             on_boot_clock = {**table.columns, "time": time[rows], "boot": boot[rows]}
             # A message whose stamp was ignored has the time of the one before it: it is not to be trusted either.
             tables[name] = selected_rows(on_boot_clock, time[rows] == seconds[rows])
@@ -376,7 +413,7 @@ def _placed_by_neighbours(
     """Gives times to messages that have no stamps, or old ones, by the stamped messages before and after them.
 
     A message was logged after the stamped one before it and before the stamped one behind it in the file. A stamp of
-    its own is clipped to this interval. Without one it gets an end of the interval, which matters where the interval
+    its own is clipped to this interval; a text (MSG) before all stamped messages keeps an earlier stamp. Without one it gets an end of the interval, which matters where the interval
     is long: by default nothing is logged while the vehicle is disarmed. The event of arming ends such a gap and gets
     the time of the message behind it. All other messages get that of the message before them.
 
@@ -399,6 +436,9 @@ def _placed_by_neighbours(
         # Clipped to the times of the neighbours, below.
         stamps = np.where(ends_gap, np.inf, -np.inf)
     earliest = time[row_before]
+    if name == "MSG":
+        # A text that is older than the log, such as that of arming, says when it was sent.
+        earliest = np.where((next_rows == 0) & (stamps > 0), 0.0, earliest)
     latest = np.maximum(time[row_after], earliest)
     return {
         **table.columns,

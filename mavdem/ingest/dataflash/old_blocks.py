@@ -2,8 +2,8 @@
 
 A card that is used again, or whose file table is damaged, gives a file in which some blocks hold an older log. Their
 messages are intact, but their times are of another flight: the clock goes to and fro. The blocks of one log continue
-each other's clock, so that they form chains; of chains that lie inside each other, the one with fewer messages is left
-out.
+each other's clock, so that they form chains. Of two chains that cannot be of one file the one with fewer messages is
+left out: they lie inside each other, or satellites show that the later one was recorded at another time.
 """
 
 from dataclasses import dataclass
@@ -34,6 +34,15 @@ MIN_BLOCK_MESSAGES = 20
 MAX_RUNS = 5000
 """Number of runs of messages up to which blocks are sought: a choice that bounds the time for hostile files."""
 
+
+MAX_UTC_DIFFERENCE = 60.0
+"""Difference, s, by which the UTC of one boot may disagree within a log: leap seconds, and fixes that are late.
+
+A choice: the logs of two flights on one card are further apart.
+"""
+
+MIN_UTC_READINGS = 3
+"""Number of satellite times with which a chain's UTC counts as known: a choice, so that a damaged one does not."""
 
 END_OF_FILE = 1 << 62
 """An offset beyond every file."""
@@ -75,12 +84,14 @@ class _Chain:
     Attributes:
         runs: the runs in the order of the file.
         begins_log: whether the definitions with which a log begins are near its first message.
+        utc_at_boot: UTC at which its clock read 0, s; None where satellites did not give it.
     """
 
     def __init__(self, run: _Run, begins_log: bool) -> None:
         """Begins with its first run."""
         self.runs = [run]
         self.begins_log = begins_log
+        self.utc_at_boot: float | None = None
 
     @property
     def end_time(self) -> float:
@@ -93,8 +104,25 @@ class _Chain:
         return sum(run.end - run.first for run in self.runs)
 
 
+class SatelliteTimes(NamedTuple):
+    """What satellites say about when the n messages with their time were logged."""
+
+    positions: Integers
+    """Offset (n,) of each message, ascending."""
+
+    utc_at_boot: Array
+    """UTC (n,), s, less the boot clock: when this clock read 0."""
+
+    @property
+    def disagree(self) -> bool:
+        """Whether they are of several boots."""
+        if len(self.utc_at_boot) < 2 * MIN_UTC_READINGS:
+            return False
+        return bool(np.ptp(self.utc_at_boot) > MAX_UTC_DIFFERENCE)
+
+
 def blocks_of_other_logs(
-    positions: Integers, seconds: Array, log_starts: Integers
+    positions: Integers, seconds: Array, log_starts: Integers, satellites: SatelliteTimes
 ) -> list[LeftOutBlock]:
     """Finds the blocks of a file whose messages are of another log.
 
@@ -102,15 +130,16 @@ def blocks_of_other_logs(
         positions: Offset (n,) of each message with a stamp, ascending.
         seconds: Its stamp (n,), s.
         log_starts: Offsets of the definitions (FMT), with which a log begins.
+        satellites: The times that satellites give.
 
     Returns:
-        The blocks in the order of the file; none where the clock never goes back.
+        The blocks in the order of the file; none where the clock never goes back, and satellites agree with it.
     """
-    if not (np.diff(seconds) < -MIN_RESET_STEP).any():
+    if not satellites.disagree and not (np.diff(seconds) < -MIN_RESET_STEP).any():
         return []
     sound_rows = np.flatnonzero(~outlier_stamps(seconds) & (seconds > 0))
     time = seconds[sound_rows]
-    if not (np.diff(time) < -MIN_RESET_STEP).any():
+    if not satellites.disagree and not (np.diff(time) < -MIN_RESET_STEP).any():
         return []
     cluster_seconds = CLUSTER_BYTES * _seconds_per_byte(positions[sound_rows], time)
     max_gap = MAX_STAMP_DEVIATION + min(cluster_seconds, MAX_CLUSTER_SECONDS)
@@ -123,6 +152,8 @@ def blocks_of_other_logs(
         for run in runs
     ]
     chains = _chains(runs, begins_log, max_gap)
+    for chain in chains:
+        chain.utc_at_boot = _utc_at_boot(chain, positions[sound_rows], satellites)
     for chain in sorted(chains, key=_importance, reverse=True):
         if all(_agree(chain, other) for other in kept):
             kept.append(chain)
@@ -142,6 +173,25 @@ def blocks_of_other_logs(
 def _importance(chain: _Chain) -> int:
     """Returns by what chains are ranked: the number of messages."""
     return chain.message_count
+
+
+def _utc_at_boot(
+    chain: _Chain, positions: Integers, satellites: SatelliteTimes
+) -> float | None:
+    """Returns the UTC at which the clock of a chain read 0, s; None where satellites did not give it.
+
+    Args:
+        chain: The chain.
+        positions: Offset (n,) of each message with a sound stamp.
+        satellites: The times that satellites give in the whole file.
+    """
+    readings = []
+    for run in chain.runs:
+        limits = positions[[run.first, run.end - 1]]
+        first, end = np.searchsorted(satellites.positions, limits).tolist()
+        readings.append(satellites.utc_at_boot[first:end])
+    of_chain = np.concatenate(readings)
+    return float(np.median(of_chain)) if len(of_chain) >= MIN_UTC_READINGS else None
 
 
 def _seconds_per_byte(positions: Integers, time: Array) -> float:
@@ -196,11 +246,20 @@ def _agree(chain: _Chain, kept: _Chain) -> bool:
     """Returns whether a chain can be of the same file as a larger one that is kept.
 
     One of both is before the other in the file. The later one goes on in time, or is another boot: its clock begins
-    near zero, or a log begins there.
+    near zero, or a log begins there. Without the beginning of a log, its UTC must fit too.
     """
     first, second = sorted((chain, kept), key=lambda each: each.runs[0].first)
     if first.runs[-1].first > second.runs[0].first:
         return False
+    if second.begins_log:
+        return True
     later_begins = second.runs[0].start_time
     goes_on = later_begins >= first.end_time - MIN_RESET_STEP
-    return goes_on or later_begins <= MAX_RESTART_TIME or second.begins_log
+    if first.utc_at_boot is None or second.utc_at_boot is None:
+        return goes_on or later_begins <= MAX_RESTART_TIME
+    boot_difference = second.utc_at_boot - first.utc_at_boot
+    if goes_on and abs(boot_difference) <= MAX_UTC_DIFFERENCE:
+        return True
+    # The clock of another boot began after the end of the first one.
+    begins_later = boot_difference >= first.end_time - MAX_UTC_DIFFERENCE
+    return later_begins <= MAX_RESTART_TIME and begins_later

@@ -17,7 +17,7 @@ from mavdem.ingest.telemetry import Columns, Tables
 from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, IN_AIR, ON_GROUND, heartbeat_fields
 
 BootStamps = Callable[[float], Array]
-"""Returns the stamps (N,), s, of everything that was logged in a boot, ascending, each once."""
+"""Returns the stamps (N,), s, of what was logged in a boot, ascending, each once."""
 
 DISARMED = 0
 """HEARTBEAT.base_mode without the flag of armed motors."""
@@ -179,8 +179,15 @@ def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStam
 
 
 def _boot_stamps(tables: Tables, boot: float) -> Array:
-    """Returns the stamps (N,), s, of everything that was logged in a boot, ascending, each once."""
-    stamps = [columns["time"][columns["boot"] == boot] for columns in tables.values()]
+    """Returns the stamps (N,), s, of everything that was logged in a boot but texts, ascending, each once.
+
+    Texts (MSG) may be older than the log.
+    """
+    stamps = [
+        columns["time"][columns["boot"] == boot]
+        for name, columns in tables.items()
+        if name != "MSG"
+    ]
     return np.unique(np.concatenate(stamps))
 
 

@@ -7,8 +7,10 @@ docs/formats.md#dataflash has the table of both vocabularies. Messages of which 
 
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.arrays import Array
@@ -496,19 +498,27 @@ LEAP_SECONDS = 18
 """Time, s, by which GPS time is ahead of UTC since 2017; it was a second or two less in the years before."""
 
 
-def _calendar_time(tables: Tables) -> Columns:
-    """Makes SYSTEM_TIME of GPS: UTC by the receiver, UNIX µs, where it has a fix.
+def satellite_utc(weeks: NDArray[Any], milliseconds: NDArray[Any]) -> Array:
+    """Returns UTC (n,), UNIX s, by the time of the satellites.
 
     GPS gives time as a week (GWk) and milliseconds of the week (GMS). It runs ahead of UTC by the leap seconds since
     1980.
+
+    Args:
+        weeks: Weeks (n,) since GPS time began.
+        milliseconds: Milliseconds (n,) of the week.
     """
+    return GPS_EPOCH + WEEK * weeks.astype(np.float64) + milliseconds / 1e3 - LEAP_SECONDS
+
+
+def _calendar_time(tables: Tables) -> Columns:
+    """Makes SYSTEM_TIME of GPS: UTC by the receiver, UNIX µs, where it has a fix."""
     logged = messages_with_fields(tables, "GPS", ("Status", "GMS", "GWk"))
     if not logged:
         return {}
     has_time = (logged["Status"] >= STATUS_3D_FIX) & (logged["GWk"] > 0)
     logged = selected_rows(logged, has_time)
-    week, milliseconds = float_table(logged, ("GWk", "GMS")).T
-    seconds = GPS_EPOCH + WEEK * week + milliseconds / 1e3 - LEAP_SECONDS
+    seconds = satellite_utc(logged["GWk"], logged["GMS"])
     microseconds = np.rint(1e6 * np.where(np.isfinite(seconds), seconds, 0.0))
     return with_stamps(logged, {"time_unix_usec": microseconds.astype(np.uint64)})
 
