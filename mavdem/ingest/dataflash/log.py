@@ -355,9 +355,7 @@ def _firmware(texts: Sequence[str]) -> str:
     return ""
 
 
-def _on_boot_clock(
-    logged: Mapping[str, MessageTable], clock: _LogClock
-) -> tuple[Tables, Facts]:
+def _on_boot_clock(logged: Mapping[str, MessageTable], clock: _LogClock) -> tuple[Tables, Facts]:
     """Puts the messages that have stamps, and those of ``UNSTAMPED_MESSAGES``, on the boot clock.
 
     The stamps of all messages, in the order of the log, give one clock with boots counted and outliers found. Each
@@ -413,9 +411,10 @@ def _placed_by_neighbours(
     """Gives times to messages that have no stamps, or old ones, by the stamped messages before and after them.
 
     A message was logged after the stamped one before it and before the stamped one behind it in the file. A stamp of
-    its own is clipped to this interval; a text (MSG) before all stamped messages keeps an earlier stamp. Without one it gets an end of the interval, which matters where the interval
-    is long: by default nothing is logged while the vehicle is disarmed. The event of arming ends such a gap and gets
-    the time of the message behind it. All other messages get that of the message before them.
+    its own is clipped to this interval; a text (MSG) before all stamped messages keeps an earlier stamp. Without one it
+    gets an end of the interval, which matters where the interval is long: by default nothing is logged while the
+    vehicle is disarmed. The event of arming ends such a gap and gets the time of the message behind it. All other
+    messages get that of the message before them.
 
     Args:
         name: Name of the messages.

@@ -175,9 +175,7 @@ def _importance(chain: _Chain) -> int:
     return chain.message_count
 
 
-def _utc_at_boot(
-    chain: _Chain, positions: Integers, satellites: SatelliteTimes
-) -> float | None:
+def _utc_at_boot(chain: _Chain, positions: Integers, satellites: SatelliteTimes) -> float | None:
     """Returns the UTC at which the clock of a chain read 0, s; None where satellites did not give it.
 
     Args:
