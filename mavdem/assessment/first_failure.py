@@ -17,6 +17,7 @@ from mavdem.arrays import Array
 from mavdem.assessment.attitude_error import attitude_error
 from mavdem.assessment.attitude_losses import LOST_ANGLE
 from mavdem.assessment.battery_levels import cell_count, voltage_levels
+from mavdem.assessment.commanded_overturn import commanded_overturn
 from mavdem.assessment.flights import RECOVERY_SECONDS, loss_onset
 from mavdem.assessment.height_divergence import MANUAL_THROTTLE_MODES
 from mavdem.assessment.motor_events import LASTING_SECONDS
@@ -47,6 +48,7 @@ CAUSES_OF_ALL_MOTORS = (
     FailedFirst.HEIGHT_DIVERGED_FIRST,
     FailedFirst.LANDING_ASSUMED_FIRST,
     FailedFirst.THRUST_SPENT_FIRST,
+    FailedFirst.OVERTURN_COMMANDED_FIRST,
 )
 """Causes that concern all motors alike, whatever the autopilot reports of one of them."""
 
@@ -109,9 +111,10 @@ def first_failure(
 ) -> Fact | None:
     """Returns what failed first, before a vehicle was lost; None if nothing shows it.
 
-    A motor that was off as the loss began is the cause. Otherwise the commands of the motors are examined over a short
-    interval: after a loss of attitude, from its onset until the error exceeded ``LOST_ANGLE``; after an impact, from
-    the first sign of trouble before it, a motor at its limit or a fall, until the impact.
+    A motor that was off as the loss began is the cause, or a setpoint that turned the vehicle over. Otherwise the
+    commands of the motors are examined over a short interval: after a loss of attitude, from its onset until the error
+    exceeded ``LOST_ANGLE``; after an impact, from the first sign of trouble before it, a motor at its limit or a fall,
+    until the impact.
 
     Args:
         signals: of the vehicle.
@@ -137,6 +140,9 @@ def first_failure(
         return Fact(
             FailedFirst.MOTOR_STOOD_STILL_FIRST, time=standing.time, subject=standing.subject
         )
+    overturn = commanded_overturn(signals, boot, loss.time or onset)
+    if overturn is not None:
+        return overturn
     error = attitude_error(signals, boot)
     if error is None:
         return None

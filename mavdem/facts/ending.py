@@ -47,3 +47,4 @@ class FailedFirst(Code):
     THROTTLE_CLOSED_FIRST = "throttle_closed_first"
     FAILSAFE_FIRST = "failsafe_first"
     HEIGHT_DIVERGED_FIRST = "height_diverged_first"
+    OVERTURN_COMMANDED_FIRST = "overturn_commanded_first"

@@ -13,6 +13,8 @@ from mavdem.assessment.condition import condition_of
 from mavdem.assessment.lights.power import power_light
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
+from mavdem.facts.ending import Ending
 from mavdem.facts.events import Reported
 from mavdem.facts.power import PowerLight
 from mavdem.ingest import read_log
@@ -79,6 +81,17 @@ def test_a_single_battery_has_no_number():
     fact = power_light(evidence(with_batteries({0: FULL})))
     assert (fact.subject, fact.level) == ("", "good")
     assert fact.figures.keys().isdisjoint({"battery", "batteries"})
+
+
+def test_a_battery_is_judged_until_the_vehicle_was_lost():
+    sagging = np.where(TIME > 30.0, 15.0, FULL)
+    flight = evidence(with_batteries({0: sagging}))
+    loss = Fact(Ending.CONTROL_LOST, time=25.0, boot=0)
+    fact = power_light(replace(flight, ending=loss))
+    assert (fact.code, fact.until) == (PowerLight.BATTERY_HELD, 25.0)
+    assert fact.figures["voltage"] == approx(16.39)
+    assert "until 25.0 s" in fact.sentence
+    assert power_light(flight).until is None
 
 
 def test_a_second_battery_that_never_changes_is_shown_and_not_judged():

@@ -9,7 +9,7 @@ from hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with
 from pytest import approx, mark
 
 from mavdem.assessment.ending import ending_of
-from mavdem.assessment.first_failure import _weak_motor
+from mavdem.assessment.first_failure import _weak_motor, first_failure
 from mavdem.assessment.motion import motion_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
@@ -177,6 +177,31 @@ def test_a_setpoint_that_is_followed_is_no_loss():
     roll = np.angle(np.exp(2j * np.pi * turns))
     made = changed(made, "ATTITUDE_TARGET", q=quaternion(roll, 0 * time, 0 * time))
     assert not judged(changed(made, "ATTITUDE", roll=np.roll(roll, 3)))[0]
+
+
+def overturned(lead):
+    """A flip whose setpoint is so many samples before the vehicle, which falls and hits the ground."""
+    made = falling(flight())
+    time = stamps(made, "ATTITUDE")
+    angle = np.radians(200.0) * np.clip((time - FAILS - 1.0) / 0.8, 0, 1)
+    roll = np.angle(np.exp(1j * angle))
+    setpoint = quaternion(np.roll(roll, -lead), 0 * time, 0 * time)
+    made = changed(made, "ATTITUDE_TARGET", q=setpoint)
+    return changed(made, "ATTITUDE", roll=roll, rollspeed=np.gradient(angle, time))
+
+
+@mark.parametrize("lead, is_commanded", [(1, True), (-1, False)])
+def test_a_setpoint_that_turns_the_vehicle_over_is_what_failed_first(lead, is_commanded):
+    signals = Signals(overturned(lead), inputs="motors")
+    loss = Fact(MotionEvent.HIT, Level.BAD, time=FAILS + 2.0, boot=0)
+    cause = first_failure(signals, (), loss, None)
+    if is_commanded:
+        assert cause.code is FailedFirst.OVERTURN_COMMANDED_FIRST
+        assert cause.time == approx(FAILS + 1.2, abs=0.15)
+        assert np.degrees(cause.figures["angle"]) > 90.0
+        assert "The setpoint itself turned the vehicle over" in cause.sentence
+    else:
+        assert cause is None
 
 
 def test_where_only_rates_are_asked_for_no_attitude_is_lost():

@@ -130,6 +130,22 @@ def test_a_limit_in_hover_names_one_motor_only_where_it_stands_out(motors, subje
     assert limited.sentence.startswith("Motor 3 is" if subject else "Motor 1 and motor 3 are")
 
 
+def test_a_limited_motor_is_not_suspect_where_others_work_as_hard():
+    # Motors 1 and 2 (one direction of rotation) work harder; gusts drive only motor 1 to its limit.
+    def twisted(time):
+        gusts = np.outer([1, 0, 0, 0], 520.0 * (time % 10 < 0.8))
+        return gusts + np.array([[80], [80], [-80], [-80]])
+
+    flight = evidence(twisted)
+    limited = motors_light(replace(flight, events=()))
+    names = flight.signals.motors.geometry.names
+    assert (limited.code, limited.subject) == (MotorsLight.MOTOR_LIMITED, "")
+    assert limited.figures["names"] == (names[0],)
+    assert limited.figures["equally_loaded"] == (names[1],)
+    assert "motor 2 works as hard" in limited.sentence
+    assert "motor 1" not in limited.remedy
+
+
 @mark.parametrize(
     "code, level", [(MotionEvent.HEIGHT_DIVERGED, Level.BAD), (MotionEvent.DIVED, Level.GOOD)]
 )

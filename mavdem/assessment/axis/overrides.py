@@ -11,7 +11,7 @@ from mavdem.facts.assessment import Override
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE, Oscillation
 from mavdem.motors.hover import HoverFigures
 from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
-from mavdem.motors.saturation import most_limited_motors
+from mavdem.motors.saturation import ALIKE_RATIO, most_limited_motors
 
 
 class LimitedMotors(NamedTuple):
@@ -20,15 +20,23 @@ class LimitedMotors(NamedTuple):
     names: Names
     share: float
     """Share of the time at the limit, of the motor with the most."""
+    equally_loaded: Names
+    """Other motors, seldom at their limit, whose mean command in the hover is about as high."""
 
     @property
     def subject(self) -> str:
-        """Name of the motor that stands out; empty of several alike, of which none is suspect."""
-        return self.names[0] if len(self.names) == 1 else ""
+        """Name of the motor that stands out; empty where several are alike, of which none is suspect."""
+        return self.names[0] if len(self.names) == 1 and not self.equally_loaded else ""
 
     def fact(self, code: Code) -> Fact:
-        """Returns a fact of these motors, with their ``names`` and ``share`` as figures."""
-        return Fact(code, subject=self.subject, names=self.names, share=self.share)
+        """Returns a fact of these motors, with all fields as figures."""
+        return Fact(
+            code,
+            subject=self.subject,
+            names=self.names,
+            share=self.share,
+            equally_loaded=self.equally_loaded,
+        )
 
 
 def overrides_of(
@@ -115,4 +123,26 @@ def limited_motors(hover: HoverFigures) -> LimitedMotors | None:
     if largest_share <= MIN_AT_LIMIT_SHARE:
         return None
     motors = most_limited_motors(hover.motors, hover.at_upper_limit)
-    return LimitedMotors(motors, largest_share)
+    return LimitedMotors(motors, largest_share, equally_loaded_motors(hover, motors))
+
+
+def equally_loaded_motors(hover: HoverFigures, limited: Names) -> Names:
+    """Returns the motors that work about as hard in the mean as those at their limit.
+
+    A weak motor needs a higher command than every other throughout the hover, not only in gusts. Where others need as
+    much, the load, a twisted arm or the yaw trim explains the limit, and gusts decide which motor reaches it.
+
+    Args:
+        hover: figures of the motors in the hover.
+        limited: names of the motors that are at their limit the most.
+
+    Returns:
+        Names of other motors whose trim is beyond the mean by at least ``ALIKE_RATIO`` of what that of the limited
+        motors is; every other motor where the limited ones work no harder than the mean.
+    """
+    deviations = dict(zip(hover.motors, hover.imbalance, strict=True))
+    limited_deviation = max(deviations[name] for name in limited)
+    others = [name for name in hover.motors if name not in limited]
+    if limited_deviation <= 0:
+        return tuple(others)
+    return tuple(name for name in others if deviations[name] >= ALIKE_RATIO * limited_deviation)

@@ -13,6 +13,7 @@ from mavdem.assessment.battery_levels import (
     voltage_levels,
 )
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY, Limits, worst_fact
 from mavdem.dataset import phases
 from mavdem.dataset.batteries import FIRST_BATTERY, Battery, battery_name
@@ -128,6 +129,8 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     The samples are averaged over 2 s and sorted. What decides is the voltage that they stay below for
     ``LOW_VOLTAGE_SECONDS`` in total, so that a short sag under a burst of thrust counts for nothing.
 
+    A flight that was lost is judged until then, and the fact ends there: what the battery did afterwards is not known.
+
     The fact has the lowest average ``voltage`` and the ``voltage_limit`` that decided, V, the number of ``cells``, the
     largest ``current``, A, and the internal ``resistance``, ohm, each None if it is not known. Of several batteries,
     and of one that is not the first, it has the number as ``battery`` too.
@@ -159,9 +162,11 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     elif levels.watch > 0:
         code = PowerLight.BATTERY_HELD
     is_named = len(evidence.signals.batteries) > 1 or battery.number != FIRST_BATTERY
+    ending = evidence.ending
     return Fact(
         code,
         level,
+        until=None if ending is None else loss_onset(ending),
         subject=battery_name(battery.number) if is_named else "",
         **({"battery": battery.number} if is_named else {}),
         voltage=averages[0],

@@ -1,0 +1,82 @@
+"""Whether a vehicle turned over because its setpoint did: a flip, a roll or a stick held at its end.
+
+Modes that level the vehicle limit the lean that can be asked for (ANGLE_MAX of ArduPilot, MPC_MAN_TILT_MAX of PX4); in
+Acro the setpoint turns on for as long as the stick is held. A vehicle that follows such a setpoint is sound, and no
+motor is to blame for what it hits. A vehicle that tumbles drags its setpoint along, since autopilots limit the error
+between the two; then the vehicle leads and the setpoint follows.
+"""
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.assessment.attitude_losses import LOST_ANGLE
+from mavdem.dataset.phases import MAX_TILT
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.steady_flight import AttitudeTracking, attitude_tracking
+from mavdem.facts import Fact
+from mavdem.facts.ending import FailedFirst
+
+OVERTURN_SECONDS = 2.0
+"""Seconds before an impact or loss in which a commanded overturn explains it: a vehicle falls 20 m in that time."""
+
+
+def commanded_overturn(signals: Signals, boot: int, loss_time: float) -> Fact | None:
+    """Returns that the setpoint turned the vehicle over shortly before a loss; None if it did not.
+
+    The setpoint must lean further than ``MAX_TILT``, and further than the vehicle, which must follow it to within
+    ``LOST_ANGLE``: then the command came first.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        loss_time: when the vehicle was lost, s since boot.
+
+    Returns:
+        A fact with the largest lean of the setpoint in the ``OVERTURN_SECONDS`` before, as the figure ``angle``, the
+        time at which it exceeded ``MAX_TILT``, and the flight mode of that time as its subject; empty if not known.
+    """
+    flight = attitude_tracking(signals, boot)
+    if flight is None:
+        return None
+    commanded_lean = _lean(flight.setpoints)
+    is_before = (flight.time > loss_time - OVERTURN_SECONDS) & (flight.time <= loss_time)
+    rows = np.flatnonzero(is_before & (commanded_lean > MAX_TILT))
+    if not len(rows):
+        return None
+    first_row = rows[0]
+    vehicle_leads = _lean(flight.angles[:, :2])[first_row] > commanded_lean[first_row]
+    if vehicle_leads or _distance(flight, int(first_row)) > LOST_ANGLE:
+        return None
+    time = flight.time[first_row]
+    mode = ""
+    for start, name in signals.mode_changes(boot):
+        if start <= time:
+            mode = name
+    largest_lean = commanded_lean[rows].max()
+    return Fact(FailedFirst.OVERTURN_COMMANDED_FIRST, time=time, subject=mode, angle=largest_lean)
+
+
+def _lean(angles: Array) -> Array:
+    """Returns (N,) how far the vertical axis of the body is from the vertical, rad.
+
+    Args:
+        angles: (N, 2) roll and pitch, rad; NaN where they are not known, which makes the lean NaN.
+    """
+    return np.arccos(np.clip(np.cos(angles).prod(axis=1), -1.0, 1.0))
+
+
+def _distance(flight: AttitudeTracking, row: int) -> float:
+    """Returns the angle between the vertical axes of the vehicle and of its setpoint at one sample, rad.
+
+    Angles of roll and pitch cannot be subtracted here: beyond 90° of pitch both change by half a turn.
+
+    Args:
+        flight: the attitude and its setpoint.
+        row: index of the sample.
+    """
+    axes = []
+    for roll, pitch in (flight.angles[row, :2], flight.setpoints[row]):
+        axes.append(
+            np.array([-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)])
+        )
+    return float(np.arccos(np.clip(axes[0] @ axes[1], -1.0, 1.0)))
