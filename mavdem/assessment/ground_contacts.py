@@ -38,6 +38,10 @@ SEARCH_SECONDS = 10.0
 HARD_IMPACT_SPEED = 3.0
 """Speed downward, m/s, from which on an upright vehicle hits the ground and does not land."""
 
+CONTACT_SPEED_SECONDS = 0.25
+"""Seconds before a contact in which the estimated speed is the one of the contact: at least two samples at 10 Hz. Full
+thrust brakes by at most 2.5 m/s in that time."""
+
 HARD_IMPACT_SPEED_CLOSED = 5.0
 """The same, m/s, for a vehicle that topples after the pilot closed the throttle: it falls from 1.3 m."""
 
@@ -330,6 +334,7 @@ class _Contact:
                 time = loss_time
         contact = self._first_knock(time, latest)
         speed = self.scene.sink_rate((contact - 3 * MAX_SETPOINT_DELAY, contact))
+        contact_speed = self._contact_speed(contact, speed)
         earliest = time - 3 * MAX_SETPOINT_DELAY
         closed = self.scene.throttle_closed((earliest, time + STICK_REACTION_SECONDS))
         has_toppled = self.loss is not None or (rest is not None and rest.is_on_side)
@@ -340,7 +345,7 @@ class _Contact:
                 code = MotionEvent.TIPPED
             elif self._was_landing(time, rest, speed, closed):
                 code = MotionEvent.TOPPLED
-        elif (speed or 0.0) <= HARD_IMPACT_SPEED:
+        elif (contact_speed or 0.0) <= HARD_IMPACT_SPEED:
             if not has_knocked:
                 return None
             code = MotionEvent.LANDED_HARD
@@ -353,7 +358,7 @@ class _Contact:
             time=contact if is_hit else time,
             angle=self._largest_error((time - MAX_SETPOINT_DELAY, time + RECOVERY_SECONDS)),
             height=height,
-            speed=speed,
+            speed=contact_speed,
             boot=self.scene.boot,
         )
         if is_hit and time < contact:
@@ -361,6 +366,23 @@ class _Contact:
         if is_hit and self._is_near_rest(height, rest):
             event = event.but(is_ground=True)
         return weighed_event(event, witnesses)
+
+    def _contact_speed(self, contact: float, fall_speed: float | None) -> float | None:
+        """Returns the speed downward with which the vehicle touched the ground, m/s; None if it is not known.
+
+        A pilot or height controller often brakes a fall before its end. Only the estimate shows that: the slope of the
+        barometer is a mean over the fall.
+
+        Args:
+            contact: when the vehicle touched the ground, s since boot.
+            fall_speed: largest speed downward of the fall, m/s, which the contact cannot exceed.
+        """
+        if fall_speed is None:
+            return None
+        last_rates = self.scene.sink_rates((contact - CONTACT_SPEED_SECONDS, contact))
+        if "estimate" not in last_rates:
+            return fall_speed
+        return min(fall_speed, max(0.0, last_rates["estimate"]))
 
     def _first_knock(self, start: float, latest: float) -> float:
         """Returns the time, s, of the peak of the first knock that is larger than the vibration before.

@@ -295,6 +295,18 @@ def test_an_impact_has_a_knock_a_descent_and_rest_as_witnesses():
     assert ending.figures["witnesses"] == hit.figures["witnesses"]
 
 
+def test_the_speed_of_an_impact_is_the_one_at_its_end_and_not_of_the_fall_before():
+    """It falls at 7 m/s, and the pilot brakes it to 3.5 m/s before the ground."""
+    made = moving(
+        instrumented("Stabilize"),
+        lambda since: np.interp(since, [0.0, 0.2, 0.4, 1.0, 1.6, 1.61], [0, -5, -7, -7, -3.5, 0]),
+    )
+    made = driven(knocked(made, EVENT + 1.6, 60.0), 1000.0, EVENT + 1.6)
+    events, ending = judged(made)
+    assert events[MotionEvent.HIT].figures["speed"] == approx(4.5, abs=1.1)
+    assert ending.figures["speed"] == events[MotionEvent.HIT].figures["speed"]
+
+
 def test_an_impact_is_at_the_first_knock_and_its_event_and_ending_agree():
     """At 2.5 m it begins to tumble, hits the ground 0.6 s later, and harder once more after that."""
     tumble = EVENT + 7.5

@@ -1,7 +1,9 @@
 """The light of vibration, by the limits of the autopilot, in flight only."""
 
+from dataclasses import replace
+
 import numpy as np
-from hover import Hover, changed, columns
+from hover import Hover, changed, columns, evidence_of
 from partial_records import partial_record
 from pytest import approx, mark
 
@@ -13,7 +15,10 @@ from mavdem.assessment.lights.vibration import (
     vibration_light,
 )
 from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
+from mavdem.facts.ending import Ending
 from mavdem.facts.vibration import VibrationLight
+from mavdem.vibration.vibration_message import CLIPPING_FIELDS, LEVEL_FIELDS
 
 HOVER = Hover()
 
@@ -51,6 +56,22 @@ def test_clips_are_counted():
     assert {light([1, 1, 1], clips=count).level for count in (1, CLIP_LIMITS.bad)} == {"watch"}
     many = light([1, 1, 1], clips=CLIP_LIMITS.bad + 1)
     assert many.level == "bad" and f" {CLIP_LIMITS.bad + 1} clips " in many.sentence
+
+
+def test_clips_of_an_impact_do_not_count():
+    """Of a flight without settled parts, whose accelerometer clips once it is lost, at 38 s."""
+    telemetry = HOVER.telemetry(10.0, 10.0)
+    time = HOVER.stamps(5.0)
+    fields = dict.fromkeys(LEVEL_FIELDS, 0.5) | dict.fromkeys(CLIPPING_FIELDS, 0)
+    fields |= {"clipping_0": 50 * (time > 38.5)}
+    made = changed(telemetry, "VIBRATION", **columns(time, **fields))
+    # It rolls to and fro by more than a settled flight does.
+    roll = np.radians(70.0) * np.sin(6.0 * made.messages["ATTITUDE"]["time"])
+    made = changed(made, "ATTITUDE", roll=roll)
+    flight = evidence_of(Signals(made, inputs="motors"), events=())
+    lost = replace(flight, ending=Fact(Ending.CONTROL_LOST, time=38.0, boot=0))
+    assert vibration_light(flight).figures["clips"] == 50
+    assert vibration_light(lost).figures["clips"] == 0
 
 
 def test_without_the_message_it_is_not_known():

@@ -5,7 +5,6 @@ import numpy as np
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import settled_flight
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY, Limits
-from mavdem.dataset import phases
 from mavdem.dataset.segments import Segment, in_segments
 from mavdem.facts import Fact
 from mavdem.facts.vibration import VibrationLight
@@ -38,7 +37,8 @@ def vibration_light(evidence: Evidence) -> Fact:
 
     Two figures count, and the worse decides: the largest mean level of all IMUs and axes, m/s², by the limits of the
     autopilot (:func:`vibration_limits`); and the largest number of clips of an IMU,
-    which are samples outside its range. They are of settled flight or, without any, of all time in the air.
+    which are samples outside its range. They are of settled flight or, without any, of all free flight. A flight ends
+    when the vehicle was lost, since an impact clips every accelerometer.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -58,7 +58,7 @@ def vibration_light(evidence: Evidence) -> Fact:
         segments = [
             Segment(boot, start, end)
             for boot in np.unique(levels.boot).tolist()
-            for start, end in phases.airborne_intervals(signals, boot)
+            for start, end in evidence.flights(boot)
         ]
     rows = in_segments(levels, *segments)
     if not rows.any():
