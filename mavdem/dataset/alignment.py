@@ -61,7 +61,7 @@ def aligned_flight(signals: Signals, segment: Segment, dt: float | None = None) 
 
     names_and_units = output_names_and_units(signals.axis)
     geometry = motors.geometry
-    setpoints = signals.setpoints
+    setpoints = _setpoints_of_outputs(signals)
     return Flight(
         time=grid,
         inputs=inputs,
@@ -86,6 +86,12 @@ def aligned_flight(signals: Signals, segment: Segment, dt: float | None = None) 
         setpoint_names=tuple(setpoint.name for setpoint in setpoints),
         setpoint_units=tuple(setpoint.unit for setpoint in setpoints),
     )
+
+
+def _setpoints_of_outputs(signals: Signals) -> list[Setpoint]:
+    """Returns the setpoints of those quantities of the axis that a flight has as outputs: of yaw only the rate."""
+    output_units = [unit for _, unit in output_names_and_units(signals.axis)]
+    return [setpoint for setpoint in signals.setpoints if setpoint.unit in output_units]
 
 
 def _setpoint_columns(setpoints: Sequence[Setpoint], boot: int, time: Array) -> Array | None:
@@ -151,7 +157,7 @@ def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
         "scale": asdict(motors.scale),
         "setpoints": {
             setpoint.name: telemetry.name_in_source(setpoint.message)
-            for setpoint in signals.setpoints
+            for setpoint in _setpoints_of_outputs(signals)
         },
         "repairs": [str(repair) for repair in telemetry.repairs],
         "parameters": control_parameters,

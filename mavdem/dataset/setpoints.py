@@ -13,16 +13,16 @@ DataFlash's RATE, and from PX4, it also corrects the error of the attitude.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.dataset.axes import MAX_BODY_RATE, TILT_AXES
+from mavdem.dataset.axes import AXES, MAX_BODY_RATE, TILT_AXES
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import Injection, euler_angles, mavlink_constant
+from mavdem.ingest.vocabulary import Injection, euler_angles, mavlink_constant, wrapped_angle
 
 SETPOINT_MESSAGE = "ATTITUDE_TARGET"
 """MAVLink message with the setpoints of attitude and body rates."""
@@ -76,8 +76,8 @@ def recorded_setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        The setpoint of the body rate, rad/s, and of roll and pitch that of the Euler angle, rad; only those of which a
-        value was recorded.
+        The setpoint of the body rate, rad/s, and that of the Euler angle, rad; only those of which a value was
+        recorded. A yaw that never changes in the whole log is not returned: the autopilot steers by the rate alone.
     """
     columns = telemetry.messages.get(SETPOINT_MESSAGE)
     if columns is None:
@@ -91,17 +91,43 @@ def recorded_setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
     rate_series = clean_series(columns, rates)
     setpoints = [Setpoint(f"{axis} rate setpoint", "rad/s", SETPOINT_MESSAGE, rate_series)]
 
-    if axis in TILT_AXES:
-        quaternions = np.atleast_2d(float_column(columns, "q"))
-        # A row without a quaternion has zeros or NaN, and gets an angle of NaN.
-        with np.errstate(invalid="ignore", divide="ignore"):
-            lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
-            angles = euler_angles(quaternions / lengths)[TILT_AXES.index(axis)]
-        is_angle_ignored = mask_bits & IGNORED_SETPOINT_BITS["attitude"]
-        angles = np.where(is_angle_ignored, np.nan, angles)
-        angle_series = clean_series(columns, angles)
+    quaternions = np.atleast_2d(float_column(columns, "q"))
+    # A row without a quaternion has zeros or NaN, and gets an angle of NaN.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
+        angles = euler_angles(quaternions / lengths)[AXES.index(axis)]
+    is_angle_ignored = mask_bits & IGNORED_SETPOINT_BITS["attitude"]
+    angle_series = clean_series(columns, np.where(is_angle_ignored, np.nan, angles))
+    if axis in TILT_AXES or np.any(np.diff(angle_series.values)):
         setpoints.append(Setpoint(f"{axis} setpoint", "rad", SETPOINT_MESSAGE, angle_series))
     return tuple(setpoint for setpoint in setpoints if len(setpoint.signal.time))
+
+
+def near_measured_yaw(setpoint: Setpoint, yaw: TimeSeries) -> Setpoint:
+    """Returns a setpoint of yaw moved by whole turns to within half a turn of the measured yaw.
+
+    A heading has the same meaning after a whole turn. The measured yaw runs on without jumps, so that the difference of
+    the two is the error of the heading only if the setpoint runs on in the same way.
+
+    Args:
+        setpoint: of yaw, rad, of any turn.
+        yaw: the measured yaw, rad, without jumps by a turn.
+
+    Returns:
+        The setpoint; in boots without a measured yaw as it was.
+    """
+    series = setpoint.signal
+    values = series.values.copy()
+    for boot in np.unique(series.boot):
+        is_of_boot = series.boot == boot
+        is_measured = yaw.boot == boot
+        if not is_measured.any():
+            continue
+        measured = np.interp(
+            series.time[is_of_boot], yaw.time[is_measured], yaw.values[is_measured]
+        )
+        values[is_of_boot] = measured + wrapped_angle(values[is_of_boot] - measured)
+    return replace(setpoint, signal=replace(series, values=values))
 
 
 def held_setpoint(setpoint: Setpoint, boot: int, time: Array) -> Array:

@@ -28,7 +28,12 @@ from mavdem.dataset.motor_outputs import (
     control_target,
     motor_outputs_or_obstacle,
 )
-from mavdem.dataset.setpoints import InjectedSignal, Setpoint, recorded_setpoints
+from mavdem.dataset.setpoints import (
+    InjectedSignal,
+    Setpoint,
+    near_measured_yaw,
+    recorded_setpoints,
+)
 from mavdem.dataset.time_series import (
     TimeSeries,
     clean_series,
@@ -366,8 +371,18 @@ class Signals(VehicleSignals):
     @property
     @cached_per_vehicle("axis")
     def setpoints(self) -> tuple[Setpoint, ...]:
-        """Setpoints of the axis; empty where none were recorded."""
-        return recorded_setpoints(self.telemetry, self.axis)
+        """Setpoints of the axis; empty where none were recorded.
+
+        That of yaw is within half a turn of the measured yaw, which has no jumps by a turn.
+        """
+        setpoints = recorded_setpoints(self.telemetry, self.axis)
+        if self.axis in TILT_AXES or self.attitude is None:
+            return setpoints
+        yaw = self.attitude.angle_series
+        return tuple(
+            near_measured_yaw(setpoint, yaw) if setpoint.unit == "rad" else setpoint
+            for setpoint in setpoints
+        )
 
     @cached_property
     def angle_setpoint(self) -> TimeSeries | None:

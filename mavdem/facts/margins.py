@@ -21,4 +21,6 @@ class TrackingLight(Code):
     FOLLOWS_SETPOINT = "follows_setpoint"
     MISSES_SETPOINT = "misses_setpoint"
     OVERSHOOTS_SETPOINT = "overshoots_setpoint"
+    AMPLIFIES_SETPOINT = "amplifies_setpoint"
+    RATE_FALLS_SHORT = "rate_falls_short"
     TRACKING_UNKNOWN = "tracking_unknown"

@@ -47,6 +47,7 @@ from mavdem.ingest.vocabulary import (
     Injection,
     attitude_target,
     heartbeat_fields,
+    quaternion,
 )
 
 TRANSLATION_RULES = load_adjacent_toml(__file__, "px4_messages.toml")
@@ -209,6 +210,10 @@ def actuator_control_target(topics: Topics) -> Fields:
     return {"time": time, "group_mlx": np.zeros(len(time), dtype=np.uint8), "controls": controls}
 
 
+BODY_ANGLE_FIELDS = ("roll_body", "pitch_body", "yaw_body")
+"""Fields of vehicle_attitude_setpoint with its Euler angles, rad, up to PX4 1.15."""
+
+
 def attitude_target_messages(topics: Topics) -> Fields:
     """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint.
 
@@ -223,6 +228,11 @@ def attitude_target_messages(topics: Topics) -> Fields:
     if "q_d[3]" in attitude:
         attitude = selected_rows(attitude, flag_or_true(attitude, "q_d_valid"))
         parts.append({"time": attitude["time"], **attitude_target(array_field(attitude, "q_d", 4))})
+    elif all(angle in attitude for angle in BODY_ANGLE_FIELDS):
+        # Logs without the quaternion have the same setpoint as Euler angles.
+        roll, pitch, yaw = (np.asarray(attitude[angle], float) for angle in BODY_ANGLE_FIELDS)
+        target = attitude_target(quaternion(roll, pitch, yaw))
+        parts.append({"time": attitude["time"], **target})
     axes = ("roll", "pitch", "yaw")
     if all(axis in rates for axis in axes):
         rate_setpoints = np.column_stack([rates[axis] for axis in axes]).astype(np.float64)

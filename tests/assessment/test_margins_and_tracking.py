@@ -18,11 +18,14 @@ from scipy.signal import lfilter
 from mavdem.assessment.assess import without_flight_advice
 from mavdem.assessment.axis.loops import loops_of_axes
 from mavdem.assessment.axis.margins import AxisMargins
+from mavdem.assessment.axis.responses import responses_of
 from mavdem.assessment.axis.tracking import ANGLE_ERROR_LIMITS
 from mavdem.assessment.lights.margins import margins_light
 from mavdem.assessment.lights.motors import motors_light
 from mavdem.assessment.lights.tracking import tracking_light
+from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.learnability import slow_streams
+from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
@@ -33,6 +36,7 @@ from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.sources import Repair
 from mavdem.facts.wind import NoWind
 from mavdem.ingest import read_log
+from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.limit_cycles import Oscillation
 from mavdem.loops.measured_response import MeasuredResponse
 from mavdem.loops.resonance import Resonance
@@ -227,17 +231,98 @@ def test_an_error_counts_beside_what_was_asked(size, error, level):
     assert tracking_light(following(size, late=0.0, error=error)).level == level
 
 
-@mark.parametrize("damping, level", [(0.3, "watch"), (0.45, "good")])
-def test_overshoot_is_that_of_a_step(damping, level):
-    steps = 0.1 * np.sign(np.sin(0.7 * TIME) + np.sin(1.9 * TIME))
-    answer = changed(HOVER.telemetry(), "ATTITUDE", roll=followed(steps, damping, 9.0))
-    found = evidence(asked(answer, angle=steps))
-    expected = np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
-    assert found.tracking["roll"].figures["overshoot"] == approx(expected, abs=0.06)
+def stepped(hover, damping):
+    """Roll that follows steps of 3° with this damping ratio and 9 rad/s, and some noise of the gyro."""
+    time = hover.stamps(50.0)
+    steps = 0.06 * np.sign(np.sin(0.7 * time) + np.sin(1.9 * time) + np.sin(3.1 * time))
+    # A sample lasts twice as long as that of `followed`.
+    roll = followed(steps, damping, 18.0) + 0.002 * default_rng(1).standard_normal(len(time))
+    telemetry = changed(hover.telemetry(50.0, 50.0), "ATTITUDE", roll=roll)
+    return evidence(asking(telemetry, time, RATES, None, steps))
+
+
+def test_overshoot_is_that_of_the_measured_step_response():
+    damping = 0.2
+    found = stepped(Hover(hovering=100.0), damping)
     light = tracking_light(found)
-    assert light.level == level
-    if level != "good":
-        assert light.sentence.startswith("Roll overshoots its setpoint by 3")
+    overshoot = light.figures["overshoot"]
+    assert (light.code, light.level) == (TrackingLight.OVERSHOOTS_SETPOINT, "watch")
+    assert overshoot == approx(np.exp(-np.pi * damping / np.sqrt(1 - damping**2)), abs=0.06)
+    assert light.sentence == f"Roll overshoots its setpoint by {100 * overshoot:.0f} % of a step."
+    response = responses_of(found)["roll"]["attitude"].measured
+    assert response.overshoot.value == overshoot
+    assert tracking_light(stepped(Hover(hovering=100.0), 0.45)).level == "good"
+
+
+def test_a_resonance_without_a_step_response_is_not_called_overshoot():
+    light = tracking_light(stepped(HOVER, 0.2))
+    assert (light.code, light.level) == (TrackingLight.AMPLIFIES_SETPOINT, "watch")
+    assert light.figures["overshoot"] is None
+    assert light.sentence == "Roll moves 2 times as far as its setpoint at 1.2 Hz."
+
+
+def turning(turn_rate, asked_rate, outputs=None):
+    """A vehicle that turns for 1 s of 6 about yaw, at this rate, deg/s, where another one is asked."""
+    is_turning = (TIME % 6.0 < 1.0) & (TIME > 14.0) & (TIME < 48.0)
+    rate = np.radians(turn_rate) * is_turning
+    yaw = np.cumsum(rate) * 0.01
+    telemetry = HOVER.telemetry()
+    if outputs is not None:
+        servos = telemetry.messages["SERVO_OUTPUT_RAW"]
+        at_limit = {
+            f"servo{n}_raw": np.where(is_turning, outputs[n - 1], servos[f"servo{n}_raw"])
+            for n in range(1, 5)
+        }
+        telemetry = changed(telemetry, "SERVO_OUTPUT_RAW", **at_limit)
+    telemetry = changed(telemetry, "ATTITUDE", yaw=wrapped_angle(yaw), yawspeed=rate)
+    telemetry = asked(telemetry, angle=0.01 * np.sin(TIME))
+    late_yaw = np.interp(TIME + 0.1, TIME, yaw)
+    half = (late_yaw + 2 * np.pi) / 2
+    attitude = np.column_stack([np.cos(half), 0 * half, 0 * half, np.sin(half)])
+    setpoint = np.radians(asked_rate) * is_turning
+    return changed(
+        telemetry, "ATTITUDE_TARGET", q=attitude, body_yaw_rate=setpoint, type_mask=0 * TIME
+    )
+
+
+def test_yaw_follows_its_setpoint_through_whole_turns():
+    found = evidence(turning(100.0, 100.0))
+    yaw = found.tracking["yaw"]
+    assert (yaw.code, yaw.level) == (TrackingLight.FOLLOWS_SETPOINT, "good")
+    assert yaw.figures["delay"] == approx(0.1, abs=0.021)
+    assert yaw.figures["angle_error"] < np.radians(1.0)
+    assert yaw.figures["reached_rate"] == approx(yaw.figures["rate_setpoint"])
+
+
+@mark.parametrize(
+    "outputs, cause",
+    [
+        (None, "no motor is at a limit: its rate loop is slow."),
+        ([2000.0, 2000.0, 1100.0, 1100.0], "a motor is at a limit 100 % of that time."),
+    ],
+)
+def test_a_yaw_rate_that_falls_short_is_watched_with_its_cause(outputs, cause):
+    light = tracking_light(evidence(turning(70.0, 100.0, outputs)))
+    assert (light.code, light.level) == (TrackingLight.RATE_FALLS_SHORT, "watch")
+    assert light.sentence.startswith("Yaw turns at 70 °/s where 100 °/s is asked")
+    assert light.sentence.endswith(cause)
+
+
+def test_small_rates_that_answer_the_wind_do_not_fall_short():
+    yaw = evidence(turning(10.0, 30.0)).tracking["yaw"]
+    assert yaw.code is not TrackingLight.RATE_FALLS_SHORT and "reached_rate" not in yaw.figures
+
+
+def test_a_yaw_setpoint_that_never_changes_is_none():
+    found = evidence(asked(HOVER.telemetry(), angle=0.1 * np.sin(TIME)))
+    assert found.tracking["yaw"].code is TrackingLight.TRACKING_UNKNOWN
+
+
+def test_a_flight_for_a_model_of_yaw_has_the_setpoint_of_the_rate_only():
+    signals = Signals(turning(100.0, 100.0), "yaw")
+    assert [setpoint.unit for setpoint in signals.setpoints] == ["rad/s", "rad"]
+    (segment,) = settled_segments(signals)
+    assert aligned_flight(signals, segment).setpoint_names == ("yaw rate setpoint",)
 
 
 def test_rates_that_are_flown_by_hand_have_no_angle_to_follow():

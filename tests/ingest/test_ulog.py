@@ -32,8 +32,9 @@ from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import contents as files
 from mavdem.ingest import read_log
 from mavdem.ingest.flight_modes import mode_name
+from mavdem.ingest.px4_messages import attitude_target_messages
 from mavdem.ingest.telemetry import rate_without_gaps
-from mavdem.ingest.vocabulary import Injection
+from mavdem.ingest.vocabulary import Injection, euler_angles
 
 
 def same(ours, theirs):
@@ -147,6 +148,14 @@ def test_setpoints_are_in_order_and_without_attitudes_that_are_not_valid(tmp_pat
         ]
     target = vehicle_in(tmp_path, *pieces).messages["ATTITUDE_TARGET"]
     assert_allclose(target["time"], [20, 20.1, 20.5, 20.6, 21.1, 21.5, 21.6])
+
+
+def test_an_attitude_setpoint_of_euler_angles_is_read_where_there_is_no_quaternion():
+    angles = {"roll_body": [0.1, 0.1], "pitch_body": [-0.2, -0.2], "yaw_body": [3.0, -3.0]}
+    setpoints = {name: np.array(values) for name, values in angles.items()}
+    topics = {"vehicle_attitude_setpoint": {0: {"time": np.array([1.0, 2.0]), **setpoints}}}
+    target = attitude_target_messages(topics)
+    assert_allclose(np.transpose(euler_angles(target["q"])), np.transpose([*angles.values()]))
 
 
 def test_what_the_autotune_adds_to_the_rates_is_injected(tmp_path):

@@ -1,19 +1,25 @@
-"""How an axis follows its setpoint in settled flight: the error without the delay, the delay, and the overshoot."""
+"""How an axis follows its setpoint in settled flight: the error without the delay, the delay, and the overshoot.
 
-from typing import NamedTuple
+The overshoot is that of the measured step response. Where the flight shows none, a response that is larger than its
+setpoint at some frequency is called what it is, and not an overshoot.
+"""
+
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.assessment.axis.reached_rate import reached_rate
 from mavdem.assessment.limits import Limits
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
-from mavdem.dataset.axes import AXES
+from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.segments import Segments, in_segments
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.margins import TrackingLight
 from mavdem.loops.measured_response import MIN_COMPARED_COHERENCE
+from mavdem.loops.step_response import attitude_step_response
 from mavdem.loops.welch import WELCH_SECONDS, welch_spectra
 
 DELAYS = np.arange(0.0, 0.62, 0.02)
@@ -28,6 +34,9 @@ where it exceeds half of the setpoint's standard deviation, and bad where it exc
 all would be better. So a stick that is moved on the ground is no error.
 """
 
+YAW_ERROR_LIMITS = Limits(np.radians(5.0), np.radians(15.0))
+"""The same of yaw, rad: sound vehicles have up to 3.5°, and to PX4 a heading is reached within 12° (MIS_YAW_ERR)."""
+
 MODES_WITHOUT_ANGLE_SETPOINT = frozenset({"Acro", "Flip", "Throw", "Turtle"})
 """ArduPilot's flight modes in which the logged setpoint of the angle is not used."""
 
@@ -38,6 +47,27 @@ MAX_OVERSHOOT = 0.3
 """Overshoot of a step response that is to be watched: that of a damping ratio of 0.36, for which the phase margin is
 about 36°."""
 
+MAX_RESPONSE_PEAK = 1.5
+"""Largest response of the angle to its setpoint, by frequency, that is not looked into.
+
+A second-order system with ``MAX_OVERSHOOT`` has the peak 1 / (2ζ √(1 − ζ²)) = 1.5, with ζ = 0.36 (K. Ogata, Modern
+Control Engineering).
+"""
+
+MIN_PEAK_DRIVER_SHARE = 0.01
+"""Least power of the setpoint where its response counts, over its largest power: a choice.
+
+Where the setpoint hardly moves, wind and noise decide the ratio. Power at 0 Hz, which is that of trends, does not
+count.
+"""
+
+YAW_MOVEMENT_SECONDS = 1.0
+"""Time over which the movement of yaw's setpoint is measured, s.
+
+A heading has no mean, so that the movement is the RMS change in this time. Headings that follow well have an RMS error
+of at most a quarter of it, or of 3°.
+"""
+
 
 class SetpointErrors(NamedTuple):
     """How far a response is from the setpoint of some time before, for each of D delays."""
@@ -46,6 +76,15 @@ class SetpointErrors(NamedTuple):
     """The setpoints (N,)."""
     errors: Array
     """Response after each delay minus setpoint (D, N)."""
+
+
+class ResponsePeak(NamedTuple):
+    """The largest response of an angle to its setpoint, over all frequencies at which the two are coherent."""
+
+    ratio: float
+    """Amplitude of the angle over that of the setpoint."""
+    frequency: float
+    """Where it is, Hz."""
 
 
 def tracking_of_axes(signals: Signals, segments: Segments) -> NamedFacts:
@@ -64,18 +103,29 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     A vehicle that follows well still follows late. So the angle is compared with the setpoint of each of the ``DELAYS``
     before, and the delay with the least RMS difference is that of the vehicle; the difference is its error. The limits
     of the error grow with the movement of the setpoint (``ANGLE_ERROR_LIMITS``). A small error is watched all the same
-    if a step would overshoot by more than ``MAX_OVERSHOOT``.
+    if the rate does not reach its setpoint in turns, or if a step overshoots by more than ``MAX_OVERSHOOT``. The step
+    response takes long to estimate, so that it is only measured if the response is large at some frequency.
 
     Args:
         signals: of the vehicle and axis.
         segments: parts of the flight to judge.
 
     Returns:
-        A fact with ``angle_error``, the mean error ``offset_angle`` (both rad), ``delay`` (s), the ``overshoot`` of a
-        step as a share of it, and ``rate_error`` (rad/s). Without a setpoint of the angle only the latter is known.
+        A fact with ``angle_error``, the mean error ``offset_angle`` (both rad), ``delay`` (s), ``rate_error`` (rad/s);
+        of the largest response of the angle to its setpoint the ``ratio`` and ``frequency`` (Hz), and the ``overshoot``
+        of a step as a share of it where that was measured; of turns ``rate_setpoint``, ``reached_rate`` (rad/s) and
+        ``at_limit_share``. Without a setpoint of the angle only ``rate_error`` is known.
     """
     setpoint = signals.angle_setpoint
     rate_error = _rate_error(signals, segments)
+    turn = reached_rate(signals, segments)
+    turn_figures: dict[str, Any] = {}
+    if turn is not None:
+        turn_figures = {
+            "rate_setpoint": turn.setpoint,
+            "reached_rate": turn.rate,
+            "at_limit_share": turn.at_limit_share,
+        }
     unknown = Fact(
         TrackingLight.TRACKING_UNKNOWN,
         axis=signals.axis,
@@ -92,22 +142,37 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     rms_errors = np.sqrt(np.mean(np.square(errors_by_delay), axis=1))
     best_delay = np.argmin(rms_errors)
     angle_error = rms_errors[best_delay]
-    setpoint_deviation = setpoints.std()
-    # A setpoint that hardly moves shows no overshoot.
-    overshoot = None
-    if setpoint_deviation > MIN_SETPOINT_DEVIATION:
-        overshoot = _overshoot(setpoint, angle, segments)
+    if signals.axis in TILT_AXES:
+        movement = setpoints.std()
+        least_limits = ANGLE_ERROR_LIMITS
+    else:
+        movement = _yaw_movement(setpoint, segments)
+        least_limits = YAW_ERROR_LIMITS
     limits = Limits(
-        watch=max(ANGLE_ERROR_LIMITS.watch, setpoint_deviation / 2),
-        bad=max(ANGLE_ERROR_LIMITS.bad, setpoint_deviation),
+        watch=max(least_limits.watch, movement / 2), bad=max(least_limits.bad, movement)
     )
     level = limits.level(angle_error)
     code = TrackingLight.FOLLOWS_SETPOINT
+    overshoot = None
+    peak = None
+    # A setpoint that hardly moves shows no overshoot.
+    if movement > MIN_SETPOINT_DEVIATION:
+        peak = _response_peak(setpoint, angle, segments)
     if level is not Level.GOOD:
         code = TrackingLight.MISSES_SETPOINT
-    elif overshoot is not None and overshoot > MAX_OVERSHOOT:
+    elif turn is not None and turn.falls_short:
         level = Level.WATCH
-        code = TrackingLight.OVERSHOOTS_SETPOINT
+        code = TrackingLight.RATE_FALLS_SHORT
+    elif peak is not None and peak.ratio > MAX_RESPONSE_PEAK:
+        response = attitude_step_response(signals, segments)
+        if isinstance(response, Fact):
+            level = Level.WATCH
+            code = TrackingLight.AMPLIFIES_SETPOINT
+        else:
+            overshoot = response.overshoot.value
+            if overshoot > MAX_OVERSHOOT:
+                level = Level.WATCH
+                code = TrackingLight.OVERSHOOTS_SETPOINT
     return Fact(
         code,
         level,
@@ -117,7 +182,28 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         delay=DELAYS[best_delay],
         overshoot=overshoot,
         rate_error=rate_error,
+        ratio=None if peak is None else peak.ratio,
+        frequency=None if peak is None else peak.frequency,
+        **turn_figures,
     )
+
+
+def _yaw_movement(setpoint: TimeSeries, segments: Segments) -> float:
+    """Returns how much the setpoint of yaw moves: the RMS of its change in ``YAW_MOVEMENT_SECONDS``, rad.
+
+    Args:
+        setpoint: of yaw, rad, without jumps by a turn.
+        segments: parts of the flight to judge.
+    """
+    changes = [np.zeros(1)]
+    for segment in segments:
+        rows = in_segments(setpoint, segment, slack=0)
+        if not rows.any():
+            continue
+        time = setpoint.time[rows]
+        yaw = setpoint.values[rows]
+        changes.append(np.interp(time + YAW_MOVEMENT_SECONDS, time, yaw) - yaw)
+    return float(np.sqrt(np.mean(np.square(np.concatenate(changes)))))
 
 
 def _rate_error(signals: Signals, segments: Segments) -> float | None:
@@ -191,12 +277,10 @@ def _setpoint_errors(
     return SetpointErrors(np.concatenate(setpoints), np.concatenate(errors, axis=1))
 
 
-def _overshoot(setpoint: TimeSeries, angle: TimeSeries, segments: Segments) -> float | None:
-    """Returns the overshoot of a step of the setpoint, as a share of it, from the peak of the frequency response.
-
-    The axis is taken for a second-order system with damping ratio ζ. Its response has the peak
-    M = 1 / (2ζ √(1 − ζ²)), which gives ζ² = (1 − √(1 − M⁻²))/2, and its step response the overshoot
-    exp(−πζ / √(1 − ζ²)) (K. Ogata, Modern Control Engineering).
+def _response_peak(
+    setpoint: TimeSeries, angle: TimeSeries, segments: Segments
+) -> ResponsePeak | None:
+    """Returns the largest response of the angle to its setpoint by frequency, from Welch spectra.
 
     Args:
         setpoint: of the angle, rad.
@@ -204,16 +288,17 @@ def _overshoot(setpoint: TimeSeries, angle: TimeSeries, segments: Segments) -> f
         segments: parts of the flight to judge.
 
     Returns:
-        The overshoot, 0 for a response without a peak; None if setpoint and angle are coherent at no frequency.
+        The peak; None if the setpoint moves at no frequency at which the angle is coherent with it.
     """
     estimate = welch_spectra((setpoint, angle), segments, 2 * WELCH_SECONDS, MIN_SLOW_MOTION_RATE)
     if estimate is None:
         return None
-    is_coherent = estimate.coherence >= MIN_COMPARED_COHERENCE
-    if not is_coherent.any():
+    driver_power = np.where(estimate.frequency > 0, estimate.driver_power, 0.0)
+    is_shown = estimate.coherence >= MIN_COMPARED_COHERENCE
+    is_shown &= driver_power >= MIN_PEAK_DRIVER_SHARE * driver_power.max()
+    is_shown &= estimate.frequency > 0
+    if not is_shown.any():
         return None
-    peak = abs(estimate.response[is_coherent]).max()
-    if peak <= 1:
-        return 0.0
-    damping = np.sqrt((1 - np.sqrt(1 - peak**-2)) / 2)
-    return np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
+    gains = np.where(is_shown, abs(estimate.response), 0.0)
+    highest = np.argmax(gains)
+    return ResponsePeak(gains[highest], estimate.frequency[highest])

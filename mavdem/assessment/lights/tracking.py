@@ -1,4 +1,4 @@
-"""Light on tracking: how roll and pitch follow their setpoints, at any rate of the log."""
+"""Light on tracking: how roll, pitch and yaw follow their setpoints, at any rate of the log."""
 
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst_fact
@@ -8,9 +8,10 @@ from mavdem.facts.margins import TrackingLight
 
 
 def tracking_light(evidence: Evidence) -> Fact:
-    """Judges how roll and pitch follow their setpoints, by the worse of the two; if both are unknown, what to log.
+    """Judges how roll, pitch and yaw follow their setpoints, by the worst; if roll and pitch are unknown, what to log.
 
-    Of two with the same level the one with the larger error is worse. If an overshoot is the worst, all axes that
+    Yaw alone says too little. Of axes with the same level the one with the largest error is worse, but a good yaw is
+    not named in the place of roll or pitch, whose errors tilt the vehicle. If an overshoot is the worst, all axes that
     overshoot are named. A vehicle that oscillates may follow its setpoints well in the mean, but its light is to be
     watched at least.
 
@@ -22,10 +23,13 @@ def tracking_light(evidence: Evidence) -> Fact:
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle
-    tracking = [evidence.tracking[axis] for axis in TILT_AXES]
-    known = [fact for fact in tracking if fact.code is not TrackingLight.TRACKING_UNKNOWN]
+    tilt_tracking = [evidence.tracking[axis] for axis in TILT_AXES]
+    known = [fact for fact in tilt_tracking if fact.code is not TrackingLight.TRACKING_UNKNOWN]
     if not known:
-        return tracking[0]
+        return tilt_tracking[0]
+    yaw_tracking = evidence.tracking["yaw"]
+    if yaw_tracking.warns:
+        known.append(yaw_tracking)
     by_error = sorted(known, key=lambda fact: fact.figures["angle_error"], reverse=True)
     light = worst_fact(by_error)
     if light.code is TrackingLight.OVERSHOOTS_SETPOINT:

@@ -1,0 +1,131 @@
+"""Whether the body rate of an axis reaches the rate that is asked of it in long turns, and whether motors prevent it.
+
+A rate loop with too little gain, and motors without more torque about an axis, both leave the rate below its setpoint.
+The outputs of the motors tell the two apart.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Flags
+from mavdem.dataset.quality import samples_at_limits
+from mavdem.dataset.segments import Segment, Segments, in_segments
+from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, rate_between_outages
+from mavdem.dataset.time_series import TimeSeries
+
+MIN_TURN_RATE = np.radians(45.0)
+"""Least setpoint of the rate in a turn, rad/s.
+
+Smaller setpoints mostly answer the wind: of ten flights that only held their heading the setpoints reach 16 to 40 °/s,
+and the rates 0.3 to 0.5 of these.
+"""
+
+MIN_TURN_SECONDS = 0.5
+"""Shortest turn, s: a doublet is over before the rate has risen."""
+
+RISE_SECONDS = 0.5
+"""Time after the end of a turn's setpoint in which its largest rate may still come, s: a yaw loop rises as slowly."""
+
+MIN_REACHED_SHARE = 0.8
+"""Least share of the setpoint that a sound axis reaches: 0.88 to 1.1 in flights that follow, at most 0.71 in others."""
+
+
+class ReachedRate(NamedTuple):
+    """The largest rates of a flight's median turn about one axis."""
+
+    setpoint: float
+    """Largest setpoint of the rate, rad/s."""
+    rate: float
+    """Largest rate, rad/s."""
+    at_limit_share: float | None
+    """Fraction of the turns' time with a motor at a limit; None where no motor outputs were recorded in them."""
+
+    @property
+    def share(self) -> float:
+        """The rate over its setpoint."""
+        return self.rate / self.setpoint
+
+    @property
+    def falls_short(self) -> bool:
+        """Whether the rate does not reach its setpoint."""
+        return self.share < MIN_REACHED_SHARE
+
+
+def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
+    """Returns how much of its setpoint the rate reaches in turns about the axis of ``signals``.
+
+    A turn is a time of at least ``MIN_TURN_SECONDS`` in which the setpoint has one sign and exceeds half of the largest
+    setpoint of the flight.
+
+    Args:
+        signals: of the vehicle and axis.
+        segments: parts of the flight to judge.
+
+    Returns:
+        The rates of the turn whose share is the median one; None without turns, or if messages are too slow.
+    """
+    if signals.rate_and_setpoint is None:
+        return None
+    rate, setpoint = signals.rate_and_setpoint
+    if min(rate_between_outages(rate), rate_between_outages(setpoint)) < MIN_SLOW_MOTION_RATE:
+        return None
+    is_judged = np.zeros(len(setpoint.time), dtype=bool)
+    for segment in segments:
+        is_judged |= in_segments(setpoint, segment, slack=0)
+    largest_setpoint = abs(setpoint.values[is_judged]).max(initial=0.0)
+    if largest_setpoint < MIN_TURN_RATE:
+        return None
+    turns = []
+    turn_segments = []
+    for sign in (1.0, -1.0):
+        is_turning = is_judged & (sign * setpoint.values > largest_setpoint / 2)
+        for turn in _long_intervals(setpoint, is_turning):
+            extended_turn = Segment(turn.boot, turn.start, turn.end + RISE_SECONDS)
+            rates = sign * rate.values[in_segments(rate, extended_turn)]
+            if not rates.size:
+                continue
+            setpoints = sign * setpoint.values[in_segments(setpoint, turn)]
+            turns.append(ReachedRate(setpoints.max(), max(rates.max(), 0.0), None))
+            turn_segments.append(turn)
+    if not turns:
+        return None
+    turns.sort(key=lambda turn: turn.share)
+    median_turn = turns[len(turns) // 2]
+    return median_turn._replace(at_limit_share=_at_limit_share(signals, turn_segments))
+
+
+def _long_intervals(series: TimeSeries, rows: Flags) -> list[Segment]:
+    """Returns the times of at least ``MIN_TURN_SECONDS`` in which all samples of a series are selected.
+
+    Args:
+        series: N samples.
+        rows: (N,) the selected samples.
+    """
+    is_selected = np.concatenate([[False], rows, [False]])
+    changes = np.flatnonzero(np.diff(is_selected))
+    intervals = []
+    for first, end in changes.reshape(-1, 2):
+        last = end - 1
+        # The clock of another boot begins anew.
+        is_one_boot = series.boot[first] == series.boot[last]
+        if is_one_boot and series.time[last] - series.time[first] >= MIN_TURN_SECONDS:
+            intervals.append(
+                Segment(int(series.boot[first]), series.time[first], series.time[last])
+            )
+    return intervals
+
+
+def _at_limit_share(signals: Signals, turns: list[Segment]) -> float | None:
+    """Returns the fraction of the motors' samples in some ``turns`` with a motor at a limit; None without samples."""
+    motors = signals.motors
+    if motors is None:
+        return None
+    is_in_turn = np.zeros(len(motors.time), dtype=bool)
+    for turn in turns:
+        is_in_turn |= in_segments(motors, turn)
+    if not is_in_turn.any():
+        return None
+    fractions = motors.scale.fraction(motors.outputs[is_in_turn])
+    is_at_upper, is_at_lower = samples_at_limits(fractions, motors.scale)
+    return float(np.mean((is_at_upper | is_at_lower).any(axis=1)))
