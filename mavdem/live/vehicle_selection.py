@@ -92,7 +92,7 @@ class Component:
     @property
     def has_two_senders(self) -> bool:
         """Whether two vehicles send under these ids at present."""
-        return self._links.vehicles.are_two
+        return self._links.are_two_vehicles
 
     @property
     def is_identified(self) -> bool:

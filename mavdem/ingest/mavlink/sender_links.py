@@ -6,7 +6,8 @@ as two radios, and forwarders that send everything twice. Three things follow:
 - The same frame comes over a second link, at once or some seconds late. Its bytes are the same, with the sequence
   number and the time since boot in them. It is dropped.
 - Frames that one link lost may come late over the other one. They are missing only if they come over none.
-- Two vehicles with the same ids look like one whose clock, heading or position jumps to and fro.
+- Two vehicles with the same ids look like one whose clock, heading or position jumps to and fro, or whose attitudes
+  contradict each other (``sequence_counters``).
 
 Source: https://mavlink.io/en/guide/serialization.html (the sequence number is "used to detect packet loss").
 """
@@ -23,9 +24,13 @@ from pymavlink.dialects.v20 import all as dialect
 from mavdem.ingest.mavlink.clocks import MAX_LATE_SECONDS
 from mavdem.ingest.mavlink.definitions import definitions_by_id
 from mavdem.ingest.mavlink.framing import HEADER_BYTES_V1, HEADER_BYTES_V2, LENGTH_BYTE, MARKER_V2
-
-SEQUENCE_NUMBERS = 256
-"""Number of a sender's sequence numbers: they run from 0 to 255 and start again."""
+from mavdem.ingest.mavlink.sequence_counters import (
+    MIN_COUNTER_SWITCHES,
+    SEQUENCE_NUMBERS,
+    AttitudeComparison,
+    SequenceCounters,
+    attitude_reading,
+)
 
 MAX_LATE_STEPS = 32
 """Number of frames by which a late one is overtaken at most; a larger step back is of a sender that restarted."""
@@ -143,6 +148,11 @@ class SenderLinks:
         self.longest_delay = 0.0
         self.vehicles = VehicleTracks()
         self._frame_count = 0
+        self._counters = SequenceCounters()
+        self._attitudes = AttitudeComparison()
+        # Numbers of missing frames before each of the latest changes from one counter to the other.
+        self._missing_at_switches = deque[int](maxlen=MIN_COUNTER_SWITCHES + 1)
+        self._has_two_counters = False
         # The latest ``RECENT_FRAMES`` frames by their bytes, the oldest first, and how many had come with each.
         self._recent: OrderedDict[bytes, int] = OrderedDict()
         # The latest boot clock, s, and the sequence number of the latest frame that was not late.
@@ -152,6 +162,18 @@ class SenderLinks:
         # so long ago, before any, that it does not count.
         self._late_sequence = 0
         self._copy_count = -SEQUENCE_NUMBERS
+
+    @property
+    def has_found_two_vehicles(self) -> bool:
+        """Whether two vehicles were recognised at any time."""
+        return self.vehicles.has_found_two or self._attitudes.has_found_two
+
+    @property
+    def are_two_vehicles(self) -> bool:
+        """Whether there are two vehicles at present."""
+        if self.vehicles.are_two:
+            return True
+        return self._counters.are_two and self._attitudes.are_two
 
     @property
     def _has_late_link(self) -> bool:
@@ -195,6 +217,10 @@ class SenderLinks:
         self._count_missing(sequence, reading)
         if reading is not None:
             self.vehicles.add(reading)
+        if self._has_two_counters:
+            attitude = attitude_reading(_payload(content), message_id)
+            if attitude is not None:
+                self._attitudes.add(self._counters.latest, attitude)
         return True
 
     def _is_copy(self, original_count: int, content: bytes, message_id: int, sequence: int) -> bool:
@@ -229,6 +255,10 @@ class SenderLinks:
             sequence: its sequence number.
             reading: the reading in it; None where it has none.
         """
+        former_counter = self._counters.latest
+        number_before = self._counters.take(sequence)
+        if self._counters.latest != former_counter:
+            self._note_change_of_counter()
         if self._frame_count == 1:
             self._sequence = sequence
         if self._has_late_link:
@@ -241,10 +271,25 @@ class SenderLinks:
                 self.missing -= 1
                 self._late_sequence = sequence
                 return
-        self.missing += missing_messages(self._sequence, sequence)
+        if not (self._has_two_counters and self._counters.are_apart):
+            self.missing += missing_messages(self._sequence, sequence)
+        elif number_before is not None:
+            self.missing += missing_messages(number_before, sequence)
         self._sequence = sequence
         if reading is not None:
             self._clock = reading.clock
+
+    def _note_change_of_counter(self) -> None:
+        """Finds out whether two counters number the frames, at a frame that the other counter has numbered.
+
+        What was counted as missing at the changes that led to this is taken back: the other counter has only other
+        numbers.
+        """
+        self._missing_at_switches.append(self.missing)
+        has_two_counters = self._counters.are_two
+        if has_two_counters and not self._has_two_counters and self._counters.are_apart:
+            self.missing = min(self.missing, self._missing_at_switches[0])
+        self._has_two_counters = has_two_counters
 
 
 class Contradiction(Enum):

@@ -1,0 +1,253 @@
+"""Two sequence counters under the same ids: two vehicles, or one vehicle that sends on two channels.
+
+An autopilot numbers the frames of each of its channels on its own, so that two counters alone prove nothing. But one
+vehicle has one attitude: what both counters report of the same time must agree within what the body rates allow. Two
+vehicles that hover side by side with equal clocks and headings still lean and turn by some degrees differently.
+
+Source: https://mavlink.io/en/guide/serialization.html (each channel counts its frames).
+"""
+
+import struct
+from collections import OrderedDict, deque
+from math import asin, atan2, pi, radians
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import all as dialect
+
+SEQUENCE_NUMBERS = 256
+"""Number of a sender's sequence numbers: they run from 0 to 255 and start again."""
+
+MAX_COUNTER_STEP = 32
+"""Largest step between two frames of one counter: a choice, 31 frames lost in a row."""
+
+MIN_COUNTER_SWITCHES = 10
+"""Number of times that the numbers must go back to the former counter until there are two: a choice."""
+
+COUNTED_FRAMES = 1000
+"""Number of frames in which they are counted: a choice, for senders that hand over 100 frames at once."""
+
+MAX_COMPARED_SECONDS = 0.15
+"""Longest time, s, between two attitudes that are compared: those of streams at 4 Hz can lie so far apart."""
+
+REMEMBERED_INTERVALS = 80
+"""Number of intervals of ``MAX_COMPARED_SECONDS`` of which an attitude is remembered: 12 s, as late as links are."""
+
+MIN_ATTITUDE_DIFFERENCE = radians(0.5)
+"""Difference of two attitudes at one time, rad, that is taken for one vehicle: a choice.
+
+Both messages of one vehicle have the same estimate, to within the milliseconds of their stamps.
+"""
+
+RATE_ERROR_SHARE = 0.5
+"""Share of the predicted rotation by which it may be wrong: body rates are noisy, and no rates of Euler angles."""
+
+MAX_ANGULAR_ACCELERATION = 20.0
+"""Angular acceleration, rad/s², that may change the rates between two attitudes: what a multirotor keeps up.
+
+A choice: manoeuvres reach more, but not in half of all comparisons.
+"""
+
+MAX_COMPARED_PITCH = radians(60)
+"""Pitch, rad, up to which attitudes are compared: beyond it roll and heading are hardly defined. A choice."""
+
+COMPARISONS = 100
+"""Number of latest comparisons that decide: a choice, 2 s of attitude at 50 Hz."""
+
+MIN_CONTRADICTIONS = 50
+"""Number of these that must contradict each other until there are two vehicles.
+
+A choice: one vehicle never contradicts itself for seconds, and two seldom lean alike for half of the time.
+"""
+
+TIME_UNITS_PER_SECOND = 1000.0
+"""Units of ``time_boot_ms`` in a second."""
+
+EULER_LAYOUT = struct.Struct("<I6f")
+"""ATTITUDE: ``time_boot_ms``, three angles, rad, and three body rates, rad/s."""
+
+QUATERNION_LAYOUT = struct.Struct("<I7f")
+"""Beginning of ATTITUDE_QUATERNION: ``time_boot_ms``, w, x, y and z, and three body rates, rad/s."""
+
+ATTITUDE_LAYOUTS = {
+    dialect.MAVLINK_MSG_ID_ATTITUDE: EULER_LAYOUT,
+    dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: QUATERNION_LAYOUT,
+}
+"""Layout of the payloads with an attitude, by message id."""
+
+
+class AttitudeReading(NamedTuple):
+    """An attitude that a vehicle reports of one time."""
+
+    clock: float
+    """Time since boot, s."""
+
+    angles: list[float]
+    """Roll, pitch and heading, rad."""
+
+    rates: list[float]
+    """Body rates about the three axes, rad/s."""
+
+
+class SequenceCounters:
+    """Recognises whether the frames of one sender are numbered by one counter or by two.
+
+    A frame belongs to the counter that it follows most closely. One that follows neither begins a counter anew.
+
+    Attributes:
+        latest: which of both counters numbered the latest frame, 0 or 1.
+    """
+
+    def __init__(self) -> None:
+        """Begins without a frame."""
+        self.latest = 0
+        # The latest number of each counter; None before its first frame.
+        self._numbers: list[int | None] = [None, None]
+        self._frame_count = 0
+        # How many frames had come at the latest switches back to the former counter.
+        self._switches = deque[int](maxlen=MIN_COUNTER_SWITCHES)
+
+    @property
+    def are_two(self) -> bool:
+        """Whether the latest frames alternate between two counters."""
+        if len(self._switches) < MIN_COUNTER_SWITCHES:
+            return False
+        return self._frame_count - self._switches[0] <= COUNTED_FRAMES
+
+    @property
+    def are_apart(self) -> bool:
+        """Whether the numbers of both are further apart than those of frames that overtake each other."""
+        first, second = self._numbers
+        if first is None or second is None:
+            return False
+        distance = (first - second) % SEQUENCE_NUMBERS
+        return MAX_COUNTER_STEP < distance < SEQUENCE_NUMBERS - MAX_COUNTER_STEP
+
+    def take(self, sequence: int) -> int | None:
+        """Takes the next frame of the sender that is no copy.
+
+        Args:
+            sequence: its sequence number, 0 to 255.
+
+        Returns:
+            The number of the frame before it on the same counter; None where it begins a counter.
+        """
+        self._frame_count += 1
+        latest = self.latest
+        other = 1 - latest
+        latest_number = self._numbers[latest]
+        if latest_number is not None and (sequence - latest_number) % SEQUENCE_NUMBERS == 1:
+            # This is so for nearly all frames of a single counter.
+            self._numbers[latest] = sequence
+            return latest_number
+        other_number = self._numbers[other]
+        latest_step = _step(latest_number, sequence)
+        other_step = _step(other_number, sequence)
+        if min(latest_step, other_step) > MAX_COUNTER_STEP:
+            # The counter that is in use stays; the other one may be of a time before a restart.
+            self._numbers[other] = sequence
+            self.latest = other
+            return None
+        if latest_step <= other_step:
+            self._numbers[latest] = sequence
+            return latest_number
+        self._numbers[other] = sequence
+        self.latest = other
+        self._switches.append(self._frame_count)
+        return other_number
+
+
+def _step(number: int | None, sequence: int) -> int:
+    """Returns by how much a sequence number follows another, 1 to 256; 256 where it is equal, or there is none."""
+    if number is None:
+        return SEQUENCE_NUMBERS
+    return (sequence - number - 1) % SEQUENCE_NUMBERS + 1
+
+
+class AttitudeComparison:
+    """Compares the attitudes that two sequence counters number: do they contradict each other?
+
+    Attributes:
+        has_found_two: whether they were of two vehicles at any time.
+    """
+
+    def __init__(self) -> None:
+        """Begins without an attitude."""
+        self.has_found_two = False
+        # By counter: the latest attitude in each interval of ``MAX_COMPARED_SECONDS``, the oldest interval first.
+        self._attitudes: list[OrderedDict[int, AttitudeReading]] = [OrderedDict(), OrderedDict()]
+        # Whether the latest comparisons contradict.
+        self._contradictions = deque[bool](maxlen=COMPARISONS)
+
+    @property
+    def are_two(self) -> bool:
+        """Whether the latest attitudes are of two vehicles."""
+        return sum(self._contradictions) >= MIN_CONTRADICTIONS
+
+    def add(self, counter: int, reading: AttitudeReading) -> None:
+        """Adds the next attitude, and compares it with the nearest one in time of the other counter.
+
+        Args:
+            counter: which counter numbered its frame, 0 or 1.
+            reading: the attitude.
+        """
+        interval = int(reading.clock / MAX_COMPARED_SECONDS)
+        attitudes = self._attitudes[counter]
+        attitudes[interval] = reading
+        attitudes.move_to_end(interval)
+        if len(attitudes) > REMEMBERED_INTERVALS:
+            attitudes.popitem(last=False)
+        nearest = None
+        least_seconds = MAX_COMPARED_SECONDS
+        for neighbour in (interval - 1, interval, interval + 1):
+            candidate = self._attitudes[1 - counter].get(neighbour)
+            if candidate is not None and abs(candidate.clock - reading.clock) <= least_seconds:
+                nearest = candidate
+                least_seconds = abs(candidate.clock - reading.clock)
+        if nearest is not None:
+            self._contradictions.append(contradict(nearest, reading))
+            self.has_found_two |= self.are_two
+
+
+def contradict(first: AttitudeReading, second: AttitudeReading) -> bool:
+    """Returns whether two attitudes differ by more than one vehicle can turn in the time between them.
+
+    Args:
+        first, second: the attitudes, at most some tenths of a second apart.
+    """
+    if max(abs(first.angles[1]), abs(second.angles[1])) > MAX_COMPARED_PITCH:
+        return False
+    seconds = second.clock - first.clock
+    acceleration_angle = MAX_ANGULAR_ACCELERATION * seconds**2 / 2
+    for axis in range(3):
+        rotation = (first.rates[axis] + second.rates[axis]) / 2 * seconds
+        difference = second.angles[axis] - first.angles[axis] - rotation
+        difference = abs((difference + pi) % (2 * pi) - pi)
+        allowed = MIN_ATTITUDE_DIFFERENCE + RATE_ERROR_SHARE * abs(rotation) + acceleration_angle
+        if difference > allowed:
+            return True
+    return False
+
+
+def attitude_reading(payload: bytes, message_id: int) -> AttitudeReading | None:
+    """Returns the attitude in a payload; None for other messages, and before the boot clock has begun.
+
+    Args:
+        payload: the payload, without the zeros at its end that MAVLink 2 leaves out.
+        message_id: number of its message.
+    """
+    layout = ATTITUDE_LAYOUTS.get(message_id)
+    if layout is None:
+        return None
+    values = layout.unpack(payload[: layout.size].ljust(layout.size, b"\0"))
+    clock = values[0] / TIME_UNITS_PER_SECOND
+    if not clock:
+        return None
+    rates = list(values[-3:])
+    if layout is EULER_LAYOUT:
+        return AttitudeReading(clock, list(values[1:4]), rates)
+    w, x, y, z = values[1:5]
+    roll = atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    # Rounding may bring the sine of pitch beyond 1.
+    pitch = asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
+    heading = atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return AttitudeReading(clock, [roll, pitch, heading], rates)

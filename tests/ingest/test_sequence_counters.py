@@ -1,0 +1,114 @@
+"""Two sequence counters under one id: two vehicles are refused, one vehicle on two channels is read as one."""
+
+from math import cos, radians, sin
+
+import numpy as np
+from mavlink_streams import message, read, tlog
+from pytest import approx, mark, raises
+
+from mavdem.errors import Unreadable
+from mavdem.facts.sources import Source
+from mavdem.live.frames import FrameReader
+from mavdem.live.vehicle_selection import Component
+
+SWAY = radians(1.5)
+"""How far the vehicles lean to and fro."""
+FREQUENCY = 3.0
+"""Frequency of that, rad/s."""
+HEADING = 0.5
+"""Heading of all of them."""
+
+
+def swaying(phase=0.0, first_sequence=0, rate=50.0, offset=0.0, start=100.0, burst=1):
+    """Arrival times and frames of a vehicle that sways at a phase: attitude and motors, a heartbeat a second.
+
+    Args:
+        phase: Where in its sway it is when the clock reads 0, rad.
+        first_sequence: Its first sequence number.
+        rate: Attitudes a second.
+        offset: Time by which the clock, and the arrival, are later, s.
+        start: Clock at the beginning, s.
+        burst: Number of attitudes that arrive together.
+    """
+    frames = []
+    sequence = first_sequence
+    for row in range(round(20.0 * rate)):
+        clock = round(1e3 * (start + offset + row / rate)) / 1e3
+        angle = FREQUENCY * clock + phase
+        contents = [
+            (
+                "ATTITUDE",
+                {
+                    "time_boot_ms": round(1e3 * clock),
+                    "roll": SWAY * sin(angle),
+                    "rollspeed": SWAY * FREQUENCY * cos(angle),
+                    "pitch": SWAY * cos(angle),
+                    "pitchspeed": -SWAY * FREQUENCY * sin(angle),
+                    "yaw": HEADING,
+                },
+            ),
+            ("SERVO_OUTPUT_RAW", {"time_usec": round(1e6 * clock), "servo1_raw": 1500 + row % 9}),
+        ]
+        if row % round(rate) == 0:
+            contents.append(("HEARTBEAT", {"type": 2, "autopilot": 3}))
+        arrival = offset + row // burst * burst / rate
+        for name, fields in contents:
+            frames.append((arrival, message(name, sequence=sequence % 256, **fields)))
+            sequence += 1
+    return frames
+
+
+def merged(*links):
+    """The frames of links in the order of arrival."""
+    frames = sorted((entry for link in links for entry in link), key=lambda entry: entry[0])
+    return [frame for _, frame in frames]
+
+
+def live_component(frames):
+    """The sender of frames, as a live session counts them."""
+    component = Component(1, 1)
+    reader = FrameReader()
+    for row, content in enumerate(frames):
+        for frame in reader.feed(content):
+            component.count_frame(frame, row / 100)
+    return component
+
+
+OTHER_VEHICLES = [
+    {"phase": 3.0, "first_sequence": 77},
+    {"phase": 3.0, "first_sequence": 77, "offset": 0.007},
+    {"phase": 2.0, "first_sequence": 5, "offset": 0.01},
+    {"phase": 3.0, "first_sequence": 0, "rate": 47.0},
+    {"phase": 3.0, "first_sequence": 150, "rate": 10.0},
+    {"phase": 3.0, "first_sequence": 150, "start": 103.0},
+    {"phase": 3.0, "first_sequence": 150, "burst": 25},
+]
+"""Vehicles beside one whose phase is 0: with equal clocks and headings, and without a position."""
+
+
+@mark.parametrize("other", OTHER_VEHICLES)
+def test_two_vehicles_with_equal_clocks_and_headings_are_refused(other):
+    frames = merged(swaying(burst=other.get("burst", 1)), swaying(**other))
+    with raises(Unreadable) as refusal:
+        read(tlog(frames))
+    assert refusal.value.fact.code is Source.TWO_VEHICLES_ONE_ID
+    assert live_component(frames).has_two_senders
+
+
+@mark.parametrize("rate", [4.0, 10.0, 50.0])
+@mark.parametrize("offset", [0.0, 0.013])
+def test_one_vehicle_on_two_channels_is_read_as_one(rate, offset):
+    frames = merged(swaying(rate=rate), swaying(first_sequence=99, rate=rate, offset=offset))
+    log = read(tlog(frames))
+    assert len(log.vehicles) == 1
+    assert log.components[0].lost <= 5
+    assert not np.any(log.vehicles[0].messages["ATTITUDE"]["boot"])
+    component = live_component(frames)
+    assert not component.has_two_senders
+    assert component.lost_messages == approx(log.components[0].lost)
+
+
+def test_a_second_vehicle_that_is_silent_again_is_forgotten_live():
+    second = [entry for entry in swaying(phase=3.0, first_sequence=77) if entry[0] < 6.0]
+    component = live_component(merged(swaying(), second))
+    assert not component.has_two_senders
