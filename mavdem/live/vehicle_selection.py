@@ -13,7 +13,8 @@ from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.definitions import definitions_by_id, enum_name
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
-from mavdem.ingest.mavlink.sender_links import SEQUENCE_NUMBERS, SenderLinks
+from mavdem.ingest.mavlink.sender_links import SenderLinks
+from mavdem.ingest.mavlink.sequence_counters import SEQUENCE_NUMBERS
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE_COMPONENT
 from mavdem.ingest.motors import MULTIROTORS, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters

@@ -35,11 +35,11 @@ from mavdem.ingest.mavlink.framing import (
 from mavdem.ingest.mavlink.sender_links import (
     MAX_LATE_STEPS,
     READING_LAYOUTS,
-    SEQUENCE_NUMBERS,
     SenderLinks,
     clock_reading,
     missing_messages,
 )
+from mavdem.ingest.mavlink.sequence_counters import SEQUENCE_NUMBERS
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.telemetry import (
     Columns,
