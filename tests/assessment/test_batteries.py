@@ -5,7 +5,7 @@ from dataclasses import replace
 import dataflash_logs as made
 import numpy as np
 import pytest
-from hover import Hover, changed, columns, evidence_of
+from hover import Hover, changed, columns, evidence_of, only
 from pytest import approx
 
 from mavdem.assessment.autopilot_messages import reported_problems
@@ -13,7 +13,7 @@ from mavdem.assessment.condition import condition_of
 from mavdem.assessment.lights.power import power_light
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending
 from mavdem.facts.events import Reported
 from mavdem.facts.power import PowerLight
@@ -81,6 +81,13 @@ def test_a_single_battery_has_no_number():
     fact = power_light(evidence(with_batteries({0: FULL})))
     assert (fact.subject, fact.level) == ("", "good")
     assert fact.figures.keys().isdisjoint({"battery", "batteries"})
+
+
+def test_without_a_flight_the_battery_that_the_autopilot_calls_empty_is_bad():
+    spent = Fact(Reported.BATTERY_SPENT, Level.BAD, time=5.0, boot=0)
+    on_ground = evidence(only(HOVER.telemetry(20.0, 20.0), lambda time: time < 5.5))
+    assert power_light(replace(on_ground, events=(spent,))) == spent
+    assert power_light(replace(on_ground, events=())).code is PowerLight.POWER_UNMEASURED
 
 
 def test_a_battery_is_judged_until_the_vehicle_was_lost():

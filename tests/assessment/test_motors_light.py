@@ -83,6 +83,16 @@ def test_what_names_a_motor_before_its_balance_goes_first():
     assert after.code is not InFlight.MOTOR_LOST_THRUST and not after.subject
 
 
+def test_a_motor_that_the_autopilot_names_by_its_number_is_in_the_light():
+    even = evidence()
+    report = Fact(Reported.THRUST_LOST, Level.BAD, time=50.0, subject="motor 3", boot=0)
+    assert motors_light(replace(even, events=(report,))) == report
+    measured = Fact(MotionEvent.MOTOR_OFF, Level.BAD, time=51.0, subject=FRONT_LEFT, boot=0)
+    assert motors_light(replace(even, events=(report, measured))) == measured
+    other = report.but(subject="motor 9")
+    assert motors_light(replace(even, events=(other,))).is_good
+
+
 def test_without_settled_flight_or_outputs_it_is_not_known():
     flight = evidence()
     bare = replace(flight, condition=replace(flight.condition, hover=None), events=())

@@ -41,6 +41,7 @@ TEXTS = {
     "Kill-switch engaged": (Reported.MOTORS_STOPPED, "watch", ""),
     "EKF3 primary changed:1": (Reported.ESTIMATOR_SWITCHED, "watch", "lane 1"),
     "EKF variance": (Reported.ESTIMATOR_DIVERGED, "watch", ""),
+    "EKF2 IMU0 ground mag anomaly, yaw re-aligned": (Reported.ESTIMATOR_RESET, "good", "yaw"),
     "EKF3 IMU0 emergency yaw reset": (Reported.ESTIMATOR_RESET, "watch", ""),
     "GPS Glitch": (Reported.GPS_JUMPED, "watch", ""),
     "GPS fix lost": (Reported.GPS_LOST, "watch", ""),
@@ -96,6 +97,13 @@ def test_of_two_that_say_the_same_the_worse_level_holds():
     (fact,) = merge_repeats(reported_problems(telemetry))
     assert (fact.time, fact.level, fact.subject) == (0.5, "watch", "yaw")
     assert fact.figures["basis"] == ("EV", "STATUSTEXT")
+
+
+def test_a_glitch_of_the_barometer_is_no_failed_sensor():
+    errors = columns([30.0, 50.0], Subsys=[18, 18], ECode=[2, 4])
+    glitch, failure = reported_problems(changed(FLOWN, "ERR", **errors))
+    assert glitch.sentence == "The autopilot reports a jump of the barometer (glitch)."
+    assert failure.sentence == "The autopilot reports that a sensor failed: barometer."
 
 
 def test_errors_of_dataflash_have_their_name_and_last_until_they_are_over():

@@ -5,9 +5,9 @@ from math import inf
 from mavdem.assessment.axis.overrides import limited_motors
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.limits import worst_fact
+from mavdem.assessment.motor_speeds import REPORTS_OF_MOTOR
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.events import Reported
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
@@ -90,8 +90,8 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     """Returns the events that show trouble of one motor of this vehicle, the one to name in the light first.
 
     The order is: how the flight was lost, if that names a motor; warnings in flight without a figure of the lost
-    thrust, such as a motor that was off; losses of thrust, the largest first, equal ones by their duration; and, if no
-    hover was measured, the longest moment at a limit.
+    thrust, such as a motor that was off; losses of thrust, the largest first, equal ones by their duration; what the
+    autopilot reports of a motor; and, if no hover was measured, the longest moment at a limit.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -101,14 +101,17 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
         InFlight.MOTOR_SATURATED,
         MotionEvent.MOTOR_OFF,
         MotionEvent.MOTOR_STOOD_STILL,
-        Reported.MOTOR_FAILED,
-        Reported.THRUST_LOST,
     ]
     names = _motor_names(evidence)
     facts = [fact for fact in evidence.warnings_in_flight(codes) if fact.subject in names]
     # The figure "rise" is by how much the motor's command rose to make up for its loss, as a share of the range. An
     # event without it, which is no gradual loss, counts as infinitely large.
     facts.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_duration(fact)))
+    # The autopilot names a motor by its number only.
+    numbered_names = {name.partition(" (")[0] for name in names}
+    for fact in evidence.warnings_in_flight(REPORTS_OF_MOTOR):
+        if fact.subject.partition(" (")[0] in numbered_names:
+            facts.append(fact)
     ending = evidence.ending
     if ending is not None and ending.subject in names:
         facts.insert(0, ending)

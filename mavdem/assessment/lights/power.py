@@ -74,6 +74,11 @@ def power_light(evidence: Evidence) -> Fact:
         *evidence.warnings_in_flight(POWER_REPORTS),
     ]
     if not facts:
+        # Without a flight a battery that the autopilot calls empty heads the headline, so that it counts here too.
+        facts += [
+            event for event in evidence.events if event.code in POWER_REPORTS and event.is_bad
+        ]
+    if not facts:
         voltages_read = [battery.voltage.values for battery in evidence.signals.batteries]
         return Fact(
             PowerLight.POWER_UNMEASURED,
