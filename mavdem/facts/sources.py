@@ -56,6 +56,7 @@ class Repair(Code):
     DEFINITION_CONTRADICTED = "definition_contradicted"
     LOGGED_MESSAGES_LEFT_OUT = "logged_messages_left_out"
     OLD_BLOCKS_LEFT_OUT = "old_blocks_left_out"
+    OTHER_CLOCK_LEFT_OUT = "other_clock_left_out"
     LINES_LEFT_OUT = "lines_left_out"
     LOGGER_WITHOUT_ROOM = "logger_without_room"
     LOGGER_DROPPED_OUT = "logger_dropped_out"

@@ -26,7 +26,6 @@ from mavdem.ingest.dataflash.binary import (
     read_binary,
     usable_fields,
 )
-from mavdem.ingest.dataflash.old_blocks import SatelliteTimes, blocks_of_other_logs
 from mavdem.ingest.dataflash.samples import ACCELEROMETER_FIELDS, GYRO_FIELDS, raw_samples
 from mavdem.ingest.dataflash.sensors import STATUS_3D_FIX
 from mavdem.ingest.dataflash.states import ARMING_EVENTS
@@ -40,6 +39,12 @@ from mavdem.ingest.dataflash.translation import (
     with_new_names,
 )
 from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock
+from mavdem.ingest.other_recordings import (
+    DATAFLASH_RULES,
+    BootTimesInUtc,
+    StampedMessages,
+    blocks_of_other_recordings,
+)
 from mavdem.ingest.telemetry import (
     Columns,
     Log,
@@ -274,7 +279,7 @@ def _log_clock(logged: Mapping[str, MessageTable]) -> _LogClock:
 def _without_old_blocks(
     recording: DataflashRecording, logged: dict[str, MessageTable]
 ) -> _KeptMessages:
-    """Leaves out the blocks of a log whose messages are of another one (``old_blocks``).
+    """Leaves out the blocks of a log whose messages are of another one (``other_recordings``).
 
     Args:
         recording: The log.
@@ -283,8 +288,11 @@ def _without_old_blocks(
     clock = _log_clock(logged)
     if not clock.names:
         return _KeptMessages(recording, logged, clock, ())
-    blocks = blocks_of_other_logs(
-        clock.positions, clock.seconds, recording.decode("FMT").position, _satellite_times(logged)
+    blocks = blocks_of_other_recordings(
+        StampedMessages(clock.positions, clock.seconds),
+        recording.decode("FMT").position,
+        _boot_times_in_utc(logged),
+        DATAFLASH_RULES,
     )
     if not blocks:
         return _KeptMessages(recording, logged, clock, ())
@@ -310,16 +318,16 @@ def _without_old_blocks(
     return _KeptMessages(kept, kept_messages, _log_clock(kept_messages), repairs)
 
 
-def _satellite_times(logged: Mapping[str, MessageTable]) -> SatelliteTimes:
+def _boot_times_in_utc(logged: Mapping[str, MessageTable]) -> BootTimesInUtc:
     """Returns when the boot clock read 0, by each message GPS with the time of the satellites."""
     positions, columns = logged["GPS"]
     stamps = _stamps_of_messages({"GPS": logged["GPS"]}).get("GPS")
     if stamps is None or not {"Status", "GMS", "GWk"} <= columns.keys():
-        return SatelliteTimes(np.zeros(0, dtype=np.int64), np.zeros(0))
+        return BootTimesInUtc(np.zeros(0, dtype=np.int64), np.zeros(0))
     has_time = (columns["Status"] >= STATUS_3D_FIX) & (columns["GWk"] > 0)
     utc_at_boot = satellite_utc(columns["GWk"], columns["GMS"]) - stamps
     has_time &= np.isfinite(utc_at_boot)
-    return SatelliteTimes(positions[has_time], utc_at_boot[has_time])
+    return BootTimesInUtc(positions[has_time], utc_at_boot[has_time])
 
 
 def _stamps_of_messages(logged: Mapping[str, MessageTable]) -> dict[str, Array]:

@@ -156,12 +156,12 @@ def boot_clock(message_types: Sequence[MessageStamps]) -> tuple[dict[str, BootTi
         boot_times[message_type.message] = BootTimes(
             np.full(count, np.nan), np.zeros(count, dtype=np.int64)
         )
-    reference_type = _reference_type(message_types)
+    reference_type = reference_type_of(message_types)
     if reference_type is None:
         return boot_times, ()
     reference, repairs = _reference_readings(reference_type)
     for message_type in message_types:
-        positions, stamps = _stamped_messages(message_type)
+        positions, stamps = stamped_messages(message_type)
         readings = reference
         if message_type is not reference_type and len(positions):
             readings, further_repairs = _readings_by_reference(
@@ -179,7 +179,7 @@ def boot_clock(message_types: Sequence[MessageStamps]) -> tuple[dict[str, BootTi
     return boot_times, repairs
 
 
-def _stamped_messages(message_type: MessageStamps) -> tuple[StreamPositions, Times]:
+def stamped_messages(message_type: MessageStamps) -> tuple[StreamPositions, Times]:
     """Returns positions and stamps, s, of the messages of a type that have a stamp."""
     if message_type.stamps is None:
         return message_type.positions[:0], np.empty(0)
@@ -187,7 +187,7 @@ def _stamped_messages(message_type: MessageStamps) -> tuple[StreamPositions, Tim
     return message_type.positions[has_stamp], message_type.stamps[has_stamp]
 
 
-def _reference_type(message_types: Sequence[MessageStamps]) -> MessageStamps | None:
+def reference_type_of(message_types: Sequence[MessageStamps]) -> MessageStamps | None:
     """Chooses the message type to whose clock all others are compared.
 
     Returns:
@@ -197,7 +197,7 @@ def _reference_type(message_types: Sequence[MessageStamps]) -> MessageStamps | N
     stamp_counts: dict[str, int] = {}
     by_name: dict[str, MessageStamps] = {}
     for message_type in message_types:
-        positions, _ = _stamped_messages(message_type)
+        positions, _ = stamped_messages(message_type)
         if len(positions):
             stamp_counts[message_type.message] = len(positions)
             by_name[message_type.message] = message_type
@@ -257,7 +257,7 @@ def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, 
     """
     name = reference_type.message
     period = reference_type.period
-    positions, stamps = _stamped_messages(reference_type)
+    positions, stamps = stamped_messages(reference_type)
     is_outlier = outlier_stamps(stamps)
     positions = positions[~is_outlier]
     stamps = stamps[~is_outlier]

@@ -15,7 +15,13 @@ from mavdem.confidence import Interval
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
-from mavdem.ingest.mavlink.clocks import MessageStamps, Rows, boot_clock, deviates_from_median
+from mavdem.ingest.mavlink.clocks import (
+    MessageStamps,
+    boot_clock,
+    deviates_from_median,
+    reference_type_of,
+    stamped_messages,
+)
 from mavdem.ingest.mavlink.definitions import (
     MessageDefinition,
     decoded_columns,
@@ -30,17 +36,16 @@ from mavdem.ingest.mavlink.framing import (
     Frames,
     Offsets,
     concatenated_frames,
-    rows_of,
 )
-from mavdem.ingest.mavlink.sender_links import (
-    MAX_LATE_STEPS,
-    READING_LAYOUTS,
-    SenderLinks,
-    clock_reading,
-    missing_messages,
-)
-from mavdem.ingest.mavlink.sequence_counters import SEQUENCE_NUMBERS
+from mavdem.ingest.mavlink.sender_streams import SenderStream, sender_stream_of
 from mavdem.ingest.motors import MOTOR_MESSAGES
+from mavdem.ingest.other_recordings import (
+    STREAM_RULES,
+    BootTimesInUtc,
+    LeftOutBlock,
+    StampedMessages,
+    blocks_of_other_recordings,
+)
 from mavdem.ingest.telemetry import (
     Columns,
     Component,
@@ -123,7 +128,7 @@ def assemble(stream: FrameStream) -> Log:
     is_first = np.ones(len(frames), dtype=np.bool_)
     # Numbers of 16 bits are sorted fastest.
     for sender_id, rows in rows_by_value(sender_ids.astype(np.uint16)).items():
-        sender_stream = _sender_stream(stream.data, frames, rows)
+        sender_stream = sender_stream_of(stream.data, frames, rows)
         sender_streams[sender_id] = sender_stream
         if sender_stream.copies:
             is_first[rows] = sender_stream.is_first
@@ -135,7 +140,7 @@ def assemble(stream: FrameStream) -> Log:
     records = []
     for sender_id, frames_of_messages in frames_of_senders.items():
         records.append(
-            _component_record(stream.data, sender_id, frames_of_messages, sender_streams[sender_id])
+            _component_record(stream, sender_id, frames_of_messages, sender_streams[sender_id])
         )
     stream_repairs = _stream_repairs(stream, unread)
     vehicles = []
@@ -285,168 +290,23 @@ def _unread_frames(
         )
 
 
-@dataclass(frozen=True)
-class _SenderStream:
-    """What the frames of one sender show of the links over which they came."""
-
-    is_first: Flags
-    """Whether each frame (n,) is no copy of an earlier one."""
-    lost: int
-    """Number of messages that are missing, by the gaps in the sequence numbers."""
-    copies: int = 0
-    """Number of copies."""
-    longest_delay: float = 0.0
-    """How late a copy was at most, s of the boot clock."""
-    has_two_senders: bool = False
-    """Whether they are frames of two vehicles."""
-
-
-MIN_IRREGULAR_SHARE = 0.005
-"""Share of frames whose sequence number does not follow that of the frame before, above which several links or two
-vehicles are suspected, and all bytes of every frame are compared: a choice.
-
-Two vehicles whose frames come by 50 in turn have twice as many.
-"""
-
-
-def _sender_stream(data: Bytes, all_frames: Frames, rows: Rows) -> _SenderStream:
-    """Finds out over which links the frames of a sender came, which of them are copies, and how many are missing.
-
-    Over one link the sequence numbers of one vehicle rise, by more than 1 where messages were lost. Most recordings are
-    like that, and the numbers alone suffice. Several links, or two vehicles under the same ids, are suspected in two
-    cases: many numbers do not rise, or a frame with a boot clock comes twice. Only then every frame is compared with
-    those before it, which takes much longer.
-
-    Args:
-        data: The stream (B,).
-        all_frames: The frames (N,) of all senders, in stream order.
-        rows: Rows (n,) of the frames of one sender, ascending.
-    """
-    # Signed numbers, so that their differences may be negative.
-    sequence = all_frames.sequence[rows].astype(np.int16)
-    steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)
-    is_irregular = (steps == 0) | (steps > MAX_LATE_STEPS)
-    has_several_links = np.count_nonzero(is_irregular) > MIN_IRREGULAR_SHARE * len(steps)
-    if not has_several_links:
-        may_have_copies = bool(is_irregular.any())
-        readings = all_frames[rows[_has_reading(all_frames.message_id[rows])]]
-        if not may_have_copies:
-            may_have_copies = _first_reading_is_repeated(data, readings)
-        has_several_links = np.bool_(may_have_copies and _has_copies(data, readings))
-    if not has_several_links:
-        lost = int(missing_messages(sequence[:-1], sequence[1:]).sum())
-        return _SenderStream(np.ones(len(rows), dtype=np.bool_), max(lost, 0))
-    return _sender_stream_of_links(data, all_frames[rows])
-
-
-def _has_reading(message_ids: Offsets) -> Flags:
-    """Flags messages (n,), by their ids, that have a boot clock which the autopilot itself stamps."""
-    flags = np.zeros(len(message_ids), dtype=np.bool_)
-    for message_id in READING_LAYOUTS:
-        flags |= message_ids == message_id
-    return flags
-
-
-def _sender_stream_of_links(data: Bytes, frames: Frames) -> _SenderStream:
-    """Compares each frame of a sender with those before it, to find copies, missing frames and a second vehicle.
-
-    Args:
-        data: The stream (B,).
-        frames: The frames (n,) of one sender, in stream order.
-    """
-    links = SenderLinks()
-    # NumPy's view of the memory, whose slices are cheaper than those of the array.
-    content = data.data
-    is_first = []
-    is_readable = frames.checksum == CHECKSUM_MATCHES
-    for start, end, message_id, number, readable in zip(
-        frames.start.tolist(),
-        frames.end.tolist(),
-        frames.message_id.tolist(),
-        frames.sequence.tolist(),
-        is_readable.tolist(),
-        strict=True,
-    ):
-        is_first.append(links.take(bytes(content[start:end]), message_id, number, readable))
-    return _SenderStream(
-        np.array(is_first, dtype=np.bool_),
-        max(links.missing, 0),
-        links.copies,
-        links.longest_delay,
-        links.has_found_two_vehicles,
-    )
-
-
-def _first_reading_is_repeated(data: Bytes, frames: Frames) -> bool:
-    """Returns whether the first frame with a boot clock comes again, as where a whole recording is repeated.
-
-    Args:
-        data: The stream (B,).
-        frames: The frames (n,) of one sender that have a boot clock, in stream order.
-    """
-    if not len(frames):
-        return False
-    is_alike = (frames.message_id == frames.message_id[0]) & (frames.sequence == frames.sequence[0])
-    # NumPy's view of the memory, whose slices are cheaper than those of the array.
-    content = data.data
-    first_content = bytes(content[int(frames.start[0]) : int(frames.end[0])])
-    for row in np.flatnonzero(is_alike)[1:].tolist():
-        start, end = int(frames.start[row]), int(frames.end[row])
-        if bytes(content[start:end]) == first_content:
-            return True
-    return False
-
-
-def _has_copies(data: Bytes, frames: Frames) -> bool:
-    """Returns whether a frame with a boot clock comes twice among the frames of a sender.
-
-    Frames are compared by their sequence number and their last four bytes, the end of the payload and the checksum, or
-    the end of a signature; those that agree, by all bytes.
-
-    Args:
-        data: The stream (B,).
-        frames: The frames (n,) of one sender that have a boot clock, in stream order.
-    """
-    last_bytes = rows_of(data, frames.end - LAST_BYTES, LAST_BYTES).view("<u4")[:, 0]
-    keys = frames.sequence.astype(np.uint64) << np.uint64(8 * LAST_BYTES) | last_bytes
-    sorted_keys = np.sort(keys)
-    repeated_keys = sorted_keys[1:][sorted_keys[1:] == sorted_keys[:-1]]
-    if not len(repeated_keys):
-        return False
-    candidates = np.flatnonzero(np.isin(keys, repeated_keys))
-    # NumPy's view of the memory, whose slices are cheaper than those of the array.
-    content = data.data
-    contents = set[bytes]()
-    for row in candidates.tolist():
-        frame = bytes(content[int(frames.start[row]) : int(frames.end[row])])
-        message_id = int(frames.message_id[row])
-        if frame in contents and clock_reading(frame, message_id) is not None:
-            return True
-        contents.add(frame)
-    return False
-
-
-LAST_BYTES = np.dtype(np.uint32).itemsize
-"""Number of a frame's last bytes by which frames are compared first."""
-
-
 def _component_record(
-    data: Bytes,
+    stream: FrameStream,
     sender_id: int,
     frames_of_messages: OffsetsByMessage,
-    sender_stream: _SenderStream,
+    sender_stream: SenderStream,
 ) -> _ComponentRecord:
     """Decodes everything that one component sent, and finds out what it is and how many messages were lost.
 
     Its kind is that of its HEARTBEATs. A component that sent only the messages that telemetry radios add is a radio.
 
     Args:
-        data: The stream (B,).
+        stream: The recording.
         sender_id: Packed sender.
         frames_of_messages: Offsets of its readable frames by message id.
         sender_stream: What its frames show of the links over which they came.
     """
-    messages, clock_repairs = _messages(data, frames_of_messages)
+    messages, clock_repairs = _messages(stream, frames_of_messages)
     if sender_stream.copies:
         # Messages that only the second link delivered came late, after later ones.
         messages = {name: _in_time_order(columns) for name, columns in messages.items()}
@@ -535,13 +395,13 @@ def vehicle_identity(heartbeats: Columns) -> tuple[str, str]:
     return enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot)
 
 
-def _messages(data: Bytes, frames_of_messages: OffsetsByMessage) -> tuple[Tables, Facts]:
+def _messages(stream: FrameStream, frames_of_messages: OffsetsByMessage) -> tuple[Tables, Facts]:
     """Decodes the frames of one component and puts them on its boot clock.
 
     All messages are decoded first, since the clock compares the stamps of all message types with each other.
 
     Args:
-        data: The stream (B,).
+        stream: The recording.
         frames_of_messages: Offsets of the component's readable frames by message id.
 
     Returns:
@@ -551,15 +411,77 @@ def _messages(data: Bytes, frames_of_messages: OffsetsByMessage) -> tuple[Tables
     message_stamps = []
     for message_id, starts in frames_of_messages.items():
         definition = definitions_by_id()[message_id]
-        fields = decoded_columns(data, starts, definition)
+        fields = decoded_columns(stream.data, starts, definition)
         decoded[definition.name] = fields
         message_stamps.append(_message_stamps(definition, starts, fields))
-    boot_times, repairs = boot_clock(message_stamps)
+    repairs: Facts = ()
+    blocks = _blocks_of_other_recordings(stream, message_stamps)
+    if blocks:
+        kept_stamps = []
+        count = 0
+        for stamps in message_stamps:
+            is_kept = _is_outside(blocks, stamps.positions)
+            count += np.count_nonzero(~is_kept)
+            fields = selected_rows(decoded.pop(stamps.message), is_kept)
+            if is_kept.any():
+                decoded[stamps.message] = fields
+                kept_stamps.append(_selected_stamps(stamps, is_kept))
+        message_stamps = kept_stamps
+        duration = sum(block.duration for block in blocks)
+        repairs = repair_facts(Repair.OTHER_CLOCK_LEFT_OUT, count=count, duration=duration)
+    boot_times, clock_repairs = boot_clock(message_stamps)
     tables = {}
     for name, fields in decoded.items():
         time, boot = boot_times[name]
         tables[name] = {**fields, "time": time, "boot": boot}
-    return tables, repairs
+    return tables, repairs + clock_repairs
+
+
+def _blocks_of_other_recordings(
+    stream: FrameStream, message_stamps: Sequence[MessageStamps]
+) -> list[LeftOutBlock]:
+    """Finds the parts of a component's stream whose boot clock is not the vehicle's.
+
+    Time that goes back is a reboot only if the clock begins near zero, or if by the times of reception it began anew
+    while nothing was received. Else it is of another sender, or of an older recording.
+
+    Args:
+        stream: The recording.
+        message_stamps: The component's messages by type.
+    """
+    reference = reference_type_of(message_stamps)
+    if reference is None:
+        return []
+    positions, seconds = stamped_messages(reference)
+    if not (np.diff(seconds) < -STREAM_RULES.max_fall).any():
+        return []
+    frame_rows = np.searchsorted(stream.frames.start, positions)
+    receive_stamps = stream.stamps[frame_rows].astype(np.float64) / MICROSECONDS
+    is_received = receive_stamps > 0
+    utc_at_boot = (receive_stamps - seconds)[is_received]
+    return blocks_of_other_recordings(
+        StampedMessages(positions, seconds),
+        np.zeros(0, dtype=np.int64),
+        BootTimesInUtc(positions[is_received], utc_at_boot),
+        STREAM_RULES,
+    )
+
+
+def _selected_stamps(message_stamps: MessageStamps, selection: Flags) -> MessageStamps:
+    """Returns some of the messages (n,) of a type, by flags (n,)."""
+    stamps = message_stamps.stamps
+    return message_stamps._replace(
+        positions=message_stamps.positions[selection],
+        stamps=None if stamps is None else stamps[selection],
+    )
+
+
+def _is_outside(blocks: Sequence[LeftOutBlock], positions: NDArray[np.integer]) -> Flags:
+    """Flags offsets (n,) that lie in no block."""
+    flags = np.ones(len(positions), dtype=np.bool_)
+    for block in blocks:
+        flags &= (positions < block.start) | (positions >= block.end)
+    return flags
 
 
 def _message_stamps(

@@ -1,5 +1,9 @@
-"""Blocks of an older log inside a DataFlash log are left out and counted; a second boot is kept."""
+"""Parts of another recording inside a log or a stream are left out and counted; a second boot is kept."""
 
+import struct
+
+import mavlink_streams
+import numpy as np
 from dataflash_logs import formats, message
 from pytest import approx, mark
 
@@ -101,3 +105,55 @@ def test_a_second_boot_and_a_pause_fit_the_satellite_time(tmp_path):
     vehicle = vehicle_of(tmp_path, content)
     assert [fact.code for fact in vehicle.repairs] == [Repair.LOG_OF_SEVERAL_BOOTS]
     assert duration_and_boots(vehicle)[1] == 2
+
+
+def stream_part(received, start, end):
+    """Frames of a MAVLink flight from one time of the boot clock to another, s, behind their receive stamps."""
+    frames = b""
+    sequence = 0
+    for row in range(round((end - start) / STEP)):
+        stamp = mavlink_streams.NOW + round(1e6 * (received + STEP * row))
+        for content in mavlink_streams.flight([start + STEP * row], sequence=sequence):
+            frames += struct.pack(">Q", stamp) + content
+        sequence += 2
+    return frames
+
+
+def stream_vehicle(*parts):
+    heartbeat = struct.pack(">Q", mavlink_streams.NOW) + mavlink_streams.heartbeat()
+    return mavlink_streams.read(heartbeat + b"".join(parts)).vehicles[0]
+
+
+def boots_and_codes(vehicle):
+    boots = np.unique(vehicle.messages["ATTITUDE"]["boot"])
+    return len(boots), [fact.code for fact in vehicle.repairs]
+
+
+@mark.parametrize("other_start", [5.0, 250.0, 380.0])
+def test_another_sender_for_a_while_is_left_out_of_a_stream(other_start):
+    vehicle = stream_vehicle(
+        stream_part(0.0, 400.0, 440.0),
+        stream_part(40.0, other_start, other_start + 15.0),
+        stream_part(55.0, 455.0, 480.0),
+    )
+    assert boots_and_codes(vehicle) == (1, [Repair.OTHER_CLOCK_LEFT_OUT])
+    time = vehicle.messages["ATTITUDE"]["time"]
+    assert (time.min(), time.max()) == (approx(400.0), approx(480.0, abs=0.1))
+    (repair,) = vehicle.repairs
+    assert repair.figures["count"] == 2 * round(15.0 / STEP)
+    assert repair.figures["duration"] == approx(15.0, abs=0.1)
+
+
+def test_a_clock_that_falls_without_a_pause_and_not_to_zero_is_no_reboot():
+    vehicle = stream_vehicle(stream_part(0.0, 400.0, 440.0), stream_part(40.0, 250.0, 270.0))
+    assert boots_and_codes(vehicle) == (1, [Repair.OTHER_CLOCK_LEFT_OUT])
+
+
+def test_a_reboot_while_nothing_was_received_is_one():
+    vehicle = stream_vehicle(stream_part(0.0, 400.0, 440.0), stream_part(320.0, 250.0, 270.0))
+    assert boots_and_codes(vehicle) == (2, [Repair.LOG_OF_SEVERAL_BOOTS])
+
+
+def test_a_reboot_to_near_zero_is_one_in_a_stream():
+    vehicle = stream_vehicle(stream_part(0.0, 400.0, 440.0), stream_part(45.0, 3.0, 40.0))
+    assert boots_and_codes(vehicle) == (2, [Repair.LOG_OF_SEVERAL_BOOTS])

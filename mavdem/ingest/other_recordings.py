@@ -1,0 +1,318 @@
+"""Parts of another recording inside a log or a stream: blocks of an older file, or messages of another sender.
+
+A card that is used again, or whose file table is damaged, gives a file in which some blocks hold an older log. A stream
+may hold messages that another sender replays under the vehicle's ids. They are intact, but their times are of another
+flight: the clock goes to and fro. The parts of one recording continue each other's clock, so that they form chains. Of
+two chains that cannot be of one vehicle the one with fewer messages is left out: they lie inside each other, or the
+later one is no boot that came after the first.
+"""
+
+from dataclasses import dataclass
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array, Integers
+from mavdem.ingest.mavlink.clocks import (
+    MAX_LATE_SECONDS,
+    MAX_RESTART_TIME,
+    MAX_STAMP_DEVIATION,
+    MIN_RESET_STEP,
+    outlier_stamps,
+)
+
+CLUSTER_BYTES = 1 << 17
+"""Size of the largest usual cluster of a memory card, bytes: the unit in which a file lies on it (exFAT: 128 KiB)."""
+
+MAX_CLUSTER_SECONDS = 7.0
+"""Longest time of a cluster that counts, s: at 20 kB/s. A choice: with more, blocks join another log by chance."""
+
+MAX_HEAD_BYTES = 1 << 16
+"""Distance, bytes, of a log's first messages with a time from its definitions: some hundred of 89 bytes, a choice."""
+
+MIN_BLOCK_MESSAGES = 20
+"""Number of messages of a block; fewer with a strange time are damaged stamps. A choice, some 500 bytes."""
+
+MAX_RUNS = 5000
+"""Number of runs of messages up to which blocks are sought: a choice that bounds the time for hostile files."""
+
+MAX_UTC_DIFFERENCE = 60.0
+"""Difference, s, by which the UTC of one boot may disagree within a log: leap seconds, and fixes that are late.
+
+A choice: the logs of two flights on one card are further apart.
+"""
+
+MIN_UTC_READINGS = 3
+"""Number of times in UTC with which that of a run counts as known: a choice, so that a damaged one does not."""
+
+END_OF_FILE = 1 << 62
+"""An offset beyond every file."""
+
+
+class LeftOutBlock(NamedTuple):
+    """A block that belongs to another recording."""
+
+    start: int
+    """Offset of its first message in the file."""
+
+    end: int
+    """Offset of the first message after it; ``END_OF_FILE`` for the last."""
+
+    duration: float
+    """Time from its first message to its last, s."""
+
+
+class StampedMessages(NamedTuple):
+    """The n messages of a recording by whose stamps parts of another recording are found."""
+
+    positions: Integers
+    """Offset (n,) of each message, ascending."""
+
+    seconds: Array
+    """Its stamp (n,), s."""
+
+
+class BootTimesInUtc(NamedTuple):
+    """When the boot clock read 0, by n messages whose time is known in UTC too."""
+
+    positions: Integers
+    """Offset (n,) of each message, ascending."""
+
+    utc: Array
+    """Time in UTC (n,), s, less the stamp on the boot clock."""
+
+    @property
+    def disagree(self) -> bool:
+        """Whether they are of several boots."""
+        if len(self.utc) < 2 * MIN_UTC_READINGS:
+            return False
+        return bool(np.ptp(self.utc) > MAX_UTC_DIFFERENCE)
+
+
+class ClockRules(NamedTuple):
+    """What the clock of one recording may do."""
+
+    max_fall: float
+    """Time, s, by which it may go back: messages of a link come late."""
+
+    max_utc_difference: float
+    """Difference, s, by which the UTC of its boot may disagree where it goes on: infinite for simulators, whose clock
+    may run faster than time does."""
+
+    restarts_need_utc: bool
+    """Whether a clock that begins near zero must also have begun after the end of what is before it."""
+
+
+DATAFLASH_RULES = ClockRules(MIN_RESET_STEP, MAX_UTC_DIFFERENCE, restarts_need_utc=True)
+"""Of a DataFlash log: it is written in order, and satellites give UTC."""
+
+STREAM_RULES = ClockRules(MAX_LATE_SECONDS, inf, restarts_need_utc=False)
+"""Of a MAVLink stream: the receiver's clock gives UTC. Recordings may have been put together in any order."""
+
+
+@dataclass(slots=True)
+class _Run:
+    """Messages that follow each other in the file and in time."""
+
+    first: int
+    """Row of the first message."""
+
+    end: int
+    """Row after the last."""
+
+    start_time: float
+    """Stamp of the first message, s."""
+
+    end_time: float
+    """The highest stamp, s."""
+
+    begins_log: bool
+    """Whether the definitions with which a log begins are near its first message."""
+
+    utc_at_boot: float | None
+    """UTC at which its clock read 0, s; None where that is not known."""
+
+
+class _Chain:
+    """Runs of which each continues the clock of the one before.
+
+    Attributes:
+        runs: the runs in the order of the file.
+        utc_at_boot: UTC at which its clock read 0, s; None where that is not known.
+    """
+
+    def __init__(self, run: _Run) -> None:
+        """Begins with its first run."""
+        self.runs = [run]
+        self.utc_at_boot = run.utc_at_boot
+
+    @property
+    def end_time(self) -> float:
+        """Where its clock is at its end, s."""
+        return self.runs[-1].end_time
+
+    @property
+    def message_count(self) -> int:
+        """Number of its messages."""
+        return sum(run.end - run.first for run in self.runs)
+
+    def add(self, run: _Run) -> None:
+        """Adds a run that continues its clock."""
+        self.runs.append(run)
+        if self.utc_at_boot is None:
+            self.utc_at_boot = run.utc_at_boot
+
+
+def blocks_of_other_recordings(
+    messages: StampedMessages, log_starts: Integers, boots: BootTimesInUtc, rules: ClockRules
+) -> list[LeftOutBlock]:
+    """Finds the parts of a file whose messages are of another recording.
+
+    Args:
+        messages: The messages with a stamp.
+        log_starts: Offsets of the definitions (FMT), with which a log begins; none of a stream.
+        boots: When the boot clock read 0, as far as UTC is known.
+        rules: What the clock may do.
+
+    Returns:
+        The blocks in the order of the file; none where the clock never goes back, and UTC agrees with it.
+    """
+    positions, seconds = messages
+    may_have_jumped = rules.max_utc_difference < inf and boots.disagree
+    if not may_have_jumped and not (np.diff(seconds) < -rules.max_fall).any():
+        return []
+    sound_rows = np.flatnonzero(~outlier_stamps(seconds) & (seconds > 0))
+    time = seconds[sound_rows]
+    positions = positions[sound_rows]
+    if not may_have_jumped and not (np.diff(time) < -rules.max_fall).any():
+        return []
+    cluster_seconds = CLUSTER_BYTES * _seconds_per_byte(positions, time)
+    max_gap = MAX_STAMP_DEVIATION + min(cluster_seconds, MAX_CLUSTER_SECONDS)
+    runs = _runs(StampedMessages(positions, time), log_starts, boots, rules)
+    if len(runs) > MAX_RUNS:
+        return []
+    kept: list[_Chain] = []
+    chains = _chains(runs, max_gap, rules)
+    for chain in sorted(chains, key=_importance, reverse=True):
+        if all(_agree(chain, other, rules) for other in kept):
+            kept.append(chain)
+    kept_runs = {id(run) for chain in kept for run in chain.runs}
+    blocks = []
+    for row, run in enumerate(runs):
+        if id(run) in kept_runs:
+            continue
+        end = END_OF_FILE
+        if row + 1 < len(runs):
+            end = int(positions[runs[row + 1].first])
+        start = int(positions[run.first])
+        blocks.append(LeftOutBlock(start, end, run.end_time - run.start_time))
+    return blocks
+
+
+def _importance(chain: _Chain) -> int:
+    """Returns by what chains are ranked: the number of messages."""
+    return chain.message_count
+
+
+def _seconds_per_byte(positions: Integers, time: Array) -> float:
+    """Returns how long a byte of the log lasts, s: its median over the parts of the size of a cluster."""
+    clusters = positions // CLUSTER_BYTES
+    first_rows = np.flatnonzero(np.diff(clusters, prepend=-1))
+    durations = np.diff(time[np.append(first_rows, len(time) - 1)])
+    sizes = np.diff(positions[np.append(first_rows, len(time) - 1)])
+    is_forward = (durations > 0) & (sizes > 0)
+    if not is_forward.any():
+        return 0.0
+    return float(np.median(durations[is_forward] / sizes[is_forward]))
+
+
+def _runs(
+    messages: StampedMessages, log_starts: Integers, boots: BootTimesInUtc, rules: ClockRules
+) -> list[_Run]:
+    """Cuts messages into runs where the clock goes back or jumps; short runs are left out.
+
+    Args:
+        messages: The messages with sound stamps.
+        log_starts: Offsets of the definitions with which a log begins.
+        boots: When the boot clock read 0, as far as UTC is known.
+        rules: What the clock may do.
+    """
+    positions, time = messages
+    steps = np.diff(time)
+    cuts = 1 + np.flatnonzero((steps > MIN_RESET_STEP) | (steps < -rules.max_fall))
+    limits = [0, *cuts.tolist(), len(time)]
+    runs = []
+    for first, end in zip(limits[:-1], limits[1:], strict=True):
+        if end - first < MIN_BLOCK_MESSAGES:
+            continue
+        first_boot, end_boot = np.searchsorted(
+            boots.positions, positions[[first, end - 1]]
+        ).tolist()
+        utc = boots.utc[first_boot:end_boot]
+        runs.append(
+            _Run(
+                first,
+                end,
+                start_time=float(time[first]),
+                end_time=float(time[first:end].max()),
+                begins_log=bool((abs(log_starts - positions[first]) <= MAX_HEAD_BYTES).any()),
+                utc_at_boot=float(np.median(utc)) if len(utc) >= MIN_UTC_READINGS else None,
+            )
+        )
+    return runs
+
+
+def _chains(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]:
+    """Puts together the runs of which each continues another's clock; of several, the one whose end is nearest.
+
+    Args:
+        runs: The runs in the order of the file.
+        max_gap: Time, s, that may lie between two of a chain whose UTC is not known: what another block displaced is
+            missing there.
+        rules: What the clock may do.
+    """
+    chains: list[_Chain] = []
+    for run in runs:
+        best_chain = None
+        best_distance = inf
+        for chain in chains:
+            advance = run.start_time - chain.end_time
+            if advance < -rules.max_fall or abs(advance) >= best_distance:
+                continue
+            if chain.utc_at_boot is not None and run.utc_at_boot is not None:
+                is_same_boot = abs(run.utc_at_boot - chain.utc_at_boot) <= MAX_UTC_DIFFERENCE
+            else:
+                is_same_boot = abs(advance) <= max_gap
+            if is_same_boot:
+                best_chain = chain
+                best_distance = abs(advance)
+        if best_chain is None:
+            chains.append(_Chain(run))
+        else:
+            best_chain.add(run)
+    return chains
+
+
+def _agree(chain: _Chain, kept: _Chain, rules: ClockRules) -> bool:
+    """Returns whether a chain can be of the same vehicle's recording as a larger one that is kept.
+
+    One of both is before the other in the file. The later one goes on in time, or is another boot: a log begins there,
+    its clock begins near zero, or by UTC it began after the end of the first.
+    """
+    first, second = sorted((chain, kept), key=lambda each: each.runs[0].first)
+    if first.runs[-1].first > second.runs[0].first:
+        return False
+    if second.runs[0].begins_log:
+        return True
+    later_begins = second.runs[0].start_time
+    goes_on = later_begins >= first.end_time - rules.max_fall
+    is_near_zero = later_begins <= MAX_RESTART_TIME
+    if first.utc_at_boot is None or second.utc_at_boot is None:
+        return goes_on or is_near_zero
+    boot_difference = second.utc_at_boot - first.utc_at_boot
+    if goes_on and abs(boot_difference) <= rules.max_utc_difference:
+        return True
+    if is_near_zero and not rules.restarts_need_utc:
+        return True
+    return boot_difference >= first.end_time - MAX_UTC_DIFFERENCE
