@@ -1,7 +1,7 @@
 """The frames of one sender in a recording: which are copies, how many are missing, and are they of two vehicles?
 
-Most recordings are of one link, whose sequence numbers rise; these alone suffice. Only where they do not, every frame is
-compared with those before it (``sender_links``), which takes much longer.
+Most recordings are of one link, whose sequence numbers rise; these alone suffice. Only where they do not, every frame
+is compared with those before it (``sender_links``), which takes much longer.
 """
 
 from dataclasses import dataclass
