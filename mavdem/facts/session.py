@@ -61,6 +61,7 @@ class VehicleFact(Code):
     NOT_A_MULTIROTOR = "not_a_multirotor"
     VEHICLE_REBOOTED = "vehicle_rebooted"
     CLOCK_JUMPED = "clock_jumped"
+    CLOCK_WENT_BACK = "clock_went_back"
 
 
 class Rows(Code):

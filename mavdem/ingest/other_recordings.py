@@ -19,6 +19,7 @@ from mavdem.ingest.mavlink.clocks import (
     MAX_RESTART_TIME,
     MAX_STAMP_DEVIATION,
     MIN_RESET_STEP,
+    StreamPositions,
     outlier_stamps,
 )
 
@@ -66,7 +67,7 @@ class LeftOutBlock(NamedTuple):
 class StampedMessages(NamedTuple):
     """The n messages of a recording by whose stamps parts of another recording are found."""
 
-    positions: Integers
+    positions: StreamPositions
     """Offset (n,) of each message, ascending."""
 
     seconds: Array
@@ -76,7 +77,7 @@ class StampedMessages(NamedTuple):
 class BootTimesInUtc(NamedTuple):
     """When the boot clock read 0, by n messages whose time is known in UTC too."""
 
-    positions: Integers
+    positions: StreamPositions
     """Offset (n,) of each message, ascending."""
 
     utc: Array
@@ -215,7 +216,7 @@ def _importance(chain: _Chain) -> int:
     return chain.message_count
 
 
-def _seconds_per_byte(positions: Integers, time: Array) -> float:
+def _seconds_per_byte(positions: StreamPositions, time: Array) -> float:
     """Returns how long a byte of the log lasts, s: its median over the parts of the size of a cluster."""
     clusters = positions // CLUSTER_BYTES
     first_rows = np.flatnonzero(np.diff(clusters, prepend=-1))

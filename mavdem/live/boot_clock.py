@@ -8,6 +8,8 @@ from collections.abc import Callable
 from math import isfinite, isnan, nan
 from typing import NamedTuple
 
+import numpy as np
+
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
@@ -18,8 +20,13 @@ from mavdem.ingest.mavlink.clocks import (
     MAX_WRAP_GAP,
     MIN_RESET_STAMPS,
     MIN_RESET_STEP,
+    rises_steadily,
 )
+from mavdem.ingest.other_recordings import MAX_UTC_DIFFERENCE
 from mavdem.live.messages import Message
+
+STEP_MEMORY = 64
+"""Number of attitudes over which the mean step between their stamps is averaged: a choice."""
 
 
 class TimedMessage(NamedTuple):
@@ -41,7 +48,8 @@ class BootClock:
     """Gives the messages of one vehicle their time on its boot clock.
 
     A message whose stamp does not continue the clock is dropped. If the next attitude stamps continue from there, the
-    clock has changed: the vehicle rebooted where it went back, or the clock jumped ahead.
+    clock has changed: it jumped ahead, or it went back. That is a reboot if it begins near zero, or if it can have
+    begun while nothing was received; else the messages are of another sender or another time.
 
     Attributes:
         now: the latest attitude stamp, s; NaN before any.
@@ -59,8 +67,13 @@ class BootClock:
         self._wraps = 0
         # Successive attitude stamps that continue each other, but not the clock, s.
         self._stamps_of_new_clock: list[float] = []
+        # When the latest message was received, and when the clock read 0 by the latest attitude, UNIX s.
+        self._reception = nan
+        self._reception_at_boot = nan
+        # Mean step of the attitude stamps, s.
+        self._mean_step = MIN_RESET_STEP
 
-    def place(self, message: Message) -> TimedMessage | None:
+    def place(self, message: Message, reception: float) -> TimedMessage | None:
         """Returns the message with its time on the boot clock; None where it has none and is to be dropped.
 
         Only attitude moves the clock. It is frequent and stamped by the autopilot itself, while other stamps may be of
@@ -68,7 +81,9 @@ class BootClock:
 
         Args:
             message: a message of this vehicle, in the order of arrival. Its ``stamp`` is in s, 0 for none.
+            reception: when it was received, UNIX s.
         """
+        self._reception = reception
         has_own_stamp = message.stamp > 0
         if not has_own_stamp:
             time = None if isnan(self._latest_time) else self._latest_time
@@ -102,7 +117,7 @@ class BootClock:
         has_gone_back = time < self.now - MIN_RESET_STEP
         if has_gone_back and time + message.wrap_period - self.now <= MAX_WRAP_GAP:
             time += message.wrap_period
-        if not _continues(time, self.now):
+        if self._has_come_back(message.stamp) or not _continues(time, self.now):
             # It may be the clock of another boot, which has not wrapped.
             time = message.stamp
             stamps = self._stamps_of_new_clock
@@ -117,9 +132,28 @@ class BootClock:
         self._wraps = 0
         if isfinite(message.wrap_period):
             self._wraps = round((time - message.stamp) / message.wrap_period)
-        self.now = max(self.now, time)
+        if time > self.now:
+            step = min(time - self.now, MIN_RESET_STEP)
+            self._mean_step += (step - self._mean_step) / STEP_MEMORY
+            self.now = time
+        self._reception_at_boot = self._reception - time
         self._stamps_of_new_clock.clear()
         return time
+
+    def _has_come_back(self, stamp: float) -> bool:
+        """Returns whether a clock that restarted shortly after its first start reaches where it was before.
+
+        Its steady rise distinguishes it from a second link that is late, as in a log (``rises_steadily``).
+
+        Args:
+            stamp: the next attitude stamp, s.
+        """
+        stamps = self._stamps_of_new_clock
+        if len(stamps) < MIN_RESET_STAMPS or stamps[0] > MAX_RESTART_TIME:
+            return False
+        if not (stamps[0] < self.now - MIN_RESET_STEP < stamp) or stamp < stamps[-1]:
+            return False
+        return rises_steadily(np.array([*stamps, stamp]), self.now, self._mean_step)
 
     def _is_new_clock(self, stamps: list[float]) -> bool:
         """Returns whether stamps show that the clock has changed: the former one goes on no more.
@@ -133,6 +167,8 @@ class BootClock:
         """
         if len(stamps) < MIN_RESET_STAMPS:
             return False
+        if self._has_come_back(stamps[-1]):
+            return True
         first = stamps[0]
         is_restart = first <= MAX_RESTART_TIME and first < self.now - MAX_LATE_SECONDS
         if is_restart or not first < self.now:
@@ -142,14 +178,20 @@ class BootClock:
     def _restart(self, first_stamp: float) -> None:
         """Starts the clock anew at ``first_stamp``, s, and reports why.
 
-        A clock that goes back was reset by a reboot, so times before and after belong to different boots. One that goes
-        ahead jumped within the same boot. The very first stamp is neither.
+        Times before and after a clock that goes back are kept apart as those of different boots, whatever the reason.
+        One that goes ahead jumped within the same boot. The very first stamp is neither.
         """
         former_now = self.now
         self.now = first_stamp
         if first_stamp < former_now:
             self.boot += 1
-            self._report(Fact(VehicleFact.VEHICLE_REBOOTED, clock=former_now))
+            # When the new clock read 0, by the attitude that has just been received.
+            reception_at_boot = self._reception - self._stamps_of_new_clock[-1]
+            earliest_boot = self._reception_at_boot + former_now - MAX_UTC_DIFFERENCE
+            if first_stamp <= MAX_RESTART_TIME or reception_at_boot >= earliest_boot:
+                self._report(Fact(VehicleFact.VEHICLE_REBOOTED, clock=former_now))
+            else:
+                self._report(Fact(VehicleFact.CLOCK_WENT_BACK, clock=former_now, time=first_stamp))
         elif not isnan(former_now):
             offset = first_stamp - former_now
             self._report(Fact(VehicleFact.CLOCK_JUMPED, offset=offset, clock=former_now))

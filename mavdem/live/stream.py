@@ -299,7 +299,7 @@ class LiveStream:
         if message.name in REPLY_MESSAGES:
             self._replies.append(message)
             return
-        timed = self._clock.place(message)
+        timed = self._clock.place(message, self._stamp)
         if timed is None:
             return
         if timed.boot != self.boot:

@@ -108,6 +108,15 @@ def flight(times, system=1, sequence=0):
     return frames
 
 
+def stamped_flight(attitudes):
+    """A log with a HEARTBEAT and ATTITUDEs, of stamps and times of reception, s."""
+    content = struct.pack(">Q", NOW) + message("HEARTBEAT", type=2, autopilot=3)
+    for row, (stamp, reception) in enumerate(attitudes):
+        frame = message("ATTITUDE", sequence=(row + 1) % 256, time_boot_ms=round(stamp * 1e3))
+        content += struct.pack(">Q", NOW + round(1e6 * reception)) + frame
+    return content
+
+
 def heartbeat(system=1, component=1, kind=2, autopilot=3):
     return message("HEARTBEAT", system, component, type=kind, autopilot=autopilot)
 

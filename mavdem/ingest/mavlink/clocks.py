@@ -320,7 +320,7 @@ def _reboot_rows(time: Times) -> Rows:
             stays_below = highest_later < highest_of_boot - MIN_RESET_STEP
             following_stamps = time[row : row + late_stamps]
             has_restarted = stays_below or (
-                has_fallen and _rises_steadily(following_stamps, highest_of_boot, median_step)
+                has_fallen and rises_steadily(following_stamps, highest_of_boot, median_step)
             )
         elif has_fallen_far:
             has_restarted = highest_later < highest_of_boot - MIN_RESET_STEP
@@ -333,7 +333,7 @@ def _reboot_rows(time: Times) -> Rows:
     return np.array(reboot_rows, dtype=np.int64)
 
 
-def _rises_steadily(stamps: Times, former_highest: float, median_step: float) -> bool:
+def rises_steadily(stamps: Times, former_highest: float, median_step: float) -> bool:
     """Returns whether a clock that fell rises to where it was as often and evenly as the messages come.
 
     A restarted clock does. Late messages of a second link are few, since copies were dropped, or the first link's

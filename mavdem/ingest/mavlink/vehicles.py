@@ -421,7 +421,7 @@ def _messages(stream: FrameStream, frames_of_messages: OffsetsByMessage) -> tupl
         count = 0
         for stamps in message_stamps:
             is_kept = _is_outside(blocks, stamps.positions)
-            count += np.count_nonzero(~is_kept)
+            count += int(np.count_nonzero(~is_kept))
             fields = selected_rows(decoded.pop(stamps.message), is_kept)
             if is_kept.any():
                 decoded[stamps.message] = fields
