@@ -208,7 +208,9 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
             motion = motion_of_boot
             boot = candidate
     if motion is None or len(motion.time) < MIN_SAMPLES:
-        raise NotLearnable(NoWind.NO_FLIGHT_WITH_VELOCITY)
+        raise NotLearnable(
+            NoWind.NO_FLIGHT_WITH_VELOCITY, airborne=_settled_seconds(signals, ground_motion)
+        )
     _require_usable(motion, _longest_stuck(signals.position, boot, motion))
     if drag is None:
         drag = Drag.from_parameters(telemetry.autopilot, telemetry.parameters)
@@ -216,6 +218,23 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     if estimate.speed_identifiable and estimate.speed > MAX_WIND_SPEED:
         raise NotLearnable(NoWind.BEYOND_ANY_WIND, speed=MAX_WIND_SPEED)
     return replace(estimate, boot=boot)
+
+
+def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
+    """Returns the duration of settled flight, s, in all boots, whether velocity and yaw were known in it or not.
+
+    Args:
+        signals: signals of the vehicle.
+        ground_motion: velocity and height, as :func:`_ground_motion` returns them.
+    """
+    duration = 0.0
+    for boot in np.unique(ground_motion.boot).tolist():
+        rows = ground_motion.boot == boot
+        time = ground_motion.time[rows]
+        flights = _flights(signals, boot, time, ground_motion.values[rows, 3])
+        recorded = intervals.intersection(flights, [(time[0], time[-1])])
+        duration += sum(end - start for start, end in recorded)
+    return float(duration)
 
 
 def _require_position_source(telemetry: Telemetry, ground_motion: TimeSeries) -> None:

@@ -147,7 +147,7 @@ def test_what_hides_the_margins_is_said_at_any_rate():
         (Fact(Loops.CROSSOVER_UNSEEN, crossover=9.0, rate=30.0), " a quarter of that."),
         (
             slow_streams({"ATTITUDE": 10.0}, "roll"),
-            "Margins do not show at 10 Hz: attitude and motors need 40 Hz.",
+            "Margins do not show at 10 Hz: attitude, body rates and motors need 40 Hz.",
         ),
     ):
         light = margins_light(evidence(HOVER.telemetry(10.0, 10.0), loops={"roll": refusal}))

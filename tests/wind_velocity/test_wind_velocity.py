@@ -216,7 +216,9 @@ def test_resets_are_no_motion():
     ways = np.array([-0.6, -0.4, 3.4, 3.6])
     assert is_position_reset(ways, 2.0, 4.0, 0.5).tolist() == [True, False, False, True]
     indoors = shared("real/logs/px4_two_armed_times.ulg")  # its v_xy_valid is 0
-    assert refused(mavdem.wind, indoors).code is NoWind.NO_FLIGHT_WITH_VELOCITY
+    refusal = refused(mavdem.wind, indoors)
+    assert refusal.code is NoWind.NO_FLIGHT_WITH_VELOCITY
+    assert refusal.figures["airborne"] == 0.0
 
 
 def test_velocity_of_another_core_stands_in_for_the_primary_s():

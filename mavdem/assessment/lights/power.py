@@ -136,6 +136,8 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
 
     A flight that was lost is judged until then, and the fact ends there: what the battery did afterwards is not known.
 
+    A battery that was too low has the time at which its average first was below the limit.
+
     The fact has the lowest average ``voltage`` and the ``voltage_limit`` that decided, V, the number of ``cells``, the
     largest ``current``, A, and the internal ``resistance``, ohm, each None if it is not known. Of several batteries,
     and of one that is not the first, it has the number as ``battery`` too.
@@ -168,9 +170,13 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
         code = PowerLight.BATTERY_HELD
     is_named = len(evidence.signals.batteries) > 1 or battery.number != FIRST_BATTERY
     ending = evidence.ending
+    time = None
+    if code is PowerLight.BATTERY_LOW:
+        time = _first_time_below(evidence, voltage, voltage_limit)
     return Fact(
         code,
         level,
+        time=time,
         until=None if ending is None else loss_onset(ending),
         subject=battery_name(battery.number) if is_named else "",
         **({"battery": battery.number} if is_named else {}),
@@ -180,6 +186,24 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
         resistance=load.resistance,
         voltage_limit=voltage_limit,
     )
+
+
+def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> float | None:
+    """Returns when the average of a voltage over 2 s first was below a limit in flight, s since boot.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        voltage: (N,) V.
+        limit: V.
+
+    Returns:
+        None if it never was.
+    """
+    for part in evidence.in_flight(voltage):
+        rows = np.flatnonzero(phases.moving_average(part) < limit)
+        if len(rows):
+            return float(part.time[rows[0]])
+    return None
 
 
 def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator[Fact]:
