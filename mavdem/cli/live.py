@@ -24,6 +24,8 @@ from mavdem.dem.parallel import LearningProcess
 from mavdem.documents.session import live_document
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAM_WRITERS
+from mavdem.facts import Fact
+from mavdem.facts.session import LinkFact
 from mavdem.files import write_text_atomically
 from mavdem.fleet.priors import earlier_drag, earlier_flight
 from mavdem.live import LiveStream
@@ -196,7 +198,7 @@ def live_command(
         status = session.status
         dropped = opened_link.dropped_datagrams
         if dropped:
-            print_to_stderr(f"{dropped} datagrams were lost: they came faster than they were read.")
+            print_fact(Fact(LinkFact.DATAGRAMS_LOST, count=dropped))
         print_to_stderr("Ending takes some seconds: model, message rates and files are completed.")
         learned = _final_model(session, session_end)
         # The model is written first, since what follows may fail or take its time.

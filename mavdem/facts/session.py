@@ -47,6 +47,7 @@ class LinkFact(Code):
     STREAM_FILE_EXISTS = "stream_file_exists"
     STREAM_FILE_FAILED = "stream_file_failed"
     STREAM_RECORDING_ENDED = "stream_recording_ended"
+    DATAGRAMS_LOST = "datagrams_lost"
 
 
 class VehicleFact(Code):

@@ -52,7 +52,7 @@ class LinkMonitor:
             link: address of the link, such as ``udpin:127.0.0.1:14550``.
             library: where recordings of sessions are added.
             log_added: called after a recording was added.
-            warn: called with the reason where no session runs any more.
+            warn: called with the reason where no session runs any more, and with what was lost.
 
         Raises:
             Unreadable: the link cannot be opened.
@@ -66,6 +66,8 @@ class LinkMonitor:
         self._is_stopping = Event()
         self._silent_pages = 0
         self._frames_at_last_page = 0
+        # Number of datagrams that the link had lost at the end of the latest session.
+        self._lost_datagrams = 0
         self._thread = Thread(target=self._run, daemon=True)
 
     def start(self) -> None:
@@ -105,7 +107,8 @@ class LinkMonitor:
         """Runs one live session on the link, and adds its recording to the library unless nothing was received.
 
         A session ends when the server ends, or after some time without anything received, for example when the
-        vehicle was switched off. However it ends, by an error too, what was recorded is kept.
+        vehicle was switched off. However it ends, by an error too, what was recorded is kept. What still waits at the
+        end is recorded too, and what was lost since nobody read it in time is reported.
 
         Args:
             executor: the process in which models are learned.
@@ -135,9 +138,15 @@ class LinkMonitor:
             try:
                 self._update_page(session)
                 run_session(session, self._is_over, None, PAGE_SECONDS, self._update_page)
+                session.intake.record_rest()
             finally:
                 session.end()
         finally:
+            lost_before = self._lost_datagrams
+            self._lost_datagrams = self._link.dropped_datagrams
+            if self._lost_datagrams > lost_before:
+                lost = self._lost_datagrams - lost_before
+                self._warn(Fact(LinkFact.DATAGRAMS_LOST, count=lost))
             if recording.frame_count:
                 self._library.add(path, name)
                 self._log_added()

@@ -94,3 +94,24 @@ def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, 
     with serving(tmp_path / "other", monitor=live) as server:
         answer = server.get("/live")
         assert answer.status == 503 and "No space left" in answer.text
+
+
+def test_what_the_socket_holds_when_the_server_ends_is_recorded(tmp_path, monkeypatch):
+    def wait_for_the_end(session, is_over, *_):
+        while not is_over():
+            time.sleep(0.01)
+
+    monkeypatch.setattr(link_monitor, "live_page", Mock(return_value=""))
+    monkeypatch.setattr(link_monitor, "run_session", wait_for_the_end)
+    library = Library(tmp_path)
+    port = free_port()
+    live = LinkMonitor(f"udpin:127.0.0.1:{port}", library, Mock(), Mock())
+    live.start()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+        for first in range(0, len(FRAMES), 1000):
+            vehicle.sendto(FRAMES[first : first + 1000], ("127.0.0.1", port))
+    live.stop()
+    (entry,), _ = library.find("1", [], 10)
+    path = tmp_path / "sent.tlog"
+    path.write_bytes(FRAMES)
+    assert read_log(library.log_path(entry)).frames >= read_log(path).frames - 1
