@@ -13,6 +13,7 @@ import numpy as np
 from mavdem.assessment.attitude_error import AttitudeError, attitude_error
 from mavdem.assessment.attitude_losses import attitude_losses
 from mavdem.assessment.autopilot_messages import in_time_order
+from mavdem.assessment.barometer_drifts import barometer_drifts
 from mavdem.assessment.descents import dives, falls
 from mavdem.assessment.flights import (
     RECOVERY_SECONDS,
@@ -44,10 +45,10 @@ CONTACTS = (MotionEvent.HIT, MotionEvent.TIPPED, MotionEvent.TOPPLED)
 def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
     """Returns the events that the motion shows, in order of boot and time.
 
-    They are losses of attitude, falls, dives, contacts with the ground, losses of height and position estimates, motors
-    at their limit or off, clipping of the accelerometers, and a log that ends in the air. A boot in which the vehicle
-    did not fly has none of these, but the one event that says so. Of vehicles that are no multirotors they are clipping
-    and losses of the position alone: a plane banks and dives on purpose.
+    They are losses of attitude, falls, dives, contacts with the ground, losses of height and position estimates,
+    barometers that drift, motors at their limit or off, clipping of the accelerometers, and a log that ends in the air.
+    A boot in which the vehicle did not fly has none of these, but the one event that says so. Of vehicles that are no
+    multirotors they are clipping and losses of the position alone: a plane banks and dives on purpose.
 
     Args:
         signals: signals of the vehicle.
@@ -185,6 +186,7 @@ def _events_of_flight(
     yield from dives(scene, flight)
     yield from height_divergences(scene, _until(flight, loss, contact))
     yield from position_losses(scene, _until(flight, loss, contact), reports)
+    yield from barometer_drifts(scene, flight)
 
 
 def _standing_motors(

@@ -22,6 +22,7 @@ class MotionEvent(Code):
     NOT_FLOWN = "not_flown"
     HEIGHT_DIVERGED = "height_diverged"
     POSITION_LOST = "position_lost"
+    BAROMETER_DRIFTED = "barometer_drifted"
 
 
 class Ending(Code):

@@ -20,6 +20,8 @@ class Witness(Code):
     STAYED_LEVEL = "witness_stayed_level"
     SANK = "witness_sank"
     DID_NOT_SINK = "witness_did_not_sink"
+    GROUND_READING_CHANGED = "witness_ground_reading_changed"
+    SATELLITES_LEVEL = "witness_satellites_level"
     # Attitude and gyro.
     ATTITUDE_ANSWERED = "witness_attitude_answered"
     ATTITUDE_IGNORED = "witness_attitude_ignored"

@@ -89,7 +89,7 @@ def height_witnesses(signals: Signals, boot: int) -> HeightWitnesses:
     altitude = series_of_boot(barometer_altitude(signals), boot)
     noise = None if altitude is None else barometer_noise(altitude)
     barometer, barometer_climb = None, None
-    if altitude is not None and noise is not None and noise <= MAX_BAROMETER_NOISE:
+    if altitude is not None and is_usable_barometer(noise):
         barometer = TimeSeries(
             altitude.time,
             altitude.boot,
@@ -108,6 +108,11 @@ def height_witnesses(signals: Signals, boot: int) -> HeightWitnesses:
         estimated_climb=estimated_climb,
         contradictions=_contradictions(barometer_climb, estimated_climb),
     )
+
+
+def is_usable_barometer(noise: float | None) -> bool:
+    """Returns whether a barometer with such a :func:`barometer_noise`, m/s², measures the height; None is unknown."""
+    return noise is not None and noise <= MAX_BAROMETER_NOISE
 
 
 def barometer_noise(altitude: TimeSeries) -> float | None:

@@ -18,6 +18,7 @@ ATTITUDE = "attitude"
 SOURCES = {
     Witness.ROSE: "height",
     Witness.SANK: "height",
+    Witness.GROUND_READING_CHANGED: "height",
     Witness.ATTITUDE_LEFT_SETPOINT: "attitude",
     Witness.ATTITUDE_ANSWERED: "attitude",
     Witness.ROTATED: "gyro",
@@ -36,6 +37,7 @@ SOURCES = {
     Witness.COMMAND_ROSE: "motors",
     Witness.POSITION_INVALID: "estimator",
     Witness.NO_FIX: "receiver",
+    Witness.SATELLITES_LEVEL: "receiver",
     Witness.MODE_CHANGED: "autopilot",
     Witness.AUTOPILOT_REPORTED: "autopilot",
 }

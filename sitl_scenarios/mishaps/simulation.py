@@ -40,6 +40,9 @@ LYING_SECONDS = 4.0
 MAX_LATE_SECONDS = 60.0
 """Longest time for which a flight goes on beyond its duration until the vehicle is down, s; a choice."""
 
+LATE_RECORD_SECONDS = 2.0
+"""Time for which the record goes on after the landing of a flight that lands late, s; a choice."""
+
 LATE_DESCENT = 0.5
 """Speed downwards of a landing whose planned end is over, m/s: ArduCopter's LAND_SPEED."""
 
@@ -68,6 +71,8 @@ class InstrumentedSimulation(Simulation):
         self._contact: GroundContact | None = None
         # When the vehicle came to lie, s after arming; None while it does not.
         self._lying_since: float | None = None
+        # When the autopilot disarmed last, s after arming; None while it has not.
+        self._disarmed_at: float | None = None
         self._is_failsafe = False
         # MAV_LANDED_STATE of the flight plan in this cycle.
         self._planned_state = ON_GROUND
@@ -81,9 +86,15 @@ class InstrumentedSimulation(Simulation):
             return True
         if self._lying_since is not None:
             return self._flight_time >= self._lying_since + CRASH_CHECK_SECONDS + LYING_SECONDS
-        is_late = self._flight_time < self.scenario.duration + MAX_LATE_SECONDS
-        if self.armed and is_late:
+        may_be_late = self._flight_time < self.scenario.duration + MAX_LATE_SECONDS
+        if self.armed and may_be_late:
             return False
+        if (
+            self._disarmed_at is not None
+            and self._disarmed_at > self.scenario.duration + self.cycle
+        ):
+            # A vehicle that landed after the planned end is recorded at rest, too.
+            return self._flight_time >= self._disarmed_at + LATE_RECORD_SECONDS
         return super().finished
 
     def _estimate(self, state: State) -> State:
@@ -107,7 +118,10 @@ class InstrumentedSimulation(Simulation):
 
     def _update_arming(self) -> None:
         """Arms and disarms as planned, and where a mishap does: by a failsafe in the air, or after a crash."""
+        was_armed = self.armed
         super()._update_arming()
+        if was_armed and not self.armed:
+            self._disarmed_at = self._flight_time
         mishap = self.scenario.mishap
         time = self._flight_time
         if isinstance(mishap, FailsafeDisarm) and time >= mishap.start and not self._is_failsafe:

@@ -72,6 +72,7 @@ TRANSLATED = {
         ("EKF_STATUS_REPORT", "compass_variance", "NKF4", "SM", 1.0),
         ("GPS_RAW_INT", "eph", "GPS", "HDop", 100.0),
         ("GPS_RAW_INT", "satellites_visible", "GPS", "NSats", 1.0),
+        ("GPS_RAW_INT", "alt", "GPS", "Alt", 1000.0),
     ],
 }
 

@@ -131,6 +131,11 @@ def test_a_barometer_that_drifts_leaves_the_satellites():
     assert height.mean() == approx(-3.0, abs=0.5)
     satellites = flight.column("GPS_RAW_INT", "alt")
     assert satellites.max() - satellites[0] > 6000
+    # It lands late, and the record goes on at rest.
+    assert (
+        flight.motion.time[~flight.motion.armed].max()
+        - flight.motion.time[flight.motion.armed].max()
+    ) > 1.5
 
 
 @mark.slow

@@ -83,6 +83,7 @@ ESTIMATOR_EVENTS: set[Code] = {
     Reported.SENSOR_FAILED,
     MotionEvent.HEIGHT_DIVERGED,
     MotionEvent.POSITION_LOST,
+    MotionEvent.BAROMETER_DRIFTED,
 }
 """Events in flight that concern the estimator: what the autopilot reports, and estimates that the motion refutes."""
 
@@ -91,7 +92,7 @@ def estimator_light(evidence: Evidence) -> Fact:
     """Returns the worst of what the log shows of the state estimator in flight; unknown if the log has nothing of it.
 
     That are the innovations of its filter, poor GPS fixes, a disturbed compass, an accelerometer that is wrong at rest,
-    what the autopilot reported, and a height or position that was lost.
+    what the autopilot reported, a height or position that was lost, and a barometer that drifted.
 
     Args:
         evidence: what the log shows of the vehicle.

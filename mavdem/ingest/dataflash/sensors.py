@@ -116,8 +116,8 @@ STATUS_3D_FIX = 3
 def gps_fixes(tables: Tables, number: int) -> NamedMessage:
     """Makes GPS_RAW_INT of the first receiver, or GPS2_RAW of the second: fix, satellites, dilution and position.
 
-    Latitude and longitude are in 1e-7 degrees, 0 where there is no three-dimensional fix. ``eph`` is the horizontal
-    dilution of precision times 100, as MAVLink has it.
+    Latitude and longitude are in 1e-7 degrees, 0 where there is no three-dimensional fix; the altitude is in mm.
+    ``eph`` is the horizontal dilution of precision times 100, as MAVLink has it.
 
     Args:
         tables: DataFlash's messages by name.
@@ -138,6 +138,8 @@ def gps_fixes(tables: Tables, number: int) -> NamedMessage:
         "lat": units_per_degree * latitude,
         "lon": units_per_degree * longitude,
     }
+    if "Alt" in logged:
+        columns["alt"] = 1000.0 * logged["Alt"].astype(float)
     return NamedMessage(name, with_stamps(logged, columns))
 
 

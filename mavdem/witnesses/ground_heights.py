@@ -1,0 +1,148 @@
+"""Heights on the ground before a flight and after it: barometer and satellites, where the vehicle lies still.
+
+An estimator follows its barometer, so that a barometer that drifts looks sound in flight. On the ground it shows: the
+vehicle is back where it took off, and the barometer reads another height than before. The altitude by satellites tells
+that apart from a landing place that is higher or lower. Alone it would not do: receivers of sound vehicles wander by
+up to 9 m within 20 s, while their barometers agree within 1.3 m before and after a flight.
+"""
+
+from dataclasses import dataclass
+from math import inf, isfinite
+
+import numpy as np
+
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import Intervals, in_intervals, intersection
+from mavdem.dataset.phases import series_of_boot
+from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_fix_by_row
+from mavdem.dataset.signals import EARTH_RADIUS, Signals, global_positions
+from mavdem.dataset.time_series import TimeSeries, clean_series, float_column
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.witnesses.accelerometer import rest_intervals
+from mavdem.witnesses.height import barometer_noise, is_usable_barometer
+from mavdem.witnesses.sensors import barometer_altitude
+
+MIN_REST_SECONDS = 1.0
+"""Seconds that the vehicle must lie still before the flight, and after it: two windows of rest."""
+
+MAX_REST_SECONDS = 10.0
+"""Seconds of rest next to the flight that count: a barometer that lies for minutes in the sun drifts there, too."""
+
+LANDING_SECONDS = 5.0
+"""Seconds before the end of a flight from which on the vehicle may rest: autopilots report a landing late."""
+
+MAX_WAIT_SECONDS = 30.0
+"""Seconds after a landing within which the vehicle must rest, so that the rest is not that after a later flight."""
+
+MIN_SAMPLES = 2
+"""Number of readings whose mean is taken for a height: those of a second at 2 Hz."""
+
+METRES_PER_MILLIMETRE = 0.001
+"""Metres in a millimetre, the unit of ``alt`` in GPS_RAW_INT."""
+
+
+@dataclass(frozen=True)
+class GroundHeights:
+    """By how much heights changed from the rest before a flight to the rest after it."""
+
+    barometer_change: float
+    """Change of the barometer's height, m upwards."""
+    barometer_scatter: float
+    """Standard deviation of the barometer's readings at rest, m: the larger one of before and after."""
+    satellite_change: float
+    """Change of the altitude by satellites, m upwards."""
+    distance: float
+    """Horizontal distance, m, of landing and take-off by satellites."""
+
+
+def ground_heights(signals: Signals, boot: int, flight: Interval) -> GroundHeights | None:
+    """Compares the heights at rest before a flight and after it.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        flight: start and end of the flight, s since boot; infinite where the record has no take-off or landing.
+
+    Returns:
+        None where the vehicle did not rest both times, the barometer is missing or not usable, or no satellite receiver
+        had a fix both times.
+    """
+    barometer = series_of_boot(barometer_altitude(signals), boot)
+    position = series_of_boot(satellite_position(signals), boot)
+    if barometer is None or position is None or not is_usable_barometer(barometer_noise(barometer)):
+        return None
+    before, after = _rests_around(rest_intervals(signals, boot), flight)
+    if before is None or after is None:
+        return None
+    readings = [_inside(barometer, rest) for rest in (before, after)]
+    fixes = [_inside(position, rest) for rest in (before, after)]
+    if min(len(part.time) for part in readings) < MIN_SAMPLES or not all(
+        len(part.time) for part in fixes
+    ):
+        return None
+    height_before, height_after = (part.values.mean() for part in readings)
+    position_before, position_after = (np.median(part.values, axis=0) for part in fixes)
+    latitude, longitude, altitude = position_after - position_before
+    east_share = np.cos(np.radians(position_before[0]))
+    return GroundHeights(
+        barometer_change=float(height_after - height_before),
+        barometer_scatter=float(max(part.values.std() for part in readings)),
+        satellite_change=float(altitude),
+        distance=float(
+            EARTH_RADIUS * np.hypot(np.radians(latitude), east_share * np.radians(longitude))
+        ),
+    )
+
+
+@cached_per_vehicle()
+def satellite_position(signals: Signals) -> TimeSeries | None:
+    """Returns latitude and longitude, degrees, and altitude, m, of the first receiver with fixes (N, 3).
+
+    None where no receiver was recorded, or none had a position in three dimensions with an altitude. A receiver whose
+    altitude never changes does not measure one.
+    """
+    for message in RECEIVER_MESSAGES:
+        columns = signals.telemetry.messages.get(message, {})
+        if not all(field in columns for field in ("fix_type", "lat", "lon", "alt")):
+            continue
+        degrees, is_place = global_positions(columns)
+        altitude = METRES_PER_MILLIMETRE * float_column(columns, "alt")
+        has_fix = has_fix_by_row(columns) & is_place
+        if has_fix.any() and np.ptp(altitude[has_fix]) > 0:
+            return clean_series(columns, np.column_stack([degrees, altitude]), has_fix)
+    return None
+
+
+def _rests_around(rests: Intervals, flight: Interval) -> tuple[Interval | None, Interval | None]:
+    """Returns the last rest before a flight and the first one after it, s since boot; None where there is none.
+
+    Where the landing was not recorded, any rest after the take-off is on the ground, since rest is without power.
+
+    Args:
+        rests: when the vehicle lay still without power, ascending, s since boot.
+        flight: start and end, s since boot.
+    """
+    take_off, landing = flight
+    search = (take_off + LANDING_SECONDS, inf)
+    if isfinite(landing):
+        search = (max(landing - LANDING_SECONDS, take_off), landing + MAX_WAIT_SECONDS)
+    before = _long_enough(intersection(rests, [(-inf, take_off)]))
+    after = _long_enough(intersection(rests, [search]))
+    rest_before, rest_after = None, None
+    if before:
+        start, end = before[-1]
+        rest_before = max(start, end - MAX_REST_SECONDS), end
+    if after:
+        start, end = after[0]
+        rest_after = start, min(end, start + MAX_REST_SECONDS)
+    return rest_before, rest_after
+
+
+def _long_enough(rests: Intervals) -> Intervals:
+    """Returns the intervals of at least ``MIN_REST_SECONDS``."""
+    return [(start, end) for start, end in rests if end - start >= MIN_REST_SECONDS]
+
+
+def _inside(series: TimeSeries, interval: Interval) -> TimeSeries:
+    """Returns the samples of a series in an interval, s since boot."""
+    return series.select(in_intervals(series.time, [interval]))

@@ -1,0 +1,96 @@
+"""Barometers that drift in flight: the height at rest before it and after it, against that by satellites."""
+
+import numpy as np
+from hover import changed, columns
+from instrumented import instrumented, stamps
+from pytest import approx, mark
+
+from mavdem.assessment.motion import motion_events
+from mavdem.dataset.signals import Signals
+from mavdem.facts import Level
+from mavdem.facts.ending import MotionEvent
+from mavdem.witnesses.ground_heights import ground_heights
+
+TAKE_OFF, LANDING = 6.0, 71.0
+PLACE = (473_977_420, 85_455_940)
+
+
+def flight(drift, satellite_change=0.0, north=0.0, fix_type=3, noise=0.1):
+    """The hover whose barometer drifts by so many metres in 10 s, with a receiver of satellites.
+
+    Its altitude changes by ``satellite_change``, m, and it lands ``north`` metres north of the take-off.
+    """
+    made = instrumented()
+    time = stamps(made, "SCALED_PRESSURE")
+    share = np.clip((time - 30.0) / 10.0, 0.0, 1.0)
+    random = np.random.default_rng(4)
+    true_altitude = made.messages["SCALED_PRESSURE"]["altitude"]
+    altitude = true_altitude + drift * share + noise * random.standard_normal(len(time))
+    made = changed(made, "SCALED_PRESSURE", altitude=altitude)
+    satellites = (
+        true_altitude + satellite_change * share + noise * random.standard_normal(len(time))
+    )
+    latitude, longitude = PLACE
+    return changed(
+        made,
+        "GPS_RAW_INT",
+        **columns(
+            time,
+            fix_type=fix_type,
+            satellites_visible=14,
+            lat=latitude + share * north / 0.0111,
+            lon=longitude,
+            alt=1000.0 * satellites,
+        ),
+    )
+
+
+def drifts(made):
+    events = motion_events(Signals(made, inputs="motors"))
+    return [event for event in events if event.code is MotionEvent.BAROMETER_DRIFTED]
+
+
+@mark.parametrize("drift", [6.0, -6.0])
+def test_a_barometer_that_drifts_in_flight_is_to_be_watched(drift):
+    (event,) = drifts(flight(drift))
+    assert event.level is Level.WATCH
+    assert event.figures["change"] == approx(drift, abs=0.2)
+    assert len(event.figures["witnesses"]) == 2
+
+
+@mark.parametrize("drift", [0.0, 1.5, -2.0])
+def test_what_weather_and_warmth_change_is_no_drift(drift):
+    assert not drifts(flight(drift))
+
+
+def test_a_higher_landing_place_is_no_drift():
+    assert not drifts(flight(6.0, satellite_change=6.0))
+
+
+def test_a_landing_elsewhere_shows_no_drift():
+    assert not drifts(flight(6.0, north=60.0))
+
+
+def test_without_a_fix_no_drift_is_stated():
+    assert not drifts(flight(6.0, fix_type=1))
+
+
+def test_satellites_that_wander_alone_are_no_drift_of_the_barometer():
+    assert not drifts(flight(0.0, satellite_change=8.0))
+
+
+def test_noise_is_no_drift():
+    assert not drifts(flight(3.5, noise=1.5))
+
+
+def test_heights_at_rest_are_compared_before_and_after_the_flight():
+    signals = Signals(flight(5.0, satellite_change=-1.0, north=10.0), inputs="motors")
+    heights = ground_heights(signals, 0, (TAKE_OFF, LANDING))
+    assert heights.barometer_change == approx(5.0, abs=0.2)
+    assert heights.satellite_change == approx(-1.0, abs=0.2)
+    assert heights.distance == approx(10.0, abs=0.5)
+
+
+def test_a_flight_that_began_before_the_record_is_not_compared():
+    signals = Signals(flight(5.0), inputs="motors")
+    assert ground_heights(signals, 0, (-np.inf, LANDING)) is None
