@@ -48,12 +48,13 @@ def commanded_overturn(signals: Signals, boot: int, loss_time: float) -> Fact | 
     if vehicle_leads or _distance(flight, int(first_row)) > LOST_ANGLE:
         return None
     time = flight.time[first_row]
-    mode = ""
-    for start, name in signals.mode_changes(boot):
-        if start <= time:
-            mode = name
     largest_lean = commanded_lean[rows].max()
-    return Fact(FailedFirst.OVERTURN_COMMANDED_FIRST, time=time, subject=mode, angle=largest_lean)
+    return Fact(
+        FailedFirst.OVERTURN_COMMANDED_FIRST,
+        time=time,
+        subject=signals.mode_at(boot, time),
+        angle=largest_lean,
+    )
 
 
 def _lean(angles: Array) -> Array:

@@ -47,8 +47,9 @@ def ending_of(
         collective: mean output of all motors in the hover, as a share of their range; None if it is not known.
 
     Returns:
-        A fact with the figures ``cause`` (the fact that failed first, or None) and ``word`` (what the autopilot
-        reported of a motor, if that adds something). Its subject is the motor, if cause and report agree on one.
+        A fact with the figures ``cause`` (the fact that failed first, or None), ``word`` (what the autopilot reported
+        of a motor, if that adds something) and, without a cause, the flight ``mode`` in which it happened. Its subject
+        is the motor, if cause and report agree on one.
     """
     bad_events = in_time_order(event for event in events if event.is_bad)
     losses = [event for event in bad_events if event.code in ENDINGS]
@@ -65,7 +66,8 @@ def ending_of(
         cause = None
     elif loss.code is MotionEvent.TOPPLED:
         cause = _throttle_closed(loss)
-    motor_report = _motor_report(signals, bad_events, loss.figures["boot"])
+    boot = loss.figures["boot"]
+    motor_report = _motor_report(signals, bad_events, boot)
     # A motor is named only if cause and report do not name two different ones.
     subjects = {fact.subject for fact in (cause, motor_report) if fact and fact.subject}
     concerns_one_motor = len(subjects) == 1 and (
@@ -81,6 +83,7 @@ def ending_of(
         subject=subjects.pop() if concerns_one_motor else "",
         cause=cause,
         word=motor_report if adds_to_cause else None,
+        mode="" if cause is not None else signals.mode_at(boot, loss_onset(loss) or 0.0),
         witnesses=loss.figures.get("witnesses", ()),
         **{name: loss.figures.get(name) for name in ("height", "speed", "boot")},
         **{name: loss.figures[name] for name in ("onset", "is_ground") if name in loss.figures},

@@ -19,13 +19,14 @@ from mavdem.assessment.attitude_losses import LOST_ANGLE
 from mavdem.assessment.battery_levels import cell_count, voltage_levels
 from mavdem.assessment.commanded_overturn import commanded_overturn
 from mavdem.assessment.flights import RECOVERY_SECONDS, loss_onset
-from mavdem.assessment.height_divergence import MANUAL_THROTTLE_MODES
+from mavdem.assessment.lowered_throttle import lowered_throttle
 from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import (
     AVERAGING_SECONDS,
+    MANUAL_THROTTLE_MODES,
     MAX_SETPOINT_DELAY,
     min_airborne_collective,
     mode_intervals,
@@ -39,7 +40,7 @@ from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.ingest.vocabulary import ON_GROUND
 from mavdem.witnesses.scene import Scene
-from mavdem.witnesses.sensors import throttle_stick
+from mavdem.witnesses.sensors import FULL_STICK, throttle_stick
 
 CAUSES_OF_ALL_MOTORS = (
     FailedFirst.ALL_OFF_FIRST,
@@ -49,6 +50,7 @@ CAUSES_OF_ALL_MOTORS = (
     FailedFirst.LANDING_ASSUMED_FIRST,
     FailedFirst.THRUST_SPENT_FIRST,
     FailedFirst.OVERTURN_COMMANDED_FIRST,
+    FailedFirst.THROTTLE_LOWERED_FIRST,
 )
 """Causes that concern all motors alike, whatever the autopilot reports of one of them."""
 
@@ -62,9 +64,6 @@ belongs to no other."""
 SPENT_THRUST_SHARE = 0.9
 """Mean command of all motors, as a share of the highest, from which on all thrust is in use
 (THRUST_LOSS_CHECK_MINIMUM_THROTTLE of ArduCopter's ``crash_check.cpp``)."""
-
-FULL_STICK = 0.9
-"""Travel of the throttle stick from which on the pilot asks for all thrust; a choice."""
 
 LEAST_SINK_RATE = 0.5
 """Speed downward, m/s, from which on a vehicle sinks for certain: estimates drift by 0.1 to 0.3 m/s."""
@@ -171,6 +170,8 @@ def first_failure(
             cause=diverged,
             later_cause=_closed_throttle(signals, boot, diverged, onset),
         )
+    if cause is None and loss.code is MotionEvent.HIT:
+        return lowered_throttle(signals, boot, onset)
     if cause is None or cause.code is not FailedFirst.ALL_OFF_FIRST:
         return cause
     # An autopilot that takes the vehicle for landed switches all motors off in the air.

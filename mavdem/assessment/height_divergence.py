@@ -14,7 +14,7 @@ from mavdem.assessment.ground_contacts import CLIMB_STICK
 from mavdem.assessment.lights.vibration import vibration_limits
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import Intervals, complement, in_intervals, intersection
-from mavdem.dataset.phases import mode_intervals, series_of_boot
+from mavdem.dataset.phases import MANUAL_THROTTLE_MODES, mode_intervals, series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Witness
@@ -24,11 +24,6 @@ from mavdem.witnesses.height import MIN_CONTRADICTION_SECONDS
 from mavdem.witnesses.scene import Scene
 from mavdem.witnesses.sensors import throttle_stick
 from mavdem.witnesses.statements import supporting_statement, weighed_event
-
-MANUAL_THROTTLE_MODES = frozenset(
-    {"Stabilize", "Acro", "Flip", "Drift", "Turtle", "Manual", "Stabilized"}
-)
-"""Modes of ArduPilot and PX4 in which the stick is the thrust, so that no estimate of the height is followed."""
 
 MIN_TRUE_CLIMB = 1.0
 """Speed, m/s up or down, by the barometer, from which on the vehicle itself moves."""

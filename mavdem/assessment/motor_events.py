@@ -7,21 +7,30 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags
 from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close
-from mavdem.dataset.intervals import Intervals, in_intervals, true_intervals
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import Intervals, in_intervals, intersection, true_intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import (
+    MANUAL_THROTTLE_MODES,
     MAX_GROUND_HEIGHT,
     MAX_SETPOINT_DELAY,
+    MIN_CLIMB_SPEED,
     height_above_take_off,
     min_airborne_collective,
+    mode_intervals,
+    series_of_boot,
 )
 from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
 from mavdem.dataset.signals import Signals
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
+from mavdem.witnesses.sensors import FULL_STICK, throttle_stick
 
 LASTING_SECONDS = 0.3
 """Seconds that a loss of attitude, or a motor at its limit, must last: longer than one sample of a stream at 4 Hz."""
+
+FULL_THROTTLE_SHARE = 0.5
+"""Share of the time at its limit beyond which the throttle must be full to explain the limit of a motor; a choice."""
 
 
 def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
@@ -70,7 +79,9 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
 
     Yields:
         A fact for each motor and interval, with the name of the motor as subject, the ``share`` of the interval's
-        samples in which it was at the limit, or off, and the ``duration`` of these samples, s.
+        samples in which it was at the limit, or off, and the ``duration`` of these samples, s. A limit at full throttle
+        says so (``is_full_throttle``), and is good while the vehicle climbs: the pilot asked for all thrust, and got
+        it.
     """
     motors = signals.motors
     if motors is None or boot not in motors.boot:
@@ -92,7 +103,7 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
                 if length <= min_duration:
                     continue
                 share = motor_flags[in_intervals(commands.time, [(start, end)])].mean()
-                yield Fact(
+                event = Fact(
                     code,
                     time=start,
                     until=None if np.isinf(end) else end,
@@ -101,6 +112,42 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
                     duration=share * length,
                     boot=boot,
                 )
+                if code is MotionEvent.MOTOR_AT_ITS_STOP:
+                    interval = (start, min(end, commands.time[-1]))
+                    event = _at_full_throttle(signals, boot, interval, event)
+                yield event
+
+
+def _at_full_throttle(signals: Signals, boot: int, interval: Interval, limit: Fact) -> Fact:
+    """Returns the event of a motor at its limit, changed where the pilot gave full throttle for most of the time.
+
+    Then all thrust is in use, and whichever motor the attitude needs most is at its limit.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        interval: start and end of the event, s since boot.
+        limit: the event.
+
+    Returns:
+        The event itself, if the throttle was not full, or the autopilot and not the stick decides the thrust.
+    """
+    stick = series_of_boot(throttle_stick(signals), boot)
+    if stick is None:
+        return limit
+    manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
+    rows = in_intervals(stick.time, intersection(manual, [interval]))
+    rows_of_event = in_intervals(stick.time, [interval])
+    is_full = rows & (stick.values >= FULL_STICK)
+    if not rows_of_event.any() or is_full.sum() <= FULL_THROTTLE_SHARE * rows_of_event.sum():
+        return limit
+    limit = limit.but(is_full_throttle=True)
+    climb_rate = series_of_boot(signals.climb_rate, boot)
+    if climb_rate is not None:
+        climb = climb_rate.values[in_intervals(climb_rate.time, [interval])]
+        if len(climb) and climb.mean() > MIN_CLIMB_SPEED:
+            return limit.but(Level.GOOD)
+    return limit
 
 
 def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Array) -> Flags:

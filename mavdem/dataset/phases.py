@@ -91,6 +91,11 @@ MAX_GROUND_HEIGHT = 1.0
 MAX_SETPOINT_DELAY = 1.0
 """Seconds by which an attitude may follow its setpoint: the response of the largest multirotors."""
 
+MANUAL_THROTTLE_MODES = frozenset(
+    {"Stabilize", "Acro", "Flip", "Drift", "Turtle", "Manual", "Stabilized"}
+)
+"""Modes of ArduPilot and PX4 in which the stick is the thrust, so that no estimate of the height is followed."""
+
 MIN_SETPOINT_TILT = np.radians(10.0)
 """RMS, rad, of a setpoint of roll or pitch that a vehicle in the air must follow; a choice."""
 

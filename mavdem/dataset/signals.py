@@ -216,6 +216,14 @@ class VehicleSignals:
         ]
         return list(zip(times, names, strict=True))
 
+    def mode_at(self, boot: int, time: float) -> str:
+        """Returns the name of the flight mode at a time of a boot, s; empty if it is not known."""
+        mode = ""
+        for start, name in self.mode_changes(boot):
+            if start <= time:
+                mode = name
+        return mode
+
     @property
     @cached_per_vehicle()
     def landed_state(self) -> TimeSeries | None:

@@ -49,3 +49,4 @@ class FailedFirst(Code):
     FAILSAFE_FIRST = "failsafe_first"
     HEIGHT_DIVERGED_FIRST = "height_diverged_first"
     OVERTURN_COMMANDED_FIRST = "overturn_commanded_first"
+    THROTTLE_LOWERED_FIRST = "throttle_lowered_first"

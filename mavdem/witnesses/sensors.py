@@ -43,6 +43,9 @@ POSSIBLE_PULSE = (750.0, 2250.0)
 USUAL_PULSE_RANGE = (1000.0, 2000.0)
 """Pulse widths, µs, of a closed and an open throttle, where RCn_MIN and RCn_MAX are not known."""
 
+FULL_STICK = 0.9
+"""Travel of the throttle stick from which on the pilot asks for all thrust; a choice."""
+
 
 @cached_per_vehicle()
 def barometer_altitude(signals: Signals) -> TimeSeries | None:

@@ -307,6 +307,27 @@ def test_the_speed_of_an_impact_is_the_one_at_its_end_and_not_of_the_fall_before
     assert ending.figures["speed"] == events[MotionEvent.HIT].figures["speed"]
 
 
+@mark.parametrize(
+    "mode, pulse, is_cause",
+    [("Stabilize", 1150, True), ("Stabilize", 1450, False), ("Alt hold", 1150, False)],
+)
+def test_a_throttle_lowered_before_an_impact_is_its_cause(mode, pulse, is_cause):
+    """It falls at 6 m/s after the pilot lowered the throttle for a second, and opened it again."""
+    ground = EVENT + 10.0 / 6.0
+    made = moving(instrumented(mode), lambda since: -6.0 * (since < 10.0 / 6.0))
+    made = stick(made, pulse, EVENT - 0.5, EVENT + 0.5)
+    made = driven(knocked(made, ground), 1000.0, ground)
+    _, ending = judged(made)
+    assert ending.code is Ending.CRASHED
+    cause = ending.figures["cause"]
+    if is_cause:
+        assert cause.code is FailedFirst.THROTTLE_LOWERED_FIRST
+        assert cause.time == approx(EVENT - 0.5, abs=0.15)
+        assert "lowered the throttle to 15 %" in ending.sentence
+    else:
+        assert cause is None
+
+
 def test_an_impact_is_at_the_first_knock_and_its_event_and_ending_agree():
     """At 2.5 m it begins to tumble, hits the ground 0.6 s later, and harder once more after that."""
     tumble = EVENT + 7.5
@@ -354,6 +375,23 @@ def test_a_vehicle_that_sinks_at_full_throttle_with_a_motor_at_its_limit_lacks_t
     _, ending = judged(made)
     cause = ending.figures["cause"]
     assert (cause is not None and "sank at full throttle" in cause.sentence) is is_spent
+
+
+@mark.parametrize(
+    "pulse, climb, level, is_full",
+    [(2000, 3.0, "good", True), (2000, 0.0, "watch", True), (1500, 3.0, "watch", False)],
+)
+def test_a_motor_at_its_limit_at_full_throttle_is_to_be_watched_only_without_a_climb(
+    pulse, climb, level, is_full
+):
+    made = moving(instrumented("Stabilize"), lambda since: climb * (since < 2.0))
+    outputs = pulses(made)
+    time = stamps(made, "SERVO_OUTPUT_RAW")
+    outputs[1] = np.where((time > EVENT) & (time < EVENT + 2.0), 2000.0, outputs[1])
+    made = stick(with_pulses(made, outputs), pulse, EVENT, EVENT + 2.0)
+    limit = judged(made)[0][MotionEvent.MOTOR_AT_ITS_STOP]
+    assert (limit.level, "at full throttle" in limit.sentence) == (level, is_full)
+    assert ("motor 2" in limit.remedy) is not is_full
 
 
 def test_a_descent_faster_than_a_free_fall_from_that_height_is_no_witness():

@@ -1,0 +1,56 @@
+"""Whether the pilot's throttle let a vehicle sink until it hit the ground."""
+
+import numpy as np
+
+from mavdem.dataset.intervals import Intervals, in_intervals, intersection, true_intervals
+from mavdem.dataset.phases import MANUAL_THROTTLE_MODES, mode_intervals, series_of_boot
+from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
+from mavdem.facts.ending import FailedFirst
+from mavdem.witnesses.sensors import throttle_stick
+
+USUAL_SECONDS = 10.0
+"""Seconds before a descent in which the median of the stick is its usual position: a hover, or slow flight."""
+
+DESCENT_SECONDS = 5.0
+"""Longest time, s, from when the throttle is lowered to the impact: a vehicle falls 30 m and more in that time."""
+
+LOWERED_TRAVEL = 0.2
+"""Travel of the stick below its usual position that counts as lowered; a choice. A hover takes 0.3 to 0.7 of the
+travel, so that the thrust is then about two thirds of the weight, and the vehicle sinks at 3 m/s after a second."""
+
+LOWERED_SECONDS = 0.5
+"""Time, s, for which the stick must be that low: a shorter movement only brakes a climb."""
+
+
+def lowered_throttle(signals: Signals, boot: int, onset: float) -> Fact | None:
+    """Returns that the pilot lowered the throttle before an impact; None if nothing shows it.
+
+    That counts in modes in which the stick is the thrust; elsewhere the autopilot limits the descent. The pilot may
+    have opened the throttle again, but too late.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        onset: when the vehicle hit the ground, or lost its attitude just before, s since boot.
+
+    Returns:
+        A fact with the time at which the throttle was lowered, and the lowest travel as the figure ``share``.
+    """
+    stick = series_of_boot(throttle_stick(signals), boot)
+    if stick is None:
+        return None
+    descent_start = onset - DESCENT_SECONDS
+    is_usual = in_intervals(stick.time, [(descent_start - USUAL_SECONDS, descent_start)])
+    if not is_usual.any():
+        return None
+    usual_travel = float(np.median(stick.values[is_usual]))
+    lowered: Intervals = true_intervals(stick.time, stick.values < usual_travel - LOWERED_TRAVEL)
+    descent = intersection(
+        mode_intervals(signals, boot, MANUAL_THROTTLE_MODES), [(descent_start, onset)]
+    )
+    for start, end in intersection(lowered, descent):
+        if end - start >= LOWERED_SECONDS:
+            travel = stick.values[in_intervals(stick.time, [(start, end)])]
+            return Fact(FailedFirst.THROTTLE_LOWERED_FIRST, time=start, share=float(travel.min()))
+    return None
