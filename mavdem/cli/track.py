@@ -135,8 +135,10 @@ def track_command(
     if as_json:
         print_json(track_document(out, index, tracked, counts, differences))
     else:
+        without_flight = len({row.file for row in rows if not row.has_flight})
         print_to_stdout(
-            f"{counted(tracked.logs, 'log')}, {tracked.read} of them read; copies count once.\n"
+            f"{counted(tracked.logs, 'log')}, {tracked.read} of them read now; {without_flight} in the table without a"
+            " flight; copies count once.\n"
         )
         print_blocks(fleet_blocks(rows))
         for vehicle, blocks in blocks_by_vehicle.items():

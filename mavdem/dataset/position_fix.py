@@ -19,6 +19,13 @@ FIX_3D = mavlink_constant("GPS_FIX_TYPE_3D_FIX")
 MIN_FIX_SATELLITES = 4
 """Number of satellites that a position in three dimensions and the receiver's clock need at least."""
 
+MAX_FIX_SECONDS = 5.0
+"""Time, s, for which a receiver's last message counts beside another one that goes on: a choice; they send at 1 Hz or
+more, but over slow links less often."""
+
+MAX_USUAL_STEPS = 5.0
+"""Number of a receiver's usual steps that may pass without a message, on links that lose some: a choice."""
+
 UNKNOWN_SATELLITES = 255
 """Value of ``satellites_visible`` where the number is not known: UINT8_MAX, by MAVLink's common.xml."""
 
@@ -61,7 +68,8 @@ def is_position_fix(fix_types: NDArray[Any], satellites: Array) -> Flags:
 def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
     """Returns when a satellite receiver had a position in three dimensions, as far as the log shows.
 
-    Where receivers were not recorded, they count as having one, unless the parameters say that there is none.
+    Where receivers were not recorded, they count as having one, unless the parameters say that there is none. The last
+    message of a receiver counts until the next; one that falls silent while another goes on counts no more.
 
     Args:
         telemetry: Messages of the vehicle.
@@ -69,6 +77,8 @@ def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
         time: Times (T,) in that boot, s.
     """
     has_fix = np.zeros(len(time), np.bool_)
+    has_recent_fix = np.zeros(len(time), np.bool_)
+    is_recent = np.zeros(len(time), np.bool_)
     is_recorded = False
     for message in RECEIVER_MESSAGES:
         columns = telemetry.messages.get(message, {})
@@ -80,11 +90,23 @@ def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
         is_recorded = True
         rows = rows[np.argsort(columns["time"][rows], kind="stable")]
         # The last message counts, and before the first one that.
-        last_row = np.searchsorted(columns["time"][rows], time, side="right") - 1
-        has_fix |= has_fix_by_row(columns)[rows][np.maximum(last_row, 0)]
+        message_time = columns["time"][rows]
+        last_row = np.maximum(np.searchsorted(message_time, time, side="right") - 1, 0)
+        has_receiver_fix = has_fix_by_row(columns)[rows][last_row]
+        is_receiver_recent = time - message_time[last_row] <= _longest_usual_gap(message_time)
+        has_fix |= has_receiver_fix
+        has_recent_fix |= has_receiver_fix & is_receiver_recent
+        is_recent |= is_receiver_recent
     if is_recorded:
-        return has_fix
+        return np.where(is_recent, has_recent_fix, has_fix)
     return np.full(len(time), not _has_no_receiver(telemetry))
+
+
+def _longest_usual_gap(time: Array) -> float:
+    """Returns the longest time between messages (N,) of a receiver that sends, s: some of its usual steps."""
+    if len(time) < 2:
+        return MAX_FIX_SECONDS
+    return max(MAX_FIX_SECONDS, MAX_USUAL_STEPS * float(np.median(np.diff(time))))
 
 
 def measures_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:

@@ -81,6 +81,7 @@ class Flaw(StrEnum):
     FAR_STAMP = "far_stamp"
     IMPOSSIBLE_STAMP = "impossible_stamp"
     NO_STAMP = "no_stamp"
+    UNREADABLE_NUMBER = "unreadable_number"
 
 
 class Separation(StrEnum):

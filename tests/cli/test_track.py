@@ -30,7 +30,8 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
     # Again, in words; a page that is gone is made again.
     assert run("track", flights, "--out", out) == 0
     written = capsys.readouterr()
-    assert written.out.startswith("2 logs, 1 of them read; copies count once.")
+    first_line = "2 logs, 1 of them read now; 1 in the table without a flight; copies count once."
+    assert written.out.startswith(first_line)
     assert page.is_file() and "index.html" in written.err
     # Logs without a flight are no success.
     assert run("track", damaged, "--out", tmp_path / "none", "--jobs", "1") == 1

@@ -3,6 +3,7 @@
 import errno
 import socket
 import time
+from threading import Event
 from unittest.mock import Mock
 
 from command_line import free_port
@@ -97,7 +98,10 @@ def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, 
 
 
 def test_what_the_socket_holds_when_the_server_ends_is_recorded(tmp_path, monkeypatch):
+    has_begun = Event()
+
     def wait_for_the_end(session, is_over, *_):
+        has_begun.set()
         while not is_over():
             time.sleep(0.01)
 
@@ -107,6 +111,7 @@ def test_what_the_socket_holds_when_the_server_ends_is_recorded(tmp_path, monkey
     port = free_port()
     live = LinkMonitor(f"udpin:127.0.0.1:{port}", library, Mock(), Mock())
     live.start()
+    assert has_begun.wait(60.0)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
         for first in range(0, len(FRAMES), 1000):
             vehicle.sendto(FRAMES[first : first + 1000], ("127.0.0.1", port))

@@ -139,6 +139,8 @@ class MessageTable(NamedTuple):
     """Position (N,) of each message in the log, increasing: its byte offset, or the number of its line."""
     columns: Columns
     """Columns by field name, (N,) or (N, 32), in the field's unit; texts are bytes, ``S`` or objects."""
+    unreadable: int = 0
+    """Number of further messages, left out since a number in them cannot be read; of a text log."""
 
 
 EMPTY_TABLE = MessageTable(np.zeros(0, dtype=np.int64), {})
@@ -206,7 +208,7 @@ def usable_fields(table: MessageTable) -> MessageTable:
         is_broken_code = name in CODE_FIELDS and values.dtype.kind == "f"
         if name in NON_NUMERIC_FIELDS or (is_numeric and not is_broken_code):
             columns[name] = values
-    return MessageTable(table.position, columns)
+    return table._replace(columns=columns)
 
 
 def read_binary(content: bytes) -> DataflashRecording:

@@ -191,6 +191,7 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
         source_names[name] = source_name
     dropouts = _lost_messages(recording)
     skipped = recording.bytes_skipped
+    unreadable = sum(table.unreadable for table in logged.values())
     return Telemetry(
         system=_system_id(parameters),
         component=AUTOPILOT_COMPONENT,
@@ -202,6 +203,9 @@ def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
         repairs=(
             *recording.repairs,
             *repair_facts(Repair.BYTES_SKIPPED, count=skipped, part="message"),
+            *repair_facts(
+                Repair.LOGGED_MESSAGES_LEFT_OUT, count=unreadable, flaw=Flaw.UNREADABLE_NUMBER
+            ),
             *block_repairs,
             *clock_repairs,
             *unit_repairs,
@@ -231,7 +235,7 @@ def _logged_messages(recording: DataflashRecording) -> dict[str, MessageTable]:
     imu = logged["IMU"]
     used_fields = {*CLOCK_FIELDS, "I", *GYRO_FIELDS, *ACCELEROMETER_FIELDS}
     columns = {name: values for name, values in imu.columns.items() if name in used_fields}
-    logged["IMU"] = MessageTable(imu.position, columns)
+    logged["IMU"] = imu._replace(columns=columns)
     return logged
 
 
@@ -304,7 +308,7 @@ def _without_old_blocks(
         for block in blocks:
             is_kept &= (table.position < block.start) | (table.position >= block.end)
         columns = {field: values[is_kept] for field, values in table.columns.items()}
-        return MessageTable(table.position[is_kept], columns)
+        return table._replace(position=table.position[is_kept], columns=columns)
 
     kept = recording._replace(decode=decode)
     end = int(clock.positions.max())
@@ -320,7 +324,8 @@ def _without_old_blocks(
 
 def _boot_times_in_utc(logged: Mapping[str, MessageTable]) -> BootTimesInUtc:
     """Returns when the boot clock read 0, by each message GPS with the time of the satellites."""
-    positions, columns = logged["GPS"]
+    positions = logged["GPS"].position
+    columns = logged["GPS"].columns
     stamps = _stamps_of_messages({"GPS": logged["GPS"]}).get("GPS")
     if stamps is None or not {"Status", "GMS", "GWk"} <= columns.keys():
         return BootTimesInUtc(np.zeros(0, dtype=np.int64), np.zeros(0))

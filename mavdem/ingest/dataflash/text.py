@@ -118,7 +118,7 @@ def _decoded(definition: FormatDefinition, lines: list[_Line]) -> MessageTable:
 
     Returns:
         The messages; numbers as integers or floats, all else as bytes in arrays of objects. Lines in which a numeric
-        field holds no number, or an integer is none, are left out. There are no messages where the definition is
+        field holds no number, or an integer is none, are left out and counted. There are no messages where the definition is
         inconsistent.
     """
     if definition.wire is None or not definition.fields:
@@ -147,7 +147,8 @@ def _decoded(definition: FormatDefinition, lines: list[_Line]) -> MessageTable:
             column = np.where(is_integer, column, 0.0).astype(np.int64)
         columns[name] = column
     positions = np.array(line_numbers, dtype=np.int64)
-    return MessageTable(positions[is_valid], selected_rows(columns, is_valid))
+    unreadable = len(lines) - int(np.count_nonzero(is_valid))
+    return MessageTable(positions[is_valid], selected_rows(columns, is_valid), unreadable)
 
 
 def _parsed_values(texts: list[bytes], is_numeric: list[bool]) -> list[float | bytes] | None:

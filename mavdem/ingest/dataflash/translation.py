@@ -157,7 +157,7 @@ def with_new_names(message: str, logged: MessageTable) -> MessageTable:
     if not all(old_name in logged.columns for old_name in new_names):
         return logged
     columns = {new_names.get(field, field): column for field, column in logged.columns.items()}
-    return MessageTable(logged.position, columns)
+    return logged._replace(columns=columns)
 
 
 def translated(
