@@ -6,7 +6,7 @@ from pytest import mark
 from mavdem.assessment.autopilot_messages import reported_problems
 from mavdem.assessment.inventory import inventory
 from mavdem.facts.events import Reported
-from mavdem.facts.sources import Flaw
+from mavdem.facts.sources import Flaw, Repair
 from mavdem.ingest import read_log
 
 DEFINITIONS = (
@@ -52,8 +52,10 @@ def test_errors_and_events_of_a_text_log_are_reported(tmp_path):
 def test_a_code_that_is_no_integer_is_left_out(broken, tmp_path):
     log = text_log(tmp_path, attitude_lines() + f"{broken}\nERR, 1250000, 5, 1\n")
     assert log.vehicles[0].messages["ERR"]["Subsys"].tolist() == [5]
-    (repair,) = log.vehicles[0].repairs
-    assert repair.figures == {"count": 1, "flaw": Flaw.UNREADABLE_NUMBER}
+    (repair,) = [
+        fact for fact in log.vehicles[0].repairs if fact.code is Repair.LOGGED_MESSAGES_LEFT_OUT
+    ]
+    assert (repair.figures["count"], repair.figures["flaw"]) == (1, Flaw.UNREADABLE_NUMBER)
 
 
 def test_a_definition_that_makes_a_code_a_fraction_hides_it(tmp_path):

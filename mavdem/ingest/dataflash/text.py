@@ -118,8 +118,8 @@ def _decoded(definition: FormatDefinition, lines: list[_Line]) -> MessageTable:
 
     Returns:
         The messages; numbers as integers or floats, all else as bytes in arrays of objects. Lines in which a numeric
-        field holds no number, or an integer is none, are left out and counted. There are no messages where the definition is
-        inconsistent.
+        field holds no number, or an integer is none, are left out and counted. There are no messages where the
+        definition is inconsistent.
     """
     if definition.wire is None or not definition.fields:
         return EMPTY_TABLE
