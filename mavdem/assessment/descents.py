@@ -15,7 +15,6 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Witness
 from mavdem.witnesses.scene import CLOSED_STICK, Scene
-from mavdem.witnesses.sensors import throttle_stick
 from mavdem.witnesses.statements import supporting_statement, supporting_statements
 
 SINK_AGREEMENT = 0.7
@@ -88,7 +87,7 @@ def dives(scene: Scene, flight: Interval) -> Iterator[Fact]:
     closed = _throttle_closed(scene, flight)
     if closed is None:
         return
-    has_stick = series_of_boot(throttle_stick(scene.signals), scene.boot) is not None
+    has_stick = scene.stick is not None
     for start, end in true_intervals(closed.time, closed.values > 0):
         start, end = max(start, flight[0], closed.time[0]), min(end, flight[1], closed.time[-1])
         if end - start < MIN_DIVE_SECONDS:
@@ -135,7 +134,7 @@ def _throttle_closed(scene: Scene, flight: Interval) -> TimeSeries | None:
         return None
     usual = float(np.median(collective.values[in_flight]))
     is_low: Flags = collective.values < DIVE_COLLECTIVE_RATIO * usual
-    stick = series_of_boot(throttle_stick(scene.signals), scene.boot)
+    stick = scene.stick
     if stick is not None:
         # Automatic modes leave the motors on whatever the stick does, so that both must be low.
         is_low &= np.interp(collective.time, stick.time, stick.values) <= 2 * CLOSED_STICK

@@ -32,6 +32,7 @@ from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.loops.advice import gain_reduction_advice
 from mavdem.loops.axis_loops import Loop, LoopsByAxis, identified_loops
 from mavdem.wind_velocity.from_log import WindEvidence
+from mavdem.witnesses import SensorTrust, trust_of_boots
 
 EXCITATION_MODES = frozenset({"Autotune", "Systemid"})
 """ArduPilot's flight modes that excite the vehicle by themselves, up to and beyond what its gains allow."""
@@ -83,6 +84,11 @@ class Evidence:
     def has_flown(self) -> bool:
         """Whether the vehicle operated, and its motion does not show that it stayed on the ground."""
         return self.has_operated and self.not_flown is None
+
+    @cached_property
+    def trust(self) -> tuple[SensorTrust, ...]:
+        """Which sensors can be trusted in each boot, by each other."""
+        return trust_of_boots(self.signals)
 
     @cached_property
     def margins(self) -> tuple[AxisMargins, ...]:

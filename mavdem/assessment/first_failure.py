@@ -40,7 +40,7 @@ from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.ingest.vocabulary import ON_GROUND
 from mavdem.witnesses.scene import Scene
-from mavdem.witnesses.sensors import FULL_STICK, throttle_stick
+from mavdem.witnesses.sensors import FULL_STICK
 
 CAUSES_OF_ALL_MOTORS = (
     FailedFirst.ALL_OFF_FIRST,
@@ -455,7 +455,7 @@ def _sinking_at_full_throttle(
         time: of the impact, s since boot; the second before it counts.
     """
     interval = (time - 1.0, time)
-    stick = series_of_boot(throttle_stick(signals), boot)
+    stick = Scene(signals, boot).stick
     climb = Scene(signals, boot).climb_estimate
     if stick is None or climb is None:
         return None

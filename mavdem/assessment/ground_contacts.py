@@ -23,7 +23,6 @@ from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.witnesses import Side, Witness
 from mavdem.witnesses.scene import MIN_SINK_RATE, Rest, Scene
-from mavdem.witnesses.sensors import throttle_stick
 from mavdem.witnesses.statements import (
     MIN_SUPPORT,
     support_count,
@@ -477,7 +476,7 @@ class _Contact:
 
     def _asks_for_climb(self, interval: Interval) -> bool:
         """Returns whether the pilot's throttle asked for a climb at any time of an interval."""
-        stick = series_of_boot(throttle_stick(self.scene.signals), self.scene.boot)
+        stick = self.scene.stick
         if stick is None:
             return False
         rows = in_intervals(stick.time, [interval])

@@ -22,7 +22,6 @@ from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses.accelerometer import AccelerometerWitness
 from mavdem.witnesses.height import MIN_CONTRADICTION_SECONDS
 from mavdem.witnesses.scene import Scene
-from mavdem.witnesses.sensors import throttle_stick
 from mavdem.witnesses.statements import supporting_statement, weighed_event
 
 MIN_TRUE_CLIMB = 1.0
@@ -96,7 +95,7 @@ def _divergence(scene: Scene, interval: Interval) -> Fact | None:
     is_clear = abs(true_climb) > MIN_TRUE_CLIMB and abs(false_climb) > MIN_FALSE_CLIMB
     if not (is_opposite and is_clear):
         return None
-    stick = series_of_boot(throttle_stick(scene.signals), scene.boot)
+    stick = scene.stick
     statements = []
     if stick is not None:
         travel = stick.values[in_intervals(stick.time, [interval])]

@@ -19,6 +19,7 @@ from mavdem.assessment.lights.estimator import (
 from mavdem.assessment.lights.power import POWER_REPORTS, batteries_in_flight, battery_voltage
 from mavdem.assessment.limits import worst_fact
 from mavdem.dataset.batteries import battery_name
+from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.position_fix import (
     RECEIVER_MESSAGES,
     UNKNOWN_SATELLITES,
@@ -37,6 +38,8 @@ from mavdem.facts.instances import InstanceState
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE
 from mavdem.vibration.vibration_message import reported_vibration
+from mavdem.witnesses.accelerometer import SELECTED_IMU, AccelerometerWitness
+from mavdem.witnesses.height import MAX_HEIGHT_DIFFERENCE
 
 BAROMETERS = ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3")
 """Messages of the barometers, by number."""
@@ -207,13 +210,16 @@ def _receivers(evidence: Evidence) -> Iterator[Instance]:
 def _barometers(evidence: Evidence) -> Iterator[Instance]:
     """Yields the barometers with their altitude, m, or where the log has none, their pressure, hPa.
 
-    ArduPilot's ``BAROMETER_PARAMETER`` says which one is used; without it, that is not known.
+    ArduPilot's ``BAROMETER_PARAMETER`` says which one is used; without it, that is not known. The altitude of each
+    other one is compared with that of the used one, or of the first.
 
     Args:
         evidence: what the log shows of the vehicle.
     """
     telemetry = evidence.signals.telemetry
     primary = telemetry.parameters.get(BAROMETER_PARAMETER)
+    reference_number = 0 if primary is None or not 0 <= primary < len(BAROMETERS) else int(primary)
+    reference = recorded_series(telemetry, BAROMETERS[reference_number], "altitude")
     for number, message in enumerate(BAROMETERS):
         altitude = recorded_series(telemetry, message, "altitude")
         unit = "m"
@@ -223,6 +229,12 @@ def _barometers(evidence: Evidence) -> Iterator[Instance]:
         if altitude is None:
             continue
         values = _values_in_flight(evidence, altitude)
+        state = _measured_state(values)
+        if number != reference_number and reference is not None and unit == "m":
+            difference = _largest_difference(evidence, altitude, reference)
+            if difference > MAX_HEIGHT_DIFFERENCE:
+                name = f"barometer {reference_number + 1}"
+                state = Fact(InstanceState.DISAGREES, height=difference, name=name)
         yield Instance(
             kind="barometer",
             name=f"barometer {number + 1}",
@@ -230,9 +242,30 @@ def _barometers(evidence: Evidence) -> Iterator[Instance]:
             unit=unit,
             low=values.min(),
             high=values.max(),
-            state=_measured_state(values),
+            state=state,
             used_share=None if primary is None else float(primary == number),
         )
+
+
+def _largest_difference(evidence: Evidence, altitude: TimeSeries, reference: TimeSeries) -> float:
+    """Returns how far the changes of two altitudes in a flight are apart at most, m.
+
+    Barometers have constant offsets to each other, so that the median difference of each flight is taken off. The 95th
+    percentile stands for the largest, without single damaged samples.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        altitude: (N,) m.
+        reference: (M,) m.
+    """
+    largest = 0.0
+    for flight in evidence.in_flight(altitude):
+        other = series_of_boot(reference, int(flight.boot[0]))
+        if other is not None:
+            difference = flight.values - np.interp(flight.time, other.time, other.values)
+            deviation = abs(difference - np.median(difference))
+            largest = max(largest, float(np.quantile(deviation, 0.95)))
+    return largest
 
 
 def _compasses(evidence: Evidence) -> Iterator[Instance]:
@@ -269,25 +302,58 @@ def _compasses(evidence: Evidence) -> Iterator[Instance]:
 def _imus(evidence: Evidence) -> Iterator[Instance]:
     """Yields the IMUs with their vibration, m/s², as the autopilot reports it: the largest of its axes at each time.
 
+    An IMU whose vibration is not reported has the size of its specific force instead. The state is that of its
+    accelerometer at rest, where that was measured: gravity, or not.
+    """
+    vibrations = _vibrations_by_imu(evidence)
+    accelerometers: dict[int, AccelerometerWitness] = {}
+    shares: dict[int, float | None] = {}
+    for trust in evidence.trust:
+        for witness in trust.accelerometers:
+            accelerometers[witness.number] = witness
+            is_counting = witness is trust.accelerometer and len(trust.accelerometers) > 1
+            shares[witness.number] = 1.0 if is_counting else None if witness.is_used else 0.0
+    # The accelerometer that PX4 selects at each time is one of the others.
+    accelerometers.pop(SELECTED_IMU, None)
+    for number in sorted(vibrations.keys() | accelerometers.keys()):
+        accelerometer = accelerometers.get(number)
+        quantity, values = "vibration", vibrations.get(number)
+        if values is None:
+            assert accelerometer is not None
+            quantity, values = "specific force", accelerometer.magnitude
+        state = _measured_state(values)
+        if accelerometer is not None and accelerometer.is_sound is False:
+            is_used = accelerometer.is_used
+            level = None if is_used else Level.UNKNOWN
+            gravity = accelerometer.gravity_at_rest
+            state = Fact(InstanceState.GRAVITY_WRONG, level, acceleration=gravity)
+        yield Instance(
+            kind="IMU",
+            name=f"IMU {number}",
+            quantity=quantity,
+            unit="m/s²",
+            low=values.min(),
+            high=values.max(),
+            state=state,
+            used_share=shares.get(number),
+        )
+
+
+def _vibrations_by_imu(evidence: Evidence) -> dict[int, Array]:
+    """Returns the vibration of each IMU in flight (N,), m/s², by its number from 1; none where it is not reported.
+
     The levels have the columns of the axes of the first IMU, then those of the second, and so on.
     """
     vibration = reported_vibration(evidence.signals)
     if vibration is None:
-        return
+        return {}
     levels = _values_in_flight(evidence, vibration.levels)
     axis_count = len(vibration.axes)
-    for number in range(levels.shape[1] // axis_count):
-        first_column = axis_count * number
-        largest = levels[:, first_column : first_column + axis_count].max(axis=1)
-        yield Instance(
-            kind="IMU",
-            name=f"IMU {number + 1}",
-            quantity="vibration",
-            unit="m/s²",
-            low=largest.min(),
-            high=largest.max(),
-            state=_measured_state(largest),
-        )
+    vibrations = {}
+    for index in range(levels.shape[1] // axis_count):
+        first_column = axis_count * index
+        vibrations[1 + index] = levels[:, first_column : first_column + axis_count].max(axis=1)
+    return vibrations
 
 
 def _speed_controllers(evidence: Evidence) -> Iterator[Instance]:

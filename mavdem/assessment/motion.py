@@ -35,7 +35,7 @@ from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Side
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.vibration.vibration_message import reported_vibration
-from mavdem.witnesses import flight_verdict
+from mavdem.witnesses import SensorTrust, trust_of_boots
 from mavdem.witnesses.scene import Scene
 
 CONTACTS = (MotionEvent.HIT, MotionEvent.TIPPED, MotionEvent.TOPPLED)
@@ -58,11 +58,12 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
         return ()
     is_multirotor = signals.telemetry.vehicle in POSSIBLE_MULTIROTORS
     events: list[Fact] = []
-    for boot in np.unique(signals.tilts[0].boot).tolist():
+    for trust in trust_of_boots(signals):
+        boot = trust.boot
         if not is_multirotor:
             events += _events_of_other_vehicle(signals, boot, reports)
             continue
-        not_flown = _not_flown(signals, boot)
+        not_flown = _not_flown(signals, trust)
         if not_flown is not None:
             events.append(not_flown)
         else:
@@ -86,15 +87,20 @@ def _events_of_other_vehicle(
         yield from position_losses(Scene(signals, boot, flight[0]), flight, reports)
 
 
-def _not_flown(signals: Signals, boot: int) -> Fact | None:
-    """Returns that the vehicle did not fly in a boot although its motors ran; None if it flew, or may have flown."""
-    verdict = flight_verdict(signals, boot)
-    if verdict.has_flown is not False:
+def _not_flown(signals: Signals, trust: SensorTrust) -> Fact | None:
+    """Returns that the vehicle did not fly in a boot although its motors ran; None if it flew, or may have flown.
+
+    Args:
+        signals: signals of the vehicle.
+        trust: what can be trusted in the boot.
+    """
+    if trust.flew is not False:
         return None
-    times = signals.tilts[0].time[signals.tilts[0].boot == boot]
+    tilt = signals.tilts[0]
+    times = tilt.time[tilt.boot == trust.boot]
     # The witnesses speak for a bench run here, and not for a flight.
-    witnesses = tuple(fact.but(side=Side.FOR) for fact in verdict.witnesses)
-    return Fact(MotionEvent.NOT_FLOWN, time=times[0], boot=boot, witnesses=witnesses)
+    witnesses = tuple(fact.but(side=Side.FOR) for fact in trust.verdict.witnesses)
+    return Fact(MotionEvent.NOT_FLOWN, time=times[0], boot=trust.boot, witnesses=witnesses)
 
 
 def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Iterator[Fact]:

@@ -8,13 +8,11 @@ from collections.abc import Iterator, Sequence
 
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import in_intervals, true_intervals
-from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.witnesses import Witness
-from mavdem.witnesses.position import position_fix, position_validity
 from mavdem.witnesses.scene import Scene
 from mavdem.witnesses.statements import supporting_statement
 
@@ -45,8 +43,8 @@ def position_losses(scene: Scene, flight: Interval, reports: Sequence[Fact] = ()
         flight: start and end of the flight, s since boot.
         reports: events that the autopilot reports.
     """
-    validity = series_of_boot(position_validity(scene.signals), scene.boot)
-    fix = series_of_boot(position_fix(scene.signals), scene.boot)
+    position = scene.trust.position
+    validity, fix = position.validity, position.fix
     has_position = fix if validity is None else validity
     if has_position is None:
         return

@@ -34,6 +34,7 @@ from mavdem.loops.axis_loops import Loop, LoopsByAxis
 from mavdem.vibration.spectra import Spectrum
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.torque_share import torque_share_of_wind
+from mavdem.witnesses import SensorTrust
 
 
 class NoLoop(NamedTuple):
@@ -114,6 +115,11 @@ class Assessment:
     def instances(self) -> tuple[Instance, ...]:
         """Every battery, estimator, sensor and output of the vehicle, with its range and state."""
         return () if self.evidence is None else instances_of(self.evidence)
+
+    @property
+    def trust(self) -> tuple[SensorTrust, ...]:
+        """Which sensors can be trusted in each boot; empty if no vehicle was judged."""
+        return () if self.evidence is None else self.evidence.trust
 
     @cached_property
     def responses(self) -> Responses:

@@ -21,7 +21,7 @@ from mavdem.facts import Fact
 from mavdem.facts.learnability import Reason
 from mavdem.report.condition import component_id, stream_contents, vehicle_contents
 from mavdem.report.review import review_title
-from mavdem.report.screen import conclusion
+from mavdem.report.screen import conclusion, instance_blocks
 
 
 @click.command("info")
@@ -91,7 +91,7 @@ def _print_vehicles(document: JsonValues, assessments: Sequence[Assessment], ver
         print_screen(
             review_title(assessment),
             summary=vehicle_contents(values),
-            details=[*parts.body, *senders],
+            details=[*parts.body, *instance_blocks(assessment), *senders],
             conclusion=[parts.headline, parts.next_step],
             verbose=verbose,
         )

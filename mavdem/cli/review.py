@@ -20,7 +20,7 @@ from mavdem.cli.sources import read_sources
 from mavdem.cli.streams import escape_unprintable, print_to_stdout
 from mavdem.documents.review import review_document
 from mavdem.report.review import review_screen
-from mavdem.report.screen import analysis_blocks
+from mavdem.report.screen import analysis_blocks, instance_blocks
 from mavdem.results import PAGE_FILE, RESULT_FILES
 
 
@@ -69,7 +69,7 @@ def review_command(
         return
     seconds = perf_counter() - start_time
     if verbose:
-        print_blocks(analysis_blocks(assessment))
+        print_blocks([*analysis_blocks(assessment), *instance_blocks(assessment)])
     for line in review_screen(assessment).splitlines():
         print_to_stdout(escape_unprintable(line))
     print_to_stdout(f"Page: {escape_unprintable(folder / PAGE_FILE)} (took {seconds:.1f} s)")

@@ -6,13 +6,16 @@ from mavdem.assessment import Assessment
 from mavdem.containers import JsonValues
 from mavdem.documents.document import Document, SentenceText
 from mavdem.documents.vehicle import (
+    BootTrust,
     Condition,
     Findings,
     Identity,
+    Instance,
     LongSegment,
     MotorHealth,
     Tier,
     Verdict,
+    trust_documents,
 )
 from mavdem.documents.wind import WindVelocity, reported_wind
 from mavdem.motors.motor_changes import alarm_figures
@@ -118,6 +121,10 @@ class Vehicle(Tier, MotorHealth, Findings):
     """model that can be learned: full or slow motion"""
     wind_velocity: WindVelocity | None
     """wind in m/s"""
+    instances: list[Instance]
+    """all of them"""
+    trust: list[BootTrust]
+    """what can be trusted, by boot"""
 
 
 class Inventory(Document):
@@ -145,7 +152,8 @@ def vehicle_document(assessment: Assessment) -> JsonValues:
     """Returns those values of the document ``Vehicle`` of ``mavdem info`` that come from an assessment.
 
     They are the findings, the judgement with its lights, alarms of the motors, whether a model can be learned, and the
-    wind. The other values of the document, such as messages and rates, come from the inventory of the log.
+    wind, all instances, and which sensors can be trusted. The other values of the document, such as messages and rates,
+    come from the inventory of the log.
 
     Args:
         assessment: of one vehicle, with an analysis.
@@ -159,4 +167,6 @@ def vehicle_document(assessment: Assessment) -> JsonValues:
         "model": analysis.model,
         "watched": analysis.motors_are_watched,
         "wind_velocity": reported_wind(assessment),
+        "instances": assessment.instances,
+        "trust": trust_documents(assessment.trust),
     }

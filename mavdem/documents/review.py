@@ -9,7 +9,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.documents.document import Document, OptionalFact, Sentence
 from mavdem.documents.flight import Report, report_document
 from mavdem.documents.loops import Loop
-from mavdem.documents.vehicle import Condition, Identity
+from mavdem.documents.vehicle import BootTrust, Condition, Identity, Instance, trust_documents
 from mavdem.documents.wind import WindVelocity, reported_wind
 from mavdem.facts import Fact
 from mavdem.units import (
@@ -17,7 +17,6 @@ from mavdem.units import (
     Number,
     PowerDensityInStatedUnit,
     Seconds,
-    ValueInStatedUnit,
 )
 from mavdem.vibration import spectra
 from mavdem.vibration.spectral_lines import SpectralLine
@@ -168,27 +167,6 @@ class Axis(Document):
     """how angle and rate follow their setpoints: RMS errors (rad, rad/s), delay (s), overshoot"""
 
 
-class Instance(Document):
-    """A battery, estimator, sensor or output of the vehicle."""
-
-    kind: str
-    """battery, estimator, sensor or output"""
-    name: str
-    """its name with its number"""
-    quantity: str
-    """what it measures"""
-    unit: str
-    """of low and high"""
-    low: ValueInStatedUnit
-    """lowest in flight"""
-    high: ValueInStatedUnit
-    """highest in flight"""
-    used_share: float | None
-    """share of the flight; null if unknown"""
-    state: Sentence
-    """what is known of it"""
-
-
 class Review(Document):
     """`--json` of review, and report.json."""
 
@@ -210,6 +188,8 @@ class Review(Document):
     """figures of the vehicle that any rate shows"""
     instances: list[Instance]
     """all of them"""
+    trust: list[BootTrust]
+    """what can be trusted, by boot"""
     axes: dict[str, Axis]
     """roll, pitch and yaw"""
     wind: WindVelocity | None
@@ -244,6 +224,7 @@ def review_document(assessment: Assessment) -> JsonValues:
         "identity": None if analysis is None else analysis.identity,
         "condition": None if analysis is None else analysis.condition,
         "instances": assessment.instances,
+        "trust": trust_documents(assessment.trust),
         "axes": _axis_values(assessment),
         "wind": reported_wind(assessment),
         "model": None if assessment.model is None else report_document(assessment),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from pydantic import Field, model_validator
 
 from mavdem.containers import JsonValues
@@ -31,8 +33,10 @@ from mavdem.units import (
     Radians,
     Seconds,
     UtcText,
+    ValueInStatedUnit,
     Volts,
 )
+from mavdem.witnesses import SensorTrust
 
 
 class Segment(Document):
@@ -433,3 +437,40 @@ class Findings(Judged):
     """what the model is good for"""
     warnings: list[SentenceAndFact]
     """what must be known before the model is used"""
+
+
+class Instance(Document):
+    """A battery, estimator, sensor or output of the vehicle."""
+
+    kind: str
+    """battery, estimator, sensor or output"""
+    name: str
+    """its name with its number"""
+    quantity: str
+    """what it measures"""
+    unit: str
+    """of low and high"""
+    low: ValueInStatedUnit
+    """lowest in flight"""
+    high: ValueInStatedUnit
+    """highest in flight"""
+    used_share: float | None
+    """share of the flight; null if unknown"""
+    state: Sentence
+    """what is known of it"""
+
+
+class BootTrust(Document):
+    """Which sensors can be trusted in one boot, by each other."""
+
+    boot: int
+    """number of the vehicle's boot, from 0"""
+    flew: bool | None
+    """null if undecided"""
+    checks: list[Sentence]
+    """of each sensor"""
+
+
+def trust_documents(trust_of_boots: Sequence[SensorTrust]) -> list[BootTrust]:
+    """Makes the record of what can be trusted in each boot."""
+    return [BootTrust.from_results(trust) for trust in trust_of_boots]

@@ -12,7 +12,7 @@ import numpy as np
 
 from mavdem.arrays import Array, Integers
 from mavdem.ingest.px4_messages import TRANSLATION_RULES, in_time_order
-from mavdem.ingest.px4_topics import Topics, first_instance, flag_or_true
+from mavdem.ingest.px4_topics import Topics, array_field, first_instance, flag_or_true
 from mavdem.ingest.telemetry import (
     Columns,
     Fields,
@@ -170,6 +170,23 @@ SENSOR_TOPICS = (
     SensorTopic("vehicle_magnetometer", "SCALED_IMU", ("SCALED_IMU2", "SCALED_IMU3")),
 )
 """Sensors of which a vehicle has several."""
+
+
+def accelerometers(topics: Topics) -> Fields:
+    """Makes the table of all accelerometers, of the mean force in vehicle_imu_status, where there are several.
+
+    Returns:
+        ``time`` (N,), s, the number of the IMU from 0 as ``instance``, and ``xacc``, ``yacc`` and ``zacc``, m/s².
+    """
+    parts = []
+    statuses = topics["vehicle_imu_status"]
+    for instance, status in statuses.items():
+        forces = array_field(status, "mean_accel", 3)
+        fields: Fields = dict(zip(("xacc", "yacc", "zacc"), forces.T, strict=True))
+        fields["time"] = status["time"]
+        fields["instance"] = np.full(len(status["time"]), instance)
+        parts.append(fields)
+    return in_time_order(parts) if len(parts) > 1 else {}
 
 
 def further_sensors() -> dict[str, tuple[str, Callable[[Topics], Fields]]]:

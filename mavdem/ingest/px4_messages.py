@@ -395,10 +395,16 @@ def motor_speeds(topics: Topics) -> Fields:
 
 
 def _is_online(topic: Columns, instance: int) -> Flags:
-    """Returns for each message of esc_status (N,) whether a controller reports, by its flags or the number of them."""
+    """Returns for each message of esc_status (N,) whether a controller reports, by its flags or the number of them.
+
+    Where neither was logged, one that ever turns reports throughout.
+    """
     if "esc_online_flags" in topic:
         return topic["esc_online_flags"].astype(np.int64) >> instance & 1 > 0
-    return np.asarray(topic["esc_count"] > instance)
+    if "esc_count" in topic:
+        return np.asarray(topic["esc_count"] > instance)
+    has_turned = bool(topic[f"esc[{instance}].esc_rpm"].any())
+    return np.full(len(topic["time"]), has_turned)
 
 
 def _speed_controller(topic: Columns, instance: int) -> Fields:

@@ -10,6 +10,7 @@ from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.px4_instances import (
+    accelerometers,
     battery_status,
     estimator_instances,
     estimator_status,
@@ -46,7 +47,7 @@ from mavdem.ingest.telemetry import (
     rate_without_gaps,
     repair_facts,
 )
-from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, UNNAMED
+from mavdem.ingest.vocabulary import ACCELEROMETERS_MESSAGE, INSTANCES_MESSAGE, UNNAMED
 
 UNTRANSLATED_TOPICS = ("failure_detector_status", "estimator_selector_status", "input_rc")
 """Topics that no message of MAVLink has the meaning of: they are kept under their own names."""
@@ -124,6 +125,7 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
         "SYSTEM_TIME": ("vehicle_gps_position", system_time),
         "CURRENT_MODE": ("vehicle_status", current_mode),
         "MANUAL_CONTROL": ("manual_control_setpoint", manual_control),
+        ACCELEROMETERS_MESSAGE: ("vehicle_imu_status", accelerometers),
         "ESC": ("esc_status", motor_speeds),
         **further_sensors(),
     }

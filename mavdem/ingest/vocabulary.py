@@ -113,6 +113,14 @@ Its fields are the number of the ``instance``, ``is_primary`` (whether it flies 
 """
 
 
+ACCELEROMETERS_MESSAGE = "ACCELEROMETERS"
+"""Table of the accelerometers beside the one of HIGHRES_IMU, which is no message of MAVLink.
+
+Its fields are the number of the IMU from 0 as ``instance``, and the specific force as ``xacc``, ``yacc`` and ``zacc``,
+m/s². PX4's has all IMUs, since its HIGHRES_IMU is of the one that is selected at each time.
+"""
+
+
 class EstimatorRatio(StrEnum):
     """Innovations of a state estimator, each as a ratio to what it accepts."""
 

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 
 from mavdem.assessment.instances import Instance
+from mavdem.facts.instances import InstanceState
 from mavdem.report.blocks import Rated, Table
 from mavdem.report.numbers import rounded
 from mavdem.report.templates import without_full_stop
 
-HEADER = ["instance", "used", "lowest", "highest", "quantity", "state"]
+HEADER = ["instance", "used", "quantity", "range in flight", "state"]
 """Header of the table."""
 
 NO_BREAK_SPACE = "\N{NO-BREAK SPACE}"
@@ -25,19 +26,34 @@ def instance_table(instances: Sequence[Instance]) -> Table:
     """
     rows = []
     for instance in instances:
-        # A number and its unit stay on one line.
-        unit = "" if instance.unit == "1" else f"{NO_BREAK_SPACE}{instance.unit}"
+        # A plain "Measured" is not coloured, so that what is to be watched stands out.
+        state = without_full_stop(str(instance.state))
+        if instance.state.code is not InstanceState.MEASURED:
+            state = Rated(state, instance.state.level)
         rows.append(
             [
                 instance.name,
                 _used_text(instance.used_share),
-                f"{rounded(instance.low, SHOWN_DIGITS)}{unit}",
-                f"{rounded(instance.high, SHOWN_DIGITS)}{unit}",
                 instance.quantity,
-                Rated(without_full_stop(str(instance.state)), instance.state.level),
+                _range_text(instance),
+                state,
             ]
         )
     return Table(HEADER, rows, words=True)
+
+
+def _range_text(instance: Instance) -> str:
+    """Returns the range of an instance with its unit, such as "12.6 to 15.9 V"; a constant value alone."""
+    low, high = (_number_text(value, instance.unit) for value in (instance.low, instance.high))
+    numbers = low if low == high else f"{low} to {high}"
+    return numbers if instance.unit == "1" else f"{numbers}{NO_BREAK_SPACE}{instance.unit}"
+
+
+def _number_text(value: float, unit: str) -> str:
+    """Returns a number; counts, pulses and speeds of motors without decimals."""
+    if unit in ("1/min", "µs") or (unit == "1" and float(value).is_integer()):
+        return f"{value:.0f}"
+    return rounded(value, SHOWN_DIGITS)
 
 
 def _used_text(used_share: float | None) -> str:

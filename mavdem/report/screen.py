@@ -39,6 +39,7 @@ from mavdem.report.blocks import (
 )
 from mavdem.report.charts.model_charts import sample_times
 from mavdem.report.condition import air_blocks
+from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
 from mavdem.report.numbers import (
     TORQUE_UNIT,
@@ -51,6 +52,7 @@ from mavdem.report.numbers import (
     unit_per_input,
 )
 from mavdem.report.templates import PARAMETERS, headline, render_section, sentences_by_axes
+from mavdem.report.trust import trust_table
 from mavdem.report.truth import truth_blocks
 
 FORECAST_NAMES = {
@@ -101,6 +103,16 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
         blocks += truth_blocks(analysis.truth)
     blocks += air_blocks(assessment)
     return [*blocks, next_step]
+
+
+def instance_blocks(assessment: Assessment) -> Blocks:
+    """Returns the tables of what can be trusted, and of every instance, as far as a vehicle was judged."""
+    blocks: Blocks = []
+    if assessment.evidence is not None and assessment.evidence.trust:
+        blocks.append(trust_table(assessment.evidence.trust))
+    if assessment.instances:
+        blocks.append(instance_table(assessment.instances))
+    return blocks
 
 
 def _learned_blocks(analysis: LogAnalysis) -> Blocks:

@@ -6,6 +6,6 @@ position fix and stick are worth (:func:`sensor_trust`), and from them whether t
 """
 
 from mavdem.witnesses.flight_verdict import FlightVerdict, flight_verdict
-from mavdem.witnesses.trust import SensorTrust, sensor_trust
+from mavdem.witnesses.trust import SensorTrust, sensor_trust, trust_of_boots
 
-__all__ = ["FlightVerdict", "SensorTrust", "flight_verdict", "sensor_trust"]
+__all__ = ["FlightVerdict", "SensorTrust", "flight_verdict", "sensor_trust", "trust_of_boots"]

@@ -1,4 +1,4 @@
-"""The accelerometer of a boot: whether it measures gravity at rest, its peaks, and when the vehicle rested."""
+"""The accelerometers of a boot: whether they measure gravity at rest, their peaks, and when the vehicle rested."""
 
 from dataclasses import dataclass
 
@@ -10,8 +10,9 @@ from mavdem.confidence import Interval
 from mavdem.dataset.intervals import Intervals, in_intervals
 from mavdem.dataset.phases import min_airborne_collective, series_of_boot
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries, recorded_series
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
-from mavdem.witnesses.sensors import specific_force
+from mavdem.witnesses.sensors import further_specific_forces, specific_force
 
 MAX_GRAVITY_ERROR = 0.5
 """Deviation, m/s², of the specific force at rest from gravity, above which an accelerometer is not sound.
@@ -39,10 +40,24 @@ MIN_WINDOWS = 3
 """Number of windows of rest whose median is taken for the force at rest; a choice."""
 
 
+SELECTED_IMU = 0
+"""Number that stands for the IMU that PX4 selects at each time, where several were logged."""
+
+USE_PARAMETERS = {1: "INS_USE", 2: "INS_USE2", 3: "INS_USE3"}
+"""ArduPilot's parameters that say whether each IMU is used, 0 or 1, by its number."""
+
+IMU_MASK_PARAMETERS = ("EK3_IMU_MASK", "EK2_IMU_MASK")
+"""ArduPilot's parameters with a bit for each IMU that has a core of the estimator, the newer first."""
+
+
 @dataclass(frozen=True, eq=False)
 class AccelerometerWitness:
-    """What the first accelerometer shows in one boot."""
+    """What one accelerometer shows in one boot."""
 
+    number: int
+    """Number of its IMU, from 1; ``SELECTED_IMU`` for that which PX4 selects."""
+    is_used: bool
+    """Whether the parameters of the autopilot do not exclude it."""
     time: Array
     """(N,) s since boot."""
     magnitude: Array
@@ -53,6 +68,11 @@ class AccelerometerWitness:
     """Samples per second, Hz."""
     gravity_at_rest: float | None
     """Size of the specific force while the vehicle rested, m/s²; None if it never did."""
+
+    @property
+    def name(self) -> str:
+        """Name of the IMU, such as "IMU 2"."""
+        return "the selected IMU" if self.number == SELECTED_IMU else f"IMU {self.number}"
 
     @property
     def is_sound(self) -> bool | None:
@@ -81,14 +101,40 @@ class AccelerometerWitness:
 
 
 @cached_per_vehicle()
-def accelerometer_witness(signals: Signals, boot: int) -> AccelerometerWitness | None:
-    """Measures the accelerometer of a boot; None if it was not recorded.
+def accelerometer_witnesses(signals: Signals, boot: int) -> tuple[AccelerometerWitness, ...]:
+    """Measures every accelerometer of a boot, by number; empty if none was recorded.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
     """
-    force = series_of_boot(specific_force(signals), boot)
+    forces = dict(further_specific_forces(signals))
+    first = specific_force(signals)
+    if first is not None:
+        forces[SELECTED_IMU if 1 in forces else 1] = first
+    parameters = signals.telemetry.parameters
+    witnesses = []
+    for number, force in sorted(forces.items()):
+        is_used = parameters.get(USE_PARAMETERS.get(number, ""), 1) != 0
+        witness = _accelerometer_witness(signals, boot, number, is_used, force)
+        if witness is not None:
+            witnesses.append(witness)
+    return tuple(witnesses)
+
+
+def _accelerometer_witness(
+    signals: Signals, boot: int, number: int, is_used: bool, force_of_log: TimeSeries
+) -> AccelerometerWitness | None:
+    """Measures one accelerometer in a boot; None if it has too few samples there.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        number: of the IMU.
+        is_used: whether the parameters do not exclude it.
+        force_of_log: specific force (N, 3) of all boots, m/s².
+    """
+    force = series_of_boot(force_of_log, boot)
     if force is None or len(force.time) < MIN_WINDOWS:
         return None
     magnitude = np.linalg.norm(force.values, axis=1)
@@ -96,12 +142,50 @@ def accelerometer_witness(signals: Signals, boot: int) -> AccelerometerWitness |
     rest = rest_intervals(signals, boot)
     at_rest = magnitude[in_intervals(force.time, rest)]
     return AccelerometerWitness(
+        number=number,
+        is_used=is_used,
         time=force.time,
         magnitude=magnitude,
         force=force.values,
         rate=(len(force.time) - 1) / duration if duration > 0 else 0.0,
         gravity_at_rest=float(np.median(at_rest)) if len(at_rest) >= MIN_WINDOWS else None,
     )
+
+
+@cached_per_vehicle()
+def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerWitness | None:
+    """Returns the accelerometer that counts in a boot; None if none was recorded.
+
+    It is that of the estimator's primary core, where the log names it; else the first that the parameters do not
+    exclude.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+    """
+    witnesses = accelerometer_witnesses(signals, boot)
+    primary = _imu_of_primary_core(signals, boot)
+    for witness in witnesses:
+        if witness.number == primary:
+            return witness
+    used = [witness for witness in witnesses if witness.is_used]
+    return next(iter(used or witnesses), None)
+
+
+def _imu_of_primary_core(signals: Signals, boot: int) -> int | None:
+    """Returns the number of the IMU, from 1, of the core that flies for most of a boot; None where it is not known.
+
+    ArduPilot runs a core for each IMU in its mask: the first core has the IMU of the lowest bit.
+    """
+    parameters = signals.telemetry.parameters
+    masks = [int(parameters[name]) for name in IMU_MASK_PARAMETERS if name in parameters]
+    cores = recorded_series(signals.telemetry, "estimator_selector_status", "primary_instance")
+    cores = series_of_boot(cores, boot)
+    if cores is None or not masks or signals.telemetry.autopilot == "PX4":
+        return None
+    imus = [1 + bit for bit in range(len(USE_PARAMETERS)) if masks[0] >> bit & 1]
+    core = int(np.median(cores.values))
+    return imus[core] if 0 <= core < len(imus) else None
 
 
 @cached_per_vehicle()

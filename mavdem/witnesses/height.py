@@ -69,6 +69,8 @@ class HeightWitnesses:
     """Climb (K,) by the autopilot's estimate, m/s upward, averaged over ``SLOPE_SECONDS``; None if not recorded."""
     contradictions: Intervals
     """When both climbs were known and differed by more than ``MAX_CLIMB_DIFFERENCE``, s."""
+    climb_difference: float | None
+    """Median of the size of that difference, m/s; None where not both climbs are known."""
 
     def barometer_change(self, start: float, end: float) -> float | None:
         """Returns by how much the barometer rose from one time to another, m; None without a usable barometer."""
@@ -107,6 +109,7 @@ def height_witnesses(signals: Signals, boot: int) -> HeightWitnesses:
         barometer_climb=barometer_climb,
         estimated_climb=estimated_climb,
         contradictions=_contradictions(barometer_climb, estimated_climb),
+        climb_difference=_median_difference(barometer_climb, estimated_climb),
     )
 
 
@@ -206,6 +209,25 @@ def _contradictions(
         if end - start >= MIN_CONTRADICTION_SECONDS:
             long_intervals.append((start, end))
     return long_intervals
+
+
+def _median_difference(
+    barometer_climb: TimeSeries | None, estimated_climb: TimeSeries | None
+) -> float | None:
+    """Returns the median of the size of the difference of two climbs, m/s; None where they have no time in common.
+
+    Args:
+        barometer_climb: (M,) m/s upward; None without a usable barometer.
+        estimated_climb: (K,) m/s upward; None if it was not recorded.
+    """
+    if barometer_climb is None or estimated_climb is None:
+        return None
+    time = barometer_climb.time
+    is_covered = (time >= estimated_climb.time[0]) & (time <= estimated_climb.time[-1])
+    if not is_covered.any():
+        return None
+    estimate = np.interp(time, estimated_climb.time, estimated_climb.values)
+    return float(np.median(abs(estimate - barometer_climb.values)[is_covered]))
 
 
 def trusted_height(signals: Signals, boot: int, take_off: float) -> TimeSeries | None:

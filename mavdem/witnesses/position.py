@@ -1,5 +1,7 @@
 """Position: whether the estimator reports that it has one, and whether GPS had a fix."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from mavdem.arrays import Array
@@ -61,16 +63,32 @@ def position_fix(signals: Signals) -> TimeSeries | None:
     return None
 
 
+@dataclass(frozen=True, eq=False)
+class PositionWitness:
+    """What is known of the horizontal position in one boot."""
+
+    fix: TimeSeries | None
+    """Whether any GPS receiver had a fix (N,), 1 or 0; None if no receiver was recorded."""
+    validity: TimeSeries | None
+    """Whether the estimator reports a position (M,), 1 or 0; None where nothing reports it."""
+    fix_share: float | None
+    """Share of the time under power with a fix of GPS; None if no receiver was recorded."""
+
+
 @cached_per_vehicle()
-def fix_share(signals: Signals, boot: int) -> float | None:
-    """Returns the share of the time under power with a position fix of GPS; None if no receiver was recorded.
+def position_witness(signals: Signals, boot: int) -> PositionWitness:
+    """Returns what receivers and estimator report of the position in a boot.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
     """
     fix = series_of_boot(position_fix(signals), boot)
-    return None if fix is None else _share_under_power(signals, boot, fix)
+    return PositionWitness(
+        fix=fix,
+        validity=series_of_boot(position_validity(signals), boot),
+        fix_share=None if fix is None else _share_under_power(signals, boot, fix),
+    )
 
 
 def _share_under_power(signals: Signals, boot: int, state: TimeSeries) -> float | None:

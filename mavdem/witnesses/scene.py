@@ -22,7 +22,7 @@ from mavdem.facts.witnesses import Witness
 from mavdem.witnesses.accelerometer import (
     REST_SECONDS,
     AccelerometerWitness,
-    accelerometer_witness,
+    accelerometer_in_use,
     is_powered,
     still_windows,
 )
@@ -31,16 +31,15 @@ from mavdem.witnesses.height import (
     MEAN_SECONDS,
     SLOPE_SECONDS,
     HeightWitnesses,
-    height_witnesses,
     trusted_height,
 )
-from mavdem.witnesses.sensors import throttle_stick
 from mavdem.witnesses.statements import (
     ACCELEROMETER,
     ATTITUDE,
     contradicting_statement,
     supporting_statement,
 )
+from mavdem.witnesses.trust import SensorTrust, sensor_trust
 
 FAST_RATE = np.radians(200.0)
 """Body rate, rad/s, of a vehicle that tumbles: few autopilots ask for as much."""
@@ -121,9 +120,19 @@ class Scene:
     """Start of the flight, s since boot, above which heights count; minus infinity if it was before the log."""
 
     @cached_property
+    def trust(self) -> SensorTrust:
+        """What can be trusted in this boot."""
+        return sensor_trust(self.signals, self.boot)
+
+    @property
     def height(self) -> HeightWitnesses:
         """Barometer and estimated climb."""
-        return height_witnesses(self.signals, self.boot)
+        return self.trust.height
+
+    @property
+    def stick(self) -> TimeSeries | None:
+        """The pilot's throttle stick (N,), from 0 (closed) to 1 (open); None if it was not recorded."""
+        return self.trust.stick
 
     @cached_property
     def record_end(self) -> float:
@@ -142,10 +151,17 @@ class Scene:
         height = self.height_above_take_off
         return None if height is None else float(np.interp(time, height.time, height.values))
 
-    @cached_property
+    @property
     def accelerometer(self) -> AccelerometerWitness | None:
-        """The accelerometer; None if it was not recorded."""
-        return accelerometer_witness(self.signals, self.boot)
+        """The accelerometer that counts; None if none was recorded."""
+        return self.trust.accelerometer
+
+    @property
+    def name_of_accelerometer(self) -> str:
+        """Name of its IMU where several were recorded; else empty."""
+        if self.accelerometer is None or len(self.trust.accelerometers) < 2:
+            return ""
+        return self.accelerometer.name
 
     def knock(self, interval: Interval) -> Fact | None:
         """Returns the largest acceleration of an interval as a statement on an impact.
@@ -161,10 +177,14 @@ class Scene:
             return None
         time, size = peak
         if size >= accelerometer.knock_size:
-            return supporting_statement(Witness.KNOCKED, time=time, acceleration=size)
+            return supporting_statement(
+                Witness.KNOCKED, time=time, acceleration=size, name=self.name_of_accelerometer
+            )
         if not accelerometer.shows_knocks:
             return None
-        return contradicting_statement(Witness.NO_KNOCK, acceleration=size)
+        return contradicting_statement(
+            Witness.NO_KNOCK, acceleration=size, name=self.name_of_accelerometer
+        )
 
     def fast_rotation(self, interval: Interval) -> Fact | None:
         """Returns that the vehicle tumbled in an interval; None if its body rates stayed below ``FAST_RATE``."""
@@ -297,7 +317,7 @@ class Scene:
             A statement with the time of the first closed sample; None if the stick was not recorded, was not closed in
             the interval, or had been closed before.
         """
-        stick = series_of_boot(throttle_stick(self.signals), self.boot)
+        stick = self.stick
         if stick is None:
             return None
         is_closed = stick.values <= CLOSED_STICK
@@ -383,7 +403,7 @@ def _angle_from_upright(signals: Signals, boot: int, time: Array) -> Array:
     The direction of gravity in the body shows it while the vehicle is still, however wrong the attitude is after a
     crash: upright, the specific force points against body z. Without an accelerometer, roll and pitch show the angle.
     """
-    accelerometer = accelerometer_witness(signals, boot)
+    accelerometer = accelerometer_in_use(signals, boot)
     if accelerometer is not None:
         force = np.column_stack(
             [np.interp(time, accelerometer.time, axis) for axis in accelerometer.force.T]

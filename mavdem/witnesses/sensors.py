@@ -6,7 +6,7 @@ Each is a time series over all boots, or None where no message has it.
 import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import (
     TimeSeries,
@@ -16,14 +16,28 @@ from mavdem.dataset.time_series import (
     recorded_series,
 )
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
-from mavdem.ingest.telemetry import Parameters
+from mavdem.ingest.telemetry import Columns, Parameters
+from mavdem.ingest.vocabulary import ACCELEROMETERS_MESSAGE
 
-FORCE_FIELDS = {
-    "HIGHRES_IMU": (("xacc", "yacc", "zacc"), 1.0),
-    "RAW_IMU": (("xacc", "yacc", "zacc"), GRAVITY / 1000),
-    "ACCEL_BEFORE": (("x", "y", "z"), 1.0),
+MILLIGRAVITY = GRAVITY / 1000
+"""Unit of the accelerations of RAW_IMU and SCALED_IMU, m/s²."""
+
+FORCE_FACTORS = {
+    "HIGHRES_IMU": 1.0,
+    "RAW_IMU": MILLIGRAVITY,
+    "SCALED_IMU": MILLIGRAVITY,
+    "ACCEL_BEFORE": 1.0,
 }
-"""Messages with the specific force, the preferred first: the fields, and the factor that converts them to m/s²."""
+"""Messages with the specific force of the first IMU, the preferred first, and the factor that converts it to m/s²."""
+
+ACCELERATION_FIELDS = ("xacc", "yacc", "zacc")
+"""Fields of the three axes of the specific force in most messages."""
+
+FORCE_FIELDS = {"ACCEL_BEFORE": ("x", "y", "z")}
+"""Those fields in messages that have other ones."""
+
+FURTHER_IMU_MESSAGES = {2: "SCALED_IMU2", 3: "SCALED_IMU3"}
+"""Messages of the second and the third IMU of a stream, by number."""
 
 SEA_LEVEL_PRESSURE = 1013.25
 """Pressure at sea level of the International Standard Atmosphere, hPa."""
@@ -83,13 +97,63 @@ def specific_force(signals: Signals) -> TimeSeries | None:
 
     At rest it is the reaction to the weight: 9.8 m/s² upward, so that z is negative.
     """
-    for message, (fields, factor) in FORCE_FIELDS.items():
+    for message in FORCE_FACTORS:
         columns = signals.telemetry.messages.get(message, {})
-        if all(field in columns for field in fields):
-            force = clean_series(columns, factor * float_columns(columns, fields))
-            if len(force.time) and force.values.any():
-                return force
+        is_first = None
+        if "id" in columns:
+            # HIGHRES_IMU may be of several IMUs, which it numbers from 0.
+            is_first = columns["id"] == 0
+        force = _force(
+            columns,
+            FORCE_FIELDS.get(message, ACCELERATION_FIELDS),
+            FORCE_FACTORS[message],
+            is_first,
+        )
+        if force is not None:
+            return force
     return None
+
+
+@cached_per_vehicle()
+def further_specific_forces(signals: Signals) -> dict[int, TimeSeries]:
+    """Returns what the accelerometers beside the first one measure (N, 3), m/s², by the number of the IMU from 1.
+
+    PX4 logs all IMUs, so that number 1 is among them: its first accelerometer is that of the IMU that is selected.
+    """
+    messages = signals.telemetry.messages
+    forces: dict[int, TimeSeries] = {}
+    for number, message in FURTHER_IMU_MESSAGES.items():
+        force = _force(messages.get(message, {}), ACCELERATION_FIELDS, MILLIGRAVITY)
+        if force is not None:
+            forces[number] = force
+    for message, field in (("HIGHRES_IMU", "id"), (ACCELEROMETERS_MESSAGE, "instance")):
+        columns = messages.get(message, {})
+        instances = np.unique(columns[field]).tolist() if field in columns else []
+        for instance in instances:
+            if message == "HIGHRES_IMU" and instance == 0:
+                continue
+            rows = columns[field] == instance
+            force = _force(columns, ACCELERATION_FIELDS, 1.0, rows)
+            if force is not None:
+                forces[1 + int(instance)] = force
+    return forces
+
+
+def _force(
+    columns: Columns, fields: tuple[str, str, str], factor: float, rows: Flags | None = None
+) -> TimeSeries | None:
+    """Returns the specific force (N, 3), m/s², of a message; None where it was not measured.
+
+    Args:
+        columns: fields of the message.
+        fields: those of the three axes.
+        factor: converts them to m/s².
+        rows: which messages count; all by default.
+    """
+    if not all(field in columns for field in fields):
+        return None
+    force = clean_series(columns, factor * float_columns(columns, fields), rows)
+    return force if len(force.time) and force.values.any() else None
 
 
 @cached_per_vehicle()

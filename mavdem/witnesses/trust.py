@@ -2,13 +2,28 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from mavdem.dataset.intervals import Intervals, intersection
+from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
-from mavdem.witnesses.accelerometer import AccelerometerWitness, accelerometer_witness
-from mavdem.witnesses.flight_verdict import FlightVerdict, flight_verdict
+from mavdem.facts import Fact, Facts, Level
+from mavdem.facts.trust import Trust
+from mavdem.witnesses.accelerometer import (
+    AccelerometerWitness,
+    accelerometer_in_use,
+    accelerometer_witnesses,
+)
+from mavdem.witnesses.flight_verdict import FlightVerdict, flight_verdict, powered_intervals
 from mavdem.witnesses.height import HeightWitnesses, height_witnesses
-from mavdem.witnesses.position import fix_share
+from mavdem.witnesses.position import PositionWitness, position_witness
 from mavdem.witnesses.rotation import RotationWitness, rotation_witness
+from mavdem.witnesses.sensors import throttle_stick
+
+MIN_FIX_SHARE = 0.95
+"""Share of the time under power with a position fix from which on the position can be trusted; a choice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,16 +32,22 @@ class SensorTrust:
 
     boot: int
     """Number of the boot."""
+    powered: Intervals
+    """When the motors could carry the vehicle, s since boot; empty too where they were not recorded."""
     height: HeightWitnesses
     """Barometer and estimated climb, and when they contradict each other."""
+    accelerometers: tuple[AccelerometerWitness, ...]
+    """Gravity at rest, and peaks, of each accelerometer, by number."""
     accelerometer: AccelerometerWitness | None
-    """Gravity at rest, and peaks."""
+    """The accelerometer that counts; None if none was recorded."""
     rotation: RotationWitness | None
     """Whether roll and pitch answer their setpoints, and whether gyro and attitude agree."""
+    position: PositionWitness
+    """Fixes of GPS, and whether the estimator reports a position."""
+    stick: TimeSeries | None
+    """The pilot's throttle stick (N,), from 0 (closed) to 1 (open); None if it was not recorded."""
     verdict: FlightVerdict
     """Whether the vehicle flew."""
-    fix_share: float | None
-    """Share of the time under power with a position fix of GPS; None if no receiver was recorded."""
 
     @property
     def is_barometer_usable(self) -> bool | None:
@@ -37,10 +58,21 @@ class SensorTrust:
 
     @property
     def is_climb_estimate_sound(self) -> bool | None:
-        """Whether the estimated climb never contradicts the barometer for long; None if one of them is not known."""
+        """Whether the estimated climb never contradicts the barometer for long; None if one of them is not known.
+
+        What the estimate does once the motors are off, such as after an impact, says nothing of the flight.
+        """
         if self.height.barometer_climb is None or self.height.estimated_climb is None:
             return None
-        return not self.height.contradictions
+        return self.contradiction_seconds == 0
+
+    @property
+    def contradiction_seconds(self) -> float:
+        """Time in which barometer and estimated climb contradict each other, s; under power, where that is known."""
+        contradictions = self.height.contradictions
+        if self.powered:
+            contradictions = intersection(contradictions, self.powered)
+        return float(sum(end - start for start, end in contradictions))
 
     @property
     def is_accelerometer_sound(self) -> bool | None:
@@ -50,7 +82,7 @@ class SensorTrust:
     @property
     def has_position_fix(self) -> bool | None:
         """Whether GPS had a fix at any time under power; None if no receiver was recorded."""
-        return None if self.fix_share is None else self.fix_share > 0
+        return None if self.position.fix_share is None else self.position.fix_share > 0
 
     @property
     def attitude_answers(self) -> bool | None:
@@ -67,10 +99,105 @@ class SensorTrust:
         """Whether the vehicle flew; None if the witnesses do not decide it."""
         return self.verdict.has_flown
 
+    @property
+    def checks(self) -> Facts:
+        """The answers as facts, in the order in which they are shown: good, to be watched, or unknown, and why."""
+        return (
+            self._flight_check(),
+            self._barometer_check(),
+            self._accelerometer_check(),
+            self._position_check(),
+            self._attitude_check(),
+            self._gyro_check(),
+            self._stick_check(),
+        )
+
+    def _flight_check(self) -> Fact:
+        """Returns whether the vehicle flew, with what shows it."""
+        return Fact(
+            Trust.FLIGHT,
+            _level(self.flew),
+            flew=self.flew,
+            witnesses=self.verdict.witnesses,
+            boot=self.boot,
+        )
+
+    def _barometer_check(self) -> Fact:
+        """Returns whether the barometer is usable, and follows the estimated climb."""
+        is_usable = self.is_barometer_usable
+        is_sound = self.is_climb_estimate_sound
+        first = self.height.contradictions[0][0] if self.height.contradictions else None
+        return Fact(
+            Trust.BAROMETER,
+            _level(is_sound if is_usable else is_usable),
+            time=first if is_sound is False else None,
+            is_usable=is_usable,
+            is_sound=is_sound,
+            acceleration=self.height.barometer_noise,
+            speed=self.height.climb_difference,
+            duration=self.contradiction_seconds,
+            boot=self.boot,
+        )
+
+    def _accelerometer_check(self) -> Fact:
+        """Returns whether the accelerometer that counts measures gravity at rest, with the others that do not."""
+        accelerometer = self.accelerometer
+        wrong = tuple(
+            other.name
+            for other in self.accelerometers
+            if other is not accelerometer and other.is_used and other.is_sound is False
+        )
+        return Fact(
+            Trust.ACCELEROMETER,
+            _level(self.is_accelerometer_sound),
+            name="" if accelerometer is None else accelerometer.name,
+            acceleration=None if accelerometer is None else accelerometer.gravity_at_rest,
+            names=wrong,
+            boot=self.boot,
+        )
+
+    def _position_check(self) -> Fact:
+        """Returns for which share of the time under power GPS had a fix."""
+        share = self.position.fix_share
+        level = Level.UNKNOWN
+        if share is not None:
+            level = Level.GOOD if share >= MIN_FIX_SHARE else Level.WATCH
+        return Fact(Trust.POSITION, level, share=share, boot=self.boot)
+
+    def _attitude_check(self) -> Fact:
+        """Returns whether roll and pitch follow their setpoints."""
+        rotation = self.rotation
+        return Fact(
+            Trust.ATTITUDE_RESPONSE,
+            _level(self.attitude_answers),
+            correlation=None if rotation is None else rotation.correlation,
+            angle=None if rotation is None else rotation.median_error,
+            boot=self.boot,
+        )
+
+    def _gyro_check(self) -> Fact:
+        """Returns whether the changes of the attitude are the integrals of the gyro."""
+        return Fact(Trust.GYRO, _level(self.gyro_agrees), boot=self.boot)
+
+    def _stick_check(self) -> Fact:
+        """Returns whether the pilot's throttle stick was recorded and moved, so that it can be a cause."""
+        if self.stick is None:
+            return Fact(Trust.STICK, Level.UNKNOWN, is_recorded=False, boot=self.boot)
+        lowest, highest = float(self.stick.values.min()), float(self.stick.values.max())
+        level = Level.GOOD if highest > lowest else Level.UNKNOWN
+        return Fact(Trust.STICK, level, is_recorded=True, bounds=(lowest, highest), boot=self.boot)
+
+
+def _level(answer: bool | None) -> Level:
+    """Returns the level of an answer to whether a sensor can be trusted: good, to be watched, or unknown."""
+    if answer is None:
+        return Level.UNKNOWN
+    return Level.GOOD if answer else Level.WATCH
+
 
 @cached_per_vehicle()
 def sensor_trust(signals: Signals, boot: int) -> SensorTrust:
-    """Checks the sensors of a boot against each other.
+    """Checks the sensors of a boot against each other, once: events, lights and reports read this record.
 
     Args:
         signals: signals of the vehicle.
@@ -78,9 +205,23 @@ def sensor_trust(signals: Signals, boot: int) -> SensorTrust:
     """
     return SensorTrust(
         boot=boot,
+        powered=powered_intervals(signals, boot),
         height=height_witnesses(signals, boot),
-        accelerometer=accelerometer_witness(signals, boot),
+        accelerometers=accelerometer_witnesses(signals, boot),
+        accelerometer=accelerometer_in_use(signals, boot),
         rotation=rotation_witness(signals, boot),
+        position=position_witness(signals, boot),
+        stick=series_of_boot(throttle_stick(signals), boot),
         verdict=flight_verdict(signals, boot),
-        fix_share=fix_share(signals, boot),
     )
+
+
+def trust_of_boots(signals: Signals) -> tuple[SensorTrust, ...]:
+    """Returns what can be trusted in each boot in which the attitude was recorded, in order.
+
+    Args:
+        signals: signals of the vehicle.
+    """
+    if not signals.tilts:
+        return ()
+    return tuple(sensor_trust(signals, boot) for boot in np.unique(signals.tilts[0].boot).tolist())

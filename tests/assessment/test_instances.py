@@ -1,17 +1,22 @@
 """The table of all instances: each is named, with its range in flight and its state."""
 
+from dataclasses import replace
+
 import dataflash_logs as made
 import numpy as np
 from hover import Hover, changed, columns, evidence_of
+from instrumented import instrumented
 from pytest import approx
 
 from mavdem.assessment.instances import instances_of
+from mavdem.assessment.lights.estimator import estimator_light
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.ingest import read_log
 from mavdem.ingest.px4_instances import further_sensors
-from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio
+from mavdem.ingest.vocabulary import ACCELEROMETERS_MESSAGE, INSTANCES_MESSAGE, EstimatorRatio
 from mavdem.report.instances import instance_table
+from mavdem.witnesses import sensor_trust
 
 HOVER = Hover()
 TIME = HOVER.stamps(5.0)
@@ -96,9 +101,8 @@ def test_the_table_has_a_row_for_each_instance():
     assert [row[0] for row in table.rows] == [instance.name for instance in instances]
     rows = {row[0]: row for row in table.rows}
     assert rows["barometer 1"][1] == "no" and rows["barometer 2"][1] == "yes"
-    assert (
-        rows["barometer 2"][3].endswith("\N{NO-BREAK SPACE}m") and rows["GPS 2"][5].level == "watch"
-    )
+    assert rows["barometer 2"][3] == "99.0 to 101\N{NO-BREAK SPACE}m"
+    assert rows["GPS 2"][4].level == "watch"
 
 
 def test_further_sensors_of_a_dataflash_log_have_messages_of_their_own(tmp_path, monkeypatch):
@@ -140,3 +144,64 @@ def test_further_sensors_of_px4_are_instances_of_a_topic():
     name, maker = makers["SCALED_PRESSURE2"]
     assert name == "sensor_baro"
     assert maker({"sensor_baro": {0: topic, 1: topic}})["altitude"].tolist() == [7, 7, 7]
+
+
+def with_accelerometers(parameters=None, gravities=(9.8, 9.0, 8.0)):
+    """Three IMUs that measure this force at rest, m/s²."""
+    made = instrumented()
+    made = replace(made, parameters={**made.parameters, **(parameters or {})})
+    time = made.messages["HIGHRES_IMU"]["time"]
+    first, second, third = gravities
+    noise = 0.01 * np.random.default_rng(4).standard_normal(len(time))
+    made = changed(made, "HIGHRES_IMU", zacc=noise - first)
+    further = columns(
+        np.repeat(time, 2),
+        instance=np.tile([1, 2], len(time)),
+        xacc=0.0,
+        yacc=0.0,
+        zacc=np.tile([-second, -third], len(time)),
+    )
+    return changed(made, ACCELEROMETERS_MESSAGE, **further)
+
+
+def test_a_spare_accelerometer_that_is_wrong_is_to_be_watched_unless_it_is_not_used():
+    telemetry = with_accelerometers({"INS_USE3": 0.0})
+    instances = by_name(telemetry)
+    levels = [instances[f"IMU {number}"].state.level for number in (1, 2, 3)]
+    assert levels == ["good", "watch", "unknown"]
+    light = estimator_light(evidence_of(Signals(telemetry)))
+    assert (light.subject, light.figures["is_spare"]) == ("IMU 2", True)
+    assert "of IMU 2, a spare one, measured 9.0" in light.sentence
+
+
+def test_the_accelerometer_of_the_primary_core_counts():
+    telemetry = with_accelerometers({"EK3_IMU_MASK": 6.0})
+    telemetry = changed(
+        telemetry, "estimator_selector_status", **columns([0.0, 1.0], primary_instance=1)
+    )
+    trust = sensor_trust(Signals(telemetry), 0)
+    assert trust.accelerometer.name == "IMU 3"
+    assert trust.is_accelerometer_sound is False
+    assert by_name(telemetry)["IMU 3"].used_share == 1.0
+
+
+def test_the_imus_of_a_stream_are_messages_of_their_own():
+    telemetry = instrumented()
+    time = telemetry.messages["HIGHRES_IMU"]["time"]
+    for message, gravity in (("RAW_IMU", 1000.0), ("SCALED_IMU2", 900.0)):
+        force = columns(time, xacc=0.0, yacc=0.0, zacc=-gravity)
+        telemetry = changed(telemetry, message, **force)
+    messages = dict(telemetry.messages)
+    del messages["HIGHRES_IMU"]
+    telemetry = replace(telemetry, messages=messages)
+    trust = sensor_trust(Signals(telemetry), 0)
+    gravities = {one.name: one.gravity_at_rest for one in trust.accelerometers}
+    assert gravities == approx({"IMU 1": 9.81, "IMU 2": 8.83}, abs=0.01)
+
+
+def test_a_barometer_that_differs_from_the_used_one_in_flight_is_to_be_watched():
+    telemetry = with_sensors()
+    altitude = 100.0 + np.sin(TIME) + 9.0 * (TIME > 30.0)
+    telemetry = changed(telemetry, "SCALED_PRESSURE2", altitude=altitude)
+    differing = by_name(telemetry)["barometer 1"].state
+    assert (differing.level, differing.figures["name"]) == ("watch", "barometer 2")

@@ -1,11 +1,15 @@
 """Which sensors can be trusted, each on a made-up hover of which one sensor is made to lie."""
 
+from dataclasses import replace
+
 import numpy as np
 from hover import Hover, asking, changed, columns, with_pulses
 from pytest import approx, mark
 
 from mavdem.dataset.signals import Signals
+from mavdem.facts.trust import Trust
 from mavdem.facts.witnesses import Witness
+from mavdem.report.trust import trust_table
 from mavdem.witnesses import sensor_trust
 from mavdem.witnesses.height import trusted_height
 from mavdem.witnesses.sensors import barometer_altitude, throttle_stick
@@ -107,7 +111,7 @@ def test_an_accelerometer_must_measure_gravity_at_rest(gravity, is_sound):
 def test_a_receiver_without_satellites_gives_no_position():
     made = changed(flight(), "GPS_RAW_INT", fix_type=1)
     assert trust(made).has_position_fix is False
-    assert trust(made).fix_share == 0
+    assert trust(made).position.fix_share == 0
 
 
 @mark.parametrize("gain, answers", [(0.9, True), (0.0, False)])
@@ -191,3 +195,26 @@ def test_the_stick_of_manual_control_counts_in_thousandths():
     made = Hover().telemetry(20.0, 20.0)
     made = changed(made, "MANUAL_CONTROL", **columns(stamps(made, "ATTITUDE"), z=250))
     assert throttle_stick(Signals(made)).values == approx(0.25)
+
+
+def test_the_checks_of_a_sound_flight_answer_yes_or_that_too_little_was_asked():
+    sound = trust(flight())
+    levels = {check.code: check.level for check in sound.checks}
+    assert set(levels.values()) <= {"good", "unknown"}
+    assert levels[Trust.BAROMETER] == levels[Trust.ACCELEROMETER] == levels[Trust.FLIGHT] == "good"
+    assert all(check.sentence for check in sound.checks)
+    assert [row[1] for row in trust_table([sound]).rows][:3] == ["yes", "yes", "yes"]
+
+
+def test_a_bench_run_has_no_flight_and_each_boot_rows_of_its_own():
+    held = trust(bench(flight()))
+    answers = {row[0]: row[1] for row in trust_table([held, replace(held, boot=1)]).rows}
+    assert answers["that it flew, boot 1"] == answers["that it flew, boot 2"] == "no"
+    assert held.checks[0].sentence.startswith("It did not fly: the barometer stayed within")
+
+
+def test_nothing_recorded_is_not_known():
+    made = Hover().telemetry(20.0, 20.0, without=("LOCAL_POSITION_NED", "SERVO_OUTPUT_RAW"))
+    levels = [check.level for check in trust(made).checks]
+    assert levels == 7 * ["unknown"]
+    assert all(check.sentence for check in trust(made).checks)

@@ -31,7 +31,6 @@ from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio, mavlink_constant
-from mavdem.witnesses.accelerometer import accelerometer_witness
 
 INNOVATIONS = tuple(EstimatorRatio)
 """The innovations that are judged, in the order of the columns of :func:`innovation_ratios`."""
@@ -422,20 +421,36 @@ def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
-    """Yields a fact for each boot with a flight in which the first accelerometer did not measure gravity at rest.
+    """Yields a fact for each boot with a flight, and each accelerometer in use that did not measure gravity at rest.
 
-    The estimator integrates its error, so that the height may run away in flight.
+    The estimator integrates its error, so that the height may run away in flight. The accelerometer that counts comes
+    first.
 
     Yields:
-        Facts with the ``acceleration`` at rest, m/s².
+        Facts with the ``acceleration`` at rest, m/s², and the name of the IMU as subject where there are several.
     """
+    for trust in evidence.trust:
+        if not _has_flown_in(evidence, trust.boot):
+            continue
+        accelerometers = sorted(
+            trust.accelerometers, key=lambda witness: witness is not trust.accelerometer
+        )
+        for accelerometer in accelerometers:
+            if accelerometer.is_used and accelerometer.is_sound is False:
+                yield Fact(
+                    EstimatorLight.ACCELEROMETER_WRONG,
+                    subject=accelerometer.name if len(accelerometers) > 1 else "",
+                    acceleration=accelerometer.gravity_at_rest,
+                    is_spare=accelerometer is not trust.accelerometer,
+                )
+
+
+def _has_flown_in(evidence: Evidence, boot: int) -> bool:
+    """Returns whether a boot has a flight in its recorded time."""
     for span in recorded_spans(evidence.signals):
-        accelerometer = accelerometer_witness(evidence.signals, span.boot)
-        has_flown = bool(intersection([(span.start, span.end)], evidence.flights(span.boot)))
-        if accelerometer is not None and has_flown and accelerometer.is_sound is False:
-            yield Fact(
-                EstimatorLight.ACCELEROMETER_WRONG, acceleration=accelerometer.gravity_at_rest
-            )
+        if span.boot == boot and intersection([(span.start, span.end)], evidence.flights(boot)):
+            return True
+    return False
 
 
 def _field_strengths(field: Array) -> Array:

@@ -5,9 +5,10 @@ becomes the message that MAVLink has for it, the others GPS2_RAW, SCALED_PRESSUR
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mavdem.ingest.dataflash.attitude import NamedMessage
 from mavdem.ingest.dataflash.tables import (
@@ -52,13 +53,23 @@ SENSORS = (
 )
 """Sensors whose messages are made by rules of ``translation.toml``."""
 
+ACCELEROMETER_FIELDS = {"xacc": "AccX", "yacc": "AccY", "zacc": "AccZ"}
+"""Fields of the table of accelerometers, and of DataFlash's IMU, both in m/s²."""
+
+OLD_IMU_MESSAGES = ("IMU2", "IMU3")
+"""Messages of the second and the third IMU in old versions."""
+
 MAX_ESCS = 8
 """Number of speed controllers that have a message of their own in old versions: ESC1 to ESC8."""
 
 OLD_ESC_MESSAGES = tuple(f"ESC{number}" for number in range(1, MAX_ESCS + 1))
 """Those messages."""
 
-FURTHER_SENSOR_MESSAGES = ("GPS2", *(name for sensor in SENSORS for name in sensor.old_names))
+FURTHER_SENSOR_MESSAGES = (
+    "GPS2",
+    *OLD_IMU_MESSAGES,
+    *(name for sensor in SENSORS for name in sensor.old_names),
+)
 """Messages of further sensors in old versions."""
 
 INSTANCE_FIELD = "I"
@@ -107,6 +118,25 @@ def further_sensors(
             )
             messages[message] = NamedMessage(name, with_stamps(logged, fields))
     return messages
+
+
+def further_accelerometers(tables: Tables) -> NamedMessage:
+    """Makes the table of the accelerometers of the second and the third IMU; the first one's is HIGHRES_IMU."""
+    parts: list[Columns] = []
+    for number in (1, 2):
+        logged = rows_of_sensor(tables, "IMU", OLD_IMU_MESSAGES, number)
+        logged = messages_with_fields({"IMU": logged}, "IMU", tuple(ACCELEROMETER_FIELDS.values()))
+        if logged:
+            fields: dict[str, NDArray[Any]] = {
+                name: logged[field] for name, field in ACCELEROMETER_FIELDS.items()
+            }
+            fields["instance"] = np.full(message_count(logged), number)
+            parts.append(with_stamps(logged, fields))
+    if not parts:
+        return NamedMessage("IMU", {})
+    columns = concatenated_columns(parts)
+    order = np.argsort(continuous_time(columns), kind="stable")
+    return NamedMessage("IMU", selected_rows(columns, order))
 
 
 STATUS_3D_FIX = 3

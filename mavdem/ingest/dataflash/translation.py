@@ -42,6 +42,7 @@ from mavdem.ingest.dataflash.sensors import (
     FURTHER_SENSOR_MESSAGES,
     OLD_ESC_MESSAGES,
     STATUS_3D_FIX,
+    further_accelerometers,
     further_sensors,
     gps_fixes,
     motor_speeds,
@@ -69,7 +70,12 @@ from mavdem.ingest.telemetry import (
     selected_rows,
     translated_fields,
 )
-from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, NO_SEVERITY, EstimatorRatio
+from mavdem.ingest.vocabulary import (
+    ACCELEROMETERS_MESSAGE,
+    INSTANCES_MESSAGE,
+    NO_SEVERITY,
+    EstimatorRatio,
+)
 
 FLIGHT_MESSAGES = (
     "ATT",
@@ -201,6 +207,7 @@ def translated(
         "ERR": NamedMessage("ERR", messages_with_fields(tables, "ERR", ("Subsys", "ECode"))),
         "PARAM_VALUE": NamedMessage("PARM", _parameter_values(tables)),
         "EV": NamedMessage("EV", messages_with_fields(tables, "EV", ("Id",))),
+        ACCELEROMETERS_MESSAGE: further_accelerometers(tables),
         "ESC": motor_speeds(tables),
         "SIDD": NamedMessage("SIDD", _injected_signal(tables)),
     }

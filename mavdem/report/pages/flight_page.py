@@ -58,6 +58,7 @@ from mavdem.report.screen import (
     vehicle_blocks,
 )
 from mavdem.report.templates import capitalize_first, render_section, sentences_by_axes
+from mavdem.report.trust import trust_table
 from mavdem.report.truth import truth_blocks
 from mavdem.report.why import why
 
@@ -196,6 +197,8 @@ def _flight_chapters(
     yield _other_sensors_chapter(assessment.noise, timeline, is_full)
     yield _motors_chapter(analysis, evidence)
     yield _wind_chapter(assessment, analysis, timeline)
+    if evidence.trust:
+        yield Chapter("What can be trusted", [trust_table(evidence.trust)])
     if assessment.instances:
         table = instance_table(assessment.instances)
         yield Chapter("Every battery, estimator, sensor and output", [table])

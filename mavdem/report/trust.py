@@ -1,0 +1,46 @@
+"""What can be trusted: a small table of the checks of the sensors against each other, a row for each."""
+
+from collections.abc import Sequence
+
+from mavdem.facts import Fact, Level
+from mavdem.facts.trust import Trust
+from mavdem.report.blocks import Rated, Table
+from mavdem.witnesses import SensorTrust
+
+HEADER = ["check", "trusted", "why"]
+"""Header of the table."""
+
+NAMES = {
+    Trust.FLIGHT: "that it flew",
+    Trust.BAROMETER: "barometer",
+    Trust.ACCELEROMETER: "accelerometer at rest",
+    Trust.POSITION: "position fix",
+    Trust.ATTITUDE_RESPONSE: "attitude response",
+    Trust.GYRO: "gyro against attitude",
+    Trust.STICK: "throttle stick",
+}
+"""Names of the rows."""
+
+ANSWERS = {Level.GOOD: "yes", Level.WATCH: "no", Level.UNKNOWN: "not known"}
+"""What the level of a check answers."""
+
+
+def trust_table(trust_of_boots: Sequence[SensorTrust]) -> Table:
+    """Returns a table with a row for each check of each boot; where there are several, rows have the number of the boot.
+
+    Args:
+        trust_of_boots: what can be trusted in each boot, at least one.
+    """
+    rows: list[list[str]] = []
+    for trust in trust_of_boots:
+        for check in trust.checks:
+            name = NAMES[Trust(check.code)]
+            if len(trust_of_boots) > 1:
+                name = f"{name}, boot {trust.boot + 1}"
+            rows.append([name, _answer(check), str(check)])
+    return Table(HEADER, rows, words=True)
+
+
+def _answer(check: Fact) -> Rated:
+    """Returns the answer of a check in one or two words, with its level."""
+    return Rated(ANSWERS[check.level], check.level)
