@@ -26,7 +26,7 @@ ANSWERS = {Level.GOOD: "yes", Level.WATCH: "no", Level.UNKNOWN: "not known"}
 
 
 def trust_table(trust_of_boots: Sequence[SensorTrust]) -> Table:
-    """Returns a table with a row for each check of each boot; where there are several, rows have the number of the boot.
+    """Returns a table with a row for each check of each boot. Of several boots, each row has the number.
 
     Args:
         trust_of_boots: what can be trusted in each boot, at least one.
