@@ -27,6 +27,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Code, Fact, Facts, NamedFacts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.lights import Unjudged
+from mavdem.facts.sources import Repair
 from mavdem.ingest import Log
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.loops.advice import gain_reduction_advice
@@ -133,6 +134,22 @@ class Evidence:
         if oscillation is None:
             return None
         return gain_reduction_advice(oscillation, self.signals.telemetry.parameters)
+
+    @property
+    def command_arguments(self) -> list[str]:
+        """The arguments with which another mavdem command, which a fact advises, reads the same vehicle.
+
+        They are the name of the log, ``--vehicle`` if the log has several, and ``--params`` for each file whose
+        parameters were added.
+        """
+        telemetry = self.signals.telemetry
+        arguments = [self.log.source]
+        if len(self.log.vehicles) > 1:
+            arguments += ["--vehicle", f"{telemetry.system}:{telemetry.component}"]
+        for repair in telemetry.repairs:
+            if repair.code is Repair.PARAMETERS_ADDED:
+                arguments += ["--params", repair.figures["path"]]
+        return arguments
 
     @cached_property
     def not_flown(self) -> Fact | None:

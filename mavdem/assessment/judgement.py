@@ -1,10 +1,18 @@
-"""Judgement of a vehicle by the evidence of a log: its lights, the headline, and the next step that fits it."""
+"""Judgement of a vehicle by the evidence of a log: its lights, its loops, the headline, and the next step that fits."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mavdem.assessment.attitude_losses import FAR_ANGLE
 from mavdem.assessment.axis.findings import Finding, next_step_for_model
+from mavdem.assessment.axis.loop_decision import (
+    DecisionsByAxis,
+    LoopDecision,
+    LoopObservations,
+    LoopVerdict,
+    common_action,
+    decide_on_loops,
+)
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights import OTHER_LIGHTS, REGISTRY, VEHICLE_LIGHTS
 from mavdem.dataset.learnability import NEVER_ARMED
@@ -13,7 +21,7 @@ from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light, Unjudged
-from mavdem.immutable import ImmutableResult
+from mavdem.immutable import ImmutableResult, ReadOnlyDict
 
 LIGHTS_OF_FLIGHT = (Light.MOTORS, Light.VIBRATION, Light.TRACKING, Light.MARGINS, Light.WIND)
 """Lights that judge a vehicle in the air, and so are unknown where it never was."""
@@ -48,13 +56,16 @@ class Judgement(ImmutableResult):
     """What to do about it."""
     lights: NamedFacts
     """The facts of the eight lights, by name in the order in which they are shown."""
+    loop_decisions: DecisionsByAxis = field(default_factory=ReadOnlyDict)
+    """What is wrong with the loops of roll, pitch and yaw, and what to change, by axis; empty without a flight."""
 
 
 def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: Fact) -> Judgement:
     """Judges a vehicle by its lights and events.
 
-    The lights come first. Together with the events they give the headline, and that the next step. If the vehicle must
-    not fly as it is, the lights lose their advice to fly (``Fact.grounded``).
+    The lights come first, then the decisions on the loops, whose advice the lights of tracking and margins show.
+    Together with the events they give the headline, and that the next step. If the vehicle must not fly as it is, the
+    lights lose their advice to fly (``Fact.grounded``).
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -70,11 +81,70 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: 
             needed_lights = [lights[name] for name in light.needs]
             fact = light.judge(evidence, *needed_lights)
         lights[str(light.name)] = fact
+    decisions = loop_decisions(evidence, lights[Light.MOTORS])
+    for name in (Light.TRACKING, Light.MARGINS):
+        lights[name] = with_action_on_loops(lights[name], decisions)
     if evidence.reasons_not_to_fly:
         lights = {name: fact.grounded for name, fact in lights.items()}
     headline = headline_of(evidence, lights)
     model_step = next_step_for_model(purposes) if purposes else None
-    return Judgement(headline, next_step_of(headline, lights, model_step), lights)
+    next_step = next_step_of(headline, lights, model_step)
+    return Judgement(headline, next_step, lights, ReadOnlyDict(decisions))
+
+
+def loop_decisions(evidence: Evidence, motors: Fact) -> DecisionsByAxis:
+    """Returns the decision on the loops of each axis; none for a vehicle that did not fly or is no multirotor.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        motors: the fact of the light on motors: bad motors must be repaired before the vehicle is tuned.
+    """
+    if evidence.not_flown is not None or evidence.other_vehicle is not None:
+        return {}
+    doubts = repairs_before_tuning(evidence, motors)
+    decisions = dict[str, LoopDecision]()
+    for margins in evidence.margins:
+        observations = LoopObservations(
+            margins,
+            evidence.tracking[margins.axis],
+            evidence.condition.oscillation,
+            evidence.gain_reduction,
+            doubts,
+            evidence.signals.telemetry.parameters,
+            tuple(evidence.command_arguments),
+        )
+        decisions[margins.axis] = decide_on_loops(observations)
+    return decisions
+
+
+def repairs_before_tuning(evidence: Evidence, motors: Fact) -> Facts:
+    """Returns what must be repaired before a vehicle is tuned: why it must not fly or, if it may, its bad motors.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        motors: the fact of the light on motors.
+    """
+    if evidence.reasons_not_to_fly or not motors.is_bad:
+        return evidence.reasons_not_to_fly
+    return (motors,)
+
+
+def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
+    """Returns the fact of a light on loops with what was decided to do about the axes that it names.
+
+    Args:
+        light: of tracking or margins. One that names no axis, or nothing that is wrong, is returned as it is.
+        decisions: on the loops, by axis.
+    """
+    axis = light.figures.get("axis", "")
+    if axis not in decisions:
+        return light
+    decision = decisions[axis]
+    if light.is_good:
+        follows_badly = decision.verdict is LoopVerdict.FOLLOWS_BADLY
+        return light.but(follows=False) if follows_badly else light
+    axes = light.figures.get("names", (axis,))
+    return light.but(action=common_action([decisions[name].action for name in axes]))
 
 
 def unjudged(refusal: Fact) -> Judgement:

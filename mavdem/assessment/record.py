@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment.axis import LogAnalysis, analyse
+from mavdem.assessment.axis.loop_decision import DecisionsByAxis
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.responses import Responses, responses_of
 from mavdem.assessment.evidence import Evidence
@@ -105,6 +106,11 @@ class Assessment:
     def margins(self) -> tuple[AxisMargins, ...]:
         """The stability margins of roll, pitch and yaw; empty if no vehicle was judged."""
         return () if self.evidence is None else self.evidence.margins
+
+    @property
+    def loop_decisions(self) -> DecisionsByAxis:
+        """What is wrong with the loops of each axis, and what to change, as all surfaces show it."""
+        return self.judgement.loop_decisions
 
     @property
     def tracking(self) -> NamedFacts:
@@ -228,7 +234,13 @@ class Assessment:
     @property
     def judgement_values(self) -> JsonValues:
         """Headline, next step, lights and events by the keys that all JSON documents have."""
-        return {**vars(self.judgement), "events": self.events}
+        judgement = self.judgement
+        return {
+            "headline": judgement.headline,
+            "next_step": judgement.next_step,
+            "lights": judgement.lights,
+            "events": self.events,
+        }
 
     def with_axis(self, axis: str) -> Assessment:
         """Returns the same assessment with an analysis of a further ``axis``, "roll", "pitch" or "yaw"."""

@@ -29,11 +29,11 @@ class Published(NamedTuple):
 
 
 DOCUMENTS = {
-    "review": Published(Review, 9, "report.json of review, and `--json` of review"),
+    "review": Published(Review, 10, "report.json of review, and `--json` of review"),
     "learn": Published(LearnReport, 9, "report.json, and `--json` of learn and open"),
     "info": Published(Inventory, 5, "`--json` of info"),
     "wind": Published(Wind, 3, "`--json` of wind"),
-    "tune": Published(Tune, 4, "`--json` of tune"),
+    "tune": Published(Tune, 5, "`--json` of tune"),
     "compare": Published(CompareReport, 4, "`--json` of compare"),
     "order": Published(Order, 4, "`--json` of order"),
     "diff": Published(Diff, 3, "`--json` of diff"),

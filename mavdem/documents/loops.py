@@ -167,7 +167,9 @@ class AxisAdvice(Document, is_partial=True):
     """The loops of one axis and the gains to set."""
 
     refusal: AdviceAndFact
-    """why there are no loops; no other key is there then"""
+    """why there are no loops; no other key but decision is there then"""
+    decision: OptionalFact
+    """what is wrong with the loops, and as remedy what to do about it; null without a flight"""
     loop: Loop
     """the loops with the gains of the log"""
     filters: GyroFilters
@@ -223,29 +225,34 @@ def tune_document(source: str, margins: str, tuning: Tuning) -> Tune:
     error = {}
     if tuning.refusal:
         error["error"] = {"reason": str(tuning.refusal), "remedy": ""}
-    axes = {axis: _axis_document(advice) for axis, advice in tuning.axes.items()}
+    axes = {}
+    for axis, advice in tuning.axes.items():
+        decision = tuning.judgement.loop_decisions.get(axis)
+        axes[axis] = _axis_document(advice, None if decision is None else decision.fact)
     return Tune.from_results(
         tuning, tuning.judgement, source=source, margins=margins, axes=axes, **error
     )
 
 
-def _axis_document(advice: Advice | Fact) -> AxisAdvice:
+def _axis_document(advice: Advice | Fact, decision: Fact | None) -> AxisAdvice:
     """Makes the part of the tuning document that belongs to one axis.
 
     Args:
         advice: the loops of the axis with the gains before and after the change, the gains to set and the noise of the
             demand; or a fact that says why the loops are not known.
+        decision: what is wrong with the loops of the axis, with what to do about it; None without a flight.
 
     Returns:
-        The record. Without known loops it has the key ``refusal`` only. If the loops are known but no gains are
-        advised, ``expected``, the loops with the new gains, is null.
+        The record. Without known loops it has the keys ``refusal`` and ``decision`` only. If the loops are known but no
+        gains are advised, ``expected``, the loops with the new gains, is null.
     """
     if isinstance(advice, Fact):
-        return AxisAdvice.from_results(refusal=advice)
+        return AxisAdvice.from_results(refusal=advice, decision=decision)
     loop = advice.before
     # Gains, margins asked for, and noise are attributes of the advice; the others have other names in the document.
     return AxisAdvice.from_results(
         advice,
+        decision=decision,
         loop=loop,
         filters=gyro_filters(loop.controller, loop.crossover),
         verdict=advice.rating,

@@ -164,7 +164,9 @@ class Axis(Document):
     resonance: Resonance | None
     """the strongest resonance of the rate"""
     tracking: OptionalFact
-    """how angle and rate follow their setpoints: RMS errors (rad, rad/s), delay (s), overshoot"""
+    """how angle and rate follow their setpoints: RMS errors (rad, rad/s), delay (s), overshoot, reached rate"""
+    decision: OptionalFact
+    """what is wrong with its loops, and as remedy what to do about it; null without a flight"""
 
 
 class Review(Document):
@@ -262,6 +264,9 @@ def _axis_values(assessment: Assessment) -> JsonValues:
             "refusal": refusal,
             "resonance": resonances.get(axis),
             "tracking": assessment.tracking.get(axis),
+            "decision": assessment.loop_decisions[axis].fact
+            if axis in assessment.loop_decisions
+            else None,
             "step_response": responses["rate"]["measured"],
             **responses,
         }

@@ -95,3 +95,15 @@ class StepResponses(Code):
     TOO_SLOW = "too_slow"
     TOO_LITTLE_FLIGHT = "too_little_flight"
     TOO_LITTLE_ASKED = "too_little_asked"
+
+
+class LoopActions(Code):
+    """What to do about the loops of an axis; LOOPS_JUDGED has it together with what is wrong."""
+
+    LOOPS_JUDGED = "loops_judged"
+    LOAD_ADVISED_GAINS = "load_advised_gains"
+    LOWER_BY_A_THIRD = "lower_by_a_third"
+    FLY_DOUBLETS = "fly_doublets"
+    SLOWER_TURNS = "slower_turns"
+    CHECK_VEHICLE = "check_vehicle"
+    DO_FIRST = "do_first"

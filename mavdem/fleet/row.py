@@ -38,7 +38,7 @@ from mavdem.units import (
     with_unit,
 )
 
-SCHEMA_VERSION = 8
+SCHEMA_VERSION = 9
 """Version of the columns and of what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"
@@ -190,6 +190,10 @@ class FlightRow:
     """gain margin of the axis's rate loop"""
     gain_margin_interval: Decibels = None
     """half width of the 90 % interval of gain_margin"""
+    loop_verdict: OptionalText = None
+    """what is wrong with the axis's loops: nothing_wrong, oscillates, below_goal, follows_badly or unknown"""
+    loop_action: OptionalText = None
+    """what to do about the axis's loops, one or two sentences; null if nothing is to be done"""
     wind_torque_sd: AngularAcceleration = report_column("wind.sd")
     """standard deviation of the wind torque"""
     wind_torque_mean: AngularAcceleration = report_column("wind.mean")

@@ -10,6 +10,7 @@ import numpy as np
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.axis import LogAnalysis
+from mavdem.assessment.axis.loop_decision import LoopDecision
 from mavdem.assessment.record import NoLoop
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
@@ -111,8 +112,9 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
         report = analysis.report_values | judgement
         loop = assessment.loops[axis]
         margins = {} if isinstance(loop, NoLoop) else margin_columns(loop)
+        decision = decision_columns(assessment.loop_decisions.get(axis))
         means = _mean_columns(analysis)
-        rows.append(FlightRow.of(report, axis=axis, **columns, **margins, **means))
+        rows.append(FlightRow.of(report, axis=axis, **columns, **margins, **decision, **means))
     return rows
 
 
@@ -184,6 +186,14 @@ def wind_columns(wind: WindVelocity) -> JsonValues:
     quadratic_half_widths = np.ptp(drag.interval("quadratic"), axis=0) / 2
     columns["drag_interval"] = np.ravel([linear_half_widths, quadratic_half_widths])
     return columns
+
+
+def decision_columns(decision: LoopDecision | None) -> JsonValues:
+    """Returns the columns on what is wrong with the loops of an axis, and what to do; empty without a decision."""
+    if decision is None:
+        return {}
+    action = None if decision.action is None else decision.action.advised
+    return {"loop_verdict": str(decision.verdict), "loop_action": action}
 
 
 def margin_columns(loop: Loop) -> JsonValues:

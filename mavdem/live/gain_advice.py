@@ -92,7 +92,8 @@ def advise_gains(recording: Path, vehicle: str) -> Facts:
         vehicle: "system:component" of the vehicle in it.
 
     Returns:
-        The gains of each axis, what the vehicle's twin does with them, and the files; or why no gains are advised.
+        The gains of each axis, what the vehicle's twin does with them, and the files; or why no gains are advised. Of
+        axes without new gains, what was decided on their loops, if anything is to be done.
 
     Raises:
         OSError: the files cannot be written.
@@ -104,8 +105,12 @@ def advise_gains(recording: Path, vehicle: str) -> Facts:
     except Refusal as error:
         return (Fact(Gains.GAINS_LEFT, because=error.fact),)
     facts = []
+    decisions = []
     for advice in tuning.advice:
         if not advice.parameters:
+            decision = tuning.judgement.loop_decisions.get(advice.before.axis)
+            if decision is not None and decision.action is not None:
+                decisions.append(decision.fact)
             continue
         facts.append(
             Fact(
@@ -117,6 +122,8 @@ def advise_gains(recording: Path, vehicle: str) -> Facts:
                 present_error=advice.before.lean_in_wind,
             )
         )
+    if not facts and decisions:
+        return tuple(decisions)
     if not facts:
         least_certain = min(tuning.advice, key=lambda advice: advice.sure)
         axis = least_certain.before.axis
@@ -133,7 +140,7 @@ def advise_gains(recording: Path, vehicle: str) -> Facts:
         path=stem + " and ".join(texts),
         because=tuning.judgement.next_step,
     )
-    return (*facts, *twin_facts, files_fact)
+    return (*facts, *decisions, *twin_facts, files_fact)
 
 
 def _new_stem(recording: Path, endings: list[str]) -> str:

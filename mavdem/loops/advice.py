@@ -584,3 +584,15 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
                 if value:
                     changes.append((name, value, GAIN_REDUCTION * value))
     return Fact(Gains.LOWER_GAINS, changes=changes, **oscillation.figures)
+
+
+def reasons_for_no_gains(loop: Loop, tune: str = "default", *, more: bool = False) -> Facts:
+    """Returns why :func:`advise` gives no gains for a loop, without the search for gains; empty where it gives some.
+
+    Args:
+        loop: rate and attitude loop of one axis.
+        tune: name of the margins to have, a key of ``MARGIN_TARGETS``.
+        more: whether gains are changed even though the loop has its margins.
+    """
+    may_change = more or margin_rating(loop, MARGIN_TARGETS[tune]).is_bad
+    return _refusals(loop, may_change)

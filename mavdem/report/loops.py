@@ -4,14 +4,18 @@ from collections.abc import Iterator
 from operator import attrgetter
 from typing import NamedTuple
 
+from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision, LoopVerdict
 from mavdem.assessment.axis.tuning import Tuning
+from mavdem.containers import group_by
 from mavdem.facts import Fact
+from mavdem.facts.loops import LoopActions
+from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import MAX_ANGLE_GAIN, MAX_GAIN_STEP, Advice, AdviceByAxis
 from mavdem.loops.axis_loops import LoopsByAxis
 from mavdem.loops.filters import gyro_filters
 from mavdem.loops.margins import OpenLoop
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
-from mavdem.report.numbers import rounded
+from mavdem.report.numbers import listed, rounded
 from mavdem.report.templates import render_section, sentences_by_axes
 
 
@@ -56,12 +60,21 @@ def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
     blocks = Blocks()
     given_remedies = _texts_of_next_step(tuning)
     for axis, advice in tuning.axes.items():
-        facts = [advice] if isinstance(advice, Fact) else [advice.rating, advice.sentence]
+        decision = tuning.judgement.loop_decisions.get(axis)
+        if isinstance(advice, Fact):
+            facts = [advice]
+        else:
+            facts = [*_rating_as_decided(advice, decision), advice.sentence]
         sentences = [str(fact) for fact in facts]
-        remedy = facts[-1].remedy
-        if remedy not in given_remedies:
-            given_remedies.add(remedy)
-            sentences.append(remedy)
+        remedies = [facts[-1].remedy]
+        # What tune itself advises is not repeated as the advice to run it.
+        if decision is not None and decision.action is not None:
+            if decision.action.code is not LoopActions.LOAD_ADVISED_GAINS:
+                remedies.append(decision.action.advised)
+        for remedy in remedies:
+            if remedy not in given_remedies and remedy not in " ".join(sentences):
+                given_remedies.add(remedy)
+                sentences.append(remedy)
         blocks.append(Sentence(" ".join(sentences), f"{axis.capitalize()}:"))
         if isinstance(advice, Advice):
             if is_full:
@@ -75,6 +88,39 @@ def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
         isinstance(advice, Advice) and bool(advice.gains) for advice in tuning.axes.values()
     )
     return [*blocks, *render_section("loop_not_checked", named=has_gains and is_full)]
+
+
+def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
+    """Returns the rating of an axis' margins as far as it counts in the decision on the axis; else nothing.
+
+    A loop that a measurement refutes has no rating. Margins of an axis that does not follow its setpoint meet no goal.
+
+    Args:
+        advice: on the axis, with the rating.
+        decision: on the loops of the axis; None where there is none.
+    """
+    if decision is None:
+        return [advice.rating]
+    if advice.refusals and decision.reason.code is not MarginsLight.LOOP_MARGINS:
+        return []
+    if decision.verdict is LoopVerdict.FOLLOWS_BADLY:
+        return [advice.rating.but(follows=False)]
+    return [advice.rating]
+
+
+def decision_sentences(decisions: DecisionsByAxis) -> list[Sentence]:
+    """Returns what is wrong with the loops of each axis and what to do about it, which axes may share.
+
+    Args:
+        decisions: on the loops, by axis.
+    """
+    axes_by_action = group_by(decisions, lambda axis: decisions[axis].fact.remedy)
+    sentences = []
+    for action, axes in axes_by_action.items():
+        reasons = dict.fromkeys(str(decisions[axis].reason) for axis in axes)
+        text = " ".join(filter(None, (*reasons, action)))
+        sentences.append(Sentence(text, f"{listed(axes).capitalize()}:"))
+    return sentences
 
 
 def _texts_of_next_step(tuning: Tuning) -> set[str]:

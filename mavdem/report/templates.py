@@ -138,6 +138,7 @@ def _render(fact: Fact, part: str) -> str:
         return ""
     figures = {
         "remedy": "",
+        "action": None,
         "is_grounded": False,
         "level": fact.level,
         "time": fact.time,

@@ -14,11 +14,11 @@ from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.fleet.row import utf8_text
 from mavdem.loops.step_response import StepResponse
 from mavdem.report import palette
-from mavdem.report.blocks import Block, Sentence, markdown
+from mavdem.report.blocks import Block, Blocks, Sentence, markdown
 from mavdem.report.charts.chart import Chart, Line, over_time
 from mavdem.report.charts.timeline import Timeline, timeline_of
 from mavdem.report.labels import Labels
-from mavdem.report.loops import margin_tables
+from mavdem.report.loops import decision_sentences, margin_tables
 from mavdem.report.numbers import display_unit
 from mavdem.report.screen import analysis_blocks, detail_blocks, flight_title, motor_blocks
 from mavdem.report.series import FREE_ENERGY, OUTPUTS, PROCESS_NOISE, Series, series_of
@@ -213,8 +213,11 @@ class RecordingTabs:
         if step_views:
             parts.append(rrb.Grid(*step_views, grid_columns=2))
         if loops:
-            margins = log_text(self._recording, "margins", "Margins", margin_tables(loops))
-            parts.append(rrb.Tabs(*sensitivity_views, margins))
+            decisions = decision_sentences(self._assessment.loop_decisions)
+            text: Blocks = [*decisions, *margin_tables(loops)]
+            margins = log_text(self._recording, "margins", "Margins", text)
+            # The text stands first, since it says what to do.
+            parts.append(rrb.Tabs(margins, *sensitivity_views))
         return [rrb.Horizontal(*parts, name="Loops")] if parts else []
 
     def forecasts(

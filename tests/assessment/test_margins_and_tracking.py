@@ -20,6 +20,7 @@ from mavdem.assessment.axis.loops import loops_of_axes
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.responses import responses_of
 from mavdem.assessment.axis.tracking import ANGLE_ERROR_LIMITS
+from mavdem.assessment.judgement import judge
 from mavdem.assessment.lights.margins import margins_light
 from mavdem.assessment.lights.motors import motors_light
 from mavdem.assessment.lights.tracking import tracking_light
@@ -166,14 +167,14 @@ def test_the_worst_loop_of_a_flight_is_rated():
     vehicle = replace(log.vehicles[0], repairs=(added,))
     log = replace(log, source="my flight.tlog", vehicles=2 * log.vehicles)
     found = evidence(vehicle, loops=loops, log=log)
-    light = margins_light(found)
+    light = judge(found).lights["margins"]
     assert (light.code, light.level) == (MarginsLight.LOOP_MARGINS, "watch")
     assert light.remedy == (
         "Load the gains that `mavdem tune 'my flight.tlog' --vehicle 1:1 --params my.param --axis all` advises."
     )
     assert light.figures["axis"] == "pitch"
     alive = replace(found, log=replace(log, source="", vehicles=log.vehicles[:1]))
-    assert "`mavdem tune --params my.param --axis all`" in margins_light(alive).remedy
+    assert "`mavdem tune --params my.param --axis all`" in judge(alive).lights["margins"].remedy
     disagrees = Fact(Responses.RESPONSE_DISAGREES, share=0.3, needed=0.8)
     measured = MeasuredResponse((0.5, 9.0), 30.0, 30.0, 1.0, disagrees)
     loops["roll"] = replace(loops["roll"], measured=measured)

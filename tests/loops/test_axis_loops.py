@@ -22,14 +22,12 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.dataset.alignment import aligned_flight
-from mavdem.dataset.axes import AXES
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
-from mavdem.facts.margins import TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest.mavlink.definitions import decoded_parameters
@@ -334,9 +332,8 @@ def test_an_effectiveness_that_seems_low_changes_nothing_unless_margins_surely_l
     assert tuning.refusal and not tuning.parameters, "nor is a notch set"
 
 
-def tuned_by(loops, tracking=TrackingLight.FOLLOWS_SETPOINT, **options):
+def tuned_by(loops, **options):
     """Of a vehicle with nothing else to say, with a notch."""
-    followed = dict.fromkeys(AXES, Fact(tracking))
     evidence = partial_record(Evidence, loops=loops, gain_reduction=None, reasons_not_to_fly=())
     notch = Fact(NotchAdvice.SET_NOTCH, settings=(("INS_HNTCH_FREQ", 80.0),))
     even = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
@@ -346,20 +343,9 @@ def tuned_by(loops, tracking=TrackingLight.FOLLOWS_SETPOINT, **options):
         judgement=judgement,
         evidence=evidence,
         margins=(),
-        tracking=followed,
         noise=MeasuredNoise({}, {}, notch),
     )
     return tuned(assessment, [*loops], is_written=False, **options)
-
-
-@mark.slow
-def test_gains_are_not_kept_where_the_angle_overshoots():
-    loops = {"roll": made_up()}
-    assert not tuned_by(loops).refusal
-    tuning = tuned_by(loops, TrackingLight.OVERSHOOTS_SETPOINT)
-    assert tuning.refusal.figures["reasons"] == (Fact(TrackingLight.OVERSHOOTS_SETPOINT),)
-    lacking = tuned_by({"roll": made_up(2.5)}, TrackingLight.OVERSHOOTS_SETPOINT)
-    assert lacking.parameters, "a loop that lacks margin does overshoot"
 
 
 def test_one_axis_without_a_loop_has_its_own_reason_and_several_have_theirs():

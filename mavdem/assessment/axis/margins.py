@@ -10,7 +10,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.dataset.segments import Segments, recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.loops import Loops
+from mavdem.facts.loops import Loops, Responses
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.axis_loops import (
     MARGIN_TARGETS,
@@ -35,7 +35,12 @@ LEAST_MARGINS = MARGIN_TARGETS["sharp"]
 USUAL_MARGINS = MARGIN_TARGETS["default"]
 """The usual margins: a loop that has less is to be watched."""
 
-SETPOINT_WAS_LOGGED = (Loops.CROSSOVER_UNSEEN, Loops.LOOP_NOT_FOUND, Loops.MARGIN_UNCERTAIN)
+SETPOINT_WAS_LOGGED = (
+    Loops.CROSSOVER_UNSEEN,
+    Loops.LOOP_NOT_FOUND,
+    Loops.MARGIN_UNCERTAIN,
+    *Responses,
+)
 """Reasons why a loop is not identified although the log has a setpoint of the rate that excited the axis."""
 
 

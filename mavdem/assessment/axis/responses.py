@@ -69,8 +69,8 @@ def responses_of(evidence: Evidence) -> Responses:
             has_feedforward = bool(signals.telemetry.parameters.get(RATE_FEEDFORWARD_PARAMETER))
             attitude_prediction = predicted_attitude_response(loop, has_feedforward)
             responses[axis] = {
-                "rate": _compared_response(rate, loop.rate, loop.rate.closed[0]),
-                "attitude": _compared_response(attitude, loop.attitude, attitude_prediction),
+                "rate": _compared_response(rate, loop, loop.rate, loop.rate.closed[0]),
+                "attitude": _compared_response(attitude, loop, loop.attitude, attitude_prediction),
             }
         else:
             responses[axis] = {"rate": LoopResponse(rate), "attitude": LoopResponse(attitude)}
@@ -98,7 +98,7 @@ def predicted_attitude_response(loop: Loop, has_feedforward: bool) -> Complex:
 
 
 def _compared_response(
-    measured: StepResponse | Fact, open_loop: OpenLoop, closed_loop: Complex
+    measured: StepResponse | Fact, loop: Loop, open_loop: OpenLoop, closed_loop: Complex
 ) -> LoopResponse:
     """Returns a measured response together with the predicted one, at the times and frequencies of the measured one.
 
@@ -106,7 +106,9 @@ def _compared_response(
 
     Args:
         measured: the response, or why it is not known.
-        open_loop: the identified loop, whose first row is the estimate. An unstable one predicts no response.
+        loop: the identified loops of the axis.
+        open_loop: the one of these that is compared, whose first row is the estimate. An unstable one predicts no
+            response.
         closed_loop: (F,) predicted frequency response at ``open_loop.frequency``.
     """
     if isinstance(measured, Fact) or not open_loop.stable[0]:
@@ -116,5 +118,28 @@ def _compared_response(
         measured,
         step_from_frequency_response(frequency, closed_loop, measured.time),
         np.interp(measured.frequency, frequency, abs(closed_loop)),
-        measured.comparison(frequency, closed_loop),
+        _comparison(measured, loop, frequency, closed_loop),
     )
+
+
+def _comparison(
+    measured: StepResponse, loop: Loop, frequency: Array, closed_loop: Complex
+) -> Fact | None:
+    """Returns whether a measured and a predicted response agree, or which of them is doubted.
+
+    The loops of an axis have one rating. Where the flight has shown whether the rate follows the loop
+    (:attr:`Loop.agrees`), the gain at some frequencies does not outrank the fit of the whole response.
+
+    Args:
+        measured: the response.
+        loop: the identified loops of the axis.
+        frequency: (F,) Hz.
+        closed_loop: (F,) predicted frequency response.
+
+    Returns:
+        The fact; None where it would contradict the fit of the rate.
+    """
+    comparison = measured.comparison(frequency, closed_loop)
+    if loop.agrees is not None and comparison.is_good != loop.agrees:
+        return None
+    return comparison

@@ -5,19 +5,18 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.judgement import Judgement, repairs_before_tuning
 from mavdem.assessment.record import Assessment
 from mavdem.containers import group_by
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import Loops
-from mavdem.facts.margins import TrackingLight
+from mavdem.facts.loops import LoopActions, Loops
 from mavdem.immutable import freeze
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.advice import Advice, AdviceByAxis, advise
-from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, margin_rating
+from mavdem.loops.axis_loops import Loop
 
 
 class Tuning(NamedTuple):
@@ -72,19 +71,23 @@ def tuned(
     assert evidence is not None
     judgement = assessment.judgement
     headline = judgement.headline
-    doubts = _doubts_on_vehicle(evidence, judgement)
-    notch = assessment.noise.notch if filters and not doubts else None
+    decisions = judgement.loop_decisions
+    vehicle_doubts = _doubts_on_vehicle(evidence, judgement)
+    notch = assessment.noise.notch if filters and not vehicle_doubts else None
     notch_parameters = dict(notch.figures.get("settings", ())) if notch else {}
     advice_by_axis = AdviceByAxis()
     advice_on_loops = list[Advice]()
     refusals = dict[str, Fact]()
     measured_loops = _measured_loops(assessment)
-    is_headline_reason = headline.is_bad and not _must_be_repaired(evidence, judgement)
+    must_be_repaired = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
+    is_headline_reason = headline.is_bad and not must_be_repaired
     for axis in axes:
         loop = evidence.loops[axis]
         if isinstance(loop, Loop):
-            loop_doubts = _doubts_on_loop(assessment, loop, axis, margins, doubts)
-            advice = advise(loop, margins, loop_doubts, more=more)
+            decision = decisions.get(axis)
+            loop_doubts = vehicle_doubts if decision is None else decision.doubts
+            is_too_slow = decision is not None and decision.is_too_slow
+            advice = advise(loop, margins, loop_doubts, more=more or is_too_slow)
             # Without refusals the gains are advised anew, for the loop with the notch in it.
             if notch_parameters and not advice.refusals:
                 advice = advise(loop.with_parameters(notch_parameters), margins, more=more)
@@ -93,9 +96,11 @@ def tuned(
             continue
         if axis in measured_loops:
             loop = Fact(Loops.NO_LOOP, reasons=(measured_loops[axis], loop))
-        if not is_headline_reason and not doubts and len(axes) == 1:
+        if not is_headline_reason and not vehicle_doubts and len(axes) == 1:
             raise NotLearnable(loop)
-        advice_by_axis[axis] = refusals[axis] = Fact(Loops.NO_LOOP, reasons=doubts or (loop,))
+        advice_by_axis[axis] = refusals[axis] = Fact(
+            Loops.NO_LOOP, reasons=vehicle_doubts or (loop,)
+        )
     if not advice_on_loops:
         reasons = [headline] if is_headline_reason else []
         raise NotLearnable(Loops.NO_LOOP, reasons=[*reasons, *_grouped_refusals(refusals)])
@@ -104,23 +109,28 @@ def tuned(
         # A notch costs phase. Only for loops with new gains it is known that there is enough.
         if advice.gains:
             parameters |= {**advice.parameters, **notch_parameters}
-    # New gains are the next step if nothing is bad, or just the margins, which the gains mend.
-    if parameters and (not headline.is_bad or headline == judgement.lights[Light.MARGINS]):
+    if parameters and _gains_come_next(headline):
         next_step = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
         judgement = replace(judgement, next_step=next_step)
     return freeze(Tuning(advice_by_axis, advice_on_loops, parameters, notch, judgement))
 
 
-def _must_be_repaired(evidence: Evidence, judgement: Judgement) -> bool:
-    """Returns whether the vehicle must be repaired before it is tuned: it must not fly, or its motors are bad."""
-    return bool(evidence.reasons_not_to_fly) or judgement.lights[Light.MOTORS].is_bad
+def _gains_come_next(headline: Fact) -> bool:
+    """Returns whether new gains are the next step: what heads the judgement asks for them, or is not bad.
+
+    Args:
+        headline: of the judgement. One on loops has what was decided to do about them as its ``action``.
+    """
+    action = headline.figures.get("action")
+    if action is not None:
+        return action.code is LoopActions.LOAD_ADVISED_GAINS
+    return not headline.is_bad
 
 
 def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
     """Returns why no gains of any axis may be raised.
 
-    Reasons are that the vehicle must not fly as it is or, if it may, that its motors are bad; and an oscillation, which
-    asks for lower gains.
+    Reasons are that the vehicle must be repaired; and an oscillation, which asks for lower gains.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -129,10 +139,7 @@ def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
     Returns:
         The reasons as facts; empty if gains may be raised.
     """
-    doubts = evidence.reasons_not_to_fly
-    motors = judgement.lights[Light.MOTORS]
-    if not doubts and motors.is_bad:
-        doubts = (motors,)
+    doubts = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
     if evidence.gain_reduction:
         doubts = (*doubts, evidence.gain_reduction)
     return doubts
@@ -141,36 +148,6 @@ def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
 def _measured_loops(assessment: Assessment) -> dict[str, Fact]:
     """Returns what an injected signal showed of the loop of each axis, where there was one."""
     return {margins.axis: margins.facts[0] for margins in assessment.margins if margins.injected}
-
-
-def _doubts_on_loop(
-    assessment: Assessment, loop: Loop, axis: str, margins: str, vehicle_doubts: Facts
-) -> Facts:
-    """Returns why the gains of one axis may not be raised, by the doubts on the vehicle and on this loop.
-
-    Two things make the identified loop doubtful: an injected signal in the flight, since what it moved is no response
-    of the controller; and an overshoot in flight where the identified margins are large enough to have none.
-
-    Args:
-        assessment: the assessment of the vehicle.
-        loop: the identified loop of the axis.
-        axis: "roll", "pitch" or "yaw".
-        margins: name of the margins to reach, a key of ``MARGIN_TARGETS``.
-        vehicle_doubts: why no gains of any axis may be raised.
-
-    Returns:
-        The reasons as facts; empty if gains may be raised.
-    """
-    doubts = vehicle_doubts
-    measured_loops = _measured_loops(assessment)
-    if axis in measured_loops:
-        doubts = (*doubts, measured_loops[axis])
-    tracking = assessment.tracking[axis]
-    if tracking.code is TrackingLight.OVERSHOOTS_SETPOINT:
-        rating = margin_rating(loop, MARGIN_TARGETS[margins])
-        if not rating.is_bad:
-            doubts = (*doubts, tracking)
-    return doubts
 
 
 def _grouped_refusals(refusals: dict[str, Fact]) -> list[Fact]:

@@ -8,15 +8,14 @@ from mavdem.assessment.limits import worst_fact
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.facts import Fact
 from mavdem.facts.margins import MarginsLight
-from mavdem.facts.sources import Repair
 
 
 def margins_light(evidence: Evidence) -> Fact:
     """Judges the stability margins of the control loops.
 
     A limit cycle shows that there is no margin, and comes before all else. Otherwise the worst fact on any axis counts
-    if it warns, with the arguments of the command that advises gains. The light is good if the margins of roll or pitch
-    are, since yaw alone says little. In all other cases the margins are unknown.
+    if it warns. The light is good if the margins of roll or pitch are, since yaw alone says little. In all other cases
+    the margins are unknown.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -36,7 +35,7 @@ def margins_light(evidence: Evidence) -> Fact:
     if facts:
         worst = worst_fact(facts)
         if worst.warns:
-            return worst.but(arguments=_arguments(evidence))
+            return worst
     good_facts = [fact for fact in facts if fact.is_good]
     # A dictionary keeps each name once, in order.
     good_axes = dict.fromkeys(fact.figures["axis"] for fact in good_facts)
@@ -66,23 +65,3 @@ def _unknown(evidence: Evidence) -> Fact:
             frequencies.append(fact.figures["rate"])
     highest_frequency = max(frequencies, default=None)
     return Fact(MarginsLight.MARGINS_UNKNOWN, because=because, rate=highest_frequency)
-
-
-def _arguments(evidence: Evidence) -> list[str]:
-    """Returns the arguments with which another mavdem command, which a fact advises, reads the same vehicle.
-
-    Args:
-        evidence: what the log shows of the vehicle.
-
-    Returns:
-        Name of the log, ``--vehicle`` if the log has several, and ``--params`` for each file whose parameters were
-        added.
-    """
-    telemetry = evidence.signals.telemetry
-    arguments = [evidence.log.source]
-    if len(evidence.log.vehicles) > 1:
-        arguments += ["--vehicle", f"{telemetry.system}:{telemetry.component}"]
-    for repair in telemetry.repairs:
-        if repair.code is Repair.PARAMETERS_ADDED:
-            arguments += ["--params", repair.figures["path"]]
-    return arguments

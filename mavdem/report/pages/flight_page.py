@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.findings import findings_of
+from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopVerdict
 from mavdem.assessment.axis.responses import Responses
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
@@ -22,7 +23,7 @@ from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event
-from mavdem.facts.loops import Gains
+from mavdem.facts.loops import Gains, LoopActions
 from mavdem.facts.session import Spent
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
@@ -44,7 +45,13 @@ from mavdem.report.charts.timeline import Timeline, live_timeline, timeline_of
 from mavdem.report.condition import air_blocks, log_blocks
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
-from mavdem.report.loops import compared_loops, gain_blocks, gain_limits, margin_tables
+from mavdem.report.loops import (
+    compared_loops,
+    decision_sentences,
+    gain_blocks,
+    gain_limits,
+    margin_tables,
+)
 from mavdem.report.numbers import display_unit, listed, rounded, with_unit
 from mavdem.report.pages.page import Chapter, Head, PageLink, render_document
 from mavdem.report.review import review_title
@@ -192,7 +199,7 @@ def _flight_chapters(
     if timeline is not None:
         yield _axes_chapter(assessment, timeline)
     yield responses_chapter(assessment.responses)
-    yield _loops_chapter(evidence, assessment.advised_gains if is_full else {})
+    yield _loops_chapter(assessment, evidence, assessment.advised_gains if is_full else {})
     yield _gyro_chapter(assessment, timeline, is_full)
     yield _other_sensors_chapter(assessment.noise, timeline, is_full)
     yield _motors_chapter(analysis, evidence)
@@ -294,26 +301,29 @@ def _step_figure_text(response: StepResponse, key: str) -> str:
     return f"{text(value)} ({text(low)} to {text(high)})"
 
 
-def _loops_chapter(evidence: Evidence, advice: AdviceByAxis) -> Chapter:
-    """Returns the chapter of control loops: margins or why they are not known, advised gains, and charts of both.
+def _loops_chapter(assessment: Assessment, evidence: Evidence, advice: AdviceByAxis) -> Chapter:
+    """Returns the chapter of control loops: what was decided on each axis, margins, advised gains, and charts of both.
 
     Args:
+        assessment: assessment of the log, with the decisions on the loops.
         evidence: the loops of all axes as far as they were identified, and their margins.
         advice: gains that are advised by axis, or why there are none; empty without advice.
     """
-    blocks: Blocks = [*_margin_sentences(evidence)]
+    blocks: Blocks = [
+        *decision_sentences(assessment.loop_decisions),
+        *_margin_sentences(evidence, assessment.loop_decisions),
+    ]
     loops = evidence.identified_loops
     loops_by_axis: dict[str, Mapping[str, Loop]] = {
         axis: {"now": loop} for axis, loop in loops.items()
     }
     for axis, axis_advice in advice.items():
         lead = f"Gains of {axis}:"
-        if isinstance(axis_advice, Advice):
+        # Why an axis has no gains is in the decision on it.
+        if isinstance(axis_advice, Advice) and not axis_advice.refusals:
             blocks.append(Sentence(axis_advice.sentence.advised, lead))
             blocks += gain_blocks(axis_advice)
             loops_by_axis[axis] = compared_loops(axis_advice)
-        elif not loops:
-            blocks.append(Sentence(axis_advice.advised, lead))
     blocks += gain_limits(advice)
     if not loops:
         return Chapter("Control loops", blocks)
@@ -322,17 +332,27 @@ def _loops_chapter(evidence: Evidence, advice: AdviceByAxis) -> Chapter:
     return Chapter("Control loops", [*margin_tables(loops), *blocks], [Group(tuple(columns), text)])
 
 
-def _margin_sentences(evidence: Evidence) -> list[Sentence]:
+def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Sentence]:
     """Returns the sentences about the margins of all axes, or about why they are not known.
 
-    Axes with the same fact share one sentence.
+    What the decision on an axis gives as its reason is left out. Axes with the same fact share one sentence.
+
+    Args:
+        evidence: the margins.
+        decisions: on the loops, by axis.
     """
     axes_and_facts = []
     for margin in evidence.margins:
         facts = [fact.but(names=(margin.axis,)) for fact in margin.facts]
         if not facts and isinstance(margin.loop, Fact):
             facts = [margin.loop]
+        decision = decisions.get(margin.axis)
         for fact in facts:
+            if decision is not None:
+                if fact.code is decision.reason.code:
+                    continue
+                if fact.is_good and decision.verdict is LoopVerdict.FOLLOWS_BADLY:
+                    fact = fact.but(follows=False)
             axes_and_facts.append((margin.axis, fact))
     return sentences_by_axes(axes_and_facts)
 
@@ -568,7 +588,7 @@ def live_page(
     chapters = []
     if learned is not None:
         chapters.append(Chapter("Motors", motor_blocks(learned, None)))
-    advised_gains = [event for event in events if isinstance(event.fact.code, Gains)]
+    advised_gains = [event for event in events if isinstance(event.fact.code, Gains | LoopActions)]
     if advised_gains:
         chapters.append(Chapter("Gains", [Sentence(event.sentence) for event in advised_gains]))
     seconds = 0.0 if learned is None else len(learned.record) * learned.dt

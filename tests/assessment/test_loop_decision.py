@@ -1,0 +1,196 @@
+"""One decision on the loops of an axis: what is wrong, and what to change, whatever else the flight shows."""
+
+from dataclasses import replace
+
+import numpy as np
+from known_gains import PX4
+from made_up_loop import made_up
+from pytest import mark
+
+from mavdem.assessment.axis.loop_decision import (
+    LoopObservations,
+    LoopVerdict,
+    common_action,
+    decide_on_loops,
+)
+from mavdem.assessment.axis.margins import AxisMargins
+from mavdem.facts import Fact, Level
+from mavdem.facts.ending import Ending
+from mavdem.facts.loops import Gains, LoopActions, Loops, Responses
+from mavdem.facts.margins import MarginsLight, TrackingLight
+from mavdem.loops.advice import gain_reduction_advice
+from mavdem.loops.limit_cycles import Oscillation
+from mavdem.loops.margins import OpenLoop
+from mavdem.loops.resonance import Resonance
+
+NOT_STEERED = Fact(Loops.NOT_STEERED, share=0.3)
+FOLLOWS = Fact(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD, axis="roll", angle_error=0.01)
+OVERSHOOTS = Fact(TrackingLight.OVERSHOOTS_SETPOINT, Level.WATCH, axis="roll", overshoot=0.5)
+MISSES = Fact(
+    TrackingLight.MISSES_SETPOINT, Level.BAD, axis="roll", angle_error=0.2, offset_angle=0.0
+)
+RESONANCE = Resonance("roll", 4.0, 21.0, 0.95, 40.0, (2.6, 3.4))
+"""A response whose Ms is surely beyond the least margins."""
+PEAK = Resonance("roll", 5.0, 22.0, 0.9, 40.0)
+
+
+def falls_short(at_limit_share):
+    """A rate that does not reach its setpoint."""
+    figures = {"rate_setpoint": 1.8, "reached_rate": 1.2, "at_limit_share": at_limit_share}
+    return Fact(TrackingLight.RATE_FALLS_SHORT, Level.WATCH, axis="roll", **figures)
+
+
+def decided(loop=NOT_STEERED, tracking=FOLLOWS, parameters=PX4, doubts=(), **margins):
+    """The decision on roll, with these sources of its margins."""
+    known = {"response": None, "peak": None, "injected": None, **margins}
+    observations = LoopObservations(
+        AxisMargins("roll", loop, **known),
+        tracking,
+        oscillation=None,
+        gain_reduction=None,
+        vehicle_doubts=doubts,
+        parameters=parameters,
+        tune_arguments=("my.tlog",),
+    )
+    return decide_on_loops(observations)
+
+
+def changed_gains(decision):
+    """The gains that a decision names, with their new values."""
+    changes = decision.action.figures["changes"]
+    assert all(after < before for _, before, after in changes)
+    return {name: round(after, 6) for name, _, after in changes}
+
+
+def test_a_loop_with_its_margins_stays_as_it_is():
+    decision = decided(made_up())
+    assert (decision.verdict, decision.action) == (LoopVerdict.NOTHING_WRONG, None)
+    assert decision.reason.code is MarginsLight.LOOP_MARGINS and not decision.doubts
+
+
+@mark.parametrize("tracking", [FOLLOWS, OVERSHOOTS, MISSES, falls_short(0.0)])
+def test_a_loop_below_the_goal_gets_advised_gains_whatever_it_does_in_flight(tracking):
+    decision = decided(made_up(2.5), tracking, response=RESONANCE)
+    assert decision.verdict is LoopVerdict.BELOW_GOAL and not decision.doubts
+    assert decision.action.sentence == (
+        "Load the gains that `mavdem tune my.tlog --axis all` advises."
+    )
+    assert decision.reason.remedy == decision.fact.remedy == decision.action.sentence
+
+
+def test_a_loop_below_the_goal_of_doubtful_effectiveness_is_flown_first():
+    loop = made_up(2.1)
+    doubt = Fact(Loops.EFFECT_BIASED, because=NOT_STEERED)
+    biased = replace(loop, plant=loop.plant._replace(bias=-0.5), cautions=(doubt,))
+    decision = decided(biased)
+    assert (decision.verdict, decision.doubts) == (LoopVerdict.BELOW_GOAL, (doubt,))
+    assert decision.action.code is LoopActions.FLY_DOUBLETS
+
+
+def test_a_loop_that_meets_the_goal_only_in_many_models_is_flown_first():
+    decision = decided(made_up(1.7))
+    assert (decision.verdict, decision.doubts) == (LoopVerdict.UNKNOWN, ())
+    assert decision.action.code is LoopActions.FLY_DOUBLETS
+
+
+def test_a_loop_that_the_flight_refutes_gives_no_gains():
+    refusal = Fact(Responses.RESPONSE_DISAGREES, share=0.3, needed=0.8)
+    decision = decided(refusal)
+    assert decision.verdict is LoopVerdict.UNKNOWN and decision.doubts == (refusal,)
+    assert decision.fact.remedy == refusal.remedy
+
+
+def test_a_measured_resonance_lowers_p_and_d_unless_the_loop_explains_it():
+    for loop in (made_up(), NOT_STEERED):
+        decision = decided(loop, response=RESONANCE)
+        assert decision.verdict is LoopVerdict.BELOW_GOAL
+        assert changed_gains(decision) == {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_D": 0.002}
+        assert decision.doubts[0].code is MarginsLight.RESONATES
+
+
+def integrating_loop(crossover):
+    """A measured rate loop of an integrator with 45 ms of delay, which crosses over at so many Hz."""
+    frequency = np.geomspace(0.5, 60.0, 60)
+    response = crossover / (1j * frequency) * np.exp(-0.045j * frequency)
+    return OpenLoop(
+        frequency, response[None], (response / (1 + response))[None], 0 * response[None]
+    )
+
+
+@mark.parametrize(
+    "crossover, verdict, gains",
+    [
+        (20.0, LoopVerdict.BELOW_GOAL, {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_D": 0.002}),
+        (5.0, LoopVerdict.NOTHING_WRONG, None),
+    ],
+)
+def test_an_injected_signal_outranks_the_identified_loop(crossover, verdict, gains):
+    decision = decided(made_up(2.5), injected=integrating_loop(crossover))
+    assert decision.verdict is verdict
+    assert decision.reason.code is MarginsLight.LOOP_MEASURED
+    assert decision.doubts == (decision.reason,), "no gains are computed from such a flight"
+    assert (decision.action and changed_gains(decision)) == gains
+
+
+def test_an_overshoot_lowers_the_angle_gain_only_where_no_margin_is_small():
+    for loop in (made_up(), NOT_STEERED):
+        decision = decided(loop, OVERSHOOTS)
+        assert decision.verdict is LoopVerdict.FOLLOWS_BADLY
+        assert changed_gains(decision) == {"MC_ROLL_P": 4.333333}
+        assert decision.doubts == (decision.reason,)
+    unnamed = decided(NOT_STEERED, OVERSHOOTS, parameters={}).action
+    assert unnamed.sentence == "Lower the P gain of the roll angle by a third."
+
+
+def test_an_axis_that_is_too_slow_gets_higher_gains_unless_a_motor_is_at_a_limit():
+    slow = decided(made_up(), falls_short(0.0))
+    assert slow.is_too_slow and slow.action.code is LoopActions.LOAD_ADVISED_GAINS
+    limited = decided(made_up(), falls_short(0.4))
+    assert not limited.is_too_slow and limited.action.code is LoopActions.SLOWER_TURNS
+    unknown = decided(NOT_STEERED, falls_short(None))
+    assert unknown.action.sentence == NOT_STEERED.remedy
+    for decision in (slow, limited, unknown):
+        assert decision.verdict is LoopVerdict.FOLLOWS_BADLY
+
+
+def test_an_angle_that_is_missed_asks_for_a_look_at_the_vehicle():
+    decision = decided(made_up(), MISSES)
+    assert decision.action.sentence == "Check motors, propellers and load before the next flight."
+
+
+def test_a_peak_of_the_spectrum_alone_decides_nothing():
+    decision = decided(NOT_STEERED, peak=PEAK)
+    assert decision.verdict is LoopVerdict.UNKNOWN
+    assert decision.fact.remedy.startswith("Log the rate setpoint")
+
+
+def test_a_limit_cycle_comes_first_and_hides_the_other_axes():
+    oscillation = Oscillation("roll", 22.0, 40.0, 0.9, False, 20.0)
+    for axis, verdict in (("roll", LoopVerdict.OSCILLATES), ("pitch", LoopVerdict.UNKNOWN)):
+        margins = AxisMargins(axis, made_up(), None, None)
+        lowered = gain_reduction_advice(oscillation, PX4)
+        observations = LoopObservations(margins, MISSES, oscillation, lowered, (), PX4, ())
+        decision = decide_on_loops(observations)
+        assert (decision.verdict, decision.action) == (verdict, lowered)
+        assert decision.fact.is_bad and lowered in decision.doubts
+        assert decision.action.code is Gains.LOWER_GAINS
+
+
+def test_a_vehicle_that_must_be_repaired_keeps_its_verdict_and_gets_no_gains():
+    crashed = Fact(Ending.CRASHED, time=20.0)
+    decision = decided(made_up(2.5), doubts=(crashed,))
+    assert decision.verdict is LoopVerdict.BELOW_GOAL and decision.doubts == (crashed,)
+    assert decision.action.figures["because"] == crashed
+
+
+def test_gains_of_several_axes_are_lowered_in_one_sentence():
+    roll = decided(NOT_STEERED, OVERSHOOTS).action
+    pitch = roll.but(axis="pitch", changes=[("MC_PITCH_P", 6.0, 4.0)])
+    assert common_action([None, roll, pitch]).sentence == (
+        "Lower MC_ROLL_P from 6.5 to 4.333 and MC_PITCH_P from 6 to 4."
+    )
+    unnamed = [action.but(changes=()) for action in (roll, pitch)]
+    assert common_action(unnamed).sentence == (
+        "Lower the P gain of the roll and pitch angle by a third."
+    )
+    assert common_action([None, None]) is None
