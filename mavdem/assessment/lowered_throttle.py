@@ -1,8 +1,10 @@
 """Whether the pilot's throttle let a vehicle sink until it hit the ground."""
 
+from math import inf
+
 import numpy as np
 
-from mavdem.dataset.intervals import Intervals, in_intervals, intersection, true_intervals
+from mavdem.dataset.intervals import in_intervals, intersection, true_intervals
 from mavdem.dataset.phases import MANUAL_THROTTLE_MODES, mode_intervals, series_of_boot
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
@@ -45,11 +47,12 @@ def lowered_throttle(signals: Signals, boot: int, onset: float) -> Fact | None:
     if not is_usual.any():
         return None
     usual_travel = float(np.median(stick.values[is_usual]))
-    lowered: Intervals = true_intervals(stick.time, stick.values < usual_travel - LOWERED_TRAVEL)
-    descent = intersection(
-        mode_intervals(signals, boot, MANUAL_THROTTLE_MODES), [(descent_start, onset)]
-    )
-    for start, end in intersection(lowered, descent):
+    lowered = true_intervals(stick.time, stick.values < usual_travel - LOWERED_TRAVEL)
+    manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
+    # The last movement counts: a pilot who descends in steps lowers the throttle several times.
+    for start, end in reversed(intersection(lowered, intersection(manual, [(-inf, onset)]))):
+        if start < descent_start:
+            return None
         if end - start >= LOWERED_SECONDS:
             travel = stick.values[in_intervals(stick.time, [(start, end)])]
             return Fact(FailedFirst.THROTTLE_LOWERED_FIRST, time=start, share=float(travel.min()))

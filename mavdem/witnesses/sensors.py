@@ -161,7 +161,7 @@ def throttle_stick(signals: Signals) -> TimeSeries | None:
     """Returns the pilot's throttle stick (N,), from 0 (closed) to 1 (open), whatever the autopilot makes of it.
 
     It comes from the remote control's channel (RC_CHANNELS, DataFlash's RCIN) or from MANUAL_CONTROL (PX4's
-    manual_control_setpoint). None without a stick.
+    manual_control_setpoint, the ThrIn of older DataFlash logs). None without a stick.
     """
     messages = signals.telemetry.messages
     parameters = signals.telemetry.parameters

@@ -39,6 +39,19 @@ def test_the_sticks_of_dataflash_are_rc_channels(tmp_path):
     assert channels["chan4_raw"].tolist() == [1502] * len(TIMES)
 
 
+def test_old_dataflash_has_the_throttle_stick_in_ctun_too(tmp_path, monkeypatch):
+    old_definition = (135, "Qhhh", "TimeUS,ThrIn,DCRt,CRt")
+    monkeypatch.setitem(dataflash_logs.MESSAGES, "CTUN", old_definition)
+    pieces = [dataflash_message("CTUN", time, 550) for time in TIMES]
+    stick = dataflash_vehicle(tmp_path, *pieces).messages["MANUAL_CONTROL"]
+    assert stick["z"].tolist() == [550] * len(TIMES)
+
+
+def test_the_throttle_of_the_controller_is_not_the_stick(tmp_path):
+    pieces = [dataflash_message("CTUN", time, 0.35) for time in TIMES]
+    assert "MANUAL_CONTROL" not in dataflash_vehicle(tmp_path, *pieces).messages
+
+
 def test_px4s_air_data_is_the_barometer(tmp_path):
     air = [ulog_files.data("vehicle_air_data", time, 488.0, 95_600.0) for time in TIMES]
     vehicle = ulog_files.vehicle_in(tmp_path, *ulog_files.flight(TIMES), *air)
