@@ -35,6 +35,12 @@ MAX_HEAD_BYTES = 1 << 16
 MIN_BLOCK_MESSAGES = 20
 """Number of messages of a block; fewer with a strange time are damaged stamps. A choice, some 500 bytes."""
 
+COMPARED_BYTES = 256
+"""Number of bytes by which a repeated block is recognised: some messages with their stamps, which never come again."""
+
+MAX_COMPARED_BLOCKS = 100
+"""Number of blocks up to which repeated ones are sought: a choice that bounds the time for hostile files."""
+
 MAX_RUNS = 5000
 """Number of runs of messages up to which blocks are sought: a choice that bounds the time for hostile files."""
 
@@ -72,6 +78,9 @@ class StampedMessages(NamedTuple):
 
     seconds: Array
     """Its stamp (n,), s."""
+
+    content: bytes = b""
+    """The file, in which repeated blocks are sought; empty where positions are no offsets."""
 
 
 class BootTimesInUtc(NamedTuple):
@@ -134,6 +143,9 @@ class _Run:
     utc_at_boot: float | None
     """UTC at which its clock read 0, s; None where that is not known."""
 
+    is_repeated: bool = False
+    """Whether the same bytes are before it in the file."""
+
 
 class _Chain:
     """Runs of which each continues the clock of the one before.
@@ -172,14 +184,14 @@ def blocks_of_other_recordings(
 
     Args:
         messages: The messages with a stamp.
-        log_starts: Offsets of the definitions (FMT), with which a log begins; none of a stream.
+        log_starts: Offsets of the definitions (FMT), with which a log begins, ascending; none of a stream.
         boots: When the boot clock read 0, as far as UTC is known.
         rules: What the clock may do.
 
     Returns:
         The blocks in the order of the file; none where the clock never goes back, and UTC agrees with it.
     """
-    positions, seconds = messages
+    positions, seconds, content = messages
     may_have_jumped = rules.max_utc_difference < inf and boots.disagree
     if not may_have_jumped and not (np.diff(seconds) < -rules.max_fall).any():
         return []
@@ -190,7 +202,7 @@ def blocks_of_other_recordings(
         return []
     cluster_seconds = CLUSTER_BYTES * _seconds_per_byte(positions, time)
     max_gap = MAX_STAMP_DEVIATION + min(cluster_seconds, MAX_CLUSTER_SECONDS)
-    runs = _runs(StampedMessages(positions, time), log_starts, boots, rules)
+    runs = _runs(StampedMessages(positions, time, content), log_starts, boots, rules)
     if len(runs) > MAX_RUNS:
         return []
     kept: list[_Chain] = []
@@ -239,11 +251,12 @@ def _runs(
         boots: When the boot clock read 0, as far as UTC is known.
         rules: What the clock may do.
     """
-    positions, time = messages
+    positions, time, _ = messages
     steps = np.diff(time)
     cuts = 1 + np.flatnonzero((steps > MIN_RESET_STEP) | (steps < -rules.max_fall))
-    limits = [0, *cuts.tolist(), len(time)]
-    runs = []
+    repeated_blocks = _repeated_blocks(messages, 1 + np.flatnonzero(steps < -rules.max_fall))
+    limits = sorted({0, *cuts.tolist(), *repeated_blocks.values(), len(time)})
+    runs: list[_Run] = []
     for first, end in zip(limits[:-1], limits[1:], strict=True):
         if end - first < MIN_BLOCK_MESSAGES:
             continue
@@ -251,17 +264,52 @@ def _runs(
             boots.positions, positions[[first, end - 1]]
         ).tolist()
         utc = boots.utc[first_boot:end_boot]
+        # The definitions with which a log begins are behind the last message of the one before.
+        earliest_head = positions[first] - MAX_HEAD_BYTES
+        if runs:
+            earliest_head = max(earliest_head, positions[runs[-1].end - 1])
+        heads = np.searchsorted(log_starts, [earliest_head, positions[first] + MAX_HEAD_BYTES])
         runs.append(
             _Run(
                 first,
                 end,
                 start_time=float(time[first]),
                 end_time=float(time[first:end].max()),
-                begins_log=bool((abs(log_starts - positions[first]) <= MAX_HEAD_BYTES).any()),
+                begins_log=bool(heads[0] < heads[1]),
                 utc_at_boot=float(np.median(utc)) if len(utc) >= MIN_UTC_READINGS else None,
+                is_repeated=first in repeated_blocks,
             )
         )
     return runs
+
+
+def _repeated_blocks(messages: StampedMessages, falls: Integers) -> dict[int, int]:
+    """Finds blocks whose bytes were in the file before, as where a cluster of a card belongs to a file twice.
+
+    Args:
+        messages: The messages with sound stamps.
+        falls: Rows at which the clock goes back.
+
+    Returns:
+        The row after the last message of each block, by the row of its first.
+    """
+    positions, _, content = messages
+    blocks: dict[int, int] = {}
+    if not content:
+        return blocks
+    for row in falls[:MAX_COMPARED_BLOCKS].tolist():
+        start = int(positions[row])
+        earlier = content.find(content[start : start + COMPARED_BYTES], 0, start)
+        if earlier < 0:
+            continue
+        # The end of what comes twice, which may be within a message.
+        size = min(start - earlier, len(content) - start)
+        first = np.frombuffer(content, np.uint8, size, earlier)
+        second = np.frombuffer(content, np.uint8, size, start)
+        differences = np.flatnonzero(first != second)
+        end = start + (int(differences[0]) if len(differences) else size)
+        blocks[row] = int(np.searchsorted(positions, end))
+    return blocks
 
 
 def _chains(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]:
@@ -275,6 +323,8 @@ def _chains(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]
     """
     chains: list[_Chain] = []
     for run in runs:
+        if run.is_repeated:
+            continue
         best_chain = None
         best_distance = inf
         for chain in chains:
@@ -304,9 +354,9 @@ def _agree(chain: _Chain, kept: _Chain, rules: ClockRules) -> bool:
     first, second = sorted((chain, kept), key=lambda each: each.runs[0].first)
     if first.runs[-1].first > second.runs[0].first:
         return False
+    later_begins = second.runs[0].start_time
     if second.runs[0].begins_log:
         return True
-    later_begins = second.runs[0].start_time
     goes_on = later_begins >= first.end_time - rules.max_fall
     is_near_zero = later_begins <= MAX_RESTART_TIME
     if first.utc_at_boot is None or second.utc_at_boot is None:

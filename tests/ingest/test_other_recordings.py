@@ -13,11 +13,11 @@ from mavdem.ingest.dataflash.log import read_dataflash
 STEP = 0.02
 
 
-def attitudes(start, end):
+def attitudes(start, end, roll=100):
     """ATT at 50 Hz from one time of the boot clock to another, s."""
     count = round((end - start) / STEP)
     return b"".join(
-        message("ATT", round((start + STEP * row) * 1e6), 0, 100 + row % 3) for row in range(count)
+        message("ATT", round((start + STEP * row) * 1e6), 0, roll + row % 3) for row in range(count)
     )
 
 
@@ -37,7 +37,7 @@ def test_blocks_of_an_older_log_are_left_out_and_counted(old_start, tmp_path):
     content = attitudes(20.0, 50.0)
     for number in range(5):
         old = old_start + 40.0 * number
-        content += attitudes(old, old + 6.0)
+        content += attitudes(old, old + 6.0, roll=300)
         content += attitudes(50.0 + 10.0 * number, 60.0 + 10.0 * number)
     vehicle = vehicle_of(tmp_path, content)
     assert duration_and_boots(vehicle) == (approx(80.0, abs=0.1), 1)
@@ -54,12 +54,40 @@ def test_of_swapped_blocks_the_one_in_the_wrong_place_is_left_out(tmp_path):
     assert codes == [Repair.OLD_BLOCKS_LEFT_OUT]
 
 
+@mark.parametrize("start", [200, 3000])
+def test_a_block_that_is_repeated_later_is_left_out(start, tmp_path):
+    flight = attitudes(20.0, 150.0)
+    message_bytes = len(message("ATT"))
+    block = flight[start * message_bytes : (start + 300) * message_bytes]
+    end = (start + 300) * message_bytes
+    vehicle = vehicle_of(tmp_path, flight[:end] + block + flight[end:])
+    assert duration_and_boots(vehicle) == (approx(130.0, abs=0.1), 1)
+    assert len(vehicle.messages["ATTITUDE_TARGET"]["time"]) == round(130.0 / STEP)
+
+
 @mark.parametrize("pause", [0.0, 300.0])
 def test_a_second_boot_is_kept(pause, tmp_path):
     content = attitudes(20.0, 80.0) + attitudes(80.0 + pause, 100.0 + pause)
     vehicle = vehicle_of(tmp_path, content + attitudes(4.0, 70.0))
     assert [fact.code for fact in vehicle.repairs] == [Repair.LOG_OF_SEVERAL_BOOTS]
     assert duration_and_boots(vehicle)[1] == 2
+
+
+def test_a_log_that_is_there_twice_is_read_once(tmp_path):
+    flight = attitudes(20.0, 80.0)
+    vehicle = vehicle_of(tmp_path, flight + formats() + flight)
+    assert duration_and_boots(vehicle) == (approx(60.0, abs=0.1), 1)
+    assert [fact.code for fact in vehicle.repairs] == [Repair.OLD_BLOCKS_LEFT_OUT]
+
+
+def test_a_block_near_the_beginning_that_is_repeated_is_no_boot(tmp_path):
+    flight = attitudes(20.0, 90.0)
+    message_bytes = len(message("ATT"))
+    end = 125 * message_bytes
+    vehicle = vehicle_of(tmp_path, flight[:end] + flight[end - 3321 : end] + flight[end:])
+    assert duration_and_boots(vehicle) == (approx(70.0, abs=0.1), 1)
+    (repair,) = [fact for fact in vehicle.repairs if fact.code is Repair.OLD_BLOCKS_LEFT_OUT]
+    assert repair.figures["size"] == approx(3321, abs=2 * message_bytes)
 
 
 def test_a_second_log_that_begins_late_on_its_clock_is_kept(tmp_path):

@@ -33,15 +33,8 @@ with atheris.instrument_imports(include=["mavdem", "pyulog"]):
     from mavdem.assessment.inventory import inventory
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.ingest import read_log
-    from mavdem.ingest.mavlink.definitions import definitions_by_id
-    from mavdem.ingest.mavlink.framing import (
-        CHECKSUM_BYTES,
-        HEADER_BYTES_V1,
-        HEADER_BYTES_V2,
-        MARKER_V2,
-        frame_checksum,
-        frame_length,
-    )
+
+    from fuzz_checksums import with_checksums
 
 LOGS = Path(__file__).parents[2] / "logs"
 MEMORY = Path("/dev/shm")
@@ -51,28 +44,6 @@ def pieces() -> Iterator[bytes]:
     """Of telemetry logs."""
     for content in (path.read_bytes() for path in sorted(LOGS.glob("*.tlog"))):
         yield from (content[at : at + 600] for at in range(0, len(content), len(content) // 6))
-
-
-def with_checksums(stream: bytearray) -> bytes:
-    """A telemetry log whose frames all have correct checksums."""
-    at = 8
-    while at + 8 <= len(stream):
-        length = frame_length(*stream[at : at + 3])
-        if length is None:
-            at += 1
-            continue
-        if at + length > len(stream):
-            break
-        frame = bytes(stream[at : at + length])
-        payload = (HEADER_BYTES_V2 if frame[0] == MARKER_V2 else HEADER_BYTES_V1) + frame[1]
-        number = int.from_bytes(frame[7:10], "little") if frame[0] == MARKER_V2 else frame[5]
-        if number in definitions_by_id():
-            checksum = frame_checksum(frame[1:payload], definitions_by_id()[number].crc_extra)
-            stream[at + payload : at + payload + CHECKSUM_BYTES] = checksum.to_bytes(
-                CHECKSUM_BYTES, "little"
-            )
-        at += length + 8
-    return bytes(stream)
 
 
 def check(kind: str, content: bytes) -> None:

@@ -142,8 +142,12 @@ def read_dataflash(path: PathName) -> Log:
     """
     source = os.fspath(path)
     content = file_bytes(path)
-    recording = read_text(content) if is_dataflash_text(content) else read_binary(content)
-    vehicle = _vehicle(recording, source)
+    if is_dataflash_text(content):
+        recording = read_text(content)
+        content = b""
+    else:
+        recording = read_binary(content)
+    vehicle = _vehicle(recording, source, content)
     return log_of_vehicles(
         (vehicle,),
         frames=sum(recording.counts.values()),
@@ -152,18 +156,19 @@ def read_dataflash(path: PathName) -> Log:
     )
 
 
-def _vehicle(recording: DataflashRecording, source: str) -> Telemetry:
+def _vehicle(recording: DataflashRecording, source: str, content: bytes) -> Telemetry:
     """Makes the vehicle of a recording: its messages on the boot clock, in MAVLink's vocabulary, and its parameters.
 
     Args:
         recording: The log, whose messages are decoded here.
         source: Name of the file.
+        content: Its bytes; none of a text log.
 
     Raises:
         Unreadable: It has no message of a flight.
     """
     recording, logged, clock, block_repairs = _without_old_blocks(
-        recording, _logged_messages(recording)
+        recording, _logged_messages(recording), content
     )
     tables, clock_repairs = _on_boot_clock(logged, clock)
     if not any(len(tables[name]["time"]) for name in FLIGHT_MESSAGES if name in tables):
@@ -281,19 +286,20 @@ def _log_clock(logged: Mapping[str, MessageTable]) -> _LogClock:
 
 
 def _without_old_blocks(
-    recording: DataflashRecording, logged: dict[str, MessageTable]
+    recording: DataflashRecording, logged: dict[str, MessageTable], content: bytes
 ) -> _KeptMessages:
     """Leaves out the blocks of a log whose messages are of another one (``other_recordings``).
 
     Args:
         recording: The log.
         logged: Its messages that are translated, by name.
+        content: The bytes of the file; none of a text log.
     """
     clock = _log_clock(logged)
     if not clock.names:
         return _KeptMessages(recording, logged, clock, ())
     blocks = blocks_of_other_recordings(
-        StampedMessages(clock.positions, clock.seconds),
+        StampedMessages(clock.positions, clock.seconds, content),
         recording.decode("FMT").position,
         _boot_times_in_utc(logged),
         DATAFLASH_RULES,

@@ -1,0 +1,251 @@
+#!/usr/bin/env python
+"""Damages sound logs in many ways, and checks what reader and commands say of each.
+
+Usage: tools/fuzz/damage.py LOG... [--count N] [--seed N] [--command read|info|review|convert]
+
+Every log is damaged N times, each time in a way drawn by the seed: cut off, without its head, with flipped bits, holes,
+zeros, swapped, repeated or foreign blocks, with numbers that are huge, infinite or NaN, or under another ending. The
+outcome must be a log or one sentence within ``--limit`` seconds of processor time more than the sound log takes. What
+damage there is must not make a reboot, or a record that lasts longer. Failing inputs stay in the folder ``--keep``.
+"""
+
+import contextlib
+import io
+import random
+import struct
+import time
+import traceback
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+import numpy as np
+from fuzz_checksums import with_checksums
+
+from mavdem.cli.commands import main as mavdem_main
+from mavdem.errors import Unreadable
+from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import Log
+
+Damage = Callable[[bytes, random.Random, bytes], bytes]
+"""Makes a damaged log of the sound one, a source of chance, and another log."""
+
+FLIPPED_BITS = 200
+"""Largest number of bits that are flipped."""
+
+BLOCK_BYTES = 1 << 14
+"""Largest size of the blocks that are removed, moved or overwritten, bytes."""
+
+HUGE_NUMBERS = (
+    struct.pack("<I", 0xFFFFFFF0),
+    struct.pack("<Q", 1 << 62),
+    struct.pack("<f", float("nan")),
+    struct.pack("<f", float("inf")),
+    struct.pack("<d", float("-inf")),
+    struct.pack("<f", 3e38),
+)
+"""What stands in the place of numbers: lengths of gigabytes, and values that are none."""
+
+OTHER_ENDINGS = (".tlog", ".bin", ".ulg", ".mcap", ".log", ".zip", ".json", "")
+"""Endings under which a log may be given."""
+
+
+def _block(content: bytes, chance: random.Random) -> slice:
+    """Returns a block of a log, of random size and place."""
+    size = chance.randint(1, min(BLOCK_BYTES, max(len(content) // 3, 1)))
+    start = chance.randrange(max(len(content) - size, 1))
+    return slice(start, start + size)
+
+
+def cut_off(content: bytes, chance: random.Random, _: bytes) -> bytes:
+    """Cuts off the end."""
+    return content[: chance.randrange(len(content))]
+
+
+def without_head(content: bytes, chance: random.Random, _: bytes) -> bytes:
+    """Cuts off the beginning."""
+    return content[chance.randrange(len(content)) :]
+
+
+def flipped(content: bytes, chance: random.Random, _: bytes) -> bytes:
+    """Flips single bits."""
+    changed = bytearray(content)
+    for _number in range(chance.randint(1, FLIPPED_BITS)):
+        changed[chance.randrange(len(changed))] ^= 1 << chance.randrange(8)
+    return bytes(changed)
+
+
+def with_hole(content: bytes, chance: random.Random, _: bytes) -> bytes:
+    """Removes a block."""
+    block = _block(content, chance)
+    return content[: block.start] + content[block.stop :]
+
+
+def overwritten(content: bytes, chance: random.Random, _: bytes) -> bytes:
+    """Overwrites a block with zeros, ones or noise."""
+    block = _block(content, chance)
+    size = block.stop - block.start
+    filling = chance.choice([bytes(size), b"\xff" * size, chance.randbytes(size)])
+    return content[: block.start] + filling + content[block.stop :]
+
+
+def swapped(content: bytes, chance: random.Random, _: bytes) -> bytes:
+    """Swaps two blocks that follow each other."""
+    size = chance.randint(1, min(BLOCK_BYTES, max(len(content) // 3, 1)))
+    start = chance.randrange(max(len(content) - 2 * size, 1))
+    middle = start + size
+    end = middle + size
+    return content[:start] + content[middle:end] + content[start:middle] + content[end:]
+
+
+def repeated(content: bytes, chance: random.Random, _: bytes) -> bytes:
+    """Writes a block twice."""
+    block = _block(content, chance)
+    return content[: block.stop] + content[block] + content[block.stop :]
+
+
+def spliced(content: bytes, chance: random.Random, other: bytes) -> bytes:
+    """Writes a block of another log into it."""
+    block = _block(content, chance)
+    return content[: block.start] + other[_block(other, chance)] + content[block.start :]
+
+
+def with_huge_numbers(content: bytes, chance: random.Random, _: bytes) -> bytes:
+    """Overwrites some numbers with huge ones, infinity and NaN."""
+    changed = bytearray(content)
+    for _number in range(chance.randint(1, 40)):
+        number = chance.choice(HUGE_NUMBERS)
+        start = chance.randrange(max(len(changed) - len(number), 1))
+        changed[start : start + len(number)] = number
+    return bytes(changed)
+
+
+DAMAGES: tuple[Damage, ...] = (
+    cut_off,
+    without_head,
+    flipped,
+    with_hole,
+    overwritten,
+    swapped,
+    repeated,
+    spliced,
+    with_huge_numbers,
+)
+"""All kinds of damage."""
+
+TIMELESS_DAMAGES = (cut_off, flipped, with_hole, overwritten, repeated)
+"""Those that change no sound stamp, and bring in none of another time."""
+
+
+class Figures(NamedTuple):
+    """What damage must not increase."""
+
+    boots: int
+    """Number of boots of all vehicles."""
+
+    duration: float
+    """Longest time from the first message to the last in a boot, s."""
+
+
+def figures_of(log: Log) -> Figures:
+    """Returns the boots of a log, and how long it lasts by its densest messages."""
+    boots = 0
+    duration = 0.0
+    for vehicle in log.vehicles:
+        for columns in vehicle.messages.values():
+            boots = max(boots, len(np.unique(columns["boot"])))
+            for boot in np.unique(columns["boot"]).tolist():
+                duration = max(duration, float(np.ptp(columns["time"][columns["boot"] == boot])))
+    return Figures(boots, duration)
+
+
+class Attempt(NamedTuple):
+    """What came of one file."""
+
+    seconds: float
+    """Processor time, s."""
+
+    failure: str
+    """What was wrong; empty where nothing was."""
+
+    figures: Figures | None
+    """Boots and duration; None where the log was refused, or not read here."""
+
+
+def attempt(path: Path, command: str) -> Attempt:
+    """Runs a reader or a command on a file."""
+    failure = ""
+    figures = None
+    start = time.process_time()
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
+        try:
+            if command == "read":
+                figures = figures_of(read_log(path))
+            elif command == "convert":
+                mavdem_main(["convert", str(path), str(path.with_name("converted.csv"))])
+            elif command == "review":
+                mavdem_main([str(path), "--json"])
+            else:
+                mavdem_main([command, str(path), "--json"])
+        except Unreadable as error:
+            if "\n" in str(error):
+                failure = f"several lines: {error}"
+        except Exception:
+            failure = traceback.format_exc()
+    if "should not have happened" in output.getvalue() or "Traceback" in output.getvalue():
+        failure = output.getvalue()
+    elif command == "read" and output.getvalue():
+        failure = f"prints: {output.getvalue()}"
+    return Attempt(time.process_time() - start, failure, figures)
+
+
+@click.command(help=__doc__)
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True))
+@click.option("--count", default=30)
+@click.option("--seed", default=1)
+@click.option("--command", default="read")
+@click.option("--limit", default=5.0)
+@click.option("--keep", default="damaged", type=click.Path(path_type=Path))
+def main(
+    logs: tuple[Path, ...], count: int, seed: int, command: str, limit: float, keep: Path
+) -> None:
+    """Runs the attempts, and prints each failure and their number."""
+    warnings.simplefilter("ignore")
+    keep.mkdir(parents=True, exist_ok=True)
+    failures = 0
+    contents = {log: log.read_bytes() for log in logs}
+    for log, content in contents.items():
+        sound = attempt(log, command)
+        for number in range(count):
+            chance = random.Random(f"{seed} {number} {log.name}")
+            damage = chance.choice(DAMAGES)
+            other = contents[chance.choice(logs)]
+            damaged = damage(content, chance, other)
+            is_timeless = damage in TIMELESS_DAMAGES
+            if log.suffix == ".tlog" and chance.random() < 0.5:
+                damaged = with_checksums(bytearray(damaged))
+                is_timeless = False
+            ending = chance.choice(OTHER_ENDINGS) if chance.random() < 0.1 else log.suffix
+            path = keep / f"{log.stem[:20]} {number}{ending}"
+            path.write_bytes(damaged)
+            made = attempt(path, command)
+            failure = made.failure
+            if not failure and made.seconds > sound.seconds + limit:
+                failure = f"takes {made.seconds:.1f} s, {sound.seconds:.1f} s when sound"
+            if not failure and is_timeless and made.figures and sound.figures:
+                lasts_longer = made.figures.duration > sound.figures.duration + 1.0
+                if lasts_longer or made.figures.boots > sound.figures.boots:
+                    failure = f"{made.figures}, sound {sound.figures}"
+            if failure:
+                failures += 1
+                print(f"--- {path}, {damage.__name__}\n{failure[-1500:]}", flush=True)
+            else:
+                path.unlink()
+    print(f"{failures} failures of {count * len(logs)}")
+
+
+if __name__ == "__main__":
+    main()
