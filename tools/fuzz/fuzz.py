@@ -30,11 +30,11 @@ import click
 import numpy as np
 
 with atheris.instrument_imports(include=["mavdem", "pyulog"]):
+    from fuzz_checksums import with_checksums
+
     from mavdem.assessment.inventory import inventory
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.ingest import read_log
-
-    from fuzz_checksums import with_checksums
 
 LOGS = Path(__file__).parents[2] / "logs"
 MEMORY = Path("/dev/shm")
