@@ -5,7 +5,7 @@ model was trained on, and graded by the findings. A model of the slow motion is 
 baselines.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -25,11 +25,13 @@ from mavdem.assessment.identity import identity_of
 from mavdem.assessment.tier import tier_of
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.flights import flights_of_longest_boot, usable_segments
-from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.intervals import Intervals, in_intervals
 from mavdem.dataset.learnability import Learnability
+from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import settled_intervals
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, rate_between_outages
 from mavdem.dataset.steady_flight import tracked_headings
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.learning import MIN_SAMPLES, prepared_training
 from mavdem.errors import NotLearnable, fact_from_error
@@ -53,6 +55,7 @@ from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.motors.balance_blocks import MIN_SAMPLE_RATE
+from mavdem.motors.gradual_loss import gradual_loss
 from mavdem.motors.loss_detection import MotorLossDetector
 from mavdem.motors.motor_changes import MotorAlarm, lasting_changes
 from mavdem.motors.trim_pattern import trim_of_signals
@@ -312,6 +315,8 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
 
     The samples of settled flight run one by one through the detector that live sessions use. A live session knows the
     end of the climb-out half a second late, and a landing when it has happened, so that its times differ by as much.
+    Where it would have raised none in a run of settled flight, the run is searched as a whole for a motor that lost
+    thrust slowly.
 
     Args:
         signals: signals of the vehicle.
@@ -327,7 +332,8 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         detector = MotorLossDetector(motors.geometry, boot)
         commands = motors.range_fractions(boot)
         headings = tracked_headings(signals, boot, commands.time)
-        is_settled = in_intervals(commands.time, settled_intervals(signals, boot))
+        settled = settled_intervals(signals, boot)
+        is_settled = in_intervals(commands.time, settled)
         settled_samples = zip(
             commands.time[is_settled].tolist(),
             commands.values[is_settled],
@@ -336,8 +342,33 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         )
         for time, command, heading in settled_samples:
             detector.update(time, command, heading)
-        alarms += lasting_changes(detector.alarms)
+        changes = lasting_changes(detector.alarms)
+        alarms += changes + _gradual_losses(motors, commands, settled, changes)
     return tuple(alarms)
+
+
+def _gradual_losses(
+    motors: MotorOutputs, commands: TimeSeries, settled: Intervals, changes: Sequence[MotorAlarm]
+) -> list[MotorAlarm]:
+    """Returns the motors that lost thrust slowly, in runs of settled flight without another change.
+
+    Args:
+        motors: the k motors.
+        commands: (N, k) their outputs in one boot, as shares of the range.
+        settled: intervals of settled flight, s since boot.
+        changes: changes of the boot that were found already.
+    """
+    losses = []
+    for start, end in settled:
+        if any(start <= change.time <= end and change.motor is not None for change in changes):
+            continue
+        rows = in_intervals(commands.time, [(start, end)])
+        loss = gradual_loss(
+            commands.time[rows], commands.values[rows], motors.geometry, int(commands.boot[0])
+        )
+        if loss is not None:
+            losses.append(loss)
+    return losses
 
 
 class _TestedModel(NamedTuple):

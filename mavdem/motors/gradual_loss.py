@@ -1,0 +1,241 @@
+"""A motor that lost thrust within a flight, however slowly: the whole flight is compared, once it is over.
+
+The sequential test of a live session (``loss_detection.py``) looks for a change within the last seconds. A loss that
+takes ten seconds or more moves its reference along, and on a vehicle with six or eight motors the neighbours of the
+weak one hide most of it. So after a flight the balance b of the motors is fitted by a ramp,
+
+    b(t) = b₀ + c · min(max((t − t₀) / d, 0), 1) + noise,
+
+for all beginnings t₀ and many durations d, by least squares. The change c of the best ramp is that of a motor if it is
+large, significant, in line with the signature of this motor, and with no other's. The noise is correlated: its long-run
+variance counts.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.confidence import STRONG_EVIDENCE_NATS
+from mavdem.ingest.motors import MotorGeometry
+from mavdem.motors.balance_blocks import MIN_PRESENT_SHARE
+from mavdem.motors.balance_model import BalanceModel
+from mavdem.motors.change_statistics import (
+    BLOCK_SECONDS,
+    PRIOR_FREEDOM,
+    WANDER_SD,
+    long_run_variance,
+)
+from mavdem.motors.loss_detection import PRIOR_BLOCK_SD
+from mavdem.motors.motor_changes import MIN_LOSS_SECONDS, MotorAlarm
+from mavdem.motors.signatures import motor_signatures
+
+MIN_BEFORE_SECONDS = 4.0
+"""Seconds of settled flight that must precede the change: enough blocks for a mean balance."""
+
+MAX_BLOCKS = 240
+"""Number of blocks into which a flight is divided at most; longer flights get longer blocks. Two minutes of half
+seconds: a change needs no finer time than that."""
+
+RAMP_SHARES = (0.0, 0.05, 0.1, 0.2, 0.4, 0.6, 1.0)
+"""Durations of the ramp that are tried, as shares of the flight; a choice."""
+
+MIN_WORK_RISE = 0.18
+"""Rise of a weak motor's work, as a fraction, from which on it is named.
+
+In 60 runs of settled flight in real logs without a motor fault, significant changes in line with a motor's signature
+were at most 0.12.
+"""
+
+MIN_SIGNIFICANCE = 60.0
+"""Square of the change in standard errors, summed over the axes, from which on it is no noise; a choice.
+
+With three axes 16 would do for one ramp. A balance that wind and load change slowly reaches 85 in real flights, and is
+then not in line with any motor.
+"""
+
+SIGNATURE_ERROR = 0.08
+"""Error of the signature, relative to the change: mixers limit, and thrust is no linear function of the command."""
+
+MAX_MISFIT = 9.0
+"""Squared deviation of the change from the signature in standard errors, two degrees of freedom: 99 % are below."""
+
+
+class Ramp(NamedTuple):
+    """The ramp that fits the balance of a flight best."""
+
+    start: int
+    """Index of the block in which it begins."""
+    course: Array
+    """(N,) its course over the blocks, from 0 to 1."""
+    before: Array
+    """(a,) balance before it."""
+    change: Array
+    """(a,) change of the balance."""
+
+
+def gradual_loss(
+    time: Array, commands: Array, geometry: MotorGeometry, boot: int = 0
+) -> MotorAlarm | None:
+    """Returns that one motor lost thrust within a run of settled flight, and kept it lost to the end of the run.
+
+    Args:
+        time: (N,) s on the boot clock, ascending, of one run of settled flight without a landing.
+        commands: (N, k) motor outputs as fractions of the range.
+        geometry: positions and spins of the k motors.
+        boot: number of the boot.
+
+    Returns:
+        The loss, with the beginning of the ramp as ``since`` and the end of the run as ``time``; None where no motor
+        lost thrust, the flight is too short, or motors cannot be told apart.
+    """
+    signatures = motor_signatures(geometry)
+    if not signatures.is_motor_identifiable or len(time) < 2:
+        return None
+    model = BalanceModel(signatures)
+    duration = float(time[-1] - time[0])
+    block_seconds = max(BLOCK_SECONDS, duration / MAX_BLOCKS)
+    before_blocks = round(MIN_BEFORE_SECONDS / block_seconds) + 1
+    after_blocks = round(MIN_LOSS_SECONDS / block_seconds)
+    block_times, block_commands = _block_means(time, commands, block_seconds)
+    thrust = block_commands.mean(axis=1)
+    is_sparse = len(block_times) < MIN_PRESENT_SHARE * duration / block_seconds
+    if is_sparse or len(block_times) < before_blocks + after_blocks or not (thrust > 0).all():
+        return None
+    balances = (block_commands / thrust[:, None]) @ model.torque_rows.T
+    ramp = _best_ramp(balances, before_blocks)
+    if ramp.start > len(balances) - after_blocks:
+        # A gust, or the beginning of the descent: it is not known whether it lasts.
+        return None
+    variance = _variance_of_change(balances, ramp)
+    if (ramp.change**2 / variance).sum() < MIN_SIGNIFICANCE:
+        return None
+    motor, log_odds = _motor_of_change(ramp.change, variance, model)
+    if motor is None:
+        return None
+    unit_rise = np.eye(len(geometry.names))[motor]
+    estimate = model.estimated_rises(unit_rise, ramp.before, ramp.before + ramp.change, variance)
+    rise, half_width = float(estimate.rises[motor]), float(estimate.half_widths[motor])
+    return MotorAlarm(
+        time=float(block_times[-1]),
+        since=float(block_times[ramp.start]),
+        motor=geometry.motors[motor],
+        name=geometry.names[motor],
+        size=rise,
+        probability=1 / (1 + np.exp(-log_odds)),
+        assumed=geometry.positions_assumed,
+        boot=boot,
+        loss=model.thrust_loss(motor, max(rise - half_width, 0.0), rise + half_width),
+    )
+
+
+def _block_means(time: Array, commands: Array, block_seconds: float) -> tuple[Array, Array]:
+    """Averages commands over blocks of equal length.
+
+    Args:
+        time: (N,) s, ascending.
+        commands: (N, k) motor outputs.
+        block_seconds: length of a block, s.
+
+    Returns:
+        (B,) middles of the blocks that have samples, s, and (B, k) their mean commands.
+    """
+    numbers = ((time - time[0]) / block_seconds).astype(np.int64)
+    present, rows, counts = np.unique(numbers, return_inverse=True, return_counts=True)
+    means = [np.bincount(rows, column) / counts for column in commands.T]
+    return time[0] + block_seconds * (present + 0.5), np.column_stack(means)
+
+
+def _best_ramp(balances: Array, before_blocks: int) -> Ramp:
+    """Returns the ramp with the least product of squared residuals over the axes: the one of highest likelihood.
+
+    With independent normal noise of unknown variance on each axis, −N/2 Σ log(residual sum of squares) is the log
+    likelihood of the best fit.
+
+    Args:
+        balances: (B, a) balance of each block.
+        before_blocks: number of blocks before the earliest beginning.
+    """
+    count = len(balances)
+    numbers = np.arange(count)
+    centred = balances - balances.mean(axis=0)
+    total_squares = (centred**2).sum(axis=0)
+    # At least two blocks are left for the change.
+    starts = np.arange(before_blocks, count - 2)
+    best: Ramp | None = None
+    least_misfit = np.inf
+    for share in RAMP_SHARES:
+        lengths = np.clip(round(share * count), 1, count - 1 - starts)
+        # (s, B) courses of the ramps with s beginnings.
+        courses = np.clip((numbers - starts[:, None]) / lengths[:, None], 0.0, 1.0)
+        centred_courses = courses - courses.mean(axis=1, keepdims=True)
+        course_squares = (centred_courses**2).sum(axis=1)
+        changes = (centred_courses @ centred) / course_squares[:, None]
+        residual_squares = total_squares - changes**2 * course_squares[:, None]
+        # A balance that never changes has no residuals; the wander bounds their logarithm.
+        misfits = np.log(residual_squares / count + WANDER_SD**2).sum(axis=1)
+        row = int(np.argmin(misfits))
+        if misfits[row] < least_misfit:
+            least_misfit = misfits[row]
+            before = balances.mean(axis=0) - changes[row] * courses[row].mean()
+            best = Ramp(int(starts[row]), courses[row], before, changes[row])
+    assert best is not None
+    return best
+
+
+def _variance_of_change(balances: Array, ramp: Ramp) -> Array:
+    """Returns the variance (a,) of a ramp's change, with the long-run variance of the residuals and the slow wander.
+
+    Args:
+        balances: (B, a) balance of each block.
+        ramp: that was fitted to them.
+    """
+    count, axes = balances.shape
+    residuals = balances - ramp.before - ramp.course[:, None] * ramp.change
+    noise = long_run_variance(
+        residuals,
+        np.ones((1, count), dtype=bool),
+        np.zeros((1, axes)),
+        np.full(axes, PRIOR_BLOCK_SD**2),
+        PRIOR_FREEDOM,
+    )[0]
+    centred_course = ramp.course - ramp.course.mean()
+    return np.asarray(noise / (centred_course @ centred_course) + WANDER_SD**2)
+
+
+def _motor_of_change(
+    change: Array, variance: Array, model: BalanceModel
+) -> tuple[int | None, float]:
+    """Returns the index of the motor whose signature explains a change, and the logarithm of the odds that it does.
+
+    Its misfit must be small, and that of every other motor, and of a change in roll and pitch alone or in yaw alone,
+    must be larger by strong evidence. Signatures are not exact, so that their error counts as variance.
+
+    Args:
+        change: (a,) change of the balance.
+        variance: (a,) its variance.
+        model: mixer of the vehicle.
+
+    Returns:
+        None, with 0, where no motor explains it, or its work rose by less than ``MIN_WORK_RISE``.
+    """
+    variance = variance + (SIGNATURE_ERROR * np.linalg.norm(change)) ** 2
+    weights = model.signatures / variance
+    # (k,) rise of each motor's own command that fits the change best, and the squared error that it leaves.
+    rises = weights @ change / (weights * model.signatures).sum(axis=1)
+    misfits = ((change - rises[:, None] * model.signatures) ** 2 / variance).sum(axis=1)
+    # A motor that works less hard did not lose thrust.
+    misfits[rises <= 0] = np.inf
+    motor = int(np.argmin(misfits))
+    squares = change**2 / variance
+    tilt_only = float((squares * (1 - model.tilt_axes)).sum())
+    yaw_only = float((squares * model.tilt_axes).sum())
+    smallest_rival = min(*np.delete(misfits, motor).tolist(), tilt_only, yaw_only)
+    log_odds = float((smallest_rival - misfits[motor]) / 2)
+    work_rise = rises[motor] / model.own_rise_ratios[motor]
+    is_explained = misfits[motor] <= MAX_MISFIT and log_odds >= STRONG_EVIDENCE_NATS
+    if not is_explained or work_rise < MIN_WORK_RISE:
+        return None, 0.0
+    return motor, log_odds
