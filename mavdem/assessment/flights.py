@@ -1,17 +1,11 @@
-"""The flights of a log, their settled parts, and height and vertical speed in a flight."""
+"""The flights of a log, their settled parts, and when the loss of one began."""
 
 from collections.abc import Callable
-from math import inf
 
-import numpy as np
-
-from mavdem.confidence import Interval
 from mavdem.dataset import phases
 from mavdem.dataset.intervals import Intervals, intersection
 from mavdem.dataset.phases import (
     airborne_intervals,
-    height_above_take_off,
-    series_of_boot,
 )
 from mavdem.dataset.segments import Segment, Segments, recorded_spans, settled_segments
 from mavdem.dataset.signals import Signals
@@ -88,27 +82,6 @@ def merge_close(intervals: Intervals, gap: float) -> Intervals:
         else:
             merged.append((start, end))
     return merged
-
-
-def height_in_flight(signals: Signals, boot: int, flight: Interval, time: float) -> float | None:
-    """Returns the height of the vehicle above its take-off at a time of a flight.
-
-    Args:
-        signals: signals of the vehicle.
-        boot: number of the boot.
-        flight: start and end of the flight, s since boot; the start is minus infinity if it was before the log.
-        time: s since boot.
-
-    Returns:
-        Height in m above where the flight began or, if that is not in the log, above the autopilot's home; None if no
-        height was recorded.
-    """
-    height = height_above_take_off(signals, boot, flight)
-    take_off, _ = flight
-    # A flight that began before the log has no take-off to count from.
-    if take_off == -inf:
-        height = series_of_boot(signals.height, boot)
-    return None if height is None else np.interp(time, height.time, height.values)
 
 
 def loss_onset(loss: Fact) -> float | None:

@@ -21,7 +21,7 @@ from mavdem.facts.witnesses import Witness
 from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses.accelerometer import AccelerometerWitness
 from mavdem.witnesses.height import MIN_CONTRADICTION_SECONDS
-from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.scene import MAX_FALL_SPEED, Scene
 from mavdem.witnesses.statements import supporting_statement, weighed_event
 
 MIN_TRUE_CLIMB = 1.0
@@ -80,8 +80,8 @@ def _divergence(scene: Scene, interval: Interval) -> Fact | None:
         interval: start and end, s since boot.
 
     Returns:
-        An event with the mean climb by the estimate as ``climb_rate`` and by the barometer as ``speed``, m/s upward,
-        its ``cause`` and its witnesses; None if the height did not diverge.
+        An event with the mean climb by the estimate as ``climb_rate`` (None beyond ``MAX_FALL_SPEED``) and by the
+        barometer as ``speed``, m/s upward, its ``cause`` and its witnesses; None if the height did not diverge.
     """
     barometer, estimate = scene.height.barometer_climb, scene.height.estimated_climb
     assert barometer is not None and estimate is not None
@@ -128,7 +128,8 @@ def _divergence(scene: Scene, interval: Interval) -> Fact | None:
         MotionEvent.HEIGHT_DIVERGED,
         time=interval[0],
         until=interval[1],
-        climb_rate=false_climb,
+        # A speed that no vehicle has would be printed as one.
+        climb_rate=false_climb if abs(false_climb) <= MAX_FALL_SPEED else None,
         speed=true_climb,
         cause=cause,
         boot=scene.boot,

@@ -311,8 +311,11 @@ def _imus(evidence: Evidence) -> Iterator[Instance]:
     for trust in evidence.trust:
         for witness in trust.accelerometers:
             accelerometers[witness.number] = witness
-            is_counting = witness is trust.accelerometer and len(trust.accelerometers) > 1
-            shares[witness.number] = 1.0 if is_counting else None if witness.is_used else 0.0
+            shares[witness.number] = None
+            if witness is trust.accelerometer and len(trust.accelerometers) > 1:
+                shares[witness.number] = 1.0
+            elif witness.is_used is False:
+                shares[witness.number] = 0.0
     # The accelerometer that PX4 selects at each time is one of the others.
     accelerometers.pop(SELECTED_IMU, None)
     for number in sorted(vibrations.keys() | accelerometers.keys()):
@@ -323,8 +326,7 @@ def _imus(evidence: Evidence) -> Iterator[Instance]:
             quantity, values = "specific force", accelerometer.magnitude
         state = _measured_state(values)
         if accelerometer is not None and accelerometer.is_sound is False:
-            is_used = accelerometer.is_used
-            level = None if is_used else Level.UNKNOWN
+            level = Level.UNKNOWN if accelerometer.is_used is False else None
             gravity = accelerometer.gravity_at_rest
             state = Fact(InstanceState.GRAVITY_WRONG, level, acceleration=gravity)
         yield Instance(
@@ -404,11 +406,13 @@ def _name_with_motor(evidence: Evidence, controller: SpeedController) -> str:
     motor = None if motors is None else controller.motor_index(motors.geometry)
     if motors is None or motor is None:
         return controller.name
-    return f"{controller.name} ({without_place(motors.geometry.names[motor])})"
+    return f"{controller.name}{_motor_in_brackets(evidence, motors.geometry.names[motor])}"
 
 
 def _outputs(evidence: Evidence) -> Iterator[Instance]:
     """Yields the outputs of the autopilot that drive motors, each with its range of commands and its motor.
+
+    Of a vehicle that is no multirotor they are the outputs that move, such as of its control surfaces.
 
     The commands are in the unit in which the log has them, such as µs of a pulse; "1" stands for none. The autopilot
     uses all of these outputs throughout, so that their share of use is 1.
@@ -425,7 +429,7 @@ def _outputs(evidence: Evidence) -> Iterator[Instance]:
     ):
         yield Instance(
             kind="output",
-            name=f"output {channel} ({without_place(name)})",
+            name=f"output {channel}{_motor_in_brackets(evidence, name)}",
             quantity="command",
             unit=motors.scale.unit or "1",
             low=values.min(),
@@ -435,6 +439,11 @@ def _outputs(evidence: Evidence) -> Iterator[Instance]:
         )
 
 
-def without_place(name: str) -> str:
+def _motor_in_brackets(evidence: Evidence, name: str) -> str:
+    """Returns the motor of an output, as in "output 1 (motor 1)"; nothing for a vehicle that is no multirotor."""
+    return "" if evidence.other_vehicle is not None else f" ({_without_place(name)})"
+
+
+def _without_place(name: str) -> str:
     """Returns the name of a motor without its place: "motor 1"."""
     return name.partition(" (")[0]

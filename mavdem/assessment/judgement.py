@@ -261,7 +261,8 @@ def _nothing_wrong(lights: NamedFacts) -> Fact:
         lights: by name; none of the vehicle is bad or to be watched.
 
     Returns:
-        A fact with the lights that are good and those that are unknown. It is good only if the motors were checked.
+        A fact with the lights that are good and those that are unknown. It is good only if the motors were checked. Of
+        a vehicle that is no multirotor it has the ``kind``.
     """
     checked = [name for name in VEHICLE_LIGHTS if lights[name].is_good]
     unchecked = [name for name in VEHICLE_LIGHTS if name not in checked]
@@ -271,13 +272,15 @@ def _nothing_wrong(lights: NamedFacts) -> Fact:
         return Fact(Headline.NOTHING_CHECKED, because=lights[reason])
     # Only the light of the motors shows a motor or propeller that is about to fail.
     level = Level.GOOD if Light.MOTORS in checked else Level.UNKNOWN
-    smallest_visible_loss = lights[Light.MOTORS].figures.get("most_loss")
+    motors = lights[Light.MOTORS]
+    kind = motors.figures["kind"] if motors.code is Unjudged.MULTIROTORS_ONLY else None
     return Fact(
         Headline.NOTHING_WRONG,
         level,
         names=checked,
         missing=unchecked,
-        most_loss=smallest_visible_loss,
+        most_loss=motors.figures.get("most_loss"),
+        kind=kind,
     )
 
 

@@ -15,7 +15,6 @@ from mavdem.dataset.phases import (
     MAX_GROUND_HEIGHT,
     MAX_SETPOINT_DELAY,
     MIN_CLIMB_SPEED,
-    height_above_take_off,
     min_airborne_collective,
     mode_intervals,
     series_of_boot,
@@ -24,6 +23,7 @@ from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
+from mavdem.witnesses.height import trusted_height
 from mavdem.witnesses.sensors import FULL_STICK, throttle_stick
 
 LASTING_SECONDS = 0.3
@@ -165,7 +165,7 @@ def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Arra
     is_off_ground = in_intervals(time, flights)
     for flight in flights:
         take_off, _ = flight
-        height = height_above_take_off(signals, boot, flight)
+        height = trusted_height(signals, boot, take_off)
         if height is None or take_off == -inf:
             continue
         has_risen = in_intervals(height.time, [flight]) & (height.values > MAX_GROUND_HEIGHT)

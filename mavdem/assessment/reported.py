@@ -1,7 +1,7 @@
 """Events that the autopilot reports in a log: its states, its texts and error codes, and faults of its sensors."""
 
 from collections.abc import Iterator, Sequence
-from math import inf, isfinite
+from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,18 +14,17 @@ from mavdem.assessment.autopilot_messages import (
     mode_change_reason,
     reported_problems,
 )
-from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, height_in_flight
+from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot
 from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS, POSSIBLE_BOARD_VOLTAGE
 from mavdem.assessment.restarts import restarts
 from mavdem.confidence import Interval
 from mavdem.dataset.batteries import battery_columns, battery_name
-from mavdem.dataset.intervals import in_intervals, intersection, true_intervals
+from mavdem.dataset.intervals import Intervals, in_intervals, intersection, true_intervals
 from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
 from mavdem.dataset.phases import (
     AVERAGING_SECONDS,
     SURFACE_VEHICLES,
     armed_intervals,
-    height_above_take_off,
     series_of_boot,
     without_grounded,
 )
@@ -38,6 +37,7 @@ from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Columns
 from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND, mavlink_constant
 from mavdem.witnesses.position import position_fix
+from mavdem.witnesses.scene import Scene
 
 EMERGENCY_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_EMERGENCY")
 """The charge state "emergency", which is worse than "critical": the vehicle must land at once."""
@@ -183,11 +183,27 @@ def reported_events(signals: Signals) -> Facts:
             is_restart = fact.code is Reported.RESTARTED_IN_FLIGHT
             if fact.is_bad and not is_restart and not in_intervals(time, around_armed):
                 fact = fact.but(Level.WATCH)
-            # The height is above where the latest flight began. An event before all flights counts as such a beginning.
-            begun_flights = [flight for flight in flights if flight[0] <= time]
-            flight = max(begun_flights, default=(time, inf))
-            events.append(fact.but(height=height_in_flight(signals, boot, flight, time)))
+            events.append(fact.but(height=_height_at(signals, boot, flights, time)))
     return tuple(events)
+
+
+def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> float | None:
+    """Returns the height above where the latest flight began, m, by a source that can be trusted.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        flights: of the boot.
+        time: s since boot. Before all flights the vehicle is on the ground, at 0 m.
+
+    Returns:
+        None where no height was recorded.
+    """
+    begun_flights = [flight for flight in flights if flight[0] <= time]
+    if begun_flights:
+        take_off, _ = max(begun_flights)
+        return Scene(signals, boot, take_off).height_at(time)
+    return None if Scene(signals, boot).height_at(time) is None else 0.0
 
 
 def _is_watchdog_report(fact: Fact) -> bool:
@@ -322,10 +338,10 @@ def _is_high(signals: Signals, boot: int, flight: Interval) -> bool:
         boot: number of the boot.
         flight: start and end of the flight, s since boot.
     """
-    height = height_above_take_off(signals, boot, flight)
+    take_off, end = flight
+    height = Scene(signals, boot, take_off).height_above_take_off
     if height is None:
         return False
-    _, end = flight
     end_height = np.interp(end, height.time, height.values)
     ground_height = 0.0
     if height.time[-1] >= end + 1.0:

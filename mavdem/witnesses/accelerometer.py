@@ -12,6 +12,7 @@ from mavdem.dataset.phases import min_airborne_collective, series_of_boot
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, recorded_series
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.ingest.telemetry import Parameters
 from mavdem.witnesses.sensors import further_specific_forces, specific_force
 
 MAX_GRAVITY_ERROR = 0.5
@@ -56,8 +57,8 @@ class AccelerometerWitness:
 
     number: int
     """Number of its IMU, from 1; ``SELECTED_IMU`` for that which PX4 selects."""
-    is_used: bool
-    """Whether the parameters of the autopilot do not exclude it."""
+    is_used: bool | None
+    """Whether the parameters of the autopilot use it; None where they do not say it."""
     time: Array
     """(N,) s since boot."""
     magnitude: Array
@@ -112,18 +113,41 @@ def accelerometer_witnesses(signals: Signals, boot: int) -> tuple[AccelerometerW
     first = specific_force(signals)
     if first is not None:
         forces[SELECTED_IMU if 1 in forces else 1] = first
-    parameters = signals.telemetry.parameters
     witnesses = []
     for number, force in sorted(forces.items()):
-        is_used = parameters.get(USE_PARAMETERS.get(number, ""), 1) != 0
+        is_used = _is_used(signals.telemetry.parameters, number)
         witness = _accelerometer_witness(signals, boot, number, is_used, force)
         if witness is not None:
             witnesses.append(witness)
     return tuple(witnesses)
 
 
+def _is_used(parameters: Parameters, number: int) -> bool | None:
+    """Returns whether ArduPilot's parameters use an IMU: it is switched on, and a core of the estimator has it.
+
+    Args:
+        parameters: of the autopilot.
+        number: of the IMU.
+
+    Returns:
+        None where the parameters say neither.
+    """
+    if parameters.get(USE_PARAMETERS.get(number, ""), 1) == 0:
+        return False
+    mask = _imu_mask(parameters)
+    return None if mask is None else bool(mask >> (number - 1) & 1)
+
+
+def _imu_mask(parameters: Parameters) -> int | None:
+    """Returns the mask of the IMUs that have a core of ArduPilot's estimator; None where no parameter has it."""
+    for name in IMU_MASK_PARAMETERS:
+        if name in parameters:
+            return int(parameters[name])
+    return None
+
+
 def _accelerometer_witness(
-    signals: Signals, boot: int, number: int, is_used: bool, force_of_log: TimeSeries
+    signals: Signals, boot: int, number: int, is_used: bool | None, force_of_log: TimeSeries
 ) -> AccelerometerWitness | None:
     """Measures one accelerometer in a boot; None if it has too few samples there.
 
@@ -131,7 +155,7 @@ def _accelerometer_witness(
         signals: signals of the vehicle.
         boot: number of the boot.
         number: of the IMU.
-        is_used: whether the parameters do not exclude it.
+        is_used: whether the parameters use it; None where they do not say it.
         force_of_log: specific force (N, 3) of all boots, m/s².
     """
     force = series_of_boot(force_of_log, boot)
@@ -168,7 +192,7 @@ def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerWitness | 
     for witness in witnesses:
         if witness.number == primary:
             return witness
-    used = [witness for witness in witnesses if witness.is_used]
+    used = [witness for witness in witnesses if witness.is_used is not False]
     return next(iter(used or witnesses), None)
 
 
@@ -177,13 +201,12 @@ def _imu_of_primary_core(signals: Signals, boot: int) -> int | None:
 
     ArduPilot runs a core for each IMU in its mask: the first core has the IMU of the lowest bit.
     """
-    parameters = signals.telemetry.parameters
-    masks = [int(parameters[name]) for name in IMU_MASK_PARAMETERS if name in parameters]
+    mask = _imu_mask(signals.telemetry.parameters)
     cores = recorded_series(signals.telemetry, "estimator_selector_status", "primary_instance")
     cores = series_of_boot(cores, boot)
-    if cores is None or not masks or signals.telemetry.autopilot == "PX4":
+    if cores is None or mask is None or signals.telemetry.autopilot == "PX4":
         return None
-    imus = [1 + bit for bit in range(len(USE_PARAMETERS)) if masks[0] >> bit & 1]
+    imus = [1 + bit for bit in range(len(USE_PARAMETERS)) if mask >> bit & 1]
     core = int(np.median(cores.values))
     return imus[core] if 0 <= core < len(imus) else None
 

@@ -15,6 +15,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Facts
 from mavdem.facts.witnesses import Witness
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.witnesses.height import height_witnesses, windowed_mean
 from mavdem.witnesses.rotation import rotation_witness
 from mavdem.witnesses.statements import contradicting_statement, supporting_statement
@@ -125,10 +126,10 @@ def powered_intervals(signals: Signals, boot: int) -> Intervals:
         boot: number of the boot.
 
     Returns:
-        Intervals; none if motor outputs were not recorded.
+        Intervals; none if motor outputs were not recorded, or the vehicle is no multirotor: its outputs carry nothing.
     """
     collective = series_of_boot(signals.collective, boot)
-    if collective is None:
+    if collective is None or signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         return []
     least = min_airborne_collective(signals.telemetry.parameters)
     return true_intervals(collective.time, moving_average(collective) > least)

@@ -230,6 +230,7 @@ def _median_difference(
     return float(np.median(abs(estimate - barometer_climb.values)[is_covered]))
 
 
+@cached_per_vehicle()
 def trusted_height(signals: Signals, boot: int, take_off: float) -> TimeSeries | None:
     """Returns the height (N,), m, above where the vehicle was at take-off, by a source that can be trusted.
 

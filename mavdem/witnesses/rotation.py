@@ -59,6 +59,10 @@ MAX_AGREEING_RATIO = 0.5
 the gyro explains nothing."""
 
 
+MIN_RATE_CORRELATION = 0.5
+"""Correlation of neighbouring samples of a rate from which on they resolve it: slower ones do not show its integral."""
+
+
 @dataclass(frozen=True)
 class RotationWitness:
     """How the vehicle rotated under power in one boot."""
@@ -74,7 +78,7 @@ class RotationWitness:
     largest_rate: float
     """Largest body rate under power, rad/s."""
     gyro_agrees: bool | None
-    """Whether the integral of the gyro is the change of the attitude; None where the vehicle hardly turned."""
+    """Whether the integral of the gyro is the change of the attitude; None where that cannot be compared."""
 
     @property
     def is_held(self) -> bool:
@@ -232,7 +236,7 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
         times: (N,) times under power, s since boot, ascending.
 
     Returns:
-        None where the vehicle hardly turned.
+        None where the vehicle hardly turned, or samples are too slow to integrate the rates.
     """
     grid = np.arange(times[0], times[-1], TURN_SECONDS)
     # Only windows that are under power throughout count.
@@ -243,7 +247,7 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
     for tilt in signals.tilts:
         rows = tilt.boot == boot
         time, angle, euler_rate = tilt.time[rows], tilt.angle[rows], tilt.euler_rate[rows]
-        if len(time) < 2:
+        if len(time) < 2 or not _is_resolved(euler_rate):
             return None
         # Trapezoidal integral of the rate of the Euler angle, which is computed from the gyro.
         steps = np.diff(time)
@@ -259,3 +263,11 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
         return None
     difference_rms = float(np.sqrt(np.mean(np.square(np.concatenate(differences)))))
     return difference_rms <= MAX_AGREEING_RATIO * change_rms
+
+
+def _is_resolved(rate: Array) -> bool:
+    """Returns whether samples of a rate (N,) follow each other closely enough that their integral is the angle."""
+    earlier, later = rate[:-1], rate[1:]
+    if len(earlier) < 2 or earlier.std() == 0 or later.std() == 0:
+        return True
+    return bool(np.corrcoef(earlier, later)[0, 1] >= MIN_RATE_CORRELATION)

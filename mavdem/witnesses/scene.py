@@ -295,9 +295,15 @@ class Scene:
         return change - estimated_change <= MAX_CLIMB_DIFFERENCE * SLOPE_SECONDS
 
     def sinking(self, interval: Interval, least: float = MIN_SINK_RATE) -> tuple[Fact, ...]:
-        """Returns for barometer and estimate whether they sank faster than ``least``, m/s, in an interval."""
+        """Returns for barometer and estimate whether they sank faster than ``least``, m/s, in an interval.
+
+        A source that the other one contradicts, by more than ``MAX_CLIMB_DIFFERENCE``, is no witness of a descent.
+        """
         statements = []
+        confirmed = (self.sink_rate(interval) or 0.0) + MAX_CLIMB_DIFFERENCE
         for source, rate in self.sink_rates(interval).items():
+            if rate > max(least, confirmed):
+                continue
             if rate > least:
                 statements.append(supporting_statement(Witness.SANK, source=source, speed=rate))
             else:

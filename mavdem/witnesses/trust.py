@@ -11,13 +11,18 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.trust import Trust
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.witnesses.accelerometer import (
     AccelerometerWitness,
     accelerometer_in_use,
     accelerometer_witnesses,
 )
 from mavdem.witnesses.flight_verdict import FlightVerdict, flight_verdict, powered_intervals
-from mavdem.witnesses.height import HeightWitnesses, height_witnesses
+from mavdem.witnesses.height import (
+    MIN_CONTRADICTION_SECONDS,
+    HeightWitnesses,
+    height_witnesses,
+)
 from mavdem.witnesses.position import PositionWitness, position_witness
 from mavdem.witnesses.rotation import RotationWitness, rotation_witness
 from mavdem.witnesses.sensors import throttle_stick
@@ -32,6 +37,8 @@ class SensorTrust:
 
     boot: int
     """Number of the boot."""
+    is_multirotor: bool
+    """Whether the vehicle may be a multirotor: of others the outputs do not show when the motors carry them."""
     powered: Intervals
     """When the motors could carry the vehicle, s since boot; empty too where they were not recorded."""
     height: HeightWitnesses
@@ -64,7 +71,7 @@ class SensorTrust:
         """
         if self.height.barometer_climb is None or self.height.estimated_climb is None:
             return None
-        return self.contradiction_seconds == 0
+        return self.contradiction_seconds < MIN_CONTRADICTION_SECONDS
 
     @property
     def contradiction_seconds(self) -> float:
@@ -101,16 +108,20 @@ class SensorTrust:
 
     @property
     def checks(self) -> Facts:
-        """The answers as facts, in the order in which they are shown: good, to be watched, or unknown, and why."""
-        return (
-            self._flight_check(),
+        """The answers as facts, in the order in which they are shown: good, to be watched, or unknown, and why.
+
+        Whether a vehicle flew, and how it answers its setpoints, is asked of multirotors only.
+        """
+        sensors = (
             self._barometer_check(),
             self._accelerometer_check(),
             self._position_check(),
-            self._attitude_check(),
-            self._gyro_check(),
             self._stick_check(),
         )
+        if not self.is_multirotor:
+            return sensors
+        motion = (self._attitude_check(), self._gyro_check())
+        return (self._flight_check(), *sensors[:-1], *motion, sensors[-1])
 
     def _flight_check(self) -> Fact:
         """Returns whether the vehicle flew, with what shows it."""
@@ -134,7 +145,7 @@ class SensorTrust:
             is_usable=is_usable,
             is_sound=is_sound,
             acceleration=self.height.barometer_noise,
-            speed=self.height.climb_difference,
+            speed=self.height.climb_difference if is_sound else None,
             duration=self.contradiction_seconds,
             boot=self.boot,
         )
@@ -145,7 +156,7 @@ class SensorTrust:
         wrong = tuple(
             other.name
             for other in self.accelerometers
-            if other is not accelerometer and other.is_used and other.is_sound is False
+            if other is not accelerometer and other.is_used is not False and other.is_sound is False
         )
         return Fact(
             Trust.ACCELEROMETER,
@@ -162,7 +173,8 @@ class SensorTrust:
         level = Level.UNKNOWN
         if share is not None:
             level = Level.GOOD if share >= MIN_FIX_SHARE else Level.WATCH
-        return Fact(Trust.POSITION, level, share=share, boot=self.boot)
+        is_powered = bool(self.powered)
+        return Fact(Trust.POSITION, level, share=share, is_powered=is_powered, boot=self.boot)
 
     def _attitude_check(self) -> Fact:
         """Returns whether roll and pitch follow their setpoints."""
@@ -205,6 +217,7 @@ def sensor_trust(signals: Signals, boot: int) -> SensorTrust:
     """
     return SensorTrust(
         boot=boot,
+        is_multirotor=signals.telemetry.vehicle in POSSIBLE_MULTIROTORS,
         powered=powered_intervals(signals, boot),
         height=height_witnesses(signals, boot),
         accelerometers=accelerometer_witnesses(signals, boot),

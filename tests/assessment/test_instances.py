@@ -12,6 +12,7 @@ from mavdem.assessment.instances import instances_of
 from mavdem.assessment.lights.estimator import estimator_light
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.signals import Signals
+from mavdem.facts.estimator import EstimatorLight
 from mavdem.ingest import read_log
 from mavdem.ingest.px4_instances import further_sensors
 from mavdem.ingest.vocabulary import ACCELEROMETERS_MESSAGE, INSTANCES_MESSAGE, EstimatorRatio
@@ -165,13 +166,21 @@ def with_accelerometers(parameters=None, gravities=(9.8, 9.0, 8.0)):
 
 
 def test_a_spare_accelerometer_that_is_wrong_is_to_be_watched_unless_it_is_not_used():
-    telemetry = with_accelerometers({"INS_USE3": 0.0})
+    telemetry = with_accelerometers({"INS_USE3": 0.0, "EK3_IMU_MASK": 7.0})
     instances = by_name(telemetry)
     levels = [instances[f"IMU {number}"].state.level for number in (1, 2, 3)]
     assert levels == ["good", "watch", "unknown"]
     light = estimator_light(evidence_of(Signals(telemetry)))
     assert (light.subject, light.figures["is_spare"]) == ("IMU 2", True)
     assert "of IMU 2, a spare one, measured 9.0" in light.sentence
+
+
+def test_a_spare_accelerometer_without_a_core_of_the_estimator_is_in_the_table_alone():
+    telemetry = with_accelerometers()
+    assert by_name(telemetry)["IMU 2"].state.level == "watch"
+    assert estimator_light(evidence_of(Signals(telemetry))).code is not (
+        EstimatorLight.ACCELEROMETER_WRONG
+    )
 
 
 def test_the_accelerometer_of_the_primary_core_counts():

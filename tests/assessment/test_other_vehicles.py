@@ -15,6 +15,7 @@ from mavdem.facts.learnability import Reason
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.log import LogLight
 from mavdem.facts.power import PowerLight
+from mavdem.facts.trust import Trust
 from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 
@@ -113,3 +114,21 @@ def test_a_land_detector_counts_for_what_can_fly(kind, seconds):
     signals = Signals(changed(sent, "EXTENDED_SYS_STATE", **columns(TIME, landed_state=state)))
     [(start, end)] = airborne_intervals(signals, 0)
     assert end - start == approx(seconds, abs=2.0)
+
+
+def test_the_headline_of_a_sound_vehicle_names_what_was_judged_and_its_type(vehicle):
+    headline = assess(log_of(telemetry(vehicle))).headline
+    assert headline.sentence.startswith("Nothing wrong found in vibration, power and estimator;")
+    assert vehicle in headline.sentence
+
+
+def test_outputs_of_other_vehicles_are_no_motors_in_the_table_either(vehicle):
+    names = [one.name for one in assess(log_of(telemetry(vehicle))).instances]
+    assert "output 1" in names
+    assert not [name for name in names if "motor" in name]
+
+
+def test_of_other_vehicles_the_sensors_are_checked_and_no_flight(vehicle):
+    (trust,) = assess(log_of(telemetry(vehicle))).trust
+    codes = [check.code for check in trust.checks]
+    assert codes == [Trust.BAROMETER, Trust.ACCELEROMETER, Trust.POSITION, Trust.STICK]

@@ -218,3 +218,18 @@ def test_nothing_recorded_is_not_known():
     levels = [check.level for check in trust(made).checks]
     assert levels == 7 * ["unknown"]
     assert all(check.sentence for check in trust(made).checks)
+
+
+def test_rates_that_are_sampled_too_slowly_confirm_and_contradict_nothing():
+    made = flight()
+    time = stamps(made, "ATTITUDE")
+    fast_turns = 0.3 * np.sin(2 * np.pi * 9.3 * time)
+    rates = 0.3 * 2 * np.pi * 9.3 * np.cos(2 * np.pi * 9.3 * time)
+    made = changed(made, "ATTITUDE", roll=fast_turns, rollspeed=rates)
+    assert trust(made).gyro_agrees is None
+
+
+def test_a_gyro_that_turns_the_other_way_disagrees():
+    made = flight()
+    rate = made.messages["ATTITUDE"]["rollspeed"]
+    assert trust(changed(made, "ATTITUDE", rollspeed=-rate)).gyro_agrees is False

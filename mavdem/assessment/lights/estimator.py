@@ -424,7 +424,7 @@ def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
     """Yields a fact for each boot with a flight, and each accelerometer in use that did not measure gravity at rest.
 
     The estimator integrates its error, so that the height may run away in flight. The accelerometer that counts comes
-    first.
+    first; another one is judged where a core of the estimator has it.
 
     Yields:
         Facts with the ``acceleration`` at rest, m/s², and the name of the IMU as subject where there are several.
@@ -436,12 +436,14 @@ def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
             trust.accelerometers, key=lambda witness: witness is not trust.accelerometer
         )
         for accelerometer in accelerometers:
-            if accelerometer.is_used and accelerometer.is_sound is False:
+            is_spare = accelerometer is not trust.accelerometer
+            is_judged = accelerometer.is_used or not is_spare
+            if is_judged and accelerometer.is_sound is False:
                 yield Fact(
                     EstimatorLight.ACCELEROMETER_WRONG,
                     subject=accelerometer.name if len(accelerometers) > 1 else "",
                     acceleration=accelerometer.gravity_at_rest,
-                    is_spare=accelerometer is not trust.accelerometer,
+                    is_spare=is_spare,
                 )
 
 
