@@ -21,6 +21,7 @@ from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Side, Witness
 from mavdem.witnesses.scene import Scene
 from mavdem.witnesses.statements import contradicting_statement, supporting_statement, weighed_event
+from mavdem.witnesses.velocity import stopped_at
 
 FAR_ANGLE = np.pi / 4
 """Error of the attitude, rad, that is bad even without a known setpoint. Half of the lean counts as error there, so
@@ -34,6 +35,10 @@ ONSET_ANGLE = LOST_ANGLE / 3
 
 FALL_SPEED = 5.0
 """Speed downward, m/s, of a fall: autopilots descend at 1.5 to 4 m/s by their own decision."""
+
+ALOFT_HEIGHT = 5.0
+"""Height, m, above the take-off from which on a knock alone shows no contact; slopes, bushes and the error of a
+barometer are lower."""
 
 MIN_GYRO_SHARE = 0.3
 """Share of the change of attitude that the largest body rates explain, below which the gyro contradicts a loss.
@@ -192,8 +197,8 @@ class _AttitudeLoss(NamedTuple):
     def _code(self, onset: float, height: float | None, knock_time: float | None) -> MotionEvent:
         """Returns the kind of a loss that was not recovered.
 
-        A vehicle that never rose tipped over. One that felt a knock, or was near the ground, hit something first. All
-        others lost their attitude in the air.
+        A vehicle that never rose tipped over. One that felt the knock of a contact, or was near the ground, hit
+        something first. All others lost their attitude in the air.
 
         Args:
             onset: when the attitude began to leave its setpoint, s since boot.
@@ -202,7 +207,8 @@ class _AttitudeLoss(NamedTuple):
         """
         if not has_risen_by(self.scene, self.flight, onset):
             return MotionEvent.TIPPED
-        if knock_time is not None or (height is not None and height < MAX_GROUND_HEIGHT):
+        has_hit = knock_time is not None and knock_is_contact(self.scene, knock_time)
+        if has_hit or (height is not None and height < MAX_GROUND_HEIGHT):
             return MotionEvent.HIT
         return MotionEvent.ATTITUDE_LOST
 
@@ -315,6 +321,23 @@ class _AttitudeLoss(NamedTuple):
         if largest_turn < MIN_GYRO_SHARE * largest_change:
             return (contradicting_statement(Witness.GYRO_DISAGREED, angle=largest_change),)
         return (supporting_statement(Witness.ROTATED, body_rate=largest_rate),)
+
+
+def knock_is_contact(scene: Scene, time: float) -> bool:
+    """Returns whether a knock that the accelerometer felt can be a contact with the ground or an obstacle.
+
+    A propeller that breaks, or a motor that tears loose, knocks too. So far above the ground a second witness is
+    needed: the vehicle must have lost its speed. Near the ground, or where the height is not known, every knock may be
+    one.
+
+    Args:
+        scene: sensors of the boot.
+        time: of the knock, s since boot.
+    """
+    height = scene.height_at(time)
+    if height is None or height < ALOFT_HEIGHT:
+        return True
+    return stopped_at(scene.signals, scene.boot, time) is not False
 
 
 def has_risen_by(scene: Scene, flight: Interval, time: float) -> bool:

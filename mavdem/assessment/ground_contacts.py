@@ -13,7 +13,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.attitude_error import AttitudeError
-from mavdem.assessment.attitude_losses import has_risen_by
+from mavdem.assessment.attitude_losses import has_risen_by, knock_is_contact
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import in_intervals
@@ -208,9 +208,8 @@ class _Contact:
         """
         accelerometer = self.scene.accelerometer
         if accelerometer is not None and accelerometer.peak((start, end)) is not None:
-            knock = self.scene.knock((start, end))
-            is_felt = knock is not None and knock.figures["side"] == Side.FOR
-            if knock is not None and is_felt and self._exceeds_vibration(knock, start):
+            knock = self._largest_contact_knock(start, end)
+            if knock is not None and self._exceeds_vibration(knock, start):
                 return knock.time
             if accelerometer.shows_knocks:
                 # A contact without a knock is only that of a vehicle that topples.
@@ -219,6 +218,24 @@ class _Contact:
         if low_loss is not None:
             return low_loss
         return self._speed_lost_at_once((start, end + RECOVERY_SECONDS))
+
+    def _largest_contact_knock(self, start: float, end: float) -> Fact | None:
+        """Returns the largest knock of an interval that can be a contact; None if none was felt.
+
+        A knock high in the air, such as that of a propeller that breaks, is none, and the search goes on after it.
+
+        Args:
+            start: beginning of the interval, s since boot.
+            end: its end, s since boot.
+        """
+        while start < end:
+            knock = self.scene.knock((start, end))
+            if knock is None or knock.figures["side"] != Side.FOR or knock.time is None:
+                return None
+            if knock_is_contact(self.scene, knock.time):
+                return knock
+            start = knock.time + MIN_FALL_SECONDS
+        return None
 
     def _time_of_low_loss(self) -> float | None:
         """Returns when the attitude was lost, s, if that was near the ground; None otherwise."""

@@ -325,11 +325,16 @@ def felt(made, time, most=100.0):
     return changed(made, "HIGHRES_IMU", **columns(at, xacc=0.0, yacc=0.0, zacc=-force))
 
 
-def test_what_hits_something_first_is_not_said_to_have_lost_a_motor():
-    _, ending = judged(felt(lost(1), FAILS - 0.2))
-    assert ending.code is Ending.CRASHED
+@mark.parametrize("speed, is_stopped", [(6.0, True), (0.0, False)])
+def test_what_hits_something_first_is_not_said_to_have_lost_a_motor(speed, is_stopped):
+    """A knock that takes the speed is an obstacle; one of a vehicle that hovers may be a propeller that breaks."""
+    made = felt(lost(1), FAILS - 0.2)
+    flies_on = stamps(made, "LOCAL_POSITION_NED") < FAILS - 0.2
+    made = changed(made, "LOCAL_POSITION_NED", vx=np.where(flies_on, speed, 0.0))
+    _, ending = judged(made)
+    assert ending.code is (Ending.CRASHED if is_stopped else Ending.CONTROL_LOST)
     assert ending.time == approx(FAILS - 0.2, abs=0.05)
-    assert ending.subject == ""
+    assert ending.subject == ("" if is_stopped else NAMES[1])
 
 
 def thrust_lost(motor):

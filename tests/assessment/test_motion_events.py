@@ -407,6 +407,19 @@ def test_a_descent_faster_than_a_free_fall_from_that_height_is_no_witness():
     assert hit.figures["speed"] < 10
 
 
+@mark.parametrize("speed, code", [(0.0, Ending.CONTROL_LOST), (6.0, Ending.CRASHED)])
+def test_a_knock_in_the_air_is_a_contact_only_where_it_takes_the_speed(speed, code):
+    """At 10 m a propeller breaks with a knock, or the vehicle flies at 6 m/s against a tree; then it falls."""
+    made = moving(instrumented(), lambda since: falling(np.maximum(since - 0.5, 0)))
+    place = made.messages["LOCAL_POSITION_NED"]
+    made = changed(made, "LOCAL_POSITION_NED", vx=np.where(place["time"] < EVENT + 0.1, speed, 0.0))
+    made = rolled(driven(made, 1000.0, EVENT + 0.6), 110.0, EVENT + 0.1, 0.8)
+    made = knocked(knocked(made, EVENT + 0.1, 90.0), EVENT + 1.93, 60.0)
+    _, ending = judged(made)
+    assert ending.code is code
+    assert ending.time == approx(EVENT + 0.1, abs=0.4)
+
+
 def test_a_hard_landing_upright_is_to_be_watched():
     events, ending = judged(impact(2.5))
     assert ending is None

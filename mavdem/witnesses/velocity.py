@@ -1,0 +1,52 @@
+"""Velocity as the estimator reports it: whether a vehicle lost its speed at once, as one that hits something does."""
+
+import numpy as np
+
+from mavdem.dataset.phases import series_of_boot
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries, clean_series, float_columns
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
+
+VELOCITY_MESSAGES = {"LOCAL_POSITION_NED": 1.0, "GLOBAL_POSITION_INT": 0.01}
+"""Messages with the velocity over ground, the preferred one first, and the factor that converts it to m/s."""
+
+STOP_SECONDS = 0.5
+"""Time, s, within which an obstacle takes the speed of a vehicle: two samples at 4 Hz."""
+
+STOP_SPEED = 1.5
+"""Decrease of the speed, m/s, within that time that shows a stop. Thrust brakes by 5 m/s at most in it, but a
+controller brakes before the vehicle knocks, and not at that moment."""
+
+STOP_RATIO = 0.5
+"""Speed after a stop relative to that before it, at most: a vehicle that only lost a propeller flies on as fast."""
+
+
+@cached_per_vehicle()
+def velocity(signals: Signals) -> TimeSeries | None:
+    """Returns the velocity over ground (N, 3), m/s north, east and down; None if it was not recorded."""
+    for message, factor in VELOCITY_MESSAGES.items():
+        columns = signals.telemetry.messages.get(message, {})
+        if all(field in columns for field in ("vx", "vy", "vz")):
+            return clean_series(columns, factor * float_columns(columns, ("vx", "vy", "vz")))
+    return None
+
+
+def stopped_at(signals: Signals, boot: int, time: float) -> bool | None:
+    """Returns whether a vehicle lost most of its speed at once around a moment; None if nothing shows its velocity.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        time: of the moment, s since boot.
+    """
+    series = series_of_boot(velocity(signals), boot)
+    if series is None:
+        return None
+    is_near = abs(series.time - time) <= STOP_SECONDS
+    if np.count_nonzero(is_near) < 2:
+        return None
+    speeds = np.linalg.norm(series.values[is_near], axis=1)
+    # The smallest speed after each sample, so that a rebound does not hide the stop.
+    lowest_later = np.minimum.accumulate(speeds[::-1])[::-1]
+    is_stop = (speeds - lowest_later > STOP_SPEED) & (lowest_later < STOP_RATIO * speeds)
+    return bool(is_stop.any())
