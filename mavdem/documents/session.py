@@ -127,7 +127,7 @@ class Live(MotorHealth):
     """why there are no rows or no model"""
     watched: list[SentenceAndFact]
     """what is watched without a model since when, or why it is not, one sentence each"""
-    gains: list[SentenceAndFact] | None
+    gains: list[AdviceAndFact] | None
     """gains advised after a landing, one sentence each; null without --request-rate and --record"""
     wind: LiveWind | None
     """latest wind in m/s"""

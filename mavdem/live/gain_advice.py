@@ -11,7 +11,7 @@ from pathlib import Path
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
-from mavdem.assessment.axis.tuning import tuned
+from mavdem.assessment.axis.tuning import Tuning, tuned
 from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.dataset.axes import AXES
 from mavdem.errors import Refusal
@@ -19,6 +19,7 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import Gains
 from mavdem.ingest import read_log
 from mavdem.ingest.parameter_file import parameter_files
+from mavdem.loops.advice import Advice
 
 MAX_WAIT_SECONDS = 30.0
 """Time that the end of a session waits for advice, s: a choice; whoever stands beside a vehicle waits for no more."""
@@ -104,30 +105,9 @@ def advise_gains(recording: Path, vehicle: str) -> Facts:
         tuning = tuned(assessment, AXES, is_written=True)
     except Refusal as error:
         return (Fact(Gains.GAINS_LEFT, because=error.fact),)
-    facts = []
-    decisions = []
-    for advice in tuning.advice:
-        if not advice.parameters:
-            decision = tuning.judgement.loop_decisions.get(advice.before.axis)
-            if decision is not None and decision.action is not None:
-                decisions.append(decision.fact)
-            continue
-        facts.append(
-            Fact(
-                Gains.GAINS_ADVISED,
-                subject=advice.before.axis,
-                changes=[(name, *gain) for name, gain in advice.gains.items()],
-                because=advice.sentence,
-                expected_error=advice.after.lean_in_wind,
-                present_error=advice.before.lean_in_wind,
-            )
-        )
-    if not facts and decisions:
-        return tuple(decisions)
-    if not facts:
-        least_certain = min(tuning.advice, key=lambda advice: advice.sure)
-        axis = least_certain.before.axis
-        return (Fact(Gains.GAINS_LEFT, subject=axis, because=least_certain.sentence),)
+    facts = facts_of_tuning(tuning)
+    if not tuning.parameters:
+        return facts
 
     twin_facts = predicted_errors(assessment.evidence, tuning.parameters)
     # Text of each file by the ending of its name.
@@ -140,7 +120,42 @@ def advise_gains(recording: Path, vehicle: str) -> Facts:
         path=stem + " and ".join(texts),
         because=tuning.judgement.next_step,
     )
-    return (*facts, *decisions, *twin_facts, files_fact)
+    return (*facts, *twin_facts, files_fact)
+
+
+def facts_of_tuning(tuning: Tuning) -> Facts:
+    """Returns the new gains of each axis and, of the other axes, what was decided on their loops.
+
+    Args:
+        tuning: the advice on all axes.
+
+    Returns:
+        The gains first. Without new gains and without anything to be done, only why gains are left alone, of the axis
+        whose loops are least certain.
+    """
+    new_gains = []
+    decisions = []
+    for axis, advice in tuning.axes.items():
+        if isinstance(advice, Advice) and advice.parameters:
+            new_gains.append(
+                Fact(
+                    Gains.GAINS_ADVISED,
+                    subject=axis,
+                    changes=[(name, *gain) for name, gain in advice.gains.items()],
+                    because=advice.sentence,
+                    expected_error=advice.after.lean_in_wind,
+                    present_error=advice.before.lean_in_wind,
+                )
+            )
+            continue
+        decision = tuning.judgement.loop_decisions.get(axis)
+        if decision is not None and decision.action is not None:
+            decisions.append(decision.fact)
+    if new_gains or decisions:
+        return (*new_gains, *decisions)
+    least_certain = min(tuning.advice, key=lambda advice: advice.sure)
+    axis = least_certain.before.axis
+    return (Fact(Gains.GAINS_LEFT, subject=axis, because=least_certain.sentence),)
 
 
 def _new_stem(recording: Path, endings: list[str]) -> str:

@@ -34,6 +34,7 @@ from mavdem.live.live_signals import LiveSignals, RecentMotion, live_evidence
 from mavdem.live.messages import STATUS_MESSAGES
 from mavdem.live.recent_messages import RecentMessages
 from mavdem.live.samples import DECISION_SECONDS
+from mavdem.loops.advice import gain_reduction_advice
 from mavdem.loops.limit_cycles import detect_starting_limit_cycle
 from mavdem.motors.motor_changes import event_or_alarm
 from mavdem.motors.saturation import most_limited_motors
@@ -253,8 +254,11 @@ class Watchdog:
                 motors, motion.tilts, self._recent.boot, review.phase_start, review.now
             )
             if cycle is not None:
-                oscillation = Fact(MarginsLight.OSCILLATES, **cycle.figures)
-                review.facts[Watched.OSCILLATION] = oscillation
+                # The same gains are to be lowered as the judgement of the recording says after the landing.
+                lowered_gains = gain_reduction_advice(cycle, review.vehicle.parameters)
+                review.facts[Watched.OSCILLATION] = Fact(
+                    MarginsLight.OSCILLATES, because=lowered_gains, **cycle.figures
+                )
         is_latest = motors.time >= review.now - DECISION_SECONDS
         has_just_taken_off = review.now - review.phase_start < DECISION_SECONDS
         if has_just_taken_off or not is_latest.any():

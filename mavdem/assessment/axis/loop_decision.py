@@ -63,6 +63,7 @@ class LoopDecision:
         return Fact(
             LoopActions.LOOPS_JUDGED,
             self.reason.level,
+            subject=self.axis,
             axis=self.axis,
             verdict=self.verdict,
             because=self.reason,

@@ -1,0 +1,373 @@
+"""What every surface says about the loops of twenty flights: one advice on each gain, that of the decision.
+
+The flights are a made-up hover whose loops, margins and tracking are given. Every text is searched for gains that it
+names, with the value before and after, and for advice to load or to keep gains.
+"""
+
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from hover import Hover, evidence_of
+from known_gains import PX4, X_ROLL
+from made_up_loop import WIND
+from numpy.random import default_rng
+from pytest import MonkeyPatch, fixture, mark
+from rerun_file import chunks
+
+from mavdem.assessment import Assessment
+from mavdem.assessment.axis import Options, analyse
+from mavdem.assessment.axis.margins import AxisMargins
+from mavdem.assessment.axis.tuning import tuned
+from mavdem.assessment.judgement import judge
+from mavdem.dataset.signals import Signals
+from mavdem.dem.record import Record
+from mavdem.documents import complete_document
+from mavdem.documents.loops import tune_document
+from mavdem.documents.review import review_document
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact, Level
+from mavdem.facts.identifiability import Status
+from mavdem.facts.lights import Unjudged
+from mavdem.facts.loops import LoopActions, Loops, Responses
+from mavdem.facts.margins import TrackingLight
+from mavdem.facts.motors import MotorsLight
+from mavdem.fleet.rows_of_log import rows_of_assessment
+from mavdem.immutable import ReadOnlyDict
+from mavdem.ingest.parameter_file import parameter_files
+from mavdem.live.gain_advice import facts_of_tuning
+from mavdem.loops.advice import advise
+from mavdem.loops.limit_cycles import Oscillation
+from mavdem.loops.loop_construction import loop_from_plant
+from mavdem.loops.margins import OpenLoop
+from mavdem.loops.resonance import Resonance
+from mavdem.plant import Physical
+from mavdem.report.blocks import Sentence
+from mavdem.report.charts.timeline import timeline_of
+from mavdem.report.loops import tune_blocks
+from mavdem.report.pages.flight_page import review_page
+from mavdem.report.pages.page import tune_page
+from mavdem.report.review import review_screen
+from mavdem.view.plots import recorded
+from mavdem.view.recording import RecordingTabs
+
+AXES = ("roll", "pitch")
+MIXERS = {"roll": X_ROLL, "pitch": (1.0, -1.0, 1.0, -1.0)}
+"""Weights of the motors in the torque about an axis."""
+NOT_STEERED = Fact(Loops.NOT_STEERED, share=0.3)
+REFUTED = Fact(Responses.RESPONSE_DISAGREES, share=0.3, needed=0.8)
+OSCILLATION = Oscillation("roll", 22.0, 40.0, 0.9, False, 20.0)
+
+
+def gains_of(axis):
+    """PX4's parameters of one axis, named like those of roll."""
+    return {name.replace("ROLL", axis.upper()): value for name, value in PX4.items()}
+
+
+@cache
+def loop(axis, factor, bias=0.0):
+    """A loop of made-up flight and plant, with a rate controller of ``factor`` times the usual gains."""
+    rng = default_rng(3)
+    status = dict.fromkeys(("effect", "damping", "lag"), Status.REPORTED)
+    rate = rng.normal(0, 0.01, 2000)
+    mixer = MIXERS[axis]
+    inputs = 1500 + rng.normal(0, 5, (2000, 1)) * mixer
+    outputs = np.column_stack([rate.cumsum() * 0.005, rate])
+    parameters = gains_of(axis) | {f"MC_{axis.upper()}RATE_K": factor}
+    known = {"parameters": parameters, "input_range": (1000.0, 2000.0)}
+    names = (axis, f"{axis} rate")
+    record = Record(inputs, outputs, 0.005, (2000,), output_names=names, **known)
+    covariance = np.diag([*4 * [9e-5], 0.09, 4e-6, 4e-6])
+    sizes = 0.18 * np.array(mixer), 1.5, 0.03, 0.006, covariance
+    plant = Physical(*sizes, status, dict.fromkeys(status, ""), 0, 0.1, (WIND,), 0.01, {}, ())
+    made = loop_from_plant(plant._replace(bias=bias), record)
+    doubts = (Fact(Loops.EFFECT_BIASED, because=NOT_STEERED),) if bias else ()
+    return replace(made, cautions=doubts)
+
+
+def resonance(axis):
+    """A response of the rate that is surely too large."""
+    return Resonance(axis, 4.0, 21.0, 0.95, 40.0, (2.6, 3.4))
+
+
+def injected(crossover):
+    """A loop that was measured by an injected signal: an integrator with 45 ms of delay."""
+    frequency = np.geomspace(0.5, 60.0, 60)
+    response = (crossover / (1j * frequency) * np.exp(-0.045j * frequency))[None]
+    return OpenLoop(frequency, response, response / (1 + response), 0 * response)
+
+
+def tracked(axis, code=TrackingLight.FOLLOWS_SETPOINT, level=Level.GOOD, **figures):
+    """How an axis follows its setpoint."""
+    known = {"angle_error": 0.01, "offset_angle": 0.0, "delay": 0.1, "rate_error": 0.1, **figures}
+    return Fact(code, level, axis=axis, **known)
+
+
+def overshoots(axis):
+    """The step response of an axis overshoots."""
+    return tracked(axis, TrackingLight.OVERSHOOTS_SETPOINT, Level.WATCH, overshoot=0.7)
+
+
+def misses(axis):
+    """An axis is far from its setpoint."""
+    return tracked(axis, TrackingLight.MISSES_SETPOINT, Level.BAD, angle_error=0.3)
+
+
+def falls_short(axis, at_limit_share):
+    """An axis is too slow."""
+    figures = {"rate_setpoint": 1.8, "reached_rate": 1.2, "at_limit_share": at_limit_share}
+    return tracked(axis, TrackingLight.RATE_FALLS_SHORT, Level.WATCH, **figures)
+
+
+FLIGHTS = {
+    "sound": {},
+    "probably sound": {"loop": 1.7},
+    "below the goal": {"loop": 2.5},
+    "below the goal, and slow": {"loop": 2.5, "tracking": lambda axis: falls_short(axis, 0.0)},
+    "below the goal and overshoots": {"loop": 2.5, "tracking": overshoots},
+    "below the goal and resonates": {"loop": 2.5, "response": resonance},
+    "below the goal, resonates and misses": {
+        "loop": 2.5,
+        "response": resonance,
+        "tracking": misses,
+    },
+    "below the goal, biased": {"loop": 2.1, "bias": -0.5},
+    "sound but overshoots": {"tracking": overshoots},
+    "sound but resonates": {"response": resonance},
+    "sound but misses": {"tracking": misses},
+    "sound but slow": {"tracking": lambda axis: falls_short(axis, 0.0)},
+    "sound, slow at a motor's limit": {"tracking": lambda axis: falls_short(axis, 0.5)},
+    "refuted": {"loop": REFUTED},
+    "refuted and overshoots": {"loop": REFUTED, "tracking": overshoots},
+    "not steered": {"loop": NOT_STEERED},
+    "not steered but resonates": {"loop": NOT_STEERED, "response": resonance},
+    "measured by an injected signal": {"loop": 2.5, "injected": injected(20.0)},
+    "oscillates": {"loop": 6.0, "oscillation": OSCILLATION},
+    "oscillates, overshoots, without gains": {
+        "loop": NOT_STEERED,
+        "tracking": overshoots,
+        "oscillation": OSCILLATION,
+        "parameters": {},
+    },
+    "below the goal, with a bad motor": {"loop": 2.5, "motors": MotorsLight.MOTOR_LIMITED},
+}
+"""Flights of roll by what they show; pitch is sound in all of them."""
+
+
+@fixture(scope="module")
+def analysed():
+    """The evidence of a hover, and its analysis without a model."""
+    signals = Signals(Hover().telemetry(autopilot="PX4", parameters=PX4 | gains_of("pitch")))
+    evidence = evidence_of(signals)
+    analysis = analyse(evidence.log, signals, "roll", Options(with_model=False))
+    return evidence, analysis
+
+
+@fixture(scope="module")
+def assessments(analysed):
+    """The assessments of all flights, by what they show."""
+    evidence, analysis = analysed
+    sound_pitch = loop("pitch", 1.0)
+    made = {}
+    for name, shows in FLIGHTS.items():
+        roll = shows.get("loop", 1.0)
+        roll_loop = roll if isinstance(roll, Fact) else loop("roll", roll, shows.get("bias", 0.0))
+        loops = {"roll": roll_loop, "pitch": sound_pitch, "yaw": NOT_STEERED}
+        condition = replace(evidence.condition, oscillation=shows.get("oscillation"))
+        telemetry = evidence.signals.telemetry
+        telemetry = replace(telemetry, parameters=shows.get("parameters", telemetry.parameters))
+        shown = replace(
+            evidence,
+            signals=replace(evidence.signals, telemetry=telemetry),
+            loops=loops,
+            condition=condition,
+        )
+        # A refuted loop was identified all the same.
+        if roll is REFUTED:
+            shown = replace(shown, loops=loops | {"roll": loop("roll", 1.0)})
+        response = resonance("roll") if "response" in shows else None
+        vars(shown)["margins"] = (
+            AxisMargins("roll", roll_loop, response, None, shows.get("injected")),
+            AxisMargins("pitch", sound_pitch, None, None),
+            AxisMargins("yaw", NOT_STEERED, None, None),
+        )
+        vars(shown)["tracking"] = {
+            "roll": shows.get("tracking", tracked)("roll"),
+            "pitch": tracked("pitch"),
+            "yaw": Fact(
+                TrackingLight.TRACKING_UNKNOWN,
+                axis="yaw",
+                asked=False,
+                recorder="",
+                rate_error=None,
+            ),
+        }
+        motors = Fact(Unjudged.JUDGED_LATER, path="flight.tlog")
+        if "motors" in shows:
+            motors = Fact(shows["motors"], Level.BAD, names=("motor 1",), share=0.4)
+        judgement = judge(shown, motors=motors)
+        made[name] = Assessment(shown.log, judgement, shown, ReadOnlyDict({"roll": analysis}))
+    return made
+
+
+@fixture(scope="module")
+def searches_once():
+    """Gains are searched once for the same loop and doubts: a search takes seconds."""
+    known = {}
+
+    def advise_once(loop, margins, doubts=(), *, more=False):
+        key = (loop, margins, bool(doubts), more)
+        if doubts or key not in known:
+            known[key] = advise(loop, margins, doubts, more=more)
+        return known[key]
+
+    with MonkeyPatch.context() as patch:
+        patch.setattr("mavdem.assessment.axis.tuning.advise", advise_once)
+        yield
+
+
+@fixture(scope="module")
+def tunings(assessments, searches_once):
+    """The tuning of roll and pitch of each flight; why there is none where no loop is known."""
+    made = {}
+    for name, assessment in assessments.items():
+        try:
+            made[name] = tuned(assessment, AXES, is_written=True)
+        except NotLearnable as error:
+            made[name] = error.fact
+    return made
+
+
+def texts(blocks):
+    """Sentences and rows of tables as lines."""
+    for block in blocks:
+        if isinstance(block, Sentence):
+            yield f"{block.lead} {block.text}"
+        else:
+            yield from (" ".join(map(str, row)) for row in block.rows)
+
+
+def rerun_texts(assessment, path):
+    """The documents of the tabs of flight and loops in a Rerun recording."""
+    timeline = timeline_of(assessment)
+    with recorded(path, "flight") as recording:
+        tabs = RecordingTabs(recording, assessment, timeline)
+        tabs.flight()
+        tabs.loops()
+    for _, _, batch in chunks(path, static=True):
+        if "TextDocument:text" in batch.schema.names:
+            for row in batch.column("TextDocument:text").to_pylist():
+                yield from row or ()
+
+
+def surfaces(assessment, tuning, path):
+    """What each surface says, by its name."""
+    said = {
+        "lights": " ".join(fact.advised for fact in assessment.lights.values()),
+        "next step": assessment.next_step.advised,
+        "screen": review_screen(assessment).replace("\n", " "),
+        "page": re.sub(
+            r"<[^>]+>", " ", re.sub(r"(?s)<script.*?</script>", " ", review_page(assessment))
+        ),
+        "review document": str(complete_document("review", review_document(assessment))),
+        "Rerun": " ".join(rerun_texts(assessment, path)).replace("|", " "),
+        "fleet": " ".join(
+            str(row.loop_action) for row in rows_of_assessment(assessment, "flight.tlog")
+        ),
+    }
+    if isinstance(tuning, Fact):
+        return said | {"tune": tuning.advised}
+    return said | {
+        "tune": " ".join(texts(tune_blocks(tuning))),
+        "tune, short": " ".join(texts(tune_blocks(tuning, is_full=False))),
+        "tune's next step": tuning.judgement.next_step.advised,
+        "tune page": re.sub(r"<[^>]+>", " ", tune_page("flight", tuning)),
+        "tune document": str(complete_document("tune", tune_document("flight", "default", tuning))),
+        "live": " ".join(fact.advised for fact in facts_of_tuning(tuning)),
+        "files": " ".join(
+            parameter_files(tuning.parameters, assessment.evidence.signals.telemetry).values()
+        )
+        if tuning.parameters
+        else "",
+    }
+
+
+NUMBER = r"(\d+\.?\d*(?:e-?\d+)?)"
+NAMED_CHANGES = (
+    rf"(MC_[A-Z_]+) from {NUMBER} to {NUMBER}",
+    rf"(MC_[A-Z_]+) {NUMBER} → {NUMBER}",
+    rf"(MC_[A-Z_]+)\s+{NUMBER}\s+{NUMBER}\s+\d\.\d\d\b",
+    rf"'(MC_[A-Z_]+)': {{'now': {NUMBER}, 'set': {NUMBER}",
+)
+"""A gain with its value before and after: in sentences, in tables, and in documents."""
+
+
+def directions(text):
+    """The gains that a text changes, with 1 for those that rise and -1 for those that fall."""
+    named = set()
+    for pattern in NAMED_CHANGES:
+        for gain, before, after in re.findall(pattern, text):
+            if before != after:
+                named.add((gain, 1 if float(after) > float(before) else -1))
+    return named
+
+
+def decided_directions(assessment, tuning):
+    """The same of the decisions and of the gains to load that follow from them."""
+    changes = []
+    for decision in assessment.loop_decisions.values():
+        if decision.action is not None:
+            changes += decision.action.figures.get("changes", ())
+    if not isinstance(tuning, Fact):
+        for advice in tuning.advice:
+            changes += [(gain, *values) for gain, values in advice.gains.items()]
+    return {
+        (gain, 1 if after > before else -1) for gain, before, after in changes if after != before
+    }
+
+
+LOADED = ("Load the gains", "Load these gains", "Set these gains")
+LOWERED = ("Lower P and D", "P gain of the roll angle")
+"""Words of advice on gains whose names are not known."""
+
+
+@mark.slow
+@mark.parametrize("name", FLIGHTS)
+def test_every_surface_gives_the_advice_of_the_decision(name, assessments, tunings, tmp_path):
+    assessment = assessments[name]
+    tuning = tunings[name]
+    decided = decided_directions(assessment, tuning)
+    gains = {gain for gain, _ in decided}
+    assert len(gains) == len(decided), "the decision itself has one direction for each gain"
+    actions = [
+        decision.action
+        for decision in assessment.loop_decisions.values()
+        if decision.action is not None
+    ]
+    has_gains_to_load = any(action.code is LoopActions.LOAD_ADVISED_GAINS for action in actions)
+    assert has_gains_to_load == bool(getattr(tuning, "parameters", {}))
+    for surface, text in surfaces(assessment, tuning, tmp_path / "flight.rrd").items():
+        assert directions(text) <= decided, surface
+        if not has_gains_to_load:
+            assert not any(words in text for words in LOADED), surface
+        else:
+            assert not any(words in text for words in LOWERED), surface
+
+
+def test_the_lights_show_the_action_of_the_axis_that_they_name(assessments):
+    for assessment in assessments.values():
+        roll = assessment.loop_decisions["roll"]
+        for name in ("margins", "tracking"):
+            light = assessment.lights[name]
+            if light.warns and light.figures.get("axis") == "roll":
+                assert light.remedy == roll.fact.remedy
+
+
+@mark.slow
+def test_no_goal_is_met_by_an_axis_that_does_not_follow(assessments, tunings, tmp_path):
+    name = "sound but slow"
+    said = surfaces(assessments[name], tunings[name], tmp_path / "flight.rrd")
+    for surface, text in said.items():
+        assert "goal met: the roll" not in text, surface
+    assert "Enough margin, but the axis does not follow its setpoint" in said["tune"]
