@@ -8,7 +8,7 @@ from mavdem.ingest.vocabulary import attitude_target, quaternion
 EVENT = 30.0
 """Seconds from boot at which the mishaps of tests begin."""
 
-COPTER = {"Stabilize": 0, "Alt hold": 2, "Loiter": 5, "Land": 9}
+COPTER = {"Stabilize": 0, "Alt hold": 2, "Auto": 3, "Loiter": 5, "Land": 9}
 """Numbers of ArduCopter's modes."""
 
 STICK_MIDDLE = 1500

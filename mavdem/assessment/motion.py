@@ -12,6 +12,7 @@ import numpy as np
 
 from mavdem.assessment.attitude_error import AttitudeError, attitude_error
 from mavdem.assessment.attitude_losses import attitude_losses
+from mavdem.assessment.attitude_swings import attitude_swings
 from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.barometer_drifts import barometer_drifts
 from mavdem.assessment.descents import dives, falls
@@ -190,6 +191,7 @@ def _events_of_flight(
     yield from _standing_motors(scene, error, flight, loss, contact, reports)
     yield from _falls_of_flight(scene, flight, loss, contact)
     yield from dives(scene, flight)
+    yield from attitude_swings(scene.signals, scene.boot, _until(flight, loss, contact))
     yield from height_divergences(scene, _until(flight, loss, contact))
     yield from position_losses(scene, _until(flight, loss, contact), reports)
     yield from barometer_drifts(scene, flight)

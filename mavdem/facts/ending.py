@@ -11,6 +11,7 @@ class MotionEvent(Code):
     MOTOR_STOOD_STILL = "motor_stood_still"
     ATTITUDE_LOST = "attitude_lost"
     ATTITUDE_CAUGHT = "attitude_caught"
+    ATTITUDE_SWUNG = "attitude_swung"
     TIPPED = "tipped"
     TOPPLED = "toppled"
     LANDED_HARD = "landed_hard"

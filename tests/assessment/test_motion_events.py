@@ -28,6 +28,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.witnesses import Side, Witness
+from mavdem.ingest.vocabulary import quaternion
 from mavdem.witnesses.scene import Rest
 from mavdem.witnesses.statements import (
     ACCELEROMETER,
@@ -405,6 +406,32 @@ def test_a_descent_faster_than_a_free_fall_from_that_height_is_no_witness():
     ]
     assert sources == ["barometer"]
     assert hit.figures["speed"] < 10
+
+
+@mark.parametrize(
+    "mode, angle, period, swings",
+    [
+        ("Auto", 40.0, 2.4, True),
+        ("Loiter", 40.0, 2.4, False),
+        ("Auto", 15.0, 2.4, False),
+        ("Auto", 40.0, 8.0, False),
+    ],
+)
+def test_a_vehicle_that_an_automatic_mode_leans_to_and_fro_swings(mode, angle, period, swings):
+    made = instrumented(mode)
+    since = stamps(made, "ATTITUDE") - EVENT
+    is_swinging = (since > 0) & (since < 4 * period)
+    lean = np.radians(angle) * np.sin(2 * np.pi * since / period) * is_swinging
+    made = changed(made, "ATTITUDE", pitch=lean, pitchspeed=np.gradient(lean, since))
+    made = changed(made, "ATTITUDE_TARGET", q=quaternion(0 * lean, lean, 0 * lean))
+    events, ending = judged(made)
+    assert ending is None
+    assert (MotionEvent.ATTITUDE_SWUNG in events) is swings
+    if swings:
+        swung = events[MotionEvent.ATTITUDE_SWUNG]
+        assert (swung.subject, swung.figures["count"]) == ("pitch", 8)
+        assert swung.figures["period"] == approx(period, abs=0.1)
+        assert swung.sentence.startswith("Pitch swung by up to 40°")
 
 
 @mark.parametrize("speed, code", [(0.0, Ending.CONTROL_LOST), (6.0, Ending.CRASHED)])
