@@ -16,7 +16,7 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.judgement import judge, unjudged
 from mavdem.assessment.motion import motion_events
-from mavdem.assessment.motor_speeds import with_speed_witnesses
+from mavdem.assessment.motor_witnesses import with_motor_witnesses
 from mavdem.assessment.record import Assessment
 from mavdem.assessment.reported import reported_events
 from mavdem.assessment.saturated_motor import saturation_losses, with_saturated_motor
@@ -107,8 +107,10 @@ def assess_signals(
     reports = reported_events(signals)
     events = weighed_reports(signals, [*reports, *motion_events(signals, reports)])
     ending = ending_of(signals, events, analysis.condition.collective)
-    events += with_speed_witnesses(signals, _motor_changes(analysis, _first_loss(events, ending)))
-    saturated = with_speed_witnesses(signals, saturation_losses(signals, events, ending))
+    changes = _motor_changes(analysis, _first_loss(events, ending))
+    events += with_motor_witnesses(signals, changes, reports)
+    saturated = saturation_losses(signals, events, ending)
+    saturated = with_motor_witnesses(signals, saturated, reports)
     events += saturated
     ending = with_saturated_motor(ending, saturated)
     if ending is not None:

@@ -26,6 +26,7 @@ from mavdem.assessment.ground_contacts import ground_contact
 from mavdem.assessment.height_divergence import height_divergences
 from mavdem.assessment.motor_events import LASTING_SECONDS, motor_events
 from mavdem.assessment.motor_speeds import standing_motors
+from mavdem.assessment.motor_witnesses import with_motor_witnesses
 from mavdem.assessment.position_losses import position_losses
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import Intervals, in_intervals
@@ -131,7 +132,9 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
         events_of_last_flight = flight_events
     for event in motor_events(signals, boot, flights):
         is_explained = in_intervals(event.time or 0.0, out_of_control)
-        if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or not is_explained:
+        if event.code is MotionEvent.MOTOR_OFF:
+            yield from with_motor_witnesses(signals, [event], reports)
+        elif not is_explained:
             yield event
     if flights:
         yield from _end_in_air(signals, boot, flights[-1], error.time[-1], events_of_last_flight)
@@ -298,9 +301,17 @@ def _end_in_air(
             return
         if event.code is MotionEvent.ATTITUDE_LOST and is_old_loss:
             return
-    last_height = Scene(signals, boot, flight[0]).height_at(end_time)
+    scene = Scene(signals, boot, flight[0])
+    last_height = scene.height_at(end_time)
     if last_height is not None and last_height > MAX_GROUND_HEIGHT:
-        yield Fact(MotionEvent.LOG_ENDED_IN_AIR, time=end_time, height=last_height, boot=boot)
+        sources = scene.sources_above(MAX_GROUND_HEIGHT, end_time)
+        yield Fact(
+            MotionEvent.LOG_ENDED_IN_AIR,
+            time=end_time,
+            height=last_height,
+            boot=boot,
+            witnesses=sources,
+        )
 
 
 def _clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:

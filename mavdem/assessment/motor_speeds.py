@@ -162,7 +162,7 @@ def _standstill(
         else:
             witnesses.append(contradicting_statement(Witness.ATTITUDE_HELD, angle=angle))
     name = motors.geometry.names[motor]
-    witnesses += _reports_on_motor(reports, scene.boot, name, (start, end))
+    witnesses += reports_on_motor(reports, scene.boot, name, (start, end))
     event = Fact(
         MotionEvent.MOTOR_STOOD_STILL,
         time=start,
@@ -188,7 +188,7 @@ def _counted_errors(controller: SpeedController, boot: int, interval: Interval) 
     return (supporting_statement(Witness.ERRORS_COUNTED, name=controller.name, count=count),)
 
 
-def _reports_on_motor(
+def reports_on_motor(
     reports: Sequence[Fact], boot: int, name: str, interval: Interval
 ) -> list[Fact]:
     """Returns the autopilot's reports on a motor around an interval, as witnesses.
@@ -209,37 +209,22 @@ def _reports_on_motor(
     return statements
 
 
-def with_speed_witnesses(signals: Signals, losses: Sequence[Fact]) -> list[Fact]:
-    """Returns losses of thrust, each with what the controller of its motor measured, for or against the motor.
+def speed_statements(signals: Signals, loss: Fact) -> Facts:
+    """Returns what the controller of a motor measured from its loss of thrust on, for or against the motor.
 
     A motor that turned more slowly although it was commanded more lost thrust itself. One that turned as before, or
     faster, did not: then its propeller is to blame.
 
     Args:
         signals: of the vehicle.
-        losses: facts with the name of a motor as subject, and their ``boot``.
-    """
-    facts = []
-    for loss in losses:
-        witnesses = _speed_witnesses(signals, loss)
-        facts.append(loss.but(witnesses=witnesses) if witnesses else loss)
-    return facts
-
-
-def _speed_witnesses(signals: Signals, loss: Fact) -> Facts:
-    """Returns what the controller of a motor measured from its loss of thrust on, compared with the time before.
-
-    Args:
-        signals: of the vehicle.
         loss: the loss, with the motor as subject.
 
     Returns:
-        The witnesses that the loss has already, and one statement if the speed was measured before and after.
+        One statement if the speed was measured before and after; else none.
     """
-    witnesses: Facts = loss.figures.get("witnesses", ())
     motors = signals.motors
     if motors is None or loss.time is None or loss.subject not in motors.geometry.names:
-        return witnesses
+        return ()
     boot = loss.figures["boot"]
     motor = motors.geometry.names.index(loss.subject)
     end = loss.time + 2 * RECOVERY_SECONDS if loss.until is None else loss.until
@@ -255,14 +240,8 @@ def _speed_witnesses(signals: Signals, loss: Fact) -> Facts:
         usual, later = float(np.median(before)), float(np.median(after))
         if usual <= 0:
             continue
+        speeds = {"name": controller.name, "rotation": later, "rotation_before": usual}
         if later < (1 - MIN_SPEED_CHANGE) * usual:
-            statement = supporting_statement
-            code = Witness.MOTOR_SLOWED
-        else:
-            statement = contradicting_statement
-            code = Witness.MOTOR_TURNED
-        return (
-            *witnesses,
-            statement(code, name=controller.name, rotation=later, rotation_before=usual),
-        )
-    return witnesses
+            return (supporting_statement(Witness.MOTOR_SLOWED, **speeds),)
+        return (contradicting_statement(Witness.MOTOR_TURNED, **speeds),)
+    return ()

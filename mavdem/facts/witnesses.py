@@ -56,5 +56,6 @@ class Witness(Code):
     MOTOR_TURNED = "witness_motor_turned"
     COMMAND_ROSE = "witness_command_rose"
     COMMAND_UNCHANGED = "witness_command_unchanged"
+    COMMAND_ABOVE_OTHERS = "witness_command_above_others"
     MODE_CHANGED = "witness_mode_changed"
     AUTOPILOT_REPORTED = "witness_autopilot_reported"

@@ -151,6 +151,25 @@ class Scene:
         height = self.height_above_take_off
         return None if height is None else float(np.interp(time, height.time, height.values))
 
+    def sources_above(self, height: float, time: float) -> tuple[Fact, ...]:
+        """Returns for barometer and estimate whether they were above a height, m over the take-off, at a time, s."""
+        statements = []
+        estimate = series_of_boot(self.signals.height, self.boot)
+        for source, series in (("barometer", self.height.barometer), ("estimate", estimate)):
+            if series is None:
+                continue
+            take_off, now = np.interp([self.take_off, time], series.time, series.values)
+            rise = float(now - take_off)
+            if rise > height:
+                statements.append(supporting_statement(Witness.ROSE, source=source, height=rise))
+            else:
+                statements.append(
+                    contradicting_statement(
+                        Witness.STAYED_LEVEL, source=source, height=max(rise, 0.0)
+                    )
+                )
+        return tuple(statements)
+
     @property
     def accelerometer(self) -> AccelerometerWitness | None:
         """The accelerometer that counts; None if none was recorded."""

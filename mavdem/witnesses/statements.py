@@ -35,6 +35,7 @@ SOURCES = {
     Witness.ERRORS_COUNTED: "speed controller",
     Witness.MOTOR_SLOWED: "speed controller",
     Witness.COMMAND_ROSE: "motors",
+    Witness.COMMAND_ABOVE_OTHERS: "motors",
     Witness.POSITION_INVALID: "estimator",
     Witness.NO_FIX: "receiver",
     Witness.SATELLITES_LEVEL: "receiver",

@@ -9,10 +9,11 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 from mavdem.assessment.ending import ending_of
 from mavdem.assessment.instances import instances_of
 from mavdem.assessment.motion import motion_events
-from mavdem.assessment.motor_speeds import with_speed_witnesses
+from mavdem.assessment.motor_witnesses import with_motor_witnesses
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.ending import FailedFirst, MotionEvent
+from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight
 from mavdem.facts.witnesses import Side, Witness
 
@@ -88,8 +89,24 @@ def test_motors_that_all_turn_are_no_event():
 def test_a_loss_of_thrust_has_the_speed_of_its_motor_for_or_against_it(speed, code, side):
     signals = Signals(with_speeds(instrumented(), speed), inputs="motors")
     loss = Fact(InFlight.MOTOR_LOST_THRUST, time=EVENT, subject="motor 2 (rear left)", boot=0)
-    (witnessed,) = with_speed_witnesses(signals, [loss])
+    (witnessed,) = with_motor_witnesses(signals, [loss], ())
     assert codes(witnessed, side) == {code}
+
+
+def test_a_loss_states_what_else_of_the_flight_agrees_with_it():
+    signals = Signals(lost_motor(), inputs="motors")
+    subject = "motor 2 (rear left)"
+    loss = Fact(InFlight.MOTOR_SATURATED, time=EVENT, subject=subject, excess=0.4, boot=0)
+    report = Fact(Reported.THRUST_LOST, time=EVENT + 1.0, subject="motor 2", boot=0)
+    other = Fact(InFlight.STEADY_TORQUE_CHANGED, time=EVENT, boot=0)
+    witnessed, unnamed = with_motor_witnesses(signals, [loss, other], [report])
+    assert {
+        Witness.COMMAND_ABOVE_OTHERS,
+        Witness.ATTITUDE_LEFT_SETPOINT,
+        Witness.SANK,
+        Witness.AUTOPILOT_REPORTED,
+    } == codes(witnessed, Side.FOR)
+    assert unnamed == other
 
 
 def test_the_table_names_the_motor_of_a_controller_and_that_it_stood_still():

@@ -1,0 +1,125 @@
+"""What supports or contradicts that a motor was lost: its command, the attitude, the height, its speed, and reports.
+
+The loss itself is found by the commands of all motors; these statements show what else of the flight agrees with it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mavdem.assessment.attitude_error import attitude_error
+from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot
+from mavdem.assessment.motor_speeds import (
+    MIN_COMMAND_RISE,
+    MIN_LEAN_ERROR,
+    reports_on_motor,
+    speed_statements,
+)
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact, Facts
+from mavdem.facts.witnesses import Witness
+from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.statements import supporting_statement, supporting_statements
+
+
+def with_motor_witnesses(
+    signals: Signals, losses: Sequence[Fact], reports: Sequence[Fact]
+) -> list[Fact]:
+    """Returns losses of motors, each with its witnesses; facts that name no motor are returned as they are.
+
+    Args:
+        signals: of the vehicle.
+        losses: facts with the name of a motor as subject, and their ``boot``.
+        reports: events that the autopilot reports.
+    """
+    facts = []
+    for loss in losses:
+        witnesses = _witnesses(signals, loss, reports)
+        facts.append(loss.but(witnesses=witnesses) if witnesses else loss)
+    return facts
+
+
+def _witnesses(signals: Signals, loss: Fact, reports: Sequence[Fact]) -> Facts:
+    """Returns the witnesses of one loss, from its beginning for up to twice ``RECOVERY_SECONDS``.
+
+    Args:
+        signals: of the vehicle.
+        loss: that a motor was lost.
+        reports: events that the autopilot reports.
+    """
+    motors = signals.motors
+    if motors is None or loss.time is None or loss.subject not in motors.geometry.names:
+        return ()
+    boot = loss.figures["boot"]
+    end = loss.time + 2 * RECOVERY_SECONDS
+    if loss.until is not None:
+        end = min(end, loss.until)
+    interval = (loss.time, end)
+    return (
+        *_command_statements(signals, loss, interval),
+        *_attitude_statements(signals, boot, interval),
+        *_sink_statements(signals, boot, interval),
+        *speed_statements(signals, loss),
+        *reports_on_motor(reports, boot, loss.subject, interval),
+    )
+
+
+def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Facts:
+    """Returns by how much the command of the motor rose, or stood above the others; nothing for one that was off.
+
+    Args:
+        signals: of the vehicle.
+        loss: that a motor was lost.
+        interval: start and end, s since boot.
+    """
+    motors = signals.motors
+    assert motors is not None
+    excess = loss.figures.get("excess")
+    if excess is not None:
+        return (supporting_statement(Witness.COMMAND_ABOVE_OTHERS, share=excess),)
+    commands = motors.range_fractions(loss.figures["boot"])
+    command = commands.values[:, motors.geometry.names.index(loss.subject)]
+    start = interval[0] - 2 * RECOVERY_SECONDS
+    before = command[in_intervals(commands.time, [(start, interval[0])])]
+    after = command[in_intervals(commands.time, [interval])]
+    if not len(before) or not len(after):
+        return ()
+    usual, later = float(np.median(before)), float(np.median(after))
+    # A slow loss has most of its rise later; what is small beside the trims of sound motors is no witness.
+    if later - usual < MIN_COMMAND_RISE / 2:
+        return ()
+    return (supporting_statement(Witness.COMMAND_ROSE, share=later, share_before=usual),)
+
+
+def _attitude_statements(signals: Signals, boot: int, interval: Interval) -> Facts:
+    """Returns that the attitude left its setpoint; nothing where it did not: the other motors may hold it.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        interval: start and end, s since boot.
+    """
+    error = attitude_error(signals, boot)
+    if error is None:
+        return ()
+    rows = in_intervals(error.time, [interval])
+    angle = float(error.magnitude[rows].max(initial=0.0))
+    if angle < MIN_LEAN_ERROR:
+        return ()
+    return (supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle),)
+
+
+def _sink_statements(signals: Signals, boot: int, interval: Interval) -> Facts:
+    """Returns that the vehicle sank fast, by each height sensor that shows it.
+
+    Args:
+        signals: of the vehicle.
+        boot: number of the boot.
+        interval: start and end, s since boot.
+    """
+    for flight in flights_in_boot(signals, boot):
+        if in_intervals(interval[0], [flight]):
+            return supporting_statements(Scene(signals, boot, flight[0]).sinking(interval))
+    return ()
