@@ -39,6 +39,9 @@ XZ_MAGIC = b"\xfd7zXZ\x00"
 ZIP_MAGIC = b"PK\x03\x04"
 """First bytes of a zip archive (PKWARE's APPNOTE.TXT, section 4.3.7)."""
 
+EMPTY_ZIP_MAGIC = b"PK\x05\x06"
+"""First bytes of a zip archive without a file: its end record."""
+
 ENCRYPTION_FLAG = 1
 """Bit in the flags of a zip archive's member that needs a password (section 4.4.4 there)."""
 
@@ -97,7 +100,7 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
         if not stat.S_ISREG(status.st_mode):
             raise Unreadable(Source.SPECIAL_FILE, path=path)
         content = _packed_content(path, status.st_size, limit)
-        if content.startswith(ZIP_MAGIC):
+        if content.startswith((ZIP_MAGIC, EMPTY_ZIP_MAGIC)):
             content = _unzipped(path, limit)
         if content.startswith(XZ_MAGIC):
             content = _unpacked(content, path, limit)
@@ -206,6 +209,9 @@ def _unzipped(path: Path, limit: int | None) -> bytes:
         ) from None
     if limit is None and len(content) > max_size:
         raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=max_size, archive="zip")
+    if content.startswith((ZIP_MAGIC, EMPTY_ZIP_MAGIC)):
+        names = [member.filename]
+        raise Unreadable(Source.ARCHIVE_WITHOUT_ONE_LOG, path=path, names=names, count=0)
     return content
 
 

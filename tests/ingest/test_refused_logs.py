@@ -133,3 +133,24 @@ def test_a_zip_archive_that_unpacks_without_end_is_refused(tmp_path, monkeypatch
     monkeypatch.setattr(contents, "MAX_LOG_BYTES", 1 << 20)
     fact = refusal(zipped({"flight.ulg": b"\1" * 2_000_000}), tmp_path, "flight.zip")
     assert fact.code is Source.FILE_TOO_LARGE
+
+
+def zipped(files):
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, content in files.items():
+            file.writestr(name, content)
+    return archive.getvalue()
+
+
+@mark.parametrize(
+    "files, sentence",
+    [
+        ({}, "flight.zip is a zip archive without a log."),
+        ({"in ner.zip": zipped({"a.ulg": log(*flight(TIMES))})}, "holds another one (in ner.zip)."),
+    ],
+)
+def test_a_zip_without_a_log_of_its_own_is_refused(files, sentence, tmp_path):
+    fact = refusal(zipped(files), tmp_path, "flight.zip")
+    assert fact.code is Source.ARCHIVE_WITHOUT_ONE_LOG
+    assert sentence in str(fact)
