@@ -307,7 +307,10 @@ def test_json_of_a_damaged_chunk_is_not_used(tmp_path):
     path.write_bytes(wrong)
     (vehicle,) = read_mcap(path).vehicles
     assert (vehicle.messages["ATTITUDE"]["roll"] == np.float32(0.1)).all()
-    assert Repair.CHUNKS_DAMAGED in [fact.code for fact in vehicle.repairs]
+    repairs = {fact.code: fact for fact in vehicle.repairs}
+    figures = repairs[Repair.CHUNKS_DAMAGED].figures
+    assert figures["size"] > figures["count"] * 1000
+    assert 0.0 < figures["duration"] < TIMES[30] - TIMES[0]
 
 
 def test_of_damaged_mavlink_alone_it_says_that_it_is_damaged(tmp_path):

@@ -135,14 +135,6 @@ def test_a_zip_archive_that_unpacks_without_end_is_refused(tmp_path, monkeypatch
     assert fact.code is Source.FILE_TOO_LARGE
 
 
-def zipped(files):
-    archive = io.BytesIO()
-    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
-        for name, content in files.items():
-            file.writestr(name, content)
-    return archive.getvalue()
-
-
 @mark.parametrize(
     "files, sentence",
     [

@@ -76,6 +76,10 @@ class RecordLocation(NamedTuple):
     """Offset after the content."""
 
 
+MAX_CHUNK_SECONDS = 3600.0
+"""Longest time of a chunk that is believable, s: a choice; recorders write one every few seconds."""
+
+
 @dataclass
 class McapRecording:
     """An MCAP file, and what is known of it as far as it was read."""
@@ -88,6 +92,10 @@ class McapRecording:
     """Schemas by their number."""
     damaged: int = 0
     """Number of damaged chunks."""
+    lost_bytes: int = 0
+    """Number of bytes that these have in the file."""
+    lost_seconds: float = 0.0
+    """Time that these span, s, as far as their heads say."""
     skipped: int = 0
     """Number of bytes that belong to no record."""
     cut: bool = False
@@ -118,7 +126,12 @@ class McapRecording:
     def repairs(self) -> Facts:
         """Reports each kind of damage that was found while the messages were read."""
         return (
-            *repair_facts(Repair.CHUNKS_DAMAGED, count=self.damaged),
+            *repair_facts(
+                Repair.CHUNKS_DAMAGED,
+                count=self.damaged,
+                size=self.lost_bytes,
+                duration=self.lost_seconds,
+            ),
             *repair_facts(Repair.BYTES_SKIPPED, count=self.skipped, part="recording"),
             *(repair_facts(Repair.RECORDING_CUT) if self.cut else ()),
         )
@@ -172,7 +185,9 @@ class McapRecording:
                 yield self._decoded(location)
 
     def _records_in_chunk(self, location: RecordLocation) -> list[McapRecord]:
-        """Returns the records of a chunk; none where it is damaged.
+        """Returns the records of a chunk; none where it is damaged, whose size and duration are counted.
+
+        What a damaged chunk unpacks to before the damage is not used: no checksum shows that it is right.
 
         Chunks are unpacked here with a bound on their size, and not by the library, which unpacks whatever comes. The
         library then parses the unpacked records, and checks their checksum.
@@ -186,7 +201,11 @@ class McapRecording:
             with suppress(*DAMAGE_ERRORS):
                 if len(records) == chunk.uncompressed_size:
                     return breakup_chunk(unpacked_chunk, validate_crc=True)
+            seconds = (chunk.message_end_time - chunk.message_start_time) / NANOSECONDS
+            # The times in the head may be damaged too.
+            self.lost_seconds += seconds if 0.0 <= seconds <= MAX_CHUNK_SECONDS else 0.0
         self.damaged += 1
+        self.lost_bytes += location.end - location.start
         return []
 
     def _register(self, record: McapRecord | None) -> None:
