@@ -66,7 +66,7 @@ MIN_SPEED_RATIO = 0.95
 @file_option(
     "--vehicle", "A .toml file of `mavdem twin`, or a scenario's: its vehicle is flown instead."
 )
-@file_option("--params", "Parameters to set: gains.params or gains.param of `mavdem tune`.")
+@file_option("--params", "Parameters to set: a .params or .param file of `mavdem tune`.")
 @click.option(
     "--set",
     "changed",
@@ -112,7 +112,7 @@ def fly_command(
       mavdem fly --list
       mavdem fly hover_blower --out flight.tlog --rrd flight.rrd
       mavdem learn flight.tlog --truth flight.truth.npz
-      mavdem fly hover_blower --vehicle mine.toml --params tuned/gains.params --out flight.tlog
+      mavdem fly hover_blower --vehicle mine.toml --params tuned/gains.stage1.params --out flight.tlog
 
     \b
     Scenarios of your own: start from one of these.

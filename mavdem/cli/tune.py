@@ -21,8 +21,8 @@ from mavdem.cli.sources import assess_without_model
 from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
-from mavdem.ingest.parameter_file import parameter_files
 from mavdem.loops.axis_loops import MARGIN_TARGETS
+from mavdem.loops.gain_design import Stage
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import tune_blocks
 from mavdem.report.pages.page import tune_page
@@ -31,8 +31,10 @@ from mavdem.report.screen import conclusion
 PAGE_FILE = "tune.html"
 """Name of the page with the loops and the advised gains."""
 
-GAIN_FILES = ("gains.params", "gains.param")
-"""Names of the files with the advised gains, for QGroundControl and for Mission Planner."""
+GAIN_FILES = tuple(
+    f"gains.stage{stage:d}.{ending}" for stage in Stage for ending in ("params", "param")
+)
+"""Names of the files with the advised gains, for QGroundControl and for Mission Planner, by the stage of tuning."""
 
 MARGIN_TARGETS_TEXT = "; ".join(
     f"{name}: phase {target.phase_margin:g}°, gain {target.gain_margin:g} dB, Ms {target.ms:g}"
@@ -76,12 +78,13 @@ def tune_command(
 ) -> None:
     """Reports margins of the rate and attitude loops, and gains.
 
-    SOURCE is a log with the autopilot's parameters. Advised gains have the --margins in 95 % of the models that fit the
-    flight, at 0.8 to 1.2 times the control effectiveness; of such gains, wind moves the vehicle least with these. Loops
-    with enough margin keep their gains, unless --more is asked. With --filters a notch filter is advised on the motors'
-    line in the gyro's spectrum, and gains have the margins with it. With --verbose it prints all margins, and what they
-    rest on. Nothing is ever sent to a vehicle: --out writes the gains for QGroundControl (.params) and Mission Planner
-    (.param).
+    SOURCE is a log with the autopilot's parameters. Gains go in steps of a third to a half, with a flight after each:
+    first P and D of the rate, with I in ratio (stage 1), then the angle's gain (stage 2). They lead to the fastest
+    loops that have the --margins in 90 % of the models that fit the flight, at 0.8 to 1.2 times the control
+    effectiveness. Loops with enough margin keep their gains, unless --more is asked. With --filters a notch filter is
+    advised on the motors' line in the gyro's spectrum, and gains have the margins with it. With --verbose it prints all
+    margins, and what they rest on. Nothing is ever sent to a vehicle: --out writes the gains of each stage for
+    QGroundControl (.params) and Mission Planner (.param).
 
     Exit code: 1 if gains are neither advised nor kept, with the reason.
 
@@ -116,10 +119,8 @@ def _write_tuning(folder: Path, source: str, tuning: Tuning, evidence: Evidence)
         evidence: Evidence of the log, with the parameters that the vehicle has now.
     """
     texts = {PAGE_FILE: tune_page(Path(source).name, tuning)}
-    if tuning.parameters:
-        files = parameter_files(tuning.parameters, evidence.signals.telemetry)
-        for ending, text in files.items():
-            texts[f"gains{ending}"] = text
+    for ending, text in tuning.files(evidence.signals.telemetry).items():
+        texts[f"gains{ending}"] = text
     with replaced_files(folder, list(texts), stale_names=GAIN_FILES) as paths:
         for path, text in zip(paths, texts.values(), strict=True):
             # A text may contain the name of a file, which need not be valid Unicode.

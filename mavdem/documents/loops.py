@@ -186,6 +186,14 @@ class AxisAdvice(Document, is_partial=True):
     """gains by the autopilot's name"""
     expected: Loop
     """the loops with the gains to set"""
+    stage: int | None
+    """1: rate P, I and D; 2: the angle's gain; null where no gain changes"""
+    design: dict[str, ParameterValue]
+    """gains at the end of the stage, as this flight shows them"""
+    flights: int
+    """steps, with a flight after each, until these are set"""
+    notes: list[SentenceText]
+    """unusual ratios of gains, one sentence each"""
     noise: Noise
     """noise of the gyro in the demand"""
 

@@ -56,6 +56,8 @@ class Gains(Code):
     KEEP_GAINS = "keep_gains"
     SET_GAINS = "set_gains"
     STEP_TOWARDS_MARGINS = "step_towards_margins"
+    STEP_DOWN = "step_down"
+    RATIO_UNUSUAL = "ratio_unusual"
     NO_GAINS_ADVISED = "no_gains_advised"
     GAINS_CHANGED = "gains_changed"
     MOTOR_AT_LIMIT = "motor_at_limit"

@@ -88,17 +88,18 @@ def with_parameters(log: Log, path: PathName) -> Log:
     return replace(log, vehicles=tuple(vehicles))
 
 
-def parameter_files(parameters: Parameters, vehicle: Telemetry) -> dict[str, str]:
+def parameter_files(parameters: Parameters, vehicle: Telemetry, remark: str) -> dict[str, str]:
     """Writes parameters as ground stations read them.
 
     Args:
         parameters: Values by name.
         vehicle: The vehicle they are for.
+        remark: First line of the files, one line that says what the parameters are for.
 
     Returns:
         The text of each file by the ending of its name: .params, and for ArduPilot .param too.
     """
-    header = "# Gains (mavdem)\n"
+    header = f"# {remark} (mavdem)\n"
     qgroundcontrol_text = header
     mission_planner_text = header
     for name, value in parameters.items():

@@ -18,7 +18,6 @@ from mavdem.errors import Refusal
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import Gains
 from mavdem.ingest import read_log
-from mavdem.ingest.parameter_file import parameter_files
 from mavdem.loops.advice import Advice
 
 MAX_WAIT_SECONDS = 30.0
@@ -111,7 +110,7 @@ def advise_gains(recording: Path, vehicle: str) -> Facts:
 
     twin_facts = predicted_errors(assessment.evidence, tuning.parameters)
     # Text of each file by the ending of its name.
-    texts = parameter_files(tuning.parameters, assessment.evidence.signals.telemetry)
+    texts = tuning.files(assessment.evidence.signals.telemetry)
     stem = _new_stem(recording, list(texts))
     for ending, text in texts.items():
         Path(stem + ending).write_text(text)

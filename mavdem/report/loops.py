@@ -10,9 +10,10 @@ from mavdem.containers import group_by
 from mavdem.facts import Fact
 from mavdem.facts.loops import LoopActions
 from mavdem.facts.margins import MarginsLight
-from mavdem.loops.advice import MAX_ANGLE_GAIN, MAX_GAIN_STEP, Advice, AdviceByAxis
+from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import LoopsByAxis
 from mavdem.loops.filters import gyro_filters
+from mavdem.loops.gain_design import MAX_GAIN_STEP
 from mavdem.loops.margins import OpenLoop
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.numbers import listed, rounded
@@ -42,9 +43,6 @@ LOOP_FIGURES = {
 
 MAX_CROSSOVER_FRACTION = 0.15
 """Highest crossover, as a fraction of the log's rate, up to which delay and time constant are known well enough."""
-
-STEP_LIMIT_TOLERANCE = 0.999
-"""Fraction of ``MAX_GAIN_STEP`` from which on a gain counts as limited by it: rounding lies in between."""
 
 
 def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
@@ -209,8 +207,8 @@ def gain_blocks(advice: Advice) -> Blocks:
     """Returns a table of the controller gains to change, if there are any, and sentences on what to expect of them.
 
     The table has a row for each changed gain: its value now, the value to set, and the factor between them. The
-    sentences name the gains that fall, those that rise, and those that would change further if a change by more than a
-    factor of ``MAX_GAIN_STEP`` at once were allowed.
+    sentences give the expected lean in wind, the gains at the end of the stage where that takes several flights, what
+    of the ratios is unusual, and the noise.
 
     Args:
         advice: the gains ``now`` and to ``set`` by name of the parameter, and the control loop before and after.
@@ -218,30 +216,12 @@ def gain_blocks(advice: Advice) -> Blocks:
     Returns:
         The table, or nothing where no gain changes, and then the sentences.
     """
-    # Two values that look equal in the table, which shows four digits, are no change to a reader.
-    factors = {
-        name: gain.set / gain.now
-        for name, gain in advice.gains.items()
-        if f"{gain.now:.4g}" != f"{gain.set:.4g}"
-    }
     rows = []
-    for name, factor in factors.items():
-        gain = advice.gains[name]
-        rows.append([name, *(f"{value:.4g}" for value in gain), f"{factor:.2f}"])
+    for name, gain in advice.gains.items():
+        # Two values that look equal in the table, which shows four digits, are no change to a reader.
+        now, new = (f"{value:.4g}" for value in gain)
+        if now != new:
+            rows.append([name, now, new, f"{gain.set / gain.now:.2f}"])
     tables = [Table(["gain", "now", "set", "times"], rows)] if rows else []
-    # The limit holds in both directions: a gain is multiplied or divided by at most ``MAX_GAIN_STEP``.
-    limited = [
-        name
-        for name, factor in factors.items()
-        if max(factor, 1 / factor) > STEP_LIMIT_TOLERANCE * MAX_GAIN_STEP
-    ]
-    sentences = render_section(
-        "loop_gains",
-        advice=advice,
-        names=advice.before.controller.parameter_names,
-        falling=[name for name, factor in factors.items() if factor < 1],
-        rising=[name for name, factor in factors.items() if factor > 1],
-        farthest=limited,
-        largest=MAX_ANGLE_GAIN[advice.before.axis],
-    )
+    sentences = render_section("loop_gains", advice=advice, largest_step=MAX_GAIN_STEP)
     return [*tables, *sentences]

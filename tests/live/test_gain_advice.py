@@ -40,7 +40,7 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     scenario.write_text(TUNED_BADLY)
     recording = tmp_path / "flight.tlog"
     assert run("fly", scenario, "--out", recording) == 0
-    before = tmp_path / "flight.gains.param"
+    before = tmp_path / "flight.gains.stage2.param"
     before.write_text("# of an earlier flight\n")
     capsys.readouterr()
     roll, *_, twin, written = advise_gains(recording, "1:1")
@@ -53,9 +53,9 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     assert run("tune", recording, "--axis", "all", "--json", "--out", tmp_path) == 0
     told = strict_json(capsys.readouterr().out)
     assert told["axes"]["roll"]["sentence"] in roll.sentence
-    assert "flight.gains-1.params and .param;" in written.sentence
+    assert "flight.gains-1.stage2.params and .stage2.param;" in written.sentence
     assert written.figures["because"].code == told["next_step_fact"]["code"] == "load_gains"
-    for ending in ("params", "param"):
+    for ending in ("stage2.params", "stage2.param"):
         path = tmp_path / f"flight.gains-1.{ending}"
         assert path.read_text() == (tmp_path / f"gains.{ending}").read_text()
     assert before.read_text() == "# of an earlier flight\n"

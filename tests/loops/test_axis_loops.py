@@ -7,6 +7,7 @@ from unittest.mock import Mock
 import numpy as np
 from hover import Hover, changed, columns
 from known_gains import ARDUPILOT, PX4, X_ROLL
+from made_up_loop import made_up
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from partial_records import partial_record
@@ -16,7 +17,6 @@ from scipy.signal import lfilter
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.gains import autotune_fact
-from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning import tuned
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement
@@ -24,7 +24,6 @@ from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
-from mavdem.dem.record import Record
 from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
@@ -33,16 +32,9 @@ from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest.mavlink.definitions import decoded_parameters
 from mavdem.ingest.vocabulary import Injection
 from mavdem.loops.advice import (
-    EFFECTIVENESS_FACTORS,
-    MAX_ANGLE_GAIN,
-    MAX_GAIN_STEP,
-    MAX_NOISE_RATIO,
-    MIN_BANDWIDTH_RATIO,
-    _GainSearch,
-    advise,
     gain_reduction_advice,
 )
-from mavdem.loops.axis_loops import MARGIN_TARGETS, margin_rating
+from mavdem.loops.axis_loops import margin_rating
 from mavdem.loops.controllers import (
     ROTOR_LAG_CORRECTION,
     TYPICAL_ROTOR_LAG,
@@ -51,12 +43,10 @@ from mavdem.loops.controllers import (
 )
 from mavdem.loops.limit_cycles import Oscillation
 from mavdem.loops.loop_construction import loop_from_plant
-from mavdem.loops.margins import OpenLoop, controller_response
+from mavdem.loops.margins import controller_response
 from mavdem.loops.measured_response import measured_rate_response
 from mavdem.loops.twin import build_twin
 from mavdem.loops.twin_flight import replay_segments
-from mavdem.plant import Physical
-from mavdem.plant.sampled_plant import WindComponent, gaussian_kernel_noise
 from mavdem.report.charts.flight_charts import loop_charts
 from mavdem.report.vehicle_files import vehicle_text
 from mavdem.wind_velocity.estimation import WindVelocity
@@ -67,7 +57,6 @@ from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
 HOVER = Hover()
-WIND = WindComponent(gaussian_kernel_noise(3), 1.0, 0.2)
 
 
 def test_gains_have_their_names_and_units_before_arducopter_34():
@@ -232,106 +221,6 @@ def test_the_controllers_response_is_that_of_its_program():
     assert_allclose(forward, notched * (back + 0.5 + 0.25 * slope), rtol=1e-12)
 
 
-def made_up(factor=1.0):
-    """Of made-up flight and plant, with a rate controller of ``factor`` times the usual gains."""
-    rng = default_rng(3)
-    status = dict.fromkeys(("effect", "damping", "lag"), Status.REPORTED)
-    rate = rng.normal(0, 0.01, 2000)
-    inputs = 1500 + rng.normal(0, 5, (2000, 1)) * X_ROLL
-    outputs = np.column_stack([rate.cumsum() * 0.005, rate])
-    names = ("roll", "roll rate")
-    known = {"parameters": PX4 | {"MC_ROLLRATE_K": factor}, "input_range": (1000.0, 2000.0)}
-    record = Record(inputs, outputs, 0.005, (2000,), output_names=names, **known)
-    covariance = np.diag([*4 * [9e-5], 0.09, 4e-6, 4e-6])
-    sizes = 0.18 * np.array(X_ROLL), 1.5, 0.03, 0.006, covariance
-    found = status, dict.fromkeys(status, ""), 0, 0.1, (WIND,), 0.01, {}, ()
-    return loop_from_plant(Physical(*sizes, *found), record)
-
-
-@mark.slow
-@mark.parametrize(
-    "factor, tune",
-    {
-        0.5: "soft",
-        1.0: "sharp",
-        2.5: "default",
-        4.5: "default",
-    }.items(),
-)
-def test_advised_gains_have_the_margins_in_95_percent_of_plants_and_resist_wind(factor, tune):
-    found = advise(before := made_up(factor), tune, more=True)
-    least_phase, least_gain, most = MARGIN_TARGETS[tune]
-    frequency = np.geomspace(0.05, 90, 2000)
-    s = 2j * np.pi * frequency
-    (_, back) = controller_response(found.after.controller, frequency)
-    # The draws that did not choose the gains, with each effect.
-    assert_array_equal(
-        found.after.effectiveness[1:], before.effectiveness[len(before.effectiveness) // 2 :]
-    )
-    damping, lag, delay = found.after.dynamics[1:].T[:, :, np.newaxis]
-    plants = back * np.exp(-s * delay) / (s + damping) / (lag * s + 1)
-    plants = np.multiply.outer(
-        EFFECTIVENESS_FACTORS, found.after.effectiveness[1:, np.newaxis] * plants
-    )
-    loops = plants.reshape(-1, len(s))
-    of_all = OpenLoop(frequency, loops, loops, loops).figures
-    have = (of_all["phase_margin"] + 0.1 >= least_phase) & (of_all["ms"] * 0.999 <= most)
-    have &= of_all["gain_margin"] + 0.02 >= least_gain
-    if factor < 4:
-        assert found.sure >= 0.95
-    else:
-        assert found.sure < 0.95
-    assert np.mean(have) >= found.sure - 0.01
-    for gain in found.gains.values():
-        assert abs(np.log(gain.set / gain.now)) <= np.log(MAX_GAIN_STEP) + 1e-3
-        assert gain.set == float(f"{gain.set:.4g}")
-    assert found.gains["MC_ROLL_P"].set <= MAX_ANGLE_GAIN["roll"]
-    code = Gains.SET_GAINS if factor < 4 else Gains.STEP_TOWARDS_MARGINS
-    assert (found.sentence.code, found.sentence.figures["share"]) == (code, found.sure)
-    if factor < 4:
-        assert found.noise.heat <= MAX_NOISE_RATIO**2 * 1.01
-    if factor < 2:
-        assert found.after.lean_in_wind < 0.85 * before.lean_in_wind
-        assert found.after.bandwidth > 0.98 * MIN_BANDWIDTH_RATIO * before.bandwidth
-
-
-@mark.parametrize("factor", [0.95, 0.8, 0.5])
-def test_gains_that_cost_over_a_tenth_of_a_bandwidth_are_penalised_for_that(factor):
-    search = _GainSearch(made_up(), MARGIN_TARGETS["default"])
-    log_factors = np.full(len(search.logged_gains), np.log(factor))
-    logged = search.search_loop
-    slowed = logged.with_parameters(search.gains(log_factors))
-    ratios = np.array(
-        [
-            slowed.rate.bandwidth / logged.rate.bandwidth,
-            slowed.attitude.bandwidth / logged.attitude.bandwidth,
-        ]
-    )
-    penalty = search.cost(log_factors, 1.0) - np.log(slowed.angle_deviation(logged.wind))
-    assert penalty == approx(np.maximum(1 - ratios / 0.9, 0.0).sum(), abs=1e-9)
-
-
-@mark.parametrize("factor", [1.0, 1.7])  # surely, and perhaps
-def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
-    advice = advise(loop := made_up(factor))
-    assert advice.gains and not advice.parameters
-    assert (advice.sentence.code, advice.sentence.level) == (Gains.KEEP_GAINS, "good")
-    assert advice.after.controller.parameters == loop.controller.parameters
-    (light,) = AxisMargins(loop.axis, loop, None, None).facts
-    assert light.sentence.split(":")[0] == advice.rating.sentence.split(":")[0]
-
-
-@mark.slow
-def test_an_effectiveness_that_seems_low_changes_nothing_unless_margins_surely_lack():
-    doubts = (Fact(Loops.EFFECT_BIASED),)
-    for factor, bias, refusals in ((2.5, 0.1, ()), (4.0, -0.15, ()), (2.5, -0.15, doubts)):
-        loop = made_up(factor)
-        doubted = replace(loop, plant=loop.plant._replace(bias=bias), cautions=doubts)
-        assert advise(doubted).refusals == refusals
-    tuning = tuned_by({"roll": doubted}, filters=True)
-    assert tuning.refusal and not tuning.parameters, "nor is a notch set"
-
-
 def tuned_by(loops, **options):
     """Of a vehicle with nothing else to say, with a notch."""
     evidence = partial_record(Evidence, loops=loops, gain_reduction=None, reasons_not_to_fly=())
@@ -348,20 +237,28 @@ def tuned_by(loops, **options):
     return tuned(assessment, [*loops], is_written=False, **options)
 
 
+def test_no_notch_is_set_where_the_effectiveness_is_biased():
+    biased = replace(made_up(2.5), cautions=(Fact(Loops.EFFECT_BIASED),))
+    tuning = tuned_by({"roll": biased}, filters=True)
+    assert tuning.refusal and not tuning.parameters and not tuning.files(HOVER.telemetry())
+
+
+@mark.slow
+def test_each_stage_has_its_own_files_with_its_own_gains():
+    slow_rate, fast_angle = made_up(2.5), made_up().with_parameters({"MC_ROLL_P": 25.0})
+    files = tuned_by({"roll": slow_rate, "pitch": fast_angle}).files(HOVER.telemetry())
+    texts = {ending: files[ending] for ending in (".stage1.params", ".stage2.params")}
+    assert texts[".stage1.params"].count("MC_ROLLRATE_") == 3
+    assert "MC_ROLL_P\t16.7" in texts[".stage2.params"]
+    assert "Stage 2 of 2" in texts[".stage2.params"]
+
+
 def test_one_axis_without_a_loop_has_its_own_reason_and_several_have_theirs():
     mixer, steered = Fact(Loops.MIXER_REVERSED), Fact(Loops.NOT_STEERED)
     assert refused(tuned_by, {"roll": mixer}) == mixer
     several = refused(tuned_by, {"roll": mixer, "pitch": steered, "yaw": mixer})
     named = [fact.figures["names"] for fact in several.figures["reasons"]]
     assert named == [("roll", "yaw"), ("pitch",)]
-
-
-@mark.slow
-def test_a_gain_of_0_stays_0():
-    loop = made_up()
-    known = {**loop.record.parameters, "MC_ROLLRATE_D": 0.0}
-    advice = advise(loop_from_plant(loop.plant, replace(loop.record, parameters=known)), more=True)
-    assert "MC_ROLLRATE_D" not in advice.gains and len(advice.parameters) == 3
 
 
 @mark.parametrize(
@@ -414,23 +311,6 @@ def test_an_oscillating_vehicle_lowers_the_gains_that_act_at_its_frequency(frequ
     assert [*gain_reduction_advice(both, PX4).figures["changes"]] == 2 * lower
     unknown = gain_reduction_advice(oscillation, {})
     assert (unknown.code, unknown.figures["changes"]) == (Gains.LOWER_GAINS, ())
-
-
-def test_refusals_say_why():
-    record = (sound := made_up()).record
-    inputs = np.where(np.arange(2000)[:, None] % 10 == 0, 2000.0, record.inputs)
-    stuck = advise(replace(sound, record=replace(record, inputs=inputs)))
-    retuned = advise(replace(sound, record=replace(record, earlier={"MC_ROLL_P": 5.0})))
-    doubt = Fact(Loops.MIXER_REVERSED)
-    cases = {
-        doubt: advise(sound, doubts=[doubt]),
-        Fact(Gains.MOTOR_AT_LIMIT, share=0.1): stuck,
-        Fact(Gains.LOOP_UNSTABLE): advise(made_up(6.0)),
-        Fact(Gains.GAINS_CHANGED, names=["MC_ROLL_P"]): retuned,
-    }
-    for refusal, found in cases.items():
-        assert found.refusals == (refusal,) and not found.gains
-        assert found.sentence == Fact(Gains.NO_GAINS_ADVISED, reasons=[refusal])
 
 
 @mark.parametrize(

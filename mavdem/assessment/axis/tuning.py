@@ -14,9 +14,17 @@ from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopActions, Loops
 from mavdem.immutable import freeze
-from mavdem.ingest.telemetry import Parameters
+from mavdem.ingest.parameter_file import parameter_files
+from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.loops.advice import Advice, AdviceByAxis, advise
 from mavdem.loops.axis_loops import Loop
+from mavdem.loops.gain_design import Stage
+
+STAGE_REMARKS = {
+    Stage.RATE: "Stage 1 of 2, rate P, I and D: load, hover one minute, fly ten doublets, mavdem tune",
+    Stage.ANGLE: "Stage 2 of 2, angle P: load, hover one minute, fly ten doublets, mavdem tune",
+}
+"""First line of the parameter files of each stage."""
 
 
 class Tuning(NamedTuple):
@@ -28,6 +36,8 @@ class Tuning(NamedTuple):
     """The advice on axes whose loops are known, at least one."""
     parameters: Parameters
     """The parameters that change, by the autopilot's names; empty if no gains are advised."""
+    notch_parameters: Parameters
+    """The parameters of these that set a notch filter; empty without one."""
     notch: Fact | None
     """The notch filter to set, or why there is none; None if it was not asked for."""
     judgement: Judgement
@@ -39,6 +49,31 @@ class Tuning(NamedTuple):
         if any(advice.gains for advice in self.advice):
             return None
         return self.advice[0].sentence
+
+    def files(self, vehicle: Telemetry) -> dict[str, str]:
+        """Returns the parameter files of ground stations, a pair for each stage in which an axis is.
+
+        The gains of a stage are loaded and flown before those of the next. The notch filter is in the first file.
+
+        Args:
+            vehicle: the vehicle that they are for.
+
+        Returns:
+            The text of each file by the ending of its name, such as ``.stage1.params``.
+        """
+        texts = {}
+        remaining_notch = self.notch_parameters
+        for stage, remark in STAGE_REMARKS.items():
+            parameters = dict[str, float]()
+            for advice in self.advice:
+                if advice.stage is stage:
+                    parameters |= advice.parameters
+            if parameters:
+                parameters |= remaining_notch
+                remaining_notch = {}
+                for ending, text in parameter_files(parameters, vehicle, remark).items():
+                    texts[f".stage{stage:d}{ending}"] = text
+        return texts
 
 
 def tuned(
@@ -107,12 +142,13 @@ def tuned(
     parameters = dict[str, float]()
     for advice in advice_on_loops:
         # A notch costs phase. Only for loops with new gains it is known that there is enough.
-        if advice.gains:
+        if advice.parameters:
             parameters |= {**advice.parameters, **notch_parameters}
     if parameters and _gains_come_next(headline):
         next_step = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
         judgement = replace(judgement, next_step=next_step)
-    return freeze(Tuning(advice_by_axis, advice_on_loops, parameters, notch, judgement))
+    set_notch = notch_parameters if parameters else {}
+    return freeze(Tuning(advice_by_axis, advice_on_loops, parameters, set_notch, notch, judgement))
 
 
 def _gains_come_next(headline: Fact) -> bool:

@@ -1,0 +1,129 @@
+"""Noise of the gyro that a rate controller passes on to the demand, which makes the motors busy and hot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.loops.axis_loops import Loop
+from mavdem.loops.controllers import Controller
+from mavdem.loops.margins import MAX_FREQUENCY_RATIO, controller_response
+
+MIN_NOISE_CROSSOVER_RATIO = 3.0
+"""Lowest frequency at which the gyro shows noise and no motion, relative to the crossover."""
+MIN_NOISE_FREQUENCY = 10.0
+"""Lowest such frequency of slow loops, Hz."""
+NOISE_WINDOW = 256
+"""Largest number of samples in a window of the noise's spectrum."""
+
+
+class DemandNoise(NamedTuple):
+    """Noise of the gyro in the demand, as standard deviations; a demand of 1 is all that the mixer takes."""
+
+    lowest: float
+    """Lowest frequency that counts as noise, Hz."""
+    highest: float
+    """Highest frequency that the log shows, Hz."""
+    before: float
+    """Noise with the gains of the log."""
+    after: float
+    """Noise with the gains to set."""
+    by_d: float
+    """Noise of the D term alone, with the gains of the log."""
+    heat: float
+    """Factor by which fast commands heat the motors more: it grows with the square of the noise."""
+
+
+class GyroNoise(NamedTuple):
+    """Noise of the gyro in flight, at frequencies above the motion of the vehicle."""
+
+    frequency: Array
+    """Frequencies (F,), Hz."""
+    density: Array
+    """Spectral density (F,) of the rate behind the gyro's filters, (rad/s)²/Hz."""
+    is_measured: bool
+    """Whether the log shows the noise; where it is too slow for that, white noise is assumed."""
+
+
+def gyro_noise(loop: Loop) -> GyroNoise:
+    """Estimates the spectral density of the gyro's noise in a flight, by Welch's method.
+
+    Below about the crossover the rate is motion of the vehicle. So noise counts from ``MIN_NOISE_CROSSOVER_RATIO``
+    times the crossover on. Where the log does not reach an octave beyond that, white noise of density 1 is assumed, up
+    to the highest frequency of the loop: with it, the noise of two controllers can still be compared.
+
+    Args:
+        loop: the loops with the logged gains; its record has the measured rate.
+    """
+    # Importing scipy.signal takes half a second.
+    from scipy.signal import welch
+
+    record = loop.record
+    highest = MAX_FREQUENCY_RATIO / record.dt
+    lowest = max(MIN_NOISE_CROSSOVER_RATIO * loop.rate.crossover, MIN_NOISE_FREQUENCY)
+    reaches_an_octave = 2 * lowest < highest
+    if not reaches_an_octave:
+        loop_highest = MAX_FREQUENCY_RATIO / loop.controller.loop_period
+        assumed_frequency = np.linspace(lowest, loop_highest)
+        return GyroNoise(assumed_frequency, np.ones(len(assumed_frequency)), is_measured=False)
+    # The last output of an axis is its body rate, rad/s.
+    rate = record.outputs[:, -1]
+    window = min(NOISE_WINDOW, len(record))
+    frequency, density = welch(rate, 1 / record.dt, nperseg=window)
+    is_noise = (frequency >= lowest) & (frequency <= highest)
+    return GyroNoise(frequency[is_noise], density[is_noise], is_measured=True)
+
+
+def demand_noise(loop: Loop, new_controller: Controller) -> DemandNoise | None:
+    """Returns how much noise of the gyro reaches the demand, with the logged gains and with new ones.
+
+    Args:
+        loop: the loops with the logged gains, and the flight that shows the noise.
+        new_controller: the controller with the gains to set.
+
+    Returns:
+        The noise in the demand; ``None`` where the log is too slow to show that of the gyro.
+    """
+    noise = gyro_noise(loop)
+    if not noise.is_measured:
+        return None
+    controller = loop.controller
+    # The noise is behind the gyro's filters, so only the controller is between it and the demand.
+    before = demand_deviation(controller, noise)
+    after = demand_deviation(new_controller, noise)
+    # The response of the D term is that of the controller less that of one without D.
+    by_d = demand_deviation(controller, noise, subtracted=replace(controller, d=0.0))
+    return DemandNoise(
+        lowest=noise.frequency[0],
+        highest=noise.frequency[-1],
+        before=before,
+        after=after,
+        by_d=by_d,
+        heat=(after / before) ** 2,
+    )
+
+
+def demand_deviation(
+    controller: Controller, noise: GyroNoise, subtracted: Controller | None = None
+) -> float:
+    """Returns the standard deviation σ that the gyro's noise causes in the demand: σ² = ∫ |C(jω)|² S df.
+
+    C is the controller's response from the rate to the demand, and S the density of the noise. The integral is computed
+    by the trapezoidal rule.
+
+    Args:
+        controller: the controller, with the response C.
+        noise: the noise of the rate, with its density S in (rad/s)²/Hz.
+        subtracted: a controller whose response is subtracted from C, so that σ is that of one term of the controller.
+
+    Returns:
+        σ, as a fraction of the largest demand that the mixer takes.
+    """
+    response = controller_response(controller, noise.frequency).from_rate
+    if subtracted is not None:
+        response = response - controller_response(subtracted, noise.frequency).from_rate
+    power = np.abs(response) ** 2 * noise.density
+    return float(np.sqrt(np.trapezoid(power, noise.frequency)))

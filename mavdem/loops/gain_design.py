@@ -1,0 +1,458 @@
+"""Gains that a tuner would load: rate P and D first and together, the angle's gain last, in small steps.
+
+Stage 1 chooses P and D of the rate controller; I follows P in a fixed ratio. For each ratio of D to P that is near the
+autopilot's own, the largest P is taken with which the rate loop keeps its margins. Of these designs the one with the
+highest bandwidth wins, and of designs nearly as fast the one that wind leans least. Stage 2 takes the largest gain of
+the attitude controller with which the attitude loop keeps its margins. One flight goes one bounded step.
+
+So tune ArduPilot's manual tuning, QuickTune and AutoTune (https://ardupilot.org/copter/docs/tuning.html) and PX4's
+guide (https://docs.px4.io/main/en/config_mc/pid_tuning_guide_multicopter.html).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+from math import ceil, inf, isnan, log
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.facts import Fact, Facts
+from mavdem.facts.loops import Gains
+from mavdem.ingest.telemetry import Parameters
+from mavdem.loops.axis_loops import Loop, MarginTarget, margin_scores
+from mavdem.loops.demand_noise import GyroNoise, demand_deviation, gyro_noise
+from mavdem.loops.margins import FrequencyGrid, OpenLoop
+
+
+class Stage(IntEnum):
+    """Which gains of an axis are tuned; the rate loop comes first, since the attitude loop is built around it."""
+
+    RATE = 1
+    """P and D of the rate controller, with I in a fixed ratio to P."""
+    ANGLE = 2
+    """The gain of the attitude controller."""
+
+
+class GainRatios(NamedTuple):
+    """Gains of a rate controller relative to its P."""
+
+    integral: float
+    """I over P, 1/s."""
+    derivative: float
+    """D over P, s; 0 where the autopilot's default has no D."""
+
+
+class AxisDefaults(NamedTuple):
+    """Default gains of an autopilot's axis, as far as advice keeps to them."""
+
+    ratios: GainRatios
+    """Ratios of the rate controller's gains."""
+    angle_gain: float
+    """Gain of the attitude controller, 1/s."""
+
+
+_ARDUPILOT_TILT = AxisDefaults(GainRatios(1.0, 0.0036 / 0.135), 4.5)
+_PX4_TILT = AxisDefaults(GainRatios(0.2 / 0.15, 0.003 / 0.15), 6.5)
+ARDUPILOT_DEFAULTS = {
+    "roll": _ARDUPILOT_TILT,
+    "pitch": _ARDUPILOT_TILT,
+    "yaw": AxisDefaults(GainRatios(0.018 / 0.18, 0.0), 4.5),
+}
+"""ArduCopter's defaults by axis: I equals P for roll and pitch, and is a tenth of it for yaw (``ATC_RAT_*``).
+
+Its AutoTune and QuickTune keep these ratios too.
+"""
+PX4_DEFAULTS = {
+    "roll": _PX4_TILT,
+    "pitch": _PX4_TILT,
+    "yaw": AxisDefaults(GainRatios(0.1 / 0.2, 0.0), 2.8),
+}
+"""PX4's defaults by axis (``MC_ROLLRATE_*``, ``MC_ROLL_P`` and those of the other axes)."""
+MAX_RATIO_CHANGE = 2.0
+"""Factor by which the ratio of D to P may differ from the autopilot's default, and the angle's gain exceed it.
+
+A choice: ArduPilot's and PX4's own tuners stay within it on common vehicles. Logged gains outside keep their ratio.
+"""
+RATIO_TOLERANCE = 1.02
+"""Factor beyond ``MAX_RATIO_CHANGE`` that three digits of a gain explain."""
+MAX_ANGLE_GAIN = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}
+"""Largest gain of the attitude controller, 1/s, that PX4 takes; ArduPilot recommends at most 12 for all axes."""
+
+MAX_GAIN_STEP = 1.5
+"""Factor by which a gain grows or falls at most between two flights: tuners change a gain by a quarter to a half."""
+MAX_DESIGN_FACTOR = 4.0
+"""Factor by which P of the design may differ from that of the log, over several flights: a choice."""
+MIN_GAIN_CHANGE = 1.05
+"""Factor from which on a gain is worth a change: less is within what batteries and weather do to the loop."""
+EFFECTIVENESS_FACTORS = (1.0, 0.8, 1.2)
+"""Factors on the flight's control effectiveness, with each of which gains must have their margins.
+
+A full battery raises it by up to a fifth, an empty one or load lowers it.
+"""
+MAX_NOISE_RATIO = 1.25
+"""Largest noise in the demand, relative to that with the flight's gains: a choice."""
+NEARLY_AS_FAST = 0.9
+"""Fraction of the highest bandwidth from which on wind decides between designs."""
+MIN_BANDWIDTH_RATIO = 0.8
+"""Least bandwidth of a design relative to that of the log where the logged gains have the margins already."""
+MIN_BANDWIDTH_GAIN = 1.1
+"""Factor by which a design must raise the rate bandwidth for a loop with enough margin to leave stage 2 for stage 1."""
+
+SURE_SHARE = 0.9
+"""Fraction of the models that must have the margins, for gains to be set as the final ones."""
+SEARCH_MISS_SHARE = 0.05
+"""Fraction of the search's models that may lack the margins.
+
+Gains fit the models that chose them too well. With 0.05 of these, at most 0.1 of the other models lack the margins.
+"""
+SEARCH_DRAWS = 40
+"""Number of draws of the plant that the gains are searched with: a choice, for speed."""
+SEARCH_GRID = FrequencyGrid(0.05, 100.0, 60)
+"""Frequencies that the gains are searched with: coarser than those of the result, for speed."""
+RATIO_COUNT = 7
+"""Number of ratios of D to P that are tried."""
+FACTORS = tuple(np.geomspace(MAX_DESIGN_FACTOR, 1 / MAX_DESIGN_FACTOR, 49).tolist())
+"""Factors on the logged P, or the logged gain of the angle, that are tried, from the largest on: 6 % apart."""
+MIN_SCORE = -1.0
+"""Least score of margins that the search distinguishes: unstable loops have minus infinity."""
+
+
+class GainStep(NamedTuple):
+    """Gains of one stage for the next flight, and where they lead to."""
+
+    stage: Stage
+    gains: Parameters
+    """Gains to set for the next flight, by the autopilot's name."""
+    design: Parameters
+    """Gains at the end of the stage, as this flight shows them."""
+    flights: int
+    """Number of steps, with a flight after each, until the design is set; 0 where no gain changes."""
+    notes: Facts
+    """What of the gains is unusual, and why."""
+
+
+NO_STEP = GainStep(Stage.RATE, {}, {}, 0, ())
+"""What an axis that keeps its gains gets."""
+
+
+class _RateDesign(NamedTuple):
+    """Gains of the rate controller with the figures that designs are compared by."""
+
+    derivative_ratio: float
+    """D over P, s."""
+    factors: tuple[float, ...]
+    """Factors on the logged P: the largest with which the models of the search have the margins, then smaller ones."""
+    bandwidth: float
+    """Bandwidth of the rate loop by the estimated plant, Hz."""
+    lean: float
+    """Lean in the flight's wind with the logged gain of the angle, degrees; infinite where that loop is unstable."""
+
+
+@dataclass(frozen=True)
+class GainSearch:
+    """A search for the gains of one axis, by a grid."""
+
+    loop: Loop
+    """The loops with the logged gains."""
+    target: MarginTarget
+    """The margins to have."""
+
+    @cached_property
+    def defaults(self) -> AxisDefaults:
+        """The autopilot's default gains of the axis."""
+        is_ardupilot = self.loop.controller.is_ardupilot
+        return (ARDUPILOT_DEFAULTS if is_ardupilot else PX4_DEFAULTS)[self.loop.axis]
+
+    @cached_property
+    def logged_gains(self) -> dict[str, float]:
+        """The logged gains that may change, by the field of the controller: "p", "i", "d" and "angle_gain"."""
+        names = self.loop.controller.parameter_names
+        values = logged_gains(self.loop)
+        fields = ("p", "i", "d", "angle_gain")
+        return {field: values[names[field]] for field in fields if names[field] in values}
+
+    @cached_property
+    def all_models(self) -> Loop:
+        """The loops of all plants that choose gains, on a coarse grid of frequencies, at each effectiveness.
+
+        They are the first half of the posterior's draws; the second half judges the result.
+        """
+        # Row 0 is the estimated plant and no draw; `with_draws` adds it by itself.
+        choosing_draws = slice(1, len(self.loop.effectiveness) // 2)
+        return self.loop.with_draws(choosing_draws, EFFECTIVENESS_FACTORS, SEARCH_GRID)
+
+    @cached_property
+    def models(self) -> Loop:
+        """The loops of at most ``SEARCH_DRAWS`` of the plants that choose gains, evenly spread: all would take long."""
+        half = len(self.loop.effectiveness) // 2
+        every_stride_th_draw = slice(1, half, ceil(half / SEARCH_DRAWS))
+        return self.loop.with_draws(every_stride_th_draw, EFFECTIVENESS_FACTORS, SEARCH_GRID)
+
+    @cached_property
+    def gyro_noise(self) -> GyroNoise:
+        """Spectral density of the gyro's noise in flight."""
+        return gyro_noise(self.loop)
+
+    @cached_property
+    def max_demand_noise(self) -> float:
+        """Largest standard deviation that the gyro's noise may cause in the demand."""
+        return MAX_NOISE_RATIO * demand_deviation(self.loop.controller, self.gyro_noise)
+
+    def step(self, stage: Stage, *, may_lower_bandwidth: bool = True) -> GainStep:
+        """Returns the gains of a stage for the next flight.
+
+        Args:
+            stage: which gains to choose.
+            may_lower_bandwidth: whether the rate loop may lose more than a fifth of its bandwidth, because the logged
+                gains lack margin.
+        """
+        if stage is Stage.RATE:
+            design = self.rate_design()
+            bandwidth = bandwidth_of_estimate(self.models.with_parameters(design).rate)
+            if not may_lower_bandwidth:
+                if bandwidth < MIN_BANDWIDTH_RATIO * bandwidth_of_estimate(self.models.rate):
+                    return NO_STEP
+        else:
+            design = self.angle_design()
+        design = self._worthwhile(design)
+        gains = self._one_step(stage, design)
+        return GainStep(stage, gains, design, self._flights(design), self._ratio_notes(gains))
+
+    def rate_design(self) -> Parameters:
+        """Returns P, I and D of highest bandwidth with which the rate loop has its margins.
+
+        Among designs that are ``NEARLY_AS_FAST``, that of least lean in wind is taken. The search knows a part of the
+        models only; where all of those that choose gains need less, P is lowered further. If no gains have the margins,
+        those are returned that come closest.
+        """
+        designs = []
+        closest_gains: Parameters = {}
+        closest_score = -inf
+        for ratio in self._derivative_ratios():
+            for number, factor in enumerate(FACTORS):
+                gains = self._rate_gains(factor, ratio)
+                loop = self.models.with_parameters(gains)
+                noise = demand_deviation(loop.controller, self.gyro_noise)
+                if noise > self.max_demand_noise:
+                    continue
+                score = self.margin_score(loop.rate)
+                if score > closest_score:
+                    closest_gains, closest_score = gains, score
+                # Less P than the largest with enough margin only makes the loop slower.
+                if score >= 1:
+                    lean = inf
+                    if loop.attitude.stable[0]:
+                        lean = loop.angle_deviation(self.models.wind)
+                    slower = FACTORS[number:]
+                    designs.append(
+                        _RateDesign(ratio, slower, bandwidth_of_estimate(loop.rate), lean)
+                    )
+                    break
+        if not designs:
+            return closest_gains
+        highest_bandwidth = max(design.bandwidth for design in designs)
+        fast_designs = [
+            design for design in designs if design.bandwidth >= NEARLY_AS_FAST * highest_bandwidth
+        ]
+        best = min(fast_designs, key=lambda design: design.lean)
+        for factor in best.factors:
+            gains = self._rate_gains(factor, best.derivative_ratio)
+            if self.margin_score(self.all_models.with_parameters(gains).rate) >= 1:
+                break
+        return gains
+
+    def angle_design(
+        self, rate_gains: Parameters | None = None, largest: float = inf
+    ) -> Parameters:
+        """Returns the largest gain of the attitude controller with which the attitude loop has its margins.
+
+        Args:
+            rate_gains: gains of the rate controller, by the autopilot's name, where they are not those
+                of the log.
+            largest: largest gain to return, 1/s.
+
+        Returns:
+            The gain by the autopilot's name. If none has the margins, it is the one that comes closest.
+        """
+        name = self.loop.controller.parameter_names["angle_gain"]
+        logged_gain = self.logged_gains["angle_gain"]
+        usual_limit = min(
+            MAX_ANGLE_GAIN[self.loop.axis], MAX_RATIO_CHANGE * self.defaults.angle_gain
+        )
+        limit = min(max(logged_gain, usual_limit), largest)
+        loop = self.models.with_parameters(rate_gains or {})
+        best_gain = logged_gain
+        best_score = -inf
+        previous_gain = inf
+        for factor in FACTORS:
+            gain = round_gain(min(factor * logged_gain, limit))
+            if gain == previous_gain:
+                continue
+            previous_gain = gain
+            score = self.margin_score(loop.with_parameters({name: gain}).attitude)
+            if score >= 1:
+                return {name: gain}
+            if score > best_score:
+                best_gain, best_score = gain, score
+        return {name: best_gain}
+
+    def margin_score(self, open_loop: OpenLoop) -> float:
+        """Returns the score of margins that all but ``SEARCH_MISS_SHARE`` of the models reach, at each effectiveness.
+
+        The score of a plant is the least ratio of a margin to its target (:func:`margin_scores`): at 1 it just has all
+        margins. Unstable loops, of score minus infinity, are set to ``MIN_SCORE``, so that the quantile stays finite.
+        """
+        scores = scores_of_models(margin_scores(self.target, open_loop))
+        return float(np.quantile(scores.clip(MIN_SCORE), SEARCH_MISS_SHARE))
+
+    def _derivative_ratios(self) -> list[float]:
+        """Returns the ratios of D to P to try, s.
+
+        They are spread around the autopilot's default, and reach to the logged ratio where that is outside. An axis
+        whose log or default has no D keeps its ratio.
+        """
+        usual = self.defaults.ratios.derivative
+        logged = self.logged_gains.get("d", 0.0) / self.logged_gains["p"]
+        if not (usual and logged):
+            return [logged]
+        lowest = min(usual / MAX_RATIO_CHANGE, logged)
+        highest = max(usual * MAX_RATIO_CHANGE, logged)
+        ratios: list[float] = np.geomspace(lowest, highest, RATIO_COUNT).tolist()
+        return ratios
+
+    def _rate_gains(self, factor: float, derivative_ratio: float) -> Parameters:
+        """Returns the gains of the rate controller for a factor on the logged P and a ratio of D to P, s."""
+        names = self.loop.controller.parameter_names
+        p = factor * self.logged_gains["p"]
+        values = {"p": p, "i": self.defaults.ratios.integral * p, "d": derivative_ratio * p}
+        return {names[f]: round_gain(v) for f, v in values.items() if f in self.logged_gains}
+
+    def _worthwhile(self, design: Parameters) -> Parameters:
+        """Returns a design without changes, if all of them are smaller than ``MIN_GAIN_CHANGE``."""
+        parameters = self.loop.controller.parameters
+        names = self.loop.controller.parameter_names
+        for name, value in design.items():
+            # I alone is no reason to change gains: it follows P.
+            if name != names["i"] and _change(value, parameters[name]) >= log(MIN_GAIN_CHANGE):
+                return design
+        return {}
+
+    def _one_step(self, stage: Stage, design: Parameters) -> Parameters:
+        """Returns the gains that go at most one step from those of the log towards a design.
+
+        Each gain goes as far as ``MAX_GAIN_STEP`` lets it. Where that leaves some gains farther behind than others and
+        so costs margin, all of them go a part of that way. With a slower rate loop the gain of the angle is lowered
+        too, if the attitude loop would have less margin than it should, and than it has.
+        """
+        logged = self.loop.controller.parameters
+        factors = {
+            name: min(max(value / logged[name], 1 / MAX_GAIN_STEP), MAX_GAIN_STEP)
+            for name, value in design.items()
+        }
+        if stage is Stage.ANGLE or not design:
+            return {name: round_gain(logged[name] * factor) for name, factor in factors.items()}
+        gains: Parameters = {}
+        needed_score = min(1.0, self.margin_score(self.models.rate))
+        for share in (1.0, 0.75, 0.5, 0.25):
+            gains = {name: round_gain(logged[name] * f**share) for name, f in factors.items()}
+            stepped = self.models.with_parameters(gains)
+            if self.margin_score(stepped.rate) >= needed_score:
+                break
+        attitude_score = self.margin_score(self.models.attitude)
+        if self.margin_score(stepped.attitude) < min(1.0, attitude_score):
+            logged_gain = self.logged_gains["angle_gain"]
+            ((name, gain),) = self.angle_design(gains, largest=logged_gain).items()
+            gains = {**gains, name: round_gain(max(gain, logged_gain / MAX_GAIN_STEP))}
+        return gains
+
+    def _flights(self, design: Parameters) -> int:
+        """Returns how many steps of at most ``MAX_GAIN_STEP`` lead from the logged gains to a design."""
+        logged = self.loop.controller.parameters
+        changes = [_change(value, logged[name]) for name, value in design.items()]
+        # Three digits of a gain may make a change a little larger than a whole number of steps.
+        return ceil(max(changes, default=0.0) / log(MAX_GAIN_STEP) - 0.02)
+
+    def _ratio_notes(self, gains: Parameters) -> Facts:
+        """Returns why ratios of the rate controller's new gains are unusual, as the autopilot's defaults go.
+
+        Args:
+            gains: gains to set, by the autopilot's name.
+        """
+        names = self.loop.controller.parameter_names
+        logged = self.loop.controller.parameters
+        if names["p"] not in gains:
+            return ()
+        notes = []
+        usual_ratios = {"i": self.defaults.ratios.integral, "d": self.defaults.ratios.derivative}
+        for field, usual in usual_ratios.items():
+            name = names[field]
+            if name not in gains or not usual:
+                continue
+            ratio = gains[name] / gains[names["p"]] / usual
+            if max(ratio, 1 / ratio) > MAX_RATIO_CHANGE * RATIO_TOLERANCE:
+                logged_ratio = logged[name] / logged[names["p"]] / usual
+                notes.append(
+                    Fact(Gains.RATIO_UNUSUAL, name=name, ratio=ratio, logged_ratio=logged_ratio)
+                )
+        return tuple(notes)
+
+
+def logged_gains(loop: Loop) -> dict[str, float]:
+    """Returns the logged gains that advice may change, by the autopilot's name.
+
+    These are P, I and D of the rate controller and the gain of the attitude controller, as far as the log has them. A
+    gain of 0 is left out: that term of the controller is switched off, and no factor changes 0.
+    """
+    parameters = loop.controller.parameters
+    gains = {}
+    for field in ("p", "i", "d", "angle_gain"):
+        name = loop.controller.parameter_names[field]
+        if parameters.get(name):
+            gains[name] = parameters[name]
+    return gains
+
+
+def lowered_gains(loop: Loop, stage: Stage) -> dict[str, float]:
+    """Returns the gains of a stage lowered by one step, which needs no model of the plant.
+
+    Args:
+        loop: the loops with the logged gains.
+        stage: which gains to lower.
+    """
+    names = loop.controller.parameter_names
+    fields = ("p", "i", "d") if stage is Stage.RATE else ("angle_gain",)
+    gains = logged_gains(loop)
+    return {
+        names[field]: round_gain(gains[names[field]] / MAX_GAIN_STEP)
+        for field in fields
+        if names[field] in gains
+    }
+
+
+def scores_of_models(scores: Array) -> Array:
+    """Returns the score of each model (M,): the least at all of the ``EFFECTIVENESS_FACTORS``.
+
+    Args:
+        scores: scores (E · M,) of all models at the first effectiveness, then of all at the second, and so on.
+    """
+    return scores.reshape(len(EFFECTIVENESS_FACTORS), -1).min(axis=0)
+
+
+def round_gain(value: float) -> float:
+    """Returns a gain with three digits, as somebody would type it."""
+    return float(f"{value:.3g}")
+
+
+def bandwidth_of_estimate(open_loop: OpenLoop) -> float:
+    """Returns the bandwidth of a loop by the estimated plant, Hz; the end of all frequencies where it is beyond."""
+    bandwidth = open_loop.bandwidth
+    return float(open_loop.frequency[-1]) if isnan(bandwidth) else bandwidth
+
+
+def _change(value: float, logged: float) -> float:
+    """Returns the size of the change of a gain, as the logarithm of a factor."""
+    return abs(log(value / logged))

@@ -1,0 +1,183 @@
+"""Advised gains: rate P and D first, then the angle's, in steps that a tuner would load, with the margins promised."""
+
+from dataclasses import replace
+from math import log
+
+import numpy as np
+from known_gains import PX4
+from made_up_loop import made_up
+from numpy.testing import assert_array_equal
+from pytest import approx, mark
+
+from mavdem.assessment.axis.margins import AxisMargins
+from mavdem.facts import Fact
+from mavdem.facts.loops import Gains, Loops
+from mavdem.loops.advice import advise
+from mavdem.loops.axis_loops import MARGIN_TARGETS, margin_scores
+from mavdem.loops.gain_design import (
+    EFFECTIVENESS_FACTORS,
+    MAX_ANGLE_GAIN,
+    MAX_GAIN_STEP,
+    GainSearch,
+    Stage,
+)
+from mavdem.loops.loop_construction import loop_from_plant
+from mavdem.loops.margins import OpenLoop, controller_response
+
+INTEGRAL_RATIO = PX4["MC_ROLLRATE_I"] / PX4["MC_ROLLRATE_P"]
+DERIVATIVE_RATIO = PX4["MC_ROLLRATE_D"] / PX4["MC_ROLLRATE_P"]
+
+
+def share_with_margins(loop, target):
+    """Returns the share of a loop's draws whose rate loop has the margins at each effectiveness, computed plainly."""
+    frequency = np.geomspace(0.05, 90, 2000)
+    s = 2j * np.pi * frequency
+    (_, back) = controller_response(loop.controller, frequency)
+    damping, lag, delay = loop.dynamics[1:].T[:, :, np.newaxis]
+    plants = back * np.exp(-s * delay) / (s + damping) / (lag * s + 1)
+    has_margins = np.ones(len(plants), dtype=bool)
+    for factor in EFFECTIVENESS_FACTORS:
+        response = factor * loop.effectiveness[1:, np.newaxis] * plants
+        figures = OpenLoop(frequency, response, response, response).figures
+        has_margins &= figures["phase_margin"] + 0.1 >= target.phase_margin
+        has_margins &= figures["gain_margin"] + 0.02 >= target.gain_margin
+        has_margins &= figures["ms"] * 0.999 <= target.ms
+    return has_margins.mean()
+
+
+@mark.parametrize("factor", [0.5, 2.5, 4.5])
+def test_a_step_changes_rate_gains_together_by_half_at_most(factor):
+    advice = advise(made_up(factor), more=True)
+    assert advice.stage is Stage.RATE
+    gains = advice.gains
+    for gain in gains.values():
+        assert abs(log(gain.set / gain.now)) <= log(MAX_GAIN_STEP) + 0.006
+        assert gain.set == float(f"{gain.set:.3g}")
+    p, i, d = (gains[f"MC_ROLLRATE_{name}"].set for name in "PID")
+    assert i / p == approx(INTEGRAL_RATIO, rel=0.01)
+    assert 0.49 < d / p / DERIVATIVE_RATIO < 2.05
+    assert gains["MC_ROLL_P"].set == gains["MC_ROLL_P"].now, "the angle's gain comes last"
+
+
+@mark.slow
+@mark.parametrize("factor, tune", {0.5: "soft", 2.5: "default", 3.5: "sharp"}.items())
+def test_the_design_has_the_margins_in_90_percent_of_models(factor, tune):
+    loop = made_up(factor)
+    target = MARGIN_TARGETS[tune]
+    search = GainSearch(loop, target)
+    design = search.rate_design()
+    half = len(loop.effectiveness) // 2
+    judged = loop.with_draws(slice(half, None)).with_parameters(design)
+    assert share_with_margins(judged, target) >= 0.9
+    faster = {name: 1.15 * value for name, value in design.items()}
+    assert search.margin_score(search.models.with_parameters(faster).rate) < 1
+
+
+def test_the_share_of_models_is_that_of_draws_that_chose_nothing():
+    advice = advise(before := made_up(0.5), more=True)
+    half = len(before.effectiveness) // 2
+    assert_array_equal(advice.after.effectiveness[1:], before.effectiveness[half:])
+    assert share_with_margins(advice.after, advice.target) >= advice.sure >= 0.9
+
+
+@mark.slow
+def test_steps_lead_to_the_margins_and_end_there():
+    loop = made_up(4.5)
+    target = MARGIN_TARGETS["default"]
+    scores = [margin_scores(target, loop.rate)[0]]
+    advice = advise(loop)
+    while advice.parameters:
+        assert advice.stage is Stage.RATE and advice.sentence.code is Gains.STEP_TOWARDS_MARGINS
+        loop = loop.with_parameters(advice.parameters)
+        scores.append(margin_scores(target, loop.rate)[0])
+        advice = advise(loop)
+    assert advice.sentence.code is Gains.KEEP_GAINS
+    assert len(scores) <= 4 and scores == sorted(scores) and scores[-1] >= 1
+
+
+@mark.slow
+def test_more_ends_with_the_angles_gain_at_its_bound():
+    loop = made_up(1.0)
+    stages = []
+    advice = advise(loop, more=True)
+    while advice.parameters:
+        stages.append(advice.stage)
+        assert advice.sure >= 0.9
+        loop = loop.with_parameters(advice.parameters)
+        advice = advise(loop, more=True)
+    assert stages == sorted(stages) and stages[-1] is Stage.ANGLE
+    assert loop.controller.angle_gain == MAX_ANGLE_GAIN["roll"]
+    assert loop.lean_in_wind < made_up(1.0).lean_in_wind
+
+
+def test_an_attitude_loop_that_alone_lacks_margin_is_in_stage_2():
+    advice = advise(made_up(1.0).with_parameters({"MC_ROLL_P": 25.0}))
+    assert advice.stage is Stage.ANGLE and advice.parameters.keys() == {"MC_ROLL_P"}
+    assert advice.parameters["MC_ROLL_P"] == approx(25 / MAX_GAIN_STEP, rel=0.01)
+
+
+def test_gains_with_enough_margin_never_lose_a_fifth_of_their_bandwidth():
+    # The estimate has the margins, hardly any other model has them: a design would be much slower.
+    loop = made_up(1.7)
+    advice = advise(loop, more=True)
+    assert advice.stage is not Stage.RATE
+    assert advice.after.rate.bandwidth > 0.95 * loop.rate.bandwidth
+
+
+def test_an_unusual_ratio_of_the_log_is_named():
+    loop = made_up(2.5).with_parameters({"MC_ROLLRATE_D": 0.015})
+    advice = advise(loop)
+    if advice.parameters:
+        ratio = advice.parameters["MC_ROLLRATE_D"] / advice.parameters["MC_ROLLRATE_P"]
+        noted = [note.figures["name"] for note in advice.notes]
+        assert (ratio / DERIVATIVE_RATIO > 2.05) is (noted == ["MC_ROLLRATE_D"])
+
+
+@mark.parametrize("factor", [1.0, 1.7])  # surely, and perhaps
+def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
+    advice = advise(loop := made_up(factor))
+    assert advice.gains and not advice.parameters
+    assert (advice.sentence.code, advice.sentence.level) == (Gains.KEEP_GAINS, "good")
+    assert advice.after.controller.parameters == loop.controller.parameters
+    (light,) = AxisMargins(loop.axis, loop, None, None).facts
+    assert light.sentence.split(":")[0] == advice.rating.sentence.split(":")[0]
+
+
+def test_a_biased_effectiveness_gives_no_gains_but_a_step_down_where_margins_surely_lack():
+    doubts = (Fact(Loops.EFFECT_BIASED, because=Fact(Gains.LOOP_UNSTABLE)),)
+    for bias in (0.1, -0.15):
+        close_to_limit = made_up(4.0)
+        plant = close_to_limit.plant._replace(bias=bias)
+        lowered = advise(replace(close_to_limit, plant=plant, cautions=doubts))
+        assert (lowered.sentence.code, lowered.doubts) == (Gains.STEP_DOWN, doubts)
+        assert {round(gain.now / gain.set, 2) for gain in lowered.gains.values()} == {1.0, 1.5}
+        lacking = made_up(2.5)
+        refused = advise(replace(lacking, plant=plant, cautions=doubts))
+        assert refused.refusals == doubts and not refused.gains
+    assert advise(replace(made_up(1.0), cautions=doubts)).sentence.code is Gains.KEEP_GAINS
+
+
+@mark.slow
+def test_a_gain_of_0_stays_0():
+    loop = made_up()
+    known = {**loop.record.parameters, "MC_ROLLRATE_D": 0.0}
+    advice = advise(loop_from_plant(loop.plant, replace(loop.record, parameters=known)), more=True)
+    assert "MC_ROLLRATE_D" not in advice.gains
+    assert advice.parameters.keys() == {"MC_ROLLRATE_P", "MC_ROLLRATE_I"}
+
+
+def test_refusals_say_why():
+    record = (sound := made_up()).record
+    inputs = np.where(np.arange(2000)[:, None] % 10 == 0, 2000.0, record.inputs)
+    stuck = advise(replace(sound, record=replace(record, inputs=inputs)))
+    retuned = advise(replace(sound, record=replace(record, earlier={"MC_ROLL_P": 5.0})))
+    doubt = Fact(Loops.MIXER_REVERSED)
+    cases = {
+        doubt: advise(sound, doubts=[doubt]),
+        Fact(Gains.MOTOR_AT_LIMIT, share=0.1): stuck,
+        Fact(Gains.LOOP_UNSTABLE): advise(made_up(6.0)),
+        Fact(Gains.GAINS_CHANGED, names=["MC_ROLL_P"]): retuned,
+    }
+    for refusal, found in cases.items():
+        assert found.refusals == (refusal,) and not found.gains
+        assert found.sentence == Fact(Gains.NO_GAINS_ADVISED, reasons=[refusal])
