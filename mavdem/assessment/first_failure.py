@@ -113,7 +113,7 @@ def first_failure(
     A motor that was off as the loss began is the cause, or a setpoint that turned the vehicle over. Otherwise the
     commands of the motors are examined over a short interval: after a loss of attitude, from its onset until the error
     exceeded ``LOST_ANGLE``; after an impact, from the first sign of trouble before it, a motor at its limit or a fall,
-    until the impact.
+    but for a second at least, until the impact.
 
     Args:
         signals: of the vehicle.
@@ -152,9 +152,13 @@ def first_failure(
         for event in _events_at(events, MotionEvent.MOTOR_AT_ITS_STOP, boot, onset):
             if (event.time or 0.0) < onset - MAX_SETPOINT_DELAY:
                 motors_at_limit.append(event)
-        falls = _events_at(events, MotionEvent.FELL, boot, onset)
-        first_event = [*motors_at_limit, *falls, loss][0]
-        interval = (first_event.time or onset, onset)
+        # The averages that show a fall end it up to a second before the impact, and begin it as late.
+        earliest_end = onset - MAX_SETPOINT_DELAY
+        falls = _events_at(events, MotionEvent.FELL, boot, earliest_end, 2 * MAX_SETPOINT_DELAY)
+        start = earliest_end
+        for event in [*motors_at_limit, *falls]:
+            start = min(start, event.time or start)
+        interval = (start, onset)
     else:
         # The side to which the vehicle fell is the direction of the error when it became large.
         lost_row = np.argmax((error.time >= onset) & (error.magnitude > LOST_ANGLE))
@@ -253,7 +257,9 @@ def _reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: 
             continue
         is_mere_alarm = event.code in BATTERY_ALARMS and not _reports_failsafe(event)
         if is_mere_alarm and not _battery_was_empty(signals, boot, stop_time):
-            # The voltage does not confirm the alarm: a battery that breaks loose in a crash raises one too.
+            # The voltage does not confirm the alarm: a battery that breaks loose in a crash raises one too, but later.
+            if (event.time or inf) <= stop_time and warning is None:
+                warning = event
             continue
         if event.code in REASONS_OF_STOP:
             return Fact(FailedFirst.FAILSAFE_FIRST, time=event.time, cause=event)
