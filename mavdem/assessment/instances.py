@@ -40,19 +40,13 @@ from mavdem.ingest.vocabulary import INSTANCES_MESSAGE
 from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses.accelerometer import SELECTED_IMU, AccelerometerWitness
 from mavdem.witnesses.height import MAX_HEIGHT_DIFFERENCE
-
-BAROMETERS = ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3")
-"""Messages of the barometers, by number."""
-
-COMPASSES = (("SCALED_IMU", "RAW_IMU"), ("SCALED_IMU2",), ("SCALED_IMU3",))
-"""Messages of each compass, the preferred first, by number: ArduPilot sends the first one as RAW_IMU."""
-
-COMPASS_USE_PARAMETERS = ("COMPASS_USE", "COMPASS_USE2", "COMPASS_USE3")
-"""ArduPilot's parameters that say whether each compass is used, 0 or 1."""
-
-BAROMETER_PARAMETER = "BARO_PRIMARY"
-"""ArduPilot's parameter with the number of the barometer that is used, from 0."""
-
+from mavdem.witnesses.sensors import (
+    BAROMETER_PARAMETER,
+    BAROMETERS,
+    compass_fields,
+    is_compass_used,
+    primary_barometer,
+)
 
 MAX_ERROR_RATE = 1.0
 """Errors per second of a speed controller in flight above which it is to be watched; a choice."""
@@ -218,7 +212,7 @@ def _barometers(evidence: Evidence) -> Iterator[Instance]:
     """
     telemetry = evidence.signals.telemetry
     primary = telemetry.parameters.get(BAROMETER_PARAMETER)
-    reference_number = 0 if primary is None or not 0 <= primary < len(BAROMETERS) else int(primary)
+    reference_number = primary_barometer(telemetry)
     reference = recorded_series(telemetry, BAROMETERS[reference_number], "altitude")
     for number, message in enumerate(BAROMETERS):
         altitude = recorded_series(telemetry, message, "altitude")
@@ -277,25 +271,18 @@ def _compasses(evidence: Evidence) -> Iterator[Instance]:
         evidence: what the log shows of the vehicle.
     """
     telemetry = evidence.signals.telemetry
-    for number, messages in enumerate(COMPASSES):
-        field = None
-        for message in messages:
-            recorded = recorded_series(telemetry, message, "xmag", "ymag", "zmag")
-            if field is None and recorded is not None and recorded.values.any():
-                field = recorded
-        if field is None:
-            continue
+    for number, field in compass_fields(evidence.signals).items():
         strength = np.linalg.norm(_values_in_flight(evidence, field), axis=1)
-        used = telemetry.parameters.get(COMPASS_USE_PARAMETERS[number])
+        is_used = is_compass_used(telemetry, number)
         yield Instance(
             kind="compass",
-            name=f"compass {number + 1}",
+            name=f"compass {number}",
             quantity="field",
             unit="mGauss",
             low=strength.min(),
             high=strength.max(),
             state=_measured_state(strength),
-            used_share=None if used is None else float(used > 0),
+            used_share=None if is_used is None else float(is_used),
         )
 
 

@@ -16,7 +16,7 @@ from mavdem.dataset.time_series import (
     recorded_series,
 )
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
-from mavdem.ingest.telemetry import Columns, Parameters
+from mavdem.ingest.telemetry import Columns, Parameters, Telemetry
 from mavdem.ingest.vocabulary import ACCELEROMETERS_MESSAGE
 
 MILLIGRAVITY = GRAVITY / 1000
@@ -38,6 +38,18 @@ FORCE_FIELDS = {"ACCEL_BEFORE": ("x", "y", "z")}
 
 FURTHER_IMU_MESSAGES = {2: "SCALED_IMU2", 3: "SCALED_IMU3"}
 """Messages of the second and the third IMU of a stream, by number."""
+
+BAROMETERS = ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3")
+"""Messages of the barometers, by number."""
+
+BAROMETER_PARAMETER = "BARO_PRIMARY"
+"""ArduPilot's parameter with the number of the barometer that is used, from 0."""
+
+COMPASSES = {1: ("SCALED_IMU", "RAW_IMU"), 2: ("SCALED_IMU2",), 3: ("SCALED_IMU3",)}
+"""Messages of each compass, the preferred first, by its number: ArduPilot sends the first one as RAW_IMU."""
+
+COMPASS_USE_PARAMETERS = {1: "COMPASS_USE", 2: "COMPASS_USE2", 3: "COMPASS_USE3"}
+"""ArduPilot's parameters that say whether each compass is used, 0 or 1."""
 
 SEA_LEVEL_PRESSURE = 1013.25
 """Pressure at sea level of the International Standard Atmosphere, hPa."""
@@ -63,13 +75,30 @@ FULL_STICK = 0.9
 
 @cached_per_vehicle()
 def barometer_altitude(signals: Signals) -> TimeSeries | None:
-    """Returns the altitude (N,) by the first barometer, m above an arbitrary level.
+    """Returns the altitude (N,) by the barometer that is used, m above an arbitrary level.
 
     It is the autopilot's own altitude of SCALED_PRESSURE, where the log has that, else that of the pressure in the
-    International Standard Atmosphere (ISO 2533), or HIGHRES_IMU's pressure altitude.
+    International Standard Atmosphere (ISO 2533), or HIGHRES_IMU's pressure altitude. Where the used barometer does not
+    work, the first that does stands in for it.
     """
-    columns = signals.telemetry.messages.get("SCALED_PRESSURE", {})
-    altitude = None
+    telemetry = signals.telemetry
+    used = BAROMETERS[primary_barometer(telemetry)]
+    for message in (used, *BAROMETERS):
+        altitude = _altitude_in(telemetry.messages.get(message, {}))
+        if altitude is not None:
+            return altitude
+    altitude = recorded_series(telemetry, "HIGHRES_IMU", "pressure_alt")
+    return altitude if altitude is not None and np.ptp(altitude.values) else None
+
+
+def primary_barometer(telemetry: Telemetry) -> int:
+    """Returns the index in ``BAROMETERS`` of the barometer that is used; 0 where the parameters do not say it."""
+    number = int(telemetry.parameters.get(BAROMETER_PARAMETER, 0))
+    return number if 0 <= number < len(BAROMETERS) else 0
+
+
+def _altitude_in(columns: Columns) -> TimeSeries | None:
+    """Returns the altitude (N,), m, of one barometer's messages; None where it was not measured."""
     if "altitude" in columns:
         altitude = clean_series(columns, float_column(columns, "altitude"))
     elif "press_abs" in columns:
@@ -78,11 +107,27 @@ def barometer_altitude(signals: Signals) -> TimeSeries | None:
         is_possible = (pressure > lowest) & (pressure < highest)
         altitude = clean_series(columns, _standard_altitude(pressure), is_possible)
     else:
-        altitude = recorded_series(signals.telemetry, "HIGHRES_IMU", "pressure_alt")
-    if altitude is None or not len(altitude.time) or not np.ptp(altitude.values):
-        # A sensor that always measures the same does not work.
         return None
-    return altitude
+    # A sensor that always measures the same does not work.
+    return altitude if len(altitude.time) and np.ptp(altitude.values) else None
+
+
+@cached_per_vehicle()
+def compass_fields(signals: Signals) -> dict[int, TimeSeries]:
+    """Returns the magnetic field (N, 3), mGauss along the body's axes, of each compass, by its number from 1."""
+    fields: dict[int, TimeSeries] = {}
+    for number, messages in COMPASSES.items():
+        for message in messages:
+            field = recorded_series(signals.telemetry, message, "xmag", "ymag", "zmag")
+            if field is not None and field.values.any():
+                fields.setdefault(number, field)
+    return fields
+
+
+def is_compass_used(telemetry: Telemetry, number: int) -> bool | None:
+    """Returns whether ArduPilot's parameters use a compass, by its number; None where they do not say it."""
+    value = telemetry.parameters.get(COMPASS_USE_PARAMETERS[number])
+    return None if value is None else value > 0
 
 
 def _standard_altitude(pressure: Array) -> Array:

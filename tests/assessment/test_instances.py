@@ -18,6 +18,7 @@ from mavdem.ingest.px4_instances import further_sensors
 from mavdem.ingest.vocabulary import ACCELEROMETERS_MESSAGE, INSTANCES_MESSAGE, EstimatorRatio
 from mavdem.report.instances import instance_table
 from mavdem.witnesses import sensor_trust
+from mavdem.witnesses.sensors import barometer_altitude
 
 HOVER = Hover()
 TIME = HOVER.stamps(5.0)
@@ -214,3 +215,26 @@ def test_a_barometer_that_differs_from_the_used_one_in_flight_is_to_be_watched()
     telemetry = changed(telemetry, "SCALED_PRESSURE2", altitude=altitude)
     differing = by_name(telemetry)["barometer 1"].state
     assert (differing.level, differing.figures["name"]) == ("watch", "barometer 2")
+
+
+def test_a_compass_that_is_not_used_is_not_judged_and_a_used_one_is_named():
+    telemetry = HOVER.telemetry(20.0, 20.0, parameters={"COMPASS_USE": 0.0})
+    is_flying = (TIME > 8.0) & (TIME < 60.0)
+    for message in ("RAW_IMU", "SCALED_IMU2"):
+        disturbed = columns(TIME, xmag=np.where(is_flying, 600.0, 400.0), ymag=1.0, zmag=1.0)
+        telemetry = changed(telemetry, message, **disturbed)
+    light = estimator_light(evidence_of(Signals(telemetry)))
+    assert (light.code, light.subject) == (EstimatorLight.COMPASS_DISTURBED, "compass 2")
+    assert light.sentence.startswith("The field of compass 2 is 50 % stronger in flight")
+
+
+def test_the_barometer_that_is_used_counts_and_one_that_stands_still_gives_way():
+    telemetry = instrumented()
+    place = telemetry.messages["SCALED_PRESSURE"]
+    second = columns(place["time"], altitude=2 * place["altitude"])
+    telemetry = changed(telemetry, "SCALED_PRESSURE2", **second)
+    telemetry = replace(telemetry, parameters={**telemetry.parameters, "BARO_PRIMARY": 1.0})
+    used = barometer_altitude(Signals(telemetry))
+    assert used.values.max() == approx(260, abs=1)
+    dead = changed(telemetry, "SCALED_PRESSURE2", altitude=7.0)
+    assert barometer_altitude(Signals(dead)).values.max() == approx(130, abs=1)

@@ -31,6 +31,7 @@ from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio, mavlink_constant
+from mavdem.witnesses.sensors import compass_fields, is_compass_used
 
 INNOVATIONS = tuple(EstimatorRatio)
 """The innovations that are judged, in the order of the columns of :func:`innovation_ratios`."""
@@ -398,17 +399,19 @@ def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
 
     Currents of the motors make a field of their own, which a compass mounted too near to them feels. The median
     strength in the first flight is compared with that on the ground before it, if there are enough samples of that.
+    Only the first compass that the parameters do not exclude is judged.
 
     Args:
         evidence: what the log shows of the vehicle.
 
     Yields:
-        At most one fact, with the relative ``change`` of the strength.
+        At most one fact, with the relative ``change`` of the strength, and the compass as subject if there are several.
     """
-    for message in ("SCALED_IMU", "RAW_IMU"):
-        field = recorded_series(evidence.signals.telemetry, message, "xmag", "ymag", "zmag")
+    fields = compass_fields(evidence.signals)
+    for number, field in fields.items():
         flight = next(evidence.in_flight(field), None)
-        if field is None or flight is None:
+        is_excluded = is_compass_used(evidence.signals.telemetry, number) is False
+        if flight is None or is_excluded:
             continue
         is_before = (field.boot == flight.boot[0]) & (field.time < flight.time[0])
         strength_on_ground = _field_strengths(field.values[is_before])
@@ -416,7 +419,8 @@ def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
             strength_in_flight = _field_strengths(flight.values)
             change = np.median(strength_in_flight) / np.median(strength_on_ground) - 1
             if abs(change) > MAX_FIELD_CHANGE:
-                yield Fact(EstimatorLight.COMPASS_DISTURBED, change=change)
+                subject = f"compass {number}" if len(fields) > 1 else ""
+                yield Fact(EstimatorLight.COMPASS_DISTURBED, subject=subject, change=change)
         return
 
 
