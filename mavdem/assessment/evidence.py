@@ -26,6 +26,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Code, Fact, Facts, NamedFacts
 from mavdem.facts.ending import MotionEvent
+from mavdem.facts.events import Reported
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.sources import Repair
 from mavdem.ingest import Log
@@ -85,6 +86,13 @@ class Evidence:
     def has_flown(self) -> bool:
         """Whether the vehicle operated, and its motion does not show that it stayed on the ground."""
         return self.has_operated and self.not_flown is None
+
+    @property
+    def was_in_air(self) -> bool:
+        """Whether the vehicle flew, or fell after a restart of the autopilot in flight."""
+        if self.has_flown:
+            return True
+        return any(event.code is Reported.RESTARTED_IN_FLIGHT for event in self.events)
 
     @cached_property
     def trust(self) -> tuple[SensorTrust, ...]:

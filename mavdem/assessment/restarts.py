@@ -9,6 +9,7 @@ Source: https://ardupilot.org/copter/docs/common-watchdog.html.
 
 import re
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,6 +38,18 @@ A choice: the estimated height may run away by some metres while the estimator s
 MIN_FALL_SPEED = 3.0
 """Speed downward, m/s, that must agree with the height: a choice, more than a descent in flight."""
 
+MAX_HEIGHT_AT_REST = 1.0
+"""Range of the height after an impact, m: what the estimate still moves on the ground. A choice."""
+
+MIN_REST_SECONDS = 1.0
+"""Time, s, for which the vehicle rests at least after an impact: a choice, longer than a bounce."""
+
+MAX_STOP_SECONDS = 0.5
+"""Time, s, before an impact within which the vehicle still falls: the estimate and its log are no faster. A choice."""
+
+MIN_IMPACT_SPEED = 3.0
+"""Speed downward, m/s, shortly before an impact: a choice, more than that of a hard landing."""
+
 MIN_FALL_TILT = np.deg2rad(60)
 """Roll or pitch, rad, that shows the fall where nothing reports the reset: a choice, not met on the ground."""
 
@@ -62,12 +75,14 @@ def restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
 
     Yields:
         At most one fact, with the figures of :func:`mavdem.assessment.reported.reported_events`. Of a restart in flight
-        ``watchdog`` says whether its watchdog did it, and ``descent`` is how far the vehicle then fell, m, or None.
+        ``watchdog`` says whether its watchdog did it. ``descent`` is how far the vehicle then fell, m, and ``impact``
+        when it hit the ground, s; None where it did not, or that is not known.
     """
     telemetry = signals.telemetry
     is_watchdog = _reports_watchdog(telemetry, span)
     was_flying = span.boot > 0 and _ends_in_air(signals, span.boot - 1)
-    descent = _descent(signals, span)
+    fall = _fall_at_start(signals, span)
+    descent = None if fall is None else fall.descent
     has_fallen = descent is not None and descent >= MIN_FALL_HEIGHT
     if is_watchdog or was_flying:
         in_flight = has_fallen or _begins_in_flight(signals, span)
@@ -90,6 +105,7 @@ def restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
             basis=tuple(basis),
             watchdog=is_watchdog,
             descent=descent if has_fallen else None,
+            impact=fall.impact if has_fallen and fall is not None else None,
         )
     elif span.boot > 0:
         yield Fact(Reported.RESTARTED, time=span.start, boot=span.boot, basis=(attitude_name,))
@@ -138,29 +154,51 @@ def _begins_in_flight(signals: Signals, span: Segment) -> bool:
     )
 
 
-def _descent(signals: Signals, span: Segment) -> float | None:
-    """Returns by how much the vehicle falls at the beginning of a boot, m, where height and vertical speed agree.
+class FallAtStart(NamedTuple):
+    """A fall at the beginning of a boot."""
+
+    descent: float
+    """Height from the highest to the lowest point thereafter, m."""
+
+    impact: float | None
+    """When the vehicle hit the ground, s; None where it did not within ``FALL_SECONDS``, or did not rest then."""
+
+
+def _fall_at_start(signals: Signals, span: Segment) -> FallAtStart | None:
+    """Returns how the vehicle falls at the beginning of a boot, where height and vertical speed agree.
+
+    It hit the ground where a fall ends within ``MAX_STOP_SECONDS``, and the height rests from then on.
 
     Args:
         signals: signals of the vehicle.
         span: the recorded part of the boot.
 
     Returns:
-        The height from the highest to the lowest point thereafter, within ``FALL_SECONDS``; None where one of both was
-        not recorded, or the speed does not reach ``MIN_FALL_SPEED``.
+        The fall within ``FALL_SECONDS``; None where height or speed was not recorded, or the speed does not reach
+        ``MIN_FALL_SPEED``.
     """
     height = series_of_boot(signals.height, span.boot)
     climb_rate = series_of_boot(signals.climb_rate, span.boot)
     if height is None or climb_rate is None:
         return None
     end = span.start + FALL_SECONDS
+    time = height.time[height.time <= end]
     heights = height.values[height.time <= end]
     speeds = climb_rate.values[climb_rate.time <= end]
     if not len(heights) or not len(speeds) or speeds.min() > -MIN_FALL_SPEED:
         return None
     # How far the vehicle is below the highest point so far, at each sample.
     drops = np.maximum.accumulate(heights) - heights
-    return float(drops.max())
+    descent = float(drops.max())
+    first_low_row = int(np.argmax(drops >= descent - MAX_HEIGHT_AT_REST))
+    impact = float(time[first_low_row])
+    rests = (
+        np.ptp(heights[first_low_row:]) <= MAX_HEIGHT_AT_REST
+        and time[-1] - impact >= MIN_REST_SECONDS
+    )
+    is_before = (climb_rate.time >= impact - MAX_STOP_SECONDS) & (climb_rate.time <= impact)
+    is_fast = (climb_rate.values[is_before] <= -MIN_IMPACT_SPEED).any()
+    return FallAtStart(descent, impact if rests and is_fast else None)
 
 
 def _tumbles(signals: Signals, span: Segment) -> bool:

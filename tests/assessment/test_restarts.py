@@ -44,6 +44,8 @@ def test_a_watchdog_reset_and_a_fall_are_a_restart_in_flight(text):
     assert event.level is Level.BAD
     assert event.figures["watchdog"]
     assert 15.0 < event.figures["descent"] <= 20.5
+    # The last metre of the fall counts as rest.
+    assert 3.6 < event.figures["impact"] < 4.1
 
 
 def test_the_watchdog_is_stated_once():

@@ -117,7 +117,7 @@ def estimator_light(evidence: Evidence) -> Fact:
     ]
     if facts:
         return worst_fact(facts)
-    airborne = evidence.has_flown
+    airborne = evidence.was_in_air
     return Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=airborne)
 
 

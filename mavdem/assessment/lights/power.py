@@ -82,7 +82,7 @@ def power_light(evidence: Evidence) -> Fact:
         voltages_read = [battery.voltage.values for battery in evidence.signals.batteries]
         return Fact(
             PowerLight.POWER_UNMEASURED,
-            airborne=evidence.has_flown,
+            airborne=evidence.was_in_air,
             is_constant=not any(np.ptp(volts) for volts in voltages_read),
             voltage=max((volts.max() for volts in voltages_read), default=None),
             voltage_usual=_constant_board_voltage(evidence),
