@@ -295,6 +295,21 @@ def test_yaw_follows_its_setpoint_through_whole_turns():
     assert yaw.figures["reached_rate"] == approx(yaw.figures["rate_setpoint"])
 
 
+def test_a_heading_that_is_set_at_once_is_no_error_while_the_vehicle_turns_to_it():
+    """A mission sets the heading of its next leg, 90° off; the vehicle turns there at 20°/s."""
+    heading = np.radians(90.0) * ((TIME > 20.0) & (TIME < 34.0))
+    yaw = np.radians(90.0) * np.interp(TIME, [20.0, 24.5, 34.0, 38.5], [0.0, 1.0, 1.0, 0.0])
+    telemetry = asked(turning(0.0, 0.0), angle=0.01 * np.sin(TIME))
+    attitude = np.column_stack([np.cos(heading / 2), 0 * heading, 0 * heading, np.sin(heading / 2)])
+    telemetry = changed(telemetry, "ATTITUDE_TARGET", q=attitude)
+    follows = evidence(changed(telemetry, "ATTITUDE", yaw=yaw)).tracking["yaw"]
+    assert (follows.code, follows.level) == (TrackingLight.FOLLOWS_SETPOINT, "good")
+    # One that stays 30° beside its heading long after the turn misses it.
+    beside = yaw - np.radians(30.0) * (TIME > 24.0)
+    misses = evidence(changed(telemetry, "ATTITUDE", yaw=beside)).tracking["yaw"]
+    assert (misses.code, misses.level) == (TrackingLight.MISSES_SETPOINT, "bad")
+
+
 @mark.parametrize(
     "outputs, cause",
     [

@@ -13,7 +13,8 @@ from mavdem.assessment.axis.reached_rate import reached_rate
 from mavdem.assessment.limits import Limits
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset.axes import AXES, TILT_AXES
-from mavdem.dataset.segments import Segments, in_segments
+from mavdem.dataset.intervals import complement, intersection
+from mavdem.dataset.segments import Segment, Segments, in_segments
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level, NamedFacts
@@ -67,6 +68,20 @@ YAW_MOVEMENT_SECONDS = 1.0
 A heading has no mean, so that the movement is the RMS change in this time. Headings that follow well have an RMS error
 of at most a quarter of it, or of 3°.
 """
+
+YAW_JUMP = np.radians(20.0)
+"""Change of yaw's setpoint from one sample to the next, rad, that is a new destination and no course to follow.
+
+Autopilots that let the setpoint turn with the vehicle change it by at most 60° (ATC_SLEW_YAW) in a second. Older ones
+set the heading of the next leg of a mission at once, and the vehicle turns there at a rate of its own.
+"""
+
+SLOWEST_TURN = np.radians(10.0)
+"""Rate, rad/s, at which a vehicle turns to such a destination at least: half of the slowest default (20°/s,
+MPC_YAWRAUTO_MAX of older PX4)."""
+
+TURN_MARGIN_SECONDS = 2.0
+"""Time, s, in which such a turn begins and ends."""
 
 
 class SetpointErrors(NamedTuple):
@@ -136,6 +151,8 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     if signals.attitude is None or setpoint is None:
         return unknown
     angle = signals.attitude.angle_series
+    if signals.axis not in TILT_AXES:
+        segments = _segments_without_turns(setpoint, segments)
     setpoints, errors_by_delay = _setpoint_errors(setpoint, angle, segments, DELAYS)
     if len(setpoints) < MIN_SAMPLES_FOR_STATISTICS:
         return unknown
@@ -186,6 +203,27 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         frequency=None if peak is None else peak.frequency,
         **turn_figures,
     )
+
+
+def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segments:
+    """Returns the parts of segments in which a vehicle does not turn to a heading that was set at once.
+
+    Args:
+        setpoint: of yaw, rad, without jumps by a turn.
+        segments: parts of the flight to judge.
+    """
+    remaining = []
+    for segment in segments:
+        rows = setpoint.boot == segment.boot
+        time = setpoint.time[rows]
+        jumps = np.abs(np.diff(setpoint.values[rows], append=setpoint.values[rows][-1:]))
+        steady = [(segment.start, segment.end)]
+        for row in np.flatnonzero(jumps > YAW_JUMP):
+            turn_seconds = jumps[row] / SLOWEST_TURN + TURN_MARGIN_SECONDS
+            turn = (time[row], time[row] + turn_seconds)
+            steady = intersection(steady, complement([turn]))
+        remaining += [Segment(segment.boot, start, end) for start, end in steady]
+    return tuple(remaining)
 
 
 def _yaw_movement(setpoint: TimeSeries, segments: Segments) -> float:
