@@ -36,6 +36,12 @@ ONSET_ANGLE = LOST_ANGLE / 3
 FALL_SPEED = 5.0
 """Speed downward, m/s, of a fall: autopilots descend at 1.5 to 4 m/s by their own decision."""
 
+MAX_LANDING_REPORT_SECONDS = 2.0
+"""Seconds between two reports of the landed state in which the vehicle landed at an unknown moment.
+
+Autopilots send them at 1 Hz. With slower ones a vehicle that somebody lifts after the landing would count as lost.
+"""
+
 ALOFT_HEIGHT = 5.0
 """Height, m, above the take-off from which on a knock alone shows no contact; slopes, bushes and the error of a
 barometer are lower."""
@@ -85,8 +91,8 @@ def _loss_intervals(scene: Scene, error: AttitudeError, flight: Interval) -> Int
         flight: start and end of the flight, s since boot.
 
     Returns:
-        Intervals, s since boot, that begin in the flight or at most ``MAX_SETPOINT_DELAY`` after it. Losses that follow
-        each other within ``RECOVERY_SECONDS`` are one.
+        Intervals, s since boot, that begin in the flight or at most ``MAX_SETPOINT_DELAY`` after the report of its
+        landing. Losses that follow each other within ``RECOVERY_SECONDS`` are one.
     """
     lost = lasting_runs(error.time, error.magnitude > LOST_ANGLE, MAX_SETPOINT_DELAY)
     fallen = []
@@ -95,12 +101,33 @@ def _loss_intervals(scene: Scene, error: AttitudeError, flight: Interval) -> Int
         if end >= flight[1] and sink_rate > FALL_SPEED:
             fallen.append((start, end))
     # The setpoint is tolerated for ``MAX_SETPOINT_DELAY``, so that a loss shows up to that long after the landing.
-    latest_start = flight[1] + MAX_SETPOINT_DELAY
+    latest_start = _landing_report(scene, flight[1]) + MAX_SETPOINT_DELAY
     return [
         (start, end)
         for start, end in merge_close(union(lost, fallen), RECOVERY_SECONDS)
         if flight[0] < start <= latest_start
     ]
+
+
+def _landing_report(scene: Scene, flight_end: float) -> float:
+    """Returns when the first landed state after the last one in flight was reported, s since boot.
+
+    Landed states often come once a second: the vehicle landed somewhere between the two reports.
+
+    Args:
+        scene: sensors of the boot.
+        flight_end: end of the flight by the last report in flight, s since boot.
+
+    Returns:
+        The end of the flight itself where no report follows within ``MAX_LANDING_REPORT_SECONDS``.
+    """
+    reports = series_of_boot(scene.signals.landed_state, scene.boot)
+    if reports is None:
+        return flight_end
+    later = reports.time[reports.time > flight_end]
+    if not len(later) or later[0] - flight_end > MAX_LANDING_REPORT_SECONDS:
+        return flight_end
+    return float(later[0])
 
 
 class _AttitudeLoss(NamedTuple):

@@ -256,10 +256,8 @@ def _reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: 
         if not (is_of_boot and is_near):
             continue
         is_mere_alarm = event.code in BATTERY_ALARMS and not _reports_failsafe(event)
-        if is_mere_alarm and not _battery_was_empty(signals, boot, stop_time):
-            # The voltage does not confirm the alarm: a battery that breaks loose in a crash raises one too, but later.
-            if (event.time or inf) <= stop_time and warning is None:
-                warning = event
+        if is_mere_alarm and not _battery_was_low(signals, boot, stop_time):
+            # The voltage does not confirm the alarm: a battery that breaks loose in a crash raises one too.
             continue
         if event.code in REASONS_OF_STOP:
             return Fact(FailedFirst.FAILSAFE_FIRST, time=event.time, cause=event)
@@ -280,8 +278,10 @@ def _reports_failsafe(alarm: Fact) -> bool:
     return "error_code" in alarm.figures or "failsafe" in text.lower()
 
 
-def _battery_was_empty(signals: Signals, boot: int, time: float) -> bool:
-    """Returns whether a battery was below its critical voltage before a time, by the median of ``RECOVERY_SECONDS``.
+def _battery_was_low(signals: Signals, boot: int, time: float) -> bool:
+    """Returns whether a battery was low before a time, by its median voltage over ``RECOVERY_SECONDS``.
+
+    The autopilot's critical voltage may be anywhere below the low one: what it is set to is not known from most logs.
 
     Args:
         signals: of the vehicle.
@@ -298,8 +298,8 @@ def _battery_was_empty(signals: Signals, boot: int, time: float) -> bool:
             continue
         volts = voltage.values[in_intervals(voltage.time, [(time - RECOVERY_SECONDS, time)])]
         cells = cell_count(parameters, battery) or 0
-        critical = voltage_levels(parameters, battery.number, cells).bad
-        if len(volts) and np.median(volts) < critical:
+        low = voltage_levels(parameters, battery.number, cells).watch
+        if len(volts) and np.median(volts) < low:
             return True
     return False
 

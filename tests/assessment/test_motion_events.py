@@ -174,6 +174,17 @@ def test_a_vehicle_that_topples_as_the_throttle_closes_has_landed():
     assert "switch" not in ending.remedy
 
 
+def test_a_vehicle_may_topple_between_two_reports_of_its_landed_state():
+    made = moving(instrumented("Stabilize"), lambda since: -1.0 * (since < 9.8))
+    touch_down = EVENT + 10.2
+    made = driven(stick(made, STICK_CLOSED, touch_down - 0.3), 1000.0, touch_down - 0.3)
+    made = rolled(made, 95.0, touch_down)
+    time = np.arange(0.3, 76.0, 1.0)
+    state = np.where((time > 6.0) & (time < touch_down - 1.0), 2, 1)
+    reported = changed(made, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
+    assert MotionEvent.TOPPLED in judged(reported)[0]
+
+
 def failsafe_in_the_air():
     """A radio failsafe stops the motors at 10 m; the vehicle rolls over as it falls."""
     made = moving(instrumented(), falling)
