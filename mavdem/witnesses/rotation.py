@@ -49,13 +49,16 @@ MAX_STILL_RATE = np.radians(1.0)
 """Body rate, rad/s, that a vehicle under power stays below only where something holds it: free ones shake."""
 
 MIN_TURN = np.radians(2.0)
-"""RMS, rad, of the change of roll or pitch within ``TURN_SECONDS`` from which on gyro and attitude can be compared."""
+"""Change, rad, of roll or pitch within ``TURN_SECONDS`` from which on gyro and attitude can be compared."""
+
+MIN_TURNS = 5
+"""Number of such changes that are needed; a choice."""
 
 TURN_SECONDS = 0.5
 """Seconds over which the change of the attitude and the integral of the gyro are compared."""
 
 MAX_AGREEING_RATIO = 0.5
-"""RMS difference of both, relative to the change of the attitude, up to which they agree; a choice below 1, at which
+"""Median difference of both, relative to the change of the attitude, up to which they agree; a choice below 1, at which
 the gyro explains nothing."""
 
 
@@ -226,7 +229,7 @@ def _best_fit(angle: Array, setpoint: Array, is_known: Flags) -> _Fit:
 def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
     """Returns whether the changes of roll and pitch are the integrals of the gyro's rates.
 
-    Both are compared over steps of ``TURN_SECONDS`` under power, by the RMS of their difference relative to that of the
+    Both are compared over steps of ``TURN_SECONDS`` under power, by the median of their difference relative to the
     change (``MAX_AGREEING_RATIO``). A gyro with a bias agrees with the attitude that the estimator computed from it. So
     agreement is only weak evidence for the gyro, while disagreement shows that one of the two is wrong.
 
@@ -258,11 +261,13 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
         is_used = is_inside[1:] & is_inside[:-1]
         changes.append(change[is_used])
         differences.append((change - expected)[is_used])
-    change_rms = float(np.sqrt(np.mean(np.square(np.concatenate(changes)))))
-    if not change_rms > MIN_TURN:
+    change = abs(np.concatenate(changes))
+    difference = abs(np.concatenate(differences))
+    is_turn = change > MIN_TURN
+    if np.count_nonzero(is_turn) < MIN_TURNS:
         return None
-    difference_rms = float(np.sqrt(np.mean(np.square(np.concatenate(differences)))))
-    return difference_rms <= MAX_AGREEING_RATIO * change_rms
+    # The median leaves out the tumble of a crash, in which Euler angles jump.
+    return bool(np.median(difference[is_turn] / change[is_turn]) <= MAX_AGREEING_RATIO)
 
 
 def _is_resolved(rate: Array) -> bool:

@@ -75,3 +75,19 @@ def test_two_logs_of_one_flight_are_one_review(here, capsys):
     assert "not known to be of one flight" in capsys.readouterr().err
     assert run(first, first) == 2
     assert "named twice" in capsys.readouterr().err
+
+
+def test_the_inventory_and_the_review_have_every_instance_and_what_can_be_trusted(here, capsys):
+    inventory = document_of(capsys, "info", SLOW, code=1)
+    (vehicle,) = inventory["vehicles"]
+    reviewed = document_of(capsys, "review", SLOW)
+    for name in ("instances", "trust"):
+        assert vehicle[name] == reviewed[name] != []
+    assert reviewed["trust"][0]["checks"][0]["code"] == "trust_flight"
+    page = (here / "ardupilot_default_rates" / "report.html").read_text()
+    for title in ("What can be trusted", "Every battery, estimator, sensor and output"):
+        assert title in page
+    assert run("info", SLOW, "--verbose") == 1
+    screen = capsys.readouterr().out
+    assert "gyro against attitude" in screen
+    assert "output 1 (motor 1)" in screen
