@@ -23,6 +23,11 @@ def pytest_addoption(parser):
     parser.addoption(
         "--write-golden", action="store_true", help="write the golden files of tests/report anew"
     )
+    parser.addoption(
+        "--in-full",
+        action="store_true",
+        help="compare figures of many more flights, and all pictures",
+    )
 
 
 def pytest_collection_finish():
@@ -63,26 +68,52 @@ def without_wind_fits():
         yield
 
 
-def once(fit):
-    """The same fit, done once in a process for the same arguments."""
-    known = {}
+@fixture(scope="module")
+def coarse_physics():
+    """For tests whose flights need not be exact: steps of the physics as long as a cycle of a fast controller, s."""
+    with MonkeyPatch.context() as patch:
+        patch.setattr("sitl_scenarios.dynamics.MAX_STEP_SECONDS", 5e-3)
+        yield
 
-    def fitted(*given):
-        key = sha256(pickle.dumps(given)).digest()
-        if key not in known:
-            known[key] = fit(*given)
-        return known[key]
+
+def once(fit, folder):
+    """The same fit, done once in a run of the tests for the same arguments.
+
+    Args:
+        fit: function of arguments that can be pickled, without a side effect.
+        folder: where results are kept for the other processes of this run.
+    """
+    results = {}
+
+    def fitted(*arguments):
+        key = sha256(pickle.dumps((fit.__qualname__, *arguments))).hexdigest()
+        path = folder / key
+        if key not in results and path.is_file():
+            results[key] = pickle.loads(path.read_bytes())
+        if key not in results:
+            results[key] = fit(*arguments)
+            # Another process finds no file, or a whole one.
+            unfinished = path.with_name(f"{key}.{os.getpid()}")
+            unfinished.write_bytes(pickle.dumps(results[key]))
+            unfinished.replace(path)
+        return results[key]
 
     return fitted
 
 
 @fixture(scope="session", autouse=True)
-def fits_once():
+def fits_once(tmp_path_factory):
     """Many tests, and many commands of a test, ask for the parameters and loops of the same flight."""
     from mavdem.loops import identification as in_flight
     from mavdem.plant import estimation
 
+    # All processes of a run have folders below that of the run.
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    folder = folder / "fits"
+    folder.mkdir(exist_ok=True)
     with MonkeyPatch.context() as patch:
         for module, name in ((estimation, "_estimate_parameters"), (in_flight, "identify_axis")):
-            patch.setattr(module, name, once(getattr(module, name)))
+            patch.setattr(module, name, once(getattr(module, name), folder))
         yield

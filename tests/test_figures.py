@@ -1,6 +1,7 @@
 """Figures of whole flights beside those of before: a sign, a unit or a threshold that changes shows in some of them.
 
-``--write-golden`` writes them, to be compared before they are kept.
+``--write-golden`` writes them, to be compared before they are kept. With ``--in-full`` figures of many more flights are
+compared with those that both options together wrote into build/golden, by another version.
 """
 
 import json
@@ -23,6 +24,7 @@ from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 
 GOLDEN = Path(__file__).parent / "golden"
+FULL_GOLDEN = Path(__file__).parents[1] / "build" / "golden"
 MANY = 6  # of more numbers, their count, ends, mean, deviation and quartiles stand for all
 DIGITS = 5
 PRECISION = 0.01
@@ -30,46 +32,45 @@ FILES = {".html", ".csv", ".rrd", ".param", ".params", ".toml", ".sdf", ".tlog",
 # Not of pictures and colours.
 NUMBER = re.compile(r"(?:base64,|#)[\w+/=]*|(-?\d+(?:\.\d+)?(?:e-\d+)?)")
 FLIGHTS = {
-    "real/logs/sitl_hexa_plus_motor6_lost.bin": ["review"],
-    "real/logs/yaw_twist_16_percent.BIN": ["review"],
-    "real/logs/px4_motor_failure.ulg": ["review"],
-    "real/propeller/hover_cut20mm_1.BIN": ["review"],
-    "real/logs/ardupilot_range_1075_1920_slow.tlog": ["review"],
+    # A crash, a lost motor of four and of six, and a propeller whose tip is cut.
     "real/logs/crash_motor2_mechanical.bin": ["review", "> review"],
-    "real/logs/crash_motor4_at_its_limit.BIN": ["review"],
-    "real/logs/crash_errors_without_time.BIN": ["review"],
-    "real/logs/ardupilot_motor2_at_its_limit.BIN": ["review"],
-    "ardupilot_default_rates.tlog": ["info", "review", "> convert"],
-    "ardupilot_wind5_steps.tlog": [
-        "review",
-        "tune",
-        "info",
-        "compare",
-        "order",
-        "convert",
-        "> info --verbose",
-    ],
-    "real/logs/px4_default_rates_learnable.ulg": ["review", "tune", "> tune --verbose"],
-    "real/logs/gains_named_before_34.BIN": [
-        "review",
-        "tune",
-        "twin",
-        "wind",
-        "> wind --verbose",
-    ],
-    "sitl_raw/ap_sid.BIN.xz": ["review", "tune"],
+    "real/logs/px4_motor_failure.ulg": ["review"],
+    "real/logs/sitl_hexa_plus_motor6_lost.bin": ["review"],
     "real/propeller/hover_good_1.BIN real/propeller/hover_cut25mm_1.BIN": [
         "track",
         "diff",
         "> diff",
     ],
+    # What is learned: of a telemetry log, of PX4's log, and of a flight whose height diverged.
+    "ardupilot_wind5_steps.tlog": ["review", "tune", "info", "convert", "> info --verbose"],
+    "real/logs/px4_default_rates_learnable.ulg": ["review", "tune", "> tune --verbose"],
+    "real/logs/gains_named_before_34.BIN": ["twin", "wind", "> wind --verbose"],
+    # What is in logs of slow streams, of several vehicles and of a short flight.
+    "ardupilot_default_rates.tlog": ["info", "review", "> convert"],
+    "real/logs/low_flight_climb_channel_zero.tlog": ["info"],
+    "logs/pyulog_sample.ulg": ["review"],
+    "sitl_px4/px4_two_vehicles_gcslink.tlog": ["info"],
+    # Simulated flights, live and from their log.
+    "ardupilot_steps": ["fly", "live", "wind", "> info --verbose"],
+    "iris_gusts": ["fly", "learn"],
+}
+"""What is run of each log; a name without an ending is that of a scenario, and what is flown is read by the commands
+after it. Of a command after ">" it is what stands on its screen."""
+MORE_FLIGHTS = {
+    "real/logs/yaw_twist_16_percent.BIN": ["review"],
+    "real/propeller/hover_cut20mm_1.BIN": ["review"],
+    "real/logs/ardupilot_range_1075_1920_slow.tlog": ["review"],
+    "real/logs/crash_motor4_at_its_limit.BIN": ["review"],
+    "real/logs/crash_errors_without_time.BIN": ["review"],
+    "real/logs/ardupilot_motor2_at_its_limit.BIN": ["review"],
+    "sitl_raw/ap_sid.BIN.xz": ["review", "tune"],
+    "sitl_raw/ap_raw_on.BIN.xz": ["info"],
     "real/logs/ardupilot33_rate_in_centidegrees.bin": ["info"],
     "real/logs/ardupilot34dev_rate_in_centidegrees.BIN": ["info"],
     "real/logs/ardupilot_gimbal_on_channels_5_and_6.BIN": ["info"],
     "real/logs/ardupilot_late_landed_state.tlog": ["info"],
     "real/logs/ardupilot_motor3_at_its_limit.BIN": ["info"],
     "real/logs/armed_on_the_ground.BIN": ["info"],
-    "real/logs/low_flight_climb_channel_zero.tlog": ["info"],
     "real/logs/no_fault_while_yawing.BIN": ["info"],
     "real/logs/px4_crash_hovers_at_12_percent.ulg": ["info"],
     "real/logs/px4_default_rates_gps_interference.ulg": ["info", "wind"],
@@ -78,25 +79,19 @@ FLIGHTS = {
     "real/logs/px4_two_armed_times.ulg": ["info"],
     "real/propeller/straight_cut25mm_1.BIN": ["info", "wind"],
     "logs/dronekit_flight.tlog": ["review"],
-    "logs/pyulog_sample.ulg": ["review"],
     "logs/wlichon_baseline.BIN": ["review"],
     "sitl_events/ap_motor.tlog": ["info"],
     "sitl_events/ap_quiet10.BIN": ["info"],
     "sitl_events/px4_windjump.ulg.xz": ["info", "wind", "> wind --verbose"],
     "sitl_loops/ap_t_half_f1_with_params.tlog.xz": ["info", "tune"],
     "sitl_loops/px4_pxlow2.tlog.xz": ["info", "tune"],
-    "sitl_raw/ap_raw_on.BIN.xz": ["info"],
-    "sitl_px4/px4_two_vehicles_gcslink.tlog": ["info"],
-    "ardupilot_steps": ["fly", "live", "wind", "> info --verbose"],
     "wind_turns": ["fly", "wind", "> wind --verbose"],
-    "iris_gusts": ["fly", "learn", "> learn --verbose"],
 }
-"""A name without an ending is that of a scenario; what is flown is then read by the commands after it.
-Of a command after ">" it is what stands on its screen."""
-SCENARIOS = {
+"""Flights whose figures only ``--in-full`` compares: they take minutes."""
+SCENARIOS = {"calm": 20, "crazyflie_gusts": 20, "lossy_link": 25, "paper_5": 20}
+"""For how long each scenario is flown, s."""
+MORE_SCENARIOS = {
     "ardupilot_faults": 30,
-    "calm": 20,
-    "crazyflie_gusts": 20,
     "default_rates": 30,
     "hover_blower": 20,
     "iris_chipped_propeller": 64,
@@ -108,27 +103,23 @@ SCENARIOS = {
     "iris_sticks": 25,
     "iris_von_karman": 25,
     "iris_weak_motor": 64,
-    "lossy_link": 25,
     "oscillating_frame": 25,
     "oscillating_gains": 25,
-    "paper_5": 20,
     "system_4": 20,
     "wind_hover": 40,
     "wind_jump": 65,
     "wind_legs": 95,
     "wind_turning": 60,
 }
-"""And for how long each is flown, s."""
+"""Scenarios that only ``--in-full`` compares, and for how long each is flown, s."""
 FLOWN = "flown.tlog"
-TIMES = re.compile(r"(fly)?\.took|(learn|order|compare.*)\.seconds")  # that the machine takes
+TIMES = re.compile(r"(fly)?\.took|learn\.seconds")  # that the machine takes
 TICK = 0.06  # s from one look at a link to the next
 OPTIONS = {
     "review": ["--out", "out"],
     "track": ["--out", "fleet", "--jobs", "1"],
     "diff": ["--out", "diff"],
     "tune": ["--axis", "all", "--out", "tuned"],
-    "compare": ["--train", "120", "--test", "50", "--hop", "3000"],
-    "order": ["--max-order", "2"],
     "convert": ["flight.csv"],
     "fly": ["--duration", "60", "--out", FLOWN, "--rrd", "flown.rrd"],
     "live": ["--request-rate", "100", "--rrd", "live.rrd", "--record", "live.mcap"],
@@ -257,19 +248,28 @@ def summary(values):
     return [*ends, *summary([np.mean(values), np.std(values)]), *summary(quarters.tolist())]
 
 
+def pytest_generate_tests(metafunc):
+    """The flights of the tests: few, and with ``--in-full`` all."""
+    in_full = metafunc.config.getoption("--in-full")
+    if "log" in metafunc.fixturenames:
+        metafunc.parametrize("log", FLIGHTS | (MORE_FLIGHTS if in_full else {}))
+    if "scenario" in metafunc.fixturenames:
+        metafunc.parametrize("scenario", SCENARIOS | (MORE_SCENARIOS if in_full else {}))
+
+
 @mark.slow
-@mark.parametrize("log", FLIGHTS)
 def test_the_figures_of_a_flight_are_those_of_before(log, here, monkeypatch, capsys, request):
     sample = LOGS / log  # where the repository has it
+    commands = (FLIGHTS | MORE_FLIGHTS)[log]
     flights = [log]
     if sample.is_file():
         Path(log).symlink_to(sample)  # a command in a next step has its name
     elif sample.suffix:
         flights = [shared(name) for name in log.split()]
-    if "live" in FLIGHTS[log]:
+    if "live" in commands:
         by_the_log(monkeypatch)
     found = {}
-    for line in FLIGHTS[log]:
+    for line in commands:
         command, *shown = line.removeprefix("> ").split()
         how = shown if line.startswith("> ") else ["--json"]
         found[f"{line} exits"] = [run(command, *flights, *OPTIONS.get(command, ()), *how)]
@@ -287,13 +287,13 @@ def test_the_figures_of_a_flight_are_those_of_before(log, here, monkeypatch, cap
 
 
 @mark.slow
-@mark.parametrize("name, seconds", SCENARIOS.items())
-def test_a_scenario_is_flown_as_before(name, seconds, here, capsys, request):
-    assert run("fly", name, "--duration", str(seconds), "--out", FLOWN, "--json") == 0
+def test_a_scenario_is_flown_as_before(scenario, here, capsys, request):
+    seconds = (SCENARIOS | MORE_SCENARIOS)[scenario]
+    assert run("fly", scenario, "--duration", seconds, "--out", FLOWN, "--json") == 0
     found = figures(strict_json(capsys.readouterr().out))
     for file in here.iterdir():
         found |= written(file)
-    hold(name, found, request)
+    hold(scenario, found, request)
 
 
 def test_what_a_scenario_leaves_out_is_as_before(capsys, request):
@@ -303,13 +303,14 @@ def test_what_a_scenario_leaves_out_is_as_before(capsys, request):
 
 def hold(name, found, request):
     """Compares figures with those of before, whose file has this name, or writes these."""
-    path = GOLDEN / f"{name}.json"
+    folder = FULL_GOLDEN if request.config.getoption("--in-full") else GOLDEN
+    path = folder / f"{name}.json"
     took = [key for key in found if TIMES.fullmatch(key)]
     assert all(0 <= seconds < 3600 for key in took for seconds in found[key])
     kept = sorted(key for key in found.keys() - set(took) if found[key])
     now = {key: summary(found[key]) for key in kept}
     if request.config.getoption("--write-golden"):
-        path.parent.mkdir(exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(now, indent=0))
     before = json.loads(path.read_text())
     assert now.keys() == before.keys()

@@ -134,7 +134,7 @@ class Cluster:
                 # of its own.
                 url = urlsplit(self.address)
                 socket.create_connection((url.hostname, url.port), CONNECTION_TIMEOUT).close()
-                client = Client(self.address, timeout=CONNECTION_TIMEOUT, set_as_default=False)  # type: ignore[no-untyped-call]
+                client = Client(self.address, timeout=CONNECTION_TIMEOUT, set_as_default=False)
             except (OSError, ValueError) as error:
                 because = str(error).splitlines()[0]
                 raise self._refusal(Reading.NO_SCHEDULER, because=because) from None

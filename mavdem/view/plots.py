@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import ceil
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import rerun as rr
@@ -233,7 +233,7 @@ def events_view() -> rrb.View:
     return rrb.TextLogView(origin="log", name="Events", columns=columns)
 
 
-Target = str | os.PathLike[str] | rr.RecordingStream
+Target: TypeAlias = str | os.PathLike[str] | rr.RecordingStream
 """Where a recording goes: a file, or a stream that :func:`streamed` yields."""
 
 

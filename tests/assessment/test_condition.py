@@ -249,6 +249,7 @@ def test_a_rate_is_that_without_pauses_but_of_what_comes_in_bursts(seconds, rate
     assert round(rate_of(paused, "ATTITUDE")) == rate
 
 
+@mark.slow
 def test_the_rate_of_a_message_with_several_ports_is_that_of_one():
     telemetry = LONG.telemetry()
     table = telemetry.messages["SERVO_OUTPUT_RAW"]

@@ -68,7 +68,7 @@ def test_a_loop_with_its_margins_stays_as_it_is():
     assert decision.reason.code is MarginsLight.LOOP_MARGINS and not decision.doubts
 
 
-@mark.parametrize("tracking", [FOLLOWS, OVERSHOOTS, MISSES, falls_short(0.0)])
+@mark.parametrize("tracking", [FOLLOWS, OVERSHOOTS, falls_short(0.0)])
 def test_a_loop_below_the_goal_gets_advised_gains_whatever_it_does_in_flight(tracking):
     decision = decided(made_up(2.5), tracking, response=RESONANCE)
     assert decision.verdict is LoopVerdict.BELOW_GOAL and not decision.doubts
@@ -132,6 +132,12 @@ def test_an_injected_signal_outranks_the_identified_loop(crossover, verdict, gai
     assert (decision.action and changed_gains(decision)) == gains
 
 
+def test_a_resonance_outranks_an_injected_signal_that_shows_none():
+    decision = decided(made_up(), injected=integrating_loop(5.0), response=RESONANCE)
+    assert decision.reason.code is MarginsLight.RESONATES
+    assert decision.verdict is LoopVerdict.BELOW_GOAL
+
+
 def test_an_overshoot_lowers_the_angle_gain_only_where_no_margin_is_small():
     for loop in (made_up(), NOT_STEERED):
         decision = decided(loop, OVERSHOOTS)
@@ -153,8 +159,10 @@ def test_an_axis_that_is_too_slow_gets_higher_gains_unless_a_motor_is_at_a_limit
         assert decision.verdict is LoopVerdict.FOLLOWS_BADLY
 
 
-def test_an_angle_that_is_missed_asks_for_a_look_at_the_vehicle():
-    decision = decided(made_up(), MISSES)
+@mark.parametrize("factor", [1.0, 2.5])
+def test_an_angle_that_is_missed_asks_for_a_look_at_the_vehicle(factor):
+    decision = decided(made_up(factor), MISSES)
+    assert decision.verdict is LoopVerdict.FOLLOWS_BADLY and decision.doubts
     assert decision.action.sentence == "Check motors, propellers and load before the next flight."
 
 

@@ -76,6 +76,7 @@ def test_autotune_has_gains_that_no_parameter_has():
     assert refused(flown, given, [(0.0, AUTOTUNE)]).code is Loops.GAINS_OF_AUTOTUNE
 
 
+@mark.slow
 def test_a_recorded_autotune_has_its_span_and_what_it_found():
     signals = Signals(recorded("sitl_raw/ap_autotune.BIN.xz"))
     tuned = autotune_fact(signals, refusal := Fact(Loops.NOT_STEERED))

@@ -79,6 +79,7 @@ def test_a_battery_is_judged_by_its_cells_and_its_load():
     assert power_light(evidence(other)).figures["resistance"] is None
 
 
+@mark.slow
 @mark.parametrize(
     "volts, parameters, level",
     [
@@ -129,6 +130,7 @@ def test_what_follows_a_loss_is_no_fault_of_the_battery():
     assert power_light(evidence(battery(volts), lost)).level == "good"
 
 
+@mark.slow
 @mark.parametrize(
     "usual, least, code, level",
     [
@@ -186,6 +188,7 @@ IDLE = dict.fromkeys(INNOVATION_FIELDS["EKF_STATUS_REPORT"], 0.0)
 """Of a filter that does not run."""
 
 
+@mark.slow
 @mark.parametrize(
     "telemetry, code, level",
     [
@@ -322,6 +325,7 @@ def test_a_constant_supply_is_not_denied():
     assert "supply reads 5.00 V throughout" in light.sentence
 
 
+@mark.slow
 def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():
     known = evidence(recorded("sitl_events/ap_short_with_climb.tlog"))
     limits = {"ANGLE_MAX": 3000.0, "ATC_ANGLE_MAX": 30.0, "MPC_TILTMAX_AIR": 30.0}
@@ -354,6 +358,7 @@ def test_the_log_is_judged_by_its_rates_and_gaps():
             assert not fact.remedy
 
 
+@mark.slow
 def test_the_light_of_the_log_states_what_was_lost_by_damage():
     damage = Fact(Repair.ULOG_DAMAGED, Level.WATCH, count=640, places=10, duration=0.25)
     slow = HOVER.telemetry(10.0, 50.0)
@@ -377,6 +382,7 @@ def standing(change, rate=50.0):
     return changed(telemetry, "ATTITUDE", rollspeed=turning)
 
 
+@mark.slow
 def test_what_shows_that_a_flight_was_simulated():
     telemetry = HOVER.telemetry(20.0, 20.0)
     for real in (telemetry, standing(5.1e-5), standing(5.1e-5, 100.0), standing(0.0)):

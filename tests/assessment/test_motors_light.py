@@ -40,6 +40,7 @@ def weak(begin, end=np.inf):
     return lambda time: np.outer([0, 1, 0, 0], 125.0 * ((time > begin) & (time < end)))
 
 
+@mark.slow
 @mark.parametrize(
     "pulses, code, level",
     [

@@ -32,6 +32,7 @@ def test_through_mcap_a_telemetry_log_comes_back_byte_by_byte(log, tmp_path, cap
     assert {path.name for path in tmp_path.iterdir()} == {"flight.mcap", "back.tlog"}
 
 
+@mark.slow
 @mark.parametrize("axis", ["roll", "yaw"])
 def test_a_table_is_the_flight(axis, tmp_path, capsys):
     out = tmp_path / "flight.csv"

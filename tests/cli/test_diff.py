@@ -30,6 +30,7 @@ def fleets(tmp_path):
     return str(tmp_path / "old"), str(tmp_path / "new")
 
 
+@mark.slow
 def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     assert run("diff", *fleets) == 0
     said = capsys.readouterr().out
@@ -47,6 +48,7 @@ def test_a_page_that_something_is_in_the_way_of_is_refused(fleets, capsys):
     assert "out/diff.html cannot be written (it is a folder)" in said
 
 
+@mark.slow
 @mark.parametrize(
     "line, reason",
     {

@@ -34,6 +34,7 @@ def test_a_description_is_a_file_that_is_the_same_scenario(name, tmp_path):
     assert text.count("; true or false") == len(re.findall(r"(?m)^\w+ = (?:true|false)\b", text))
 
 
+@mark.slow
 @mark.parametrize(
     "text", ["two\nlines", "\x1b[31mred\x07", "\x7f\x80\x9b\u2028\u202e\U000e0001", '"\\', "\t\r"]
 )

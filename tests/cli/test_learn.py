@@ -115,6 +115,7 @@ def test_a_flight_too_short_names_the_options_that_fit(tmp_path, capsys):
     assert run(*words, *shlex.split(said.err.split("`")[1])) == 0
 
 
+@mark.slow
 @mark.parametrize("start", ["59", "86400"])
 def test_a_start_too_late_is_refused(start, tmp_path, capsys):
     words = ["learn", FLIGHT, "--out", tmp_path / "out", "--start", start]

@@ -38,9 +38,22 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
     assert [file.name for file in out.iterdir()] == ["tune.html"]  # no gains of the run before
 
 
+WEAKENED = """
+seed = 61
+duration = 50.0
+height = 3.0
+vehicle = { model = "iris", weak_motor = 1, weak_from = 28.0, weak_thrust = 0.8 }
+wind = [{ kind = "dryden", speed = 5.0 }]
+excitation = { kind = "steps", distance = 2.0, period = 6.0 }
+stream = { autopilot = "ardupilot", rate = 50.0 }
+"""
+
+
+@mark.usefixtures("coarse_physics")
 def test_a_weak_motor_is_named_in_the_place_of_gains(tmp_path, capsys):
     log = str(tmp_path / "flight.tlog")
-    assert run("fly", "iris_weak_motor", "--duration", "85", "--out", log) == 0
+    (tmp_path / "weakened.toml").write_text(WEAKENED)
+    assert run("fly", tmp_path / "weakened.toml", "--out", log) == 0
     assert run("tune", log, "--more") == 1
     said = capsys.readouterr().out
     assert "No gains are advised. Motor 1" in said and "Next: Do not fly" in said

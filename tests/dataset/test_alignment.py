@@ -267,6 +267,7 @@ def test_a_uniform_source_keeps_its_samples():
     assert_allclose(flight.inputs @ X_QUAD / 4, HOVER.roll_command(flight.time + 0.0004), atol=1e-9)
 
 
+@mark.slow
 @mark.parametrize("offset", [0.002, 0.005, 0.008])
 @mark.parametrize(
     "stamps", [HOVER.stamps(100.0), eight_and_twelve(0)], ids=["uniform", "alternating"]

@@ -286,6 +286,7 @@ REFUSED = {
 }
 
 
+@mark.slow
 @mark.parametrize("name", REFUSED)
 def test_an_unlearnable_flight_is_refused_with_the_deciding_figures_and_a_remedy(name):
     telemetry, code, remedy, figures = REFUSED[name]
@@ -339,6 +340,7 @@ def random_stamps(random, end):
     return stamps[stamps < end]
 
 
+@mark.slow
 @mark.parametrize("seed", range(40))
 def test_mutilated_telemetry_is_judged_and_its_segments_align(seed):
     """Whatever is missing, shuffled, repeated or not a number, it is judged, and every segment makes a Flight."""
@@ -382,6 +384,7 @@ def held(telemetry, message, rows, only=("",)):
     )
 
 
+@mark.slow
 @mark.parametrize("rows, told", [(10, 10.0), (5, 20.0), (25, 4.0)])
 @mark.parametrize(
     "message, only", [("ATTITUDE", ""), ("ATTITUDE", "roll"), ("SERVO_OUTPUT_RAW", "servo")]

@@ -107,6 +107,7 @@ def turned_by(direction, samples=6000):
     )
 
 
+@mark.slow
 @mark.parametrize(
     "direction", [[1, -1, 1, -1], [0, 1, 0, -1], [1, -0.3, -1, 0.3], [2, 1, -1, -2, -1, 1]], ids=str
 )
@@ -166,6 +167,7 @@ def followed(flight, outputs, gap=None):
             ahead.add_block(memory.blocks[-1])
 
 
+@mark.slow
 def test_live_it_is_the_model_learnt_of_the_same_samples(monkeypatch):
     """Unforgotten, but for the units: here of all samples, there of the first second. To 0.05 of the deviation."""
     monkeypatch.setattr("mavdem.dem.online.forecaster.MEMORY_SECONDS", 1e9)

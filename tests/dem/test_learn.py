@@ -191,6 +191,7 @@ def test_wrong_forecast_inputs_are_named():
         learned.predict(10**9)
 
 
+@mark.slow
 @mark.parametrize("settings", [PLANT, Settings.paper(), replace(PLANT, order=3, forecasts="joint")])
 def test_from_zero_row_0_is_the_trim_and_inputs_move_the_rest_by_the_physical_model(settings):
     flight = simulated(wind=0.5)

@@ -37,6 +37,7 @@ def test_parameters_are_the_rows_of_a_then_b_then_c():
         assert_array_equal(part, original)
 
 
+@mark.slow
 @given(seed=seeds, n=st.integers(1, 4), r=st.integers(1, 3))
 def test_first_order_hold_agrees_with_scipy(seed, n, r):
     rng = default_rng(seed)
@@ -50,6 +51,7 @@ def test_first_order_hold_agrees_with_scipy(seed, n, r):
     assert_allclose(step.Gamma0 + step.Phi @ step.Gamma1, gamma, atol=1e-12)
 
 
+@mark.slow
 @given(seed=seeds, size=st.integers(1, 8))
 def test_agrees_with_numpy_whatever_the_units(seed, size):
     rng = default_rng(seed)
@@ -220,6 +222,7 @@ def joint(model, start, inputs, outputs, spread=None):
     )
 
 
+@mark.slow
 @given(
     seed=seeds,
     n=st.integers(1, 3),

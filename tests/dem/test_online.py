@@ -74,7 +74,7 @@ def test_what_is_taken_back_is_forgotten_and_nothing_of_an_earlier_boot():
 @mark.slow
 @mark.parametrize("horizon", [None, 0.3])
 def test_it_arrives_where_learning_at_once_does(horizon):
-    flight = simulated(samples=900, wind=1.0, lag=0.05)
+    flight = simulated(samples=600, wind=1.0, lag=0.05)
     settings = dataclasses.replace(COMPLETE, horizon=horizon)
     online = OnlineLearner(settings, dt=flight.dt, memory=30.0)
     estimate = flown(online, flight)[-1]
@@ -324,12 +324,12 @@ def marked(marks, surprise):
 
 @mark.slow
 def test_marks_without_a_change_are_as_rare_as_stated():
-    """Quiet, with a manoeuvre every 6 s, and in gusts of 1 s, for an hour; four deviations of what is expected."""
+    """Quiet, with a manoeuvre every 6 s, and in gusts of 1 s, for half an hour; four deviations of what is expected."""
     for size, alike in ((0.0, 10), (15.0, 10), (0.0, 100)):
-        surprise = surprises(default_rng(1), 3600.0, alike)
+        surprise = surprises(default_rng(1), 1800.0, alike)
         for start in range(0, len(surprise), 600):
             surprise[start : start + 30] += size
-        expected = 3600.0 / MEAN_SECONDS_BETWEEN_FALSE_MARKS
+        expected = 1800.0 / MEAN_SECONDS_BETWEEN_FALSE_MARKS
         assert len(marked(AnomalyMarks(DT), surprise)) <= expected + 4 * np.sqrt(expected)
 
 

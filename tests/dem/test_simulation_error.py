@@ -107,6 +107,7 @@ def test_the_horizon_is_as_long_as_the_samples_suffice_for(samples, seconds):
     assert found.effective_samples >= simulation_error.MIN_SAMPLES_PER_PARAMETER * len(found.free)
 
 
+@mark.slow
 @mark.parametrize("rate", [50, 400])
 def test_the_horizon_lasts_as_long_at_every_rate(rate):
     resampled = (

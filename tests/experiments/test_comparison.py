@@ -103,6 +103,7 @@ def test_a_window_without_a_unit_of_error_fails_for_all_and_our_own_fault_is_rai
         assert "vary" in str(evaluate_window(method, window).failure)
 
 
+@mark.slow
 def test_a_summary_is_the_median_of_its_windows(compared):
     rows = compared.summaries("a")
     hold, mean, refused, exploded = (

@@ -26,7 +26,7 @@ from mavdem.report.templates import render_section
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, VehicleSpec
 from sitl_scenarios.simulation import fly
 
-pytestmark = mark.slow
+pytestmark = [mark.slow, mark.usefixtures("coarse_physics")]
 
 
 def streamed(path):
@@ -41,7 +41,7 @@ def streamed(path):
 
 
 @fixture(scope="module", params=["px4", "ardupilot"])
-def flown(request, tmp_path_factory):
+def flown(request, tmp_path_factory, coarse_physics):
     """At 12 Hz: enough for the motors, and too slow for a model."""
     wind = (TurbulentWind(kind="dryden", speed=4.0, direction=60.0),)
     slower = {"SCHED_LOOP_RATE": 200.0} if request.param == "ardupilot" else {}

@@ -35,8 +35,11 @@ AS_ANOTHER = (
     "px4_windjump",
     "ardupilot_wind4_doublets",
     "px4_wind5_gust",
+    "ardupilot_wind5_mav1_50hz",
+    "px4_wind5_gcsdefault",
+    "lucagemma_crlf",
 )
-"""Flown as another of the recorded flights is, in other wind, or the whole of a sample flight."""
+"""Flown as another of the recorded flights is, in other wind or at another rate, or the whole of a sample flight."""
 TWO_VEHICLES = "px4_two_vehicles_gcslink"
 TO_THE_GROUND = "ap_short_with_climb", "ap_reboot_rates_never_asked_again"
 """Simulated flights whose landing is replayed; of the others the first 45 s."""
@@ -168,9 +171,7 @@ def hold_against_offline(path):
 )
 def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
     if path.stem not in TO_THE_GROUND:
-        path = first_seconds(
-            path, tmp_path, 45.0 if path.parent.name.startswith("sitl_") else 120.0
-        )
+        path = first_seconds(path, tmp_path, 60.0 if path.parent == SHARED / "logs" else 45.0)
     if "SUBMARINE" in {vehicle.vehicle for vehicle in vehicles_of(path)}:
         assert not replay(recorded(path)).rows
     else:

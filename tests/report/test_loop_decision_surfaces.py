@@ -127,7 +127,7 @@ FLIGHTS = {
     "below the goal, and slow": {"loop": 2.5, "tracking": lambda axis: falls_short(axis, 0.0)},
     "below the goal and overshoots": {"loop": 2.5, "tracking": overshoots},
     "below the goal and resonates": {"loop": 2.5, "response": resonance},
-    "below the goal, resonates and misses": {
+    "below the goal, resonates, and misses far": {
         "loop": 2.5,
         "response": resonance,
         "tracking": misses,

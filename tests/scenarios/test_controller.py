@@ -133,6 +133,7 @@ def test_sticks_move_as_slowly_as_asked_and_each_for_itself():
 
 
 @mark.slow
+@mark.usefixtures("coarse_physics")
 @mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
     vehicle = {"quadratic_thrust": 0.4, "frame": "plus"}

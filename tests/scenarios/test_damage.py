@@ -11,13 +11,13 @@ from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
 
-pytestmark = mark.slow
+pytestmark = [mark.slow, mark.usefixtures("coarse_physics")]
 IRIS = AIRFRAMES["iris"]
 QUIET = Sensors(rate_sd=0.0, attitude_sd=0.0, position_sd=0.0, velocity_sd=0.0)
 BREAKS = {
-    "weak": {"vehicle": VehicleSpec(weak_motor=1, weak_from=18.0, weak_thrust=0.8)},
-    "chipped": {"propeller": Propeller(motor=3, start=18.0, thrust=0.85, torque=0.7)},
-    "shifted": {"load": Load(start=18.0, forward=5.0, right=-15.0)},
+    "weak": {"vehicle": VehicleSpec(weak_motor=1, weak_from=13.0, weak_thrust=0.8)},
+    "chipped": {"propeller": Propeller(motor=3, start=13.0, thrust=0.85, torque=0.7)},
+    "shifted": {"load": Load(start=13.0, forward=5.0, right=-15.0)},
 }
 
 
@@ -39,8 +39,8 @@ def balanced(condition):
 
 
 @fixture(scope="module", params=["weak", "chipped", "shifted"])
-def broken(request):
-    scenario = Scenario(duration=40.0, sensors=QUIET, **BREAKS[request.param])
+def broken(request, coarse_physics):
+    scenario = Scenario(duration=35.0, sensors=QUIET, **BREAKS[request.param])
     return request.param, scenario, fly(scenario)
 
 
@@ -51,9 +51,9 @@ def hovering(motion, begin, end):
 def test_hover_balances_again(broken):
     _, scenario, motion = broken
     [(start, condition)] = damage_history(scenario)
-    assert start == 18.0
-    assert_allclose(hovering(motion, 14.0, 19.9), balanced(Damage()), atol=1.0)
-    assert_allclose(hovering(motion, 28.0, 34.0), balanced(condition), atol=1.5)
+    assert start == 13.0
+    assert_allclose(hovering(motion, 10.0, 14.9), balanced(Damage()), atol=1.0)
+    assert_allclose(hovering(motion, 23.0, 29.0), balanced(condition), atol=1.5)
 
 
 def test_the_truth_says_since_when_it_is_broken_and_what_motors_do_from_then_on(broken):
@@ -61,10 +61,10 @@ def test_the_truth_says_since_when_it_is_broken_and_what_motors_do_from_then_on(
     [(_, condition)] = damage_history(scenario)
     known = truth(scenario, motion)
     begin = np.flatnonzero(known["weak"])[0]
-    assert motion.time[begin] == approx(20.0, abs=0.01) and known["weak"][begin:].all()
+    assert motion.time[begin] == approx(15.0, abs=0.01) and known["weak"][begin:].all()
     # The effect of a motor about roll: its thrust by its arm.
     arms = abs(np.array(rotor_frame("x", IRIS.arm).right) - condition.centre_of_mass[1])
     left = np.multiply(condition.thrust, condition.speed)
-    speeds = motion.rotor_speeds[motion.time > 28.0][:500].mean(0) / IRIS.hover_speed
+    speeds = motion.rotor_speeds[motion.time > 23.0][:500].mean(0) / IRIS.hover_speed
     effects = known["roll_effect_weak"] / known["roll_effect"]
     assert_allclose(effects, left * arms / IRIS.arm[1] * speeds, rtol=0.02)

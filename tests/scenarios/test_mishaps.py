@@ -14,6 +14,7 @@ from sitl_scenarios.rotors import CIRCLES, rotor_count, rotor_frame
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import mishap_truth
 
+pytestmark = mark.usefixtures("coarse_physics")
 LOOP_RATE = {"ardupilot": "SCHED_LOOP_RATE", "px4": "IMU_GYRO_RATEMAX"}
 BOOT = 2.0
 START = 9.0

@@ -100,11 +100,12 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
     The cases, of which the first one that applies decides:
 
     1. A limit cycle: lower the gains that drive it, on the axes that oscillate. Nothing else is known before it ends.
-    2. Margins below the goal, measured by an injected signal or by the response to the setpoint, or identified: the
+    2. An axis so far from its setpoint that no response would be better: check the vehicle, since no loop explains it.
+    3. Margins below the goal, measured by an injected signal or by the response to the setpoint, or identified: the
        gains that `mavdem tune` advises where the loop is identified and nothing speaks against it; otherwise lower P
        and D by a third where they were measured, or do first what an advice needs.
-    3. The axis follows its setpoint badly although its loops have their margins, or these are not known.
-    4. Nothing is wrong, or what is wrong is not known, and what shows it.
+    4. The axis follows its setpoint badly although its loops have their margins, or these are not known.
+    5. Nothing is wrong, or what is wrong is not known, and what shows it.
 
     A vehicle that must be repaired keeps its verdict, but the repair comes before any change of gains.
 
@@ -113,7 +114,12 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
     """
     if observations.oscillation is not None:
         return _decision_on_oscillation(observations, observations.oscillation)
-    decision = _decision_by_margins(observations) or _decision_by_tracking(observations)
+    tracking = observations.tracking
+    decision = None
+    if not (tracking.code is TrackingLight.MISSES_SETPOINT and tracking.is_bad):
+        decision = _decision_by_margins(observations)
+    if decision is None:
+        decision = _decision_by_tracking(observations)
     if decision is None:
         decision = _decision_without_fault(observations)
     doubts = observations.vehicle_doubts
@@ -148,35 +154,43 @@ def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
 
     An injected signal measures the margins without a model, so that it outranks the identified loop. The identified
     loop outranks the measured response, unless that resonates where the loop has its margins: then the loop is wrong.
+    "Perhaps" is the case of a loop whose estimate has the margins, but not enough of the models that fit the flight.
 
     Args:
         observations: what the flight shows.
     """
     margins = observations.margins
     axis = margins.axis
-    below_goal = LoopVerdict.BELOW_GOAL
     facts = {fact.code: fact for fact in margins.facts}
-    injected = facts.get(MarginsLight.LOOP_MEASURED)
-    if injected is not None:
-        action = _lowered_gains(observations, "rate") if injected.warns else None
-        # What the injected signal moved is no response of the controller, so that no loop follows from such a flight.
-        reason = injected.but(action=action)
-        if action is None:
-            return LoopDecision(axis, LoopVerdict.NOTHING_WRONG, reason, doubts=(reason,))
-        return LoopDecision(axis, below_goal, reason, action, doubts=(reason,))
-    loop = margins.loop
     loop_fact = facts.get(MarginsLight.LOOP_MARGINS)
+    injected = facts.get(MarginsLight.LOOP_MEASURED)
     resonance = facts.get(MarginsLight.RESONATES)
-    if isinstance(loop, Loop) and loop_fact is not None and margin_rating(loop).is_bad:
-        return _decision_by_identified_loop(observations, loop, loop_fact)
+    is_measured_good = injected is not None and not injected.warns
+    if injected is not None and injected.warns:
+        return _decision_by_measurement(observations, injected)
+    if isinstance(margins.loop, Loop) and loop_fact is not None:
+        if margin_rating(margins.loop).is_bad:
+            return _decision_by_identified_loop(observations, margins.loop, loop_fact)
     if resonance is not None:
-        action = _lowered_gains(observations, "rate")
-        reason = resonance.but(action=action)
-        return LoopDecision(axis, below_goal, reason, action, doubts=(reason,))
-    if loop_fact is not None and loop_fact.warns:
+        return _decision_by_measurement(observations, resonance)
+    if loop_fact is not None and loop_fact.warns and not is_measured_good:
         action = _doublets(axis, loop_fact)
         return LoopDecision(axis, LoopVerdict.UNKNOWN, loop_fact.but(action=action), action)
     return None
+
+
+def _decision_by_measurement(observations: LoopObservations, measured: Fact) -> LoopDecision:
+    """Returns the decision on an axis whose margins were measured, without a model, to be below the goal.
+
+    Args:
+        observations: what the flight shows.
+        measured: the fact of the measured margins, or of a measured resonance.
+    """
+    action = _lowered_gains(observations, "rate")
+    reason = measured.but(action=action)
+    axis = observations.margins.axis
+    # What was measured contradicts a loop that has its margins, so that no gains follow from that loop.
+    return LoopDecision(axis, LoopVerdict.BELOW_GOAL, reason, action, doubts=(reason,))
 
 
 def _decision_by_identified_loop(
@@ -214,22 +228,9 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
     if not tracking.warns:
         return None
     axis = observations.margins.axis
-    loop = observations.margins.loop
-    follows_badly = LoopVerdict.FOLLOWS_BADLY
     if tracking.code is TrackingLight.RATE_FALLS_SHORT:
-        at_limit_share = tracking.figures["at_limit_share"]
-        if at_limit_share is not None and at_limit_share > MIN_AT_LIMIT_SHARE:
-            action = Fact(LoopActions.SLOWER_TURNS, axis=axis)
-        elif isinstance(loop, Loop):
-            doubts = reasons_for_no_gains(loop, more=True)
-            action = Fact(LoopActions.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
-            if doubts:
-                action = Fact(LoopActions.DO_FIRST, because=doubts[0])
-            reason = tracking.but(action=action)
-            return LoopDecision(axis, follows_badly, reason, action, doubts, is_too_slow=True)
-        else:
-            action = Fact(LoopActions.DO_FIRST, because=_reason_for_no_margins(observations))
-    elif tracking.code is TrackingLight.OVERSHOOTS_SETPOINT:
+        return _decision_on_slow_rate(observations)
+    if tracking.code is TrackingLight.OVERSHOOTS_SETPOINT:
         action = _lowered_gains(observations, "attitude")
     elif tracking.code is TrackingLight.AMPLIFIES_SETPOINT:
         action = Fact(LoopActions.FLY_DOUBLETS, axis=axis, is_biased=False)
@@ -240,7 +241,37 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
             offset_angle=tracking.figures["offset_angle"],
         )
     reason = tracking.but(action=action)
-    return LoopDecision(axis, follows_badly, reason, action, doubts=(reason,))
+    return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts=(reason,))
+
+
+def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
+    """Returns the decision on an axis whose rate does not reach its setpoint in turns.
+
+    No gain helps where a motor is at a limit. Otherwise the rate loop is slow, and gains may rise as far as the margins
+    allow, if the loop is identified.
+
+    Args:
+        observations: what the flight shows.
+    """
+    axis = observations.margins.axis
+    loop = observations.margins.loop
+    at_limit_share = observations.tracking.figures["at_limit_share"]
+    is_at_limit = at_limit_share is not None and at_limit_share > MIN_AT_LIMIT_SHARE
+    may_be_raised = isinstance(loop, Loop) and not is_at_limit
+    doubts: Facts = ()
+    if is_at_limit:
+        action = Fact(LoopActions.SLOWER_TURNS, axis=axis)
+    elif isinstance(loop, Loop):
+        doubts = reasons_for_no_gains(loop, more=True)
+        action = Fact(LoopActions.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
+        if doubts:
+            action = Fact(LoopActions.DO_FIRST, because=doubts[0])
+    else:
+        action = Fact(LoopActions.DO_FIRST, because=_reason_for_no_margins(observations))
+    reason = observations.tracking.but(action=action)
+    if not may_be_raised:
+        doubts = (reason,)
+    return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts, may_be_raised)
 
 
 def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
@@ -252,10 +283,16 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     margins = observations.margins
     for fact in margins.facts:
         if fact.is_good:
-            return LoopDecision(margins.axis, LoopVerdict.NOTHING_WRONG, fact)
+            # No gains follow from a flight with an injected signal, nor from a loop that was refuted.
+            doubts: Facts = ()
+            if fact.code is MarginsLight.LOOP_MEASURED:
+                doubts = (fact,)
+            elif isinstance(margins.loop, Fact):
+                doubts = (margins.loop,)
+            return LoopDecision(margins.axis, LoopVerdict.NOTHING_WRONG, fact, doubts=doubts)
     reason = _reason_for_no_margins(observations)
     action = Fact(LoopActions.DO_FIRST, because=reason) if reason.remedy else None
-    # A loop that was identified and does not count has its reason here: no gains follow from it.
+    # The reason may be why an identified loop does not count: no gains follow from it.
     return LoopDecision(margins.axis, LoopVerdict.UNKNOWN, reason, action, doubts=(reason,))
 
 

@@ -35,6 +35,7 @@ def test_normality_rejects_gaussian_noise_of_any_colour_at_its_level(kernel_step
     assert MIN_REJECTIONS <= count <= MAX_REJECTIONS
 
 
+@mark.slow
 @mark.parametrize("distribution", ["standard_normal", "standard_exponential"])
 def test_whiteness_rejects_white_noise_of_any_distribution_at_its_level(distribution):
     count = rejections(noise_tests.whiteness, lambda rng: getattr(rng, distribution)(VALUES))

@@ -49,6 +49,7 @@ def test_failing_checks_come_first_in_the_sentence():
     )
 
 
+@mark.slow
 def test_the_command_writes_the_page_and_the_numbers_that_it_prints(monkeypatch, tmp_path, capsys):
     items = {CLAIMS[0]: lambda _: ExperimentResult(checks=(HELD,)), CLAIMS[1]: lambda _: fail()}
     monkeypatch.setattr("mavdem.experiments.paper.report.ITEMS", items)
@@ -163,7 +164,7 @@ def test_a_model_that_holds_the_last_sample_fails_all_checks_of_prediction():
 
 @mark.slow
 def test_all_items_make_one_report(tmp_path, monkeypatch, request):
-    monkeypatch.setattr(model_order, "ORDERS", (1, 2, 3))
+    monkeypatch.setattr(model_order, "ORDERS", (1, 2))
     monkeypatch.setattr(model_order, "SYSTEMS", {1: ("φ̇",), 2: ("φ", "φ̇")})
     # A report needs no more iterations of EM.
     monkeypatch.setattr(maximum_likelihood.iterate_em, "__defaults__", (5,))
