@@ -104,6 +104,7 @@ class LoopActions(Code):
 
     LOOPS_JUDGED = "loops_judged"
     LOAD_ADVISED_GAINS = "load_advised_gains"
+    RAISE_AS_ADVISED = "raise_as_advised"
     LOWER_BY_A_THIRD = "lower_by_a_third"
     FLY_DOUBLETS = "fly_doublets"
     SLOWER_TURNS = "slower_turns"

@@ -41,6 +41,9 @@ LOOP_FIGURES = {
 }
 """Figures in the table of a loop, by the attribute of ``OpenLoop``."""
 
+ADVICE_TO_TUNE = (LoopActions.LOAD_ADVISED_GAINS, LoopActions.RAISE_AS_ADVISED)
+"""What to do about loops by running ``mavdem tune``, which the report of that command does not repeat."""
+
 MAX_CROSSOVER_FRACTION = 0.15
 """Highest crossover, as a fraction of the log's rate, up to which delay and time constant are known well enough."""
 
@@ -67,7 +70,7 @@ def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
         remedies = [facts[-1].remedy]
         # What tune itself advises is not repeated as the advice to run it.
         if decision is not None and decision.action is not None:
-            if decision.action.code is not LoopActions.LOAD_ADVISED_GAINS:
+            if decision.action.code not in ADVICE_TO_TUNE:
                 remedies.append(decision.action.advised)
         for remedy in remedies:
             if remedy not in given_remedies and remedy not in " ".join(sentences):
@@ -115,9 +118,13 @@ def decision_sentences(decisions: DecisionsByAxis) -> list[Sentence]:
     axes_by_action = group_by(decisions, lambda axis: decisions[axis].fact.remedy)
     sentences = []
     for action, axes in axes_by_action.items():
-        reasons = dict.fromkeys(str(decisions[axis].reason) for axis in axes)
-        text = " ".join(filter(None, (*reasons, action)))
-        sentences.append(Sentence(text, f"{listed(axes).capitalize()}:"))
+        axes_by_reason = group_by(axes, lambda axis: str(decisions[axis].reason))
+        for reason, axes_of_reason in axes_by_reason.items():
+            # An action against a single reason stands in one sentence with it.
+            text = f"{reason} {action}".strip() if len(axes_by_reason) == 1 else reason
+            sentences.append(Sentence(text, f"{listed(axes_of_reason).capitalize()}:"))
+        if action and len(axes_by_reason) > 1:
+            sentences.append(Sentence(action, f"{listed(axes).capitalize()}:"))
     return sentences
 
 

@@ -150,7 +150,7 @@ def test_an_overshoot_lowers_the_angle_gain_only_where_no_margin_is_small():
 
 def test_an_axis_that_is_too_slow_gets_higher_gains_unless_a_motor_is_at_a_limit():
     slow = decided(made_up(), falls_short(0.0))
-    assert slow.is_too_slow and slow.action.code is LoopActions.LOAD_ADVISED_GAINS
+    assert slow.is_too_slow and slow.action.code is LoopActions.RAISE_AS_ADVISED
     limited = decided(made_up(), falls_short(0.4))
     assert not limited.is_too_slow and limited.action.code is LoopActions.SLOWER_TURNS
     unknown = decided(NOT_STEERED, falls_short(None))

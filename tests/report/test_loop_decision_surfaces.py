@@ -35,7 +35,6 @@ from mavdem.facts.margins import TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.fleet.rows_of_log import rows_of_assessment
 from mavdem.immutable import ReadOnlyDict
-from mavdem.ingest.parameter_file import parameter_files
 from mavdem.live.gain_advice import facts_of_tuning
 from mavdem.loops.advice import advise
 from mavdem.loops.limit_cycles import Oscillation
@@ -45,7 +44,7 @@ from mavdem.loops.resonance import Resonance
 from mavdem.plant import Physical
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.timeline import timeline_of
-from mavdem.report.loops import tune_blocks
+from mavdem.report.loops import ADVICE_TO_TUNE, tune_blocks
 from mavdem.report.pages.flight_page import review_page
 from mavdem.report.pages.page import tune_page
 from mavdem.report.review import review_screen
@@ -285,11 +284,7 @@ def surfaces(assessment, tuning, path):
         "tune page": re.sub(r"<[^>]+>", " ", tune_page("flight", tuning)),
         "tune document": str(complete_document("tune", tune_document("flight", "default", tuning))),
         "live": " ".join(fact.advised for fact in facts_of_tuning(tuning)),
-        "files": " ".join(
-            parameter_files(tuning.parameters, assessment.evidence.signals.telemetry).values()
-        )
-        if tuning.parameters
-        else "",
+        "files": " ".join(tuning.files(assessment.evidence.signals.telemetry).values()),
     }
 
 
@@ -345,8 +340,11 @@ def test_every_surface_gives_the_advice_of_the_decision(name, assessments, tunin
         for decision in assessment.loop_decisions.values()
         if decision.action is not None
     ]
-    has_gains_to_load = any(action.code is LoopActions.LOAD_ADVISED_GAINS for action in actions)
-    assert has_gains_to_load == bool(getattr(tuning, "parameters", {}))
+    has_gains_to_load = bool(getattr(tuning, "parameters", {}))
+    if has_gains_to_load:
+        assert {action.code for action in actions} & {*ADVICE_TO_TUNE}
+    else:
+        assert LoopActions.LOAD_ADVISED_GAINS not in {action.code for action in actions}
     for surface, text in surfaces(assessment, tuning, tmp_path / "flight.rrd").items():
         assert directions(text) <= decided, surface
         if not has_gains_to_load:

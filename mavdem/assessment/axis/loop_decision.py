@@ -263,7 +263,9 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
         action = Fact(LoopActions.SLOWER_TURNS, axis=axis)
     elif isinstance(loop, Loop):
         doubts = reasons_for_no_gains(loop, more=True)
-        action = Fact(LoopActions.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
+        action = Fact(
+            LoopActions.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments
+        )
         if doubts:
             action = Fact(LoopActions.DO_FIRST, because=doubts[0])
     else:

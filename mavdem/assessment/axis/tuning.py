@@ -159,7 +159,7 @@ def _gains_come_next(headline: Fact) -> bool:
     """
     action = headline.figures.get("action")
     if action is not None:
-        return action.code is LoopActions.LOAD_ADVISED_GAINS
+        return action.code in (LoopActions.LOAD_ADVISED_GAINS, LoopActions.RAISE_AS_ADVISED)
     return not headline.is_bad
 
 
