@@ -295,9 +295,12 @@ def _imus(evidence: Evidence) -> Iterator[Instance]:
     vibrations = _vibrations_by_imu(evidence)
     accelerometers: dict[int, AccelerometerWitness] = {}
     shares: dict[int, float | None] = {}
+    # The last boot in which each was recorded counts.
+    boots: dict[int, int] = {}
     for trust in evidence.trust:
         for witness in trust.accelerometers:
             accelerometers[witness.number] = witness
+            boots[witness.number] = trust.boot
             shares[witness.number] = None
             if witness is trust.accelerometer and len(trust.accelerometers) > 1:
                 shares[witness.number] = 1.0
@@ -310,7 +313,9 @@ def _imus(evidence: Evidence) -> Iterator[Instance]:
         quantity, values = "vibration", vibrations.get(number)
         if values is None:
             assert accelerometer is not None
-            quantity, values = "specific force", accelerometer.magnitude
+            time = accelerometer.time
+            force = TimeSeries(time, np.full(len(time), boots[number]), accelerometer.magnitude)
+            quantity, values = "specific force", _values_in_flight(evidence, force)
         state = _measured_state(values)
         if accelerometer is not None and accelerometer.is_sound is False:
             level = Level.UNKNOWN if accelerometer.is_used is False else None
