@@ -50,9 +50,9 @@ def diff_command(
     A and B are each a log, or a FLEET of `mavdem track`. Of a FLEET all flights of the vehicle count, and show how much
     one flight differs from the next. For single flights that spread is assumed, and the report says so.
 
-    Compared are each motor's share of the work and its control effectiveness, rate damping and motor time constant. A
-    quantity changed if that is beyond chance for all together (Holm, 5 %). Wind, battery and payload are conditions:
-    they widen the intervals.
+    Compared are each motor's share of the work and its control effectiveness, rate damping, motor time constant and
+    margins. Of the changes, at most 5 % are expected to be false (Benjamini and Hochberg). Wind, battery and payload
+    are conditions: they widen the intervals.
 
     \b
     Examples:
@@ -86,6 +86,7 @@ def diff_command(
         difference,
         parameters,
         names_without_gains,
+        vehicles=(state_a.telemetry, state_b.telemetry),
     )
     with replaced_files(folder, [PAGE_FILE, DOCUMENT_FILE]) as (page_path, document_path):
         document_path.write_text(json_text(document))

@@ -89,7 +89,7 @@ class Difference(Document):
     flights: list[int]
     """number of flights of A and of B"""
     family_error: float
-    """probability that any quantity is called changed by chance (Holm)"""
+    """largest expected share of false ones among the changes (Benjamini and Hochberg)"""
     level: float
     """level of the intervals"""
     changes: list[Change]

@@ -1,4 +1,4 @@
-"""Compares two states of a vehicle, each one flight or several: which motor and plant figures changed significantly.
+"""Compares two states of a vehicle, each one flight or several: which figures of motors, plant and loops changed.
 
 The compared quantities and their estimates from a flight are in ``quantities``, the statistics of a difference in
 ``random_effects``. What other conditions of flight can do widens the interval of a difference (``flight_conditions``).
@@ -14,7 +14,7 @@ from mavdem.facts.fleet import Incomparable, QuantityOutcome
 from mavdem.fleet.comparability import MissingQuantity, comparison_obstacle, missing_quantities
 from mavdem.fleet.flight_conditions import Conditions, condition_allowance, mean_conditions
 from mavdem.fleet.flights import Flights, flights_of, vehicles_of
-from mavdem.fleet.quantities import SHARE, flight_estimates
+from mavdem.fleet.quantities import GAIN_MARGIN, PHASE_MARGIN, SHARE, flight_estimates
 from mavdem.fleet.random_effects import (
     SD_BETWEEN_FLIGHTS,
     QuantityChange,
@@ -49,7 +49,7 @@ class VehicleDifference(NamedTuple):
     """How each state was flown."""
 
     family_error: float = SIGNIFICANCE
-    """Probability that any quantity is called changed when none did."""
+    """Largest expected share of false ones among the changes; that of any change at all if there is none."""
 
     level: float = CONFIDENCE_LEVEL
     """Probability of the intervals."""
@@ -67,9 +67,9 @@ def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifferen
     """Compares two states of a vehicle, for example before and after a repair, or two vehicles.
 
     Every quantity that is estimated in both states is compared: trim shares and control effectiveness of the motors,
-    rate damping, and motor time constant. Other conditions of flight, such as the battery's voltage, widen its interval
-    by an allowance. All differences are then tested together, so that many quantities do not raise the number of false
-    alarms.
+    rate damping, motor time constant, and margins of the rate loops. Other conditions of flight, such as the battery's
+    voltage, widen its interval by an allowance. All differences are then tested together, so that many quantities do
+    not raise the number of false alarms.
 
     Args:
         before: rows of the fleet's table for the first state, one for each axis of each flight.
@@ -122,8 +122,8 @@ def _comparable_kinds(obstacle: Fact | None) -> list[str]:
     if obstacle is None:
         return list(SD_BETWEEN_FLIGHTS)
     if obstacle.code is Incomparable.OTHER_INPUTS:
-        # The trim does not depend on the inputs of models.
-        return [SHARE]
+        # The trim and the margins do not depend on the inputs of models.
+        return [SHARE, PHASE_MARGIN, GAIN_MARGIN]
     return []
 
 

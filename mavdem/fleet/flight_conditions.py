@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from mavdem.dataset.axes import AXES
 from mavdem.fleet.flights import Flights
-from mavdem.fleet.quantities import MEAN_EFFECT, SHARE
+from mavdem.fleet.quantities import GAIN_MARGIN, MEAN_EFFECT, PHASE_MARGIN, SHARE
 from mavdem.immutable import ReadOnlyDict
 
 SD_UNKNOWN_LEAN = 0.07
@@ -17,6 +17,14 @@ SD_SHARE_PER_LEAN = 0.5
 """Standard deviation of the change of a trim share by lean, 1/rad.
 
 It is that of drag which acts half an arm's length above or below the centre of mass.
+"""
+
+
+LOOP_CHANGES_PER_LOG_EFFECT = {GAIN_MARGIN: 8.7, PHASE_MARGIN: 0.7}
+"""Change of a margin by the logarithm of the mean effect: dB, and rad.
+
+The gain of the loop is proportional to the effect, and 1 is 8.7 dB. The crossover frequency too is about proportional
+to it, and lag and delay turn the phase there by 40° over a factor e of frequency.
 """
 
 
@@ -70,7 +78,8 @@ def condition_allowance(kind: str, before: Conditions, after: Conditions) -> flo
     """Returns how much other conditions of flight alone may change a quantity between two states.
 
     The trim shares depend on the lean of the vehicle, since drag acts above or below the centre of mass. The mean
-    effect of the motors depends on voltage and thrust. The other quantities get no allowance.
+    effect of the motors depends on voltage and thrust, and the margins on that effect. The other quantities get no
+    allowance.
 
     Args:
         kind: kind of the quantity, such as ``SHARE``.
@@ -78,17 +87,18 @@ def condition_allowance(kind: str, before: Conditions, after: Conditions) -> flo
         after: how the second state was flown.
 
     Returns:
-        A standard deviation in the unit of the difference: relative for shares and effects.
+        A standard deviation in the unit of the difference: relative for shares and effects, rad and dB for margins.
     """
     if kind == SHARE:
         roll_change = _lean_change(before.lean_roll, after.lean_roll)
         pitch_change = _lean_change(before.lean_pitch, after.lean_pitch)
         return SD_SHARE_PER_LEAN * hypot(roll_change, pitch_change)
-    if kind == MEAN_EFFECT:
-        # At the same thrust the effect is proportional to the voltage, and with more thrust to the output.
-        voltage_change = _relative_change(before.voltage, after.voltage)
-        return voltage_change + _relative_change(before.collective, after.collective)
-    return 0.0
+    if kind != MEAN_EFFECT and kind not in LOOP_CHANGES_PER_LOG_EFFECT:
+        return 0.0
+    # At the same thrust the effect is proportional to the voltage, and with more thrust to the output.
+    voltage_change = _relative_change(before.voltage, after.voltage)
+    effect_change = voltage_change + _relative_change(before.collective, after.collective)
+    return LOOP_CHANGES_PER_LOG_EFFECT.get(kind, 1.0) * effect_change
 
 
 def _lean_change(before: float | None, after: float | None) -> float:

@@ -1,12 +1,12 @@
-"""The quantities of motors and plant that are compared between flights, and their estimates from one flight.
+"""The quantities of motors, plant and loops that are compared between flights, and their estimates from one flight.
 
-They belong to the vehicle and not to its wind. The trim share and the effect of a motor are relative to the median of
-all motors: a change of one motor leaves the others unchanged, and a change of all, such as by the battery's voltage or
-by the bias of the closed loop, leaves each unchanged.
+They belong to the vehicle and its gains, and not to the wind. The trim share and the effect of a motor are relative to
+the median of all motors: a change of one motor leaves the others unchanged, and a change of all, such as by the
+battery's voltage or by the bias of the closed loop, leaves each unchanged.
 """
 
 from collections.abc import Iterable, Mapping
-from math import log
+from math import isfinite, log
 from statistics import fmean, median
 from typing import NamedTuple
 
@@ -31,6 +31,15 @@ DAMPING = "damping"
 LAG = "lag"
 """Motor time constant, as estimated from one axis, s."""
 
+PHASE_MARGIN = "phase margin"
+"""Phase margin of the rate loop of one axis, rad."""
+
+GAIN_MARGIN = "gain margin"
+"""Gain margin of the rate loop of one axis, dB."""
+
+LOGARITHMIC_KINDS = SHARE, EFFECT, MEAN_EFFECT
+"""Kinds of quantities that are compared by their logarithm."""
+
 MAX_RELATIVE_HALF_WIDTH = 0.5
 """Largest half width of the interval of a share or an effect, relative to it.
 
@@ -42,10 +51,10 @@ HALF_WIDTH_PER_SD = coverage_factor()
 
 
 class Quantity(NamedTuple):
-    """A quantity that is compared. Shares and effects are compared by their logarithm, the others as they are."""
+    """A quantity that is compared: by its logarithm if its kind is one of ``LOGARITHMIC_KINDS``, else as it is."""
 
     kind: str
-    """``SHARE``, ``EFFECT``, ``MEAN_EFFECT``, ``DAMPING`` or ``LAG``."""
+    """``SHARE``, ``EFFECT``, ``MEAN_EFFECT``, ``DAMPING``, ``LAG``, ``PHASE_MARGIN`` or ``GAIN_MARGIN``."""
 
     motor: int = 0
     """Number of the motor, from 1; 0 where the quantity is of no single motor."""
@@ -75,7 +84,7 @@ def flight_estimates(flight: AxisRows) -> dict[Quantity, Estimate]:
 
     Returns:
         By quantity: logarithms, relative to the median motor, of trim shares and effects; the logarithm of the mean
-        effect by axis; the damping, 1/s, and the motor time constant, s, by axis.
+        effect by axis; the damping, 1/s, the motor time constant, s, and the margins of the rate loop, by axis.
     """
     estimates: dict[Quantity, Estimate] = {}
     effects_by_axis: dict[Quantity, list[Estimate]] = {}
@@ -93,6 +102,16 @@ def flight_estimates(flight: AxisRows) -> dict[Quantity, Estimate]:
             if row.lag is not None and row.lag_interval is not None:
                 sd = row.lag_interval / HALF_WIDTH_PER_SD
                 estimates[Quantity(LAG, axis=axis)] = Estimate(row.lag, sd)
+
+        margins = {
+            PHASE_MARGIN: (row.phase_margin, row.phase_margin_interval),
+            GAIN_MARGIN: (row.gain_margin, row.gain_margin_interval),
+        }
+        for kind, (margin, half_width) in margins.items():
+            # A loop that no gain makes unstable has an infinite margin, with which nothing can be compared.
+            if margin is not None and half_width is not None and isfinite(margin + half_width):
+                sd = half_width / HALF_WIDTH_PER_SD
+                estimates[Quantity(kind, axis=axis)] = Estimate(margin, sd)
 
         effects = motor_log_estimates(row.effect, row.effect_interval)
         if effects and row.effect_status == Status.REPORTED:

@@ -2,9 +2,9 @@
 
 The variance of a difference has two parts: that within the flights, by their intervals, and that between flights, which
 several flights of a group show. ``SD_BETWEEN_FLIGHTS`` is assumed beforehand (random effects, L. V. Hedges and I.
-Olkin, "Statistical Methods for Meta-Analysis", 1985). All quantities are tested together: the probability that any is
-called changed when none did is at most ``SIGNIFICANCE`` where the intervals hold (S. Holm, "A simple sequentially
-rejective multiple test procedure", 1979).
+Olkin, "Statistical Methods for Meta-Analysis", 1985). All quantities are tested together: of those that are called
+changed, a share of at most ``SIGNIFICANCE`` is expected to be false where the intervals hold; if none changed, that is
+the probability that any is called so (Y. Benjamini and Y. Hochberg, "Controlling the false discovery rate", 1995).
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,18 @@ from mavdem.arrays import Array
 from mavdem.confidence import coverage_factor
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import QuantityOutcome
-from mavdem.fleet.quantities import DAMPING, EFFECT, LAG, MEAN_EFFECT, SHARE, Estimate, Quantity
+from mavdem.fleet.quantities import (
+    DAMPING,
+    EFFECT,
+    GAIN_MARGIN,
+    LAG,
+    LOGARITHMIC_KINDS,
+    MEAN_EFFECT,
+    PHASE_MARGIN,
+    SHARE,
+    Estimate,
+    Quantity,
+)
 from mavdem.motors.deviation import PRIOR_BALANCE_SD
 
 SD_BETWEEN_FLIGHTS = {
@@ -27,11 +38,15 @@ SD_BETWEEN_FLIGHTS = {
     MEAN_EFFECT: 0.1,
     DAMPING: 0.2,
     LAG: 0.004,
+    PHASE_MARGIN: 0.07,
+    GAIN_MARGIN: 0.9,
 }
 """Assumed standard deviation of a quantity from flight to flight of the same vehicle.
 
-That of shares and effects is relative, that of the damping in 1/s, that of the motor time constant in s. Shares have
-what the health of motors assumes for the three axes; docs/evidence/motors.md shows where the others come from.
+That of shares and effects is relative, that of the damping in 1/s, that of the motor time constant in s, those of the
+margins in rad and dB. Shares have what the health of motors assumes for the three axes; docs/evidence/motors.md shows
+where the others come from. Margins have what the mean effect does to a loop: a tenth of the gain is 0.9 dB, and moves
+the phase at the crossover by about 4°.
 """
 
 PRIOR_FREEDOM = 8
@@ -40,7 +55,15 @@ PRIOR_FREEDOM = 8
 INTERVAL_FREEDOM = 20
 """Degrees of freedom of the variance within a flight, whose interval is itself an estimate: a choice."""
 
-EQUIVALENCE_LIMITS = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.02}
+EQUIVALENCE_LIMITS = {
+    SHARE: 0.06,
+    EFFECT: 0.2,
+    MEAN_EFFECT: 0.3,
+    DAMPING: 0.8,
+    LAG: 0.02,
+    PHASE_MARGIN: 0.2,
+    GAIN_MARGIN: 3.0,
+}
 """Largest difference of a quantity that is called the same, in the units of ``SD_BETWEEN_FLIGHTS``.
 
 The whole interval of the difference must lie within it (an equivalence test).
@@ -73,6 +96,11 @@ class QuantityChange(NamedTuple):
 
     outcome: QuantityOutcome = QuantityOutcome.SAME
     """Changed; the same; or uncertain, where the interval reaches beyond what is called the same."""
+
+    @property
+    def is_certain_by_itself(self) -> bool:
+        """Whether the quantity would count as changed if no other were tested beside it."""
+        return self.outcome is not QuantityOutcome.SAME and self.p <= SIGNIFICANCE
 
 
 class StateEstimates(NamedTuple):
@@ -154,7 +182,7 @@ def quantity_change(
     difference = mean_after - mean_before
     # Two-sided probability of such a difference if nothing changed.
     p = float(2 * stdtr(freedom, -abs(difference) / sd))
-    if quantity.kind in (DAMPING, LAG):
+    if quantity.kind not in LOGARITHMIC_KINDS:
         return QuantityChange(
             quantity, mean_before, mean_after, difference, half_width, p, allowance
         )
@@ -164,12 +192,13 @@ def quantity_change(
 
 
 def with_outcomes(changes: Sequence[QuantityChange]) -> list[QuantityChange]:
-    """Decides for each quantity whether it changed, by a test of all together (Holm's step-down procedure, 1979).
+    """Decides for each quantity whether it changed, by a test of all together (Benjamini and Hochberg, 1995).
 
-    Each quantity that is tested by itself adds its own chance of a false alarm. Holm's procedure bounds the chance of
-    any at ``SIGNIFICANCE``: from the smallest p-value on, quantities are called changed until the first one whose p
-    exceeds ``SIGNIFICANCE`` divided by the number of those not yet tested. The others are the same if their interval
-    lies within ``EQUIVALENCE_LIMITS``, else uncertain.
+    Each quantity that is tested by itself adds its own chance of a false alarm. The procedure bounds the false
+    discovery rate, the expected share of false ones among those that are called changed, at ``SIGNIFICANCE``: of m
+    quantities in the order of their p-values, the first k are called changed, with the largest k whose p is at most
+    k / m · ``SIGNIFICANCE``. The others are the same if their interval lies within ``EQUIVALENCE_LIMITS``, else
+    uncertain.
 
     Args:
         changes: the differences with their p-values.
@@ -178,12 +207,14 @@ def with_outcomes(changes: Sequence[QuantityChange]) -> list[QuantityChange]:
         The changes with their outcomes, in the order of kinds, motors and axes.
     """
     changes_with_outcomes = []
-    # After the first quantity that is not called changed, none of larger p may be.
-    may_reject = True
-    for rank, change in enumerate(sorted(changes, key=lambda change: change.p)):
-        may_reject = may_reject and change.p <= SIGNIFICANCE / (len(changes) - rank)
+    by_p = sorted(changes, key=lambda change: change.p)
+    changed_count = 0
+    for count, change in enumerate(by_p, start=1):
+        if change.p <= count / len(by_p) * SIGNIFICANCE:
+            changed_count = count
+    for rank, change in enumerate(by_p):
         equivalence_limit = EQUIVALENCE_LIMITS[change.quantity.kind]
-        if may_reject:
+        if rank < changed_count:
             outcome = QuantityOutcome.CHANGED
         elif abs(change.difference) + change.half_width <= equivalence_limit:
             outcome = QuantityOutcome.SAME

@@ -39,11 +39,16 @@ class VehicleState(NamedTuple):
     @property
     def parameters(self) -> Parameters:
         """The autopilot's parameters of the vehicle; empty of a fleet, which does not store them."""
+        return {} if self.telemetry is None else self.telemetry.parameters
+
+    @property
+    def telemetry(self) -> Telemetry | None:
+        """The messages of the vehicle; None of a fleet."""
         row = self.rows[0]
         for vehicle in self.vehicles:
             if (vehicle.system, vehicle.component) == (row.system, row.component):
-                return vehicle.parameters
-        return {}
+                return vehicle
+        return None
 
     def of_vehicles(self, names: set[str]) -> "VehicleState":
         """Returns the flights of the vehicles with these names."""

@@ -1,11 +1,12 @@
 """Impulse response of a closed loop by regularised deconvolution, with wind and feedback acting on the setpoint.
 
-The response T of a signal p to its setpoint r is a finite impulse response of K weights, p_t = Σ w_k r_{t−k} + noise.
-Weights are fitted by generalised least squares: residuals are whitened by an autoregression, and windows with more wind
-count less, which is what weights by coherence do. Their prior is a smooth, decaying Gaussian process, averaged over
-variances and decays by their evidence. It tells resonances from noise without smoothing them, and shows in the
-covariance what the setpoint did not excite (G. Pillonetto and G. De Nicolao, A new kernel-based approach for linear
-system identification, Automatica 46(1), 2010).
+The response of a signal p to its setpoint r is p(t) = ∫ h(τ) r(t − τ) dτ + noise. The impulse response h is causal: it
+is 0 at τ = 0 and before, and at the end of its duration. Otherwise it is linear between nodes, which are closest where
+it rises. The values at the nodes are fitted by generalised least squares: residuals are whitened by an autoregression,
+and windows with more wind count less, which is what weights by coherence do. Their prior is a smooth, decaying Gaussian
+process, averaged over variances, lengths and decays by their evidence. It tells resonances from noise without smoothing
+them, and shows in the covariance what the setpoint did not excite (G. Pillonetto and G. De Nicolao, A new kernel-based
+approach for linear system identification, Automatica 46(1), 2010).
 
 Wind moves a rate's setpoint r as well, by the attitude controller: r = x − G φ, of gain G and angle φ. So the
 instrument is not r itself but the part of r that follows x, what pilot or navigation ask for: x / (1 + G T / s), x = r
@@ -13,6 +14,7 @@ instrument is not r itself but the part of r that follows x, what pilot or navig
 """
 
 from collections.abc import Sequence
+from itertools import product
 from math import ceil
 from typing import NamedTuple
 
@@ -22,6 +24,7 @@ from scipy.special import softmax
 
 from mavdem.arrays import Array
 from mavdem.dem.engine.linalg import SMALLEST_POSITIVE, one_thread
+from mavdem.loops.margins import Complex
 
 MAX_WINDOWS = 300
 """Largest number of windows of a fit; of more, only every second, third … is used. A choice, for speed."""
@@ -35,22 +38,30 @@ MAX_WINDOW_WEIGHT_RATIO = 1e3
 A window of nothing but repeated samples leaves no residuals, and would outweigh all the others.
 """
 STEADY_STATE_ERROR = 0.03
-"""Standard deviation of the sum of the weights, T at 0 Hz, about 1: a controller with an integrator settles there."""
+"""Standard deviation of the response's integral, T at 0 Hz, about 1: a controller with an integrator settles there."""
 INITIAL_DECAY = 5.0
-"""Decay of the weights that the first pass begins with, as exponent over the duration of the response: a choice."""
+"""Decay of the response that the first pass begins with, as exponent over the duration of the response: a choice."""
 
-PRIOR_LENGTH = 0.04
-"""Length scale of the prior, over which weights are alike, relative to the duration of the response: a choice."""
+NODE_SPACING_RATIO = 0.02
+"""Spacing of the nodes, relative to their lag: late, a response is slower than where it rises. A choice."""
+
+PRIOR_LENGTHS = 0.01, 0.03, 0.1
+"""Length scales of the prior that are averaged over, relative to the duration of the response.
+
+Values within a length are alike. Of the rate loop these are 5 to 50 ms, of the attitude loop 20 to 200 ms.
+"""
 PRIOR_DECAYS = np.geomspace(0.06, 2.0, 6)
 """Decay times of the prior's amplitude that are averaged over, relative to the duration of the response."""
 PRIOR_VARIANCES = np.geomspace(0.1, 1e5, 13)
-"""Variances of the prior that are averaged over, in units of (step / duration of the response)²."""
+"""Variances of the prior that are averaged over, in units of 1 / (duration of the response in samples)²."""
 TAIL_LENGTH = 0.2
 """Length scale of the slow tail that an integrator leaves, relative to the duration of the response: a choice."""
 TAIL_DECAY = 2.0
 """Decay time of this tail, relative to the duration of the response: a choice."""
 TAIL_VARIANCE_RATIO = 0.03
 """Variance of this tail, relative to that of the rest of the prior: a choice."""
+ROUNDING = 1e-6
+"""Tolerance of a number of steps, for rates that are not exactly those of their messages."""
 JITTER = 1e-8
 """White noise added to a covariance, relative to its mean variance, so that rounding leaves it a Cholesky factor."""
 WHITE_NOISE_SHARE = 1e-6
@@ -60,24 +71,102 @@ MIN_FREEDOM_SHARE = 0.25
 
 
 class ImpulseResponse(NamedTuple):
-    """An estimated impulse response, and its covariance."""
+    """An estimated impulse response: 0 at the first and the last knot, and linear between knots."""
 
-    weights: Array
-    """Weights of the last K setpoints (K,), the latest first; their sum is T at 0 Hz."""
+    sampling_rate: float
+    """Rate of the samples that it was estimated from, Hz."""
+    knots: Array
+    """Lags (K + 2,), in samples: 0, those of the K nodes, and the duration of the response."""
+    values: Array
+    """Values at the nodes (K,), per sample."""
     covariance: Array
-    """Covariance of the weights (K, K)."""
+    """Covariance of these (K, K)."""
     windows: int
-    """Number of windows of flight that they were estimated from."""
+    """Number of windows of flight that it was estimated from."""
+
+    def step_responses(self, values: Array, time: Array) -> Array:
+        """Returns the responses to a step of 1: the integrals of impulse responses.
+
+        Args:
+            values: N sets of values at the nodes (N, K), such as draws.
+            time: times after the step (T,), s.
+        """
+        lags = self.sampling_rate * time[:, None] - self.knots
+        # The integral of (lag)₊, from which the hat functions are combined.
+        integrals = np.maximum(lags, 0.0) ** 2 / 2
+        hat_integrals = integrals @ second_differences(self.knots)
+        return np.asarray(values @ hat_integrals.T)
+
+    def frequency_responses(self, values: Array, frequency: Array) -> Complex:
+        """Returns the frequency responses of impulse responses.
+
+        Args:
+            values: N sets of values at the nodes (N, K), such as draws.
+            frequency: frequencies (F,), Hz, above 0.
+        """
+        radians_per_sample = 2 * np.pi * frequency[:, None] / self.sampling_rate
+        # The Fourier transform of the second derivative, divided by (iω)².
+        transforms = -np.exp(-1j * radians_per_sample * self.knots) / radians_per_sample**2
+        hat_transforms = transforms @ second_differences(self.knots)
+        return np.asarray(values @ hat_transforms.T)
+
+
+def response_knots(taps: int, steps_per_sample: int) -> Array:
+    """Returns the lags between which an impulse response is linear, in samples: from 0 to ``taps``.
+
+    They are apart by one step at first, and later by ``NODE_SPACING_RATIO`` of their lag.
+
+    Args:
+        taps: duration of the response, in samples.
+        steps_per_sample: number of steps into which a sample is divided.
+    """
+    last = taps * steps_per_sample
+    knots = [0]
+    while knots[-1] < last:
+        spacing = max(1, round(NODE_SPACING_RATIO * knots[-1]))
+        knots.append(min(knots[-1] + spacing, last))
+    return np.array(knots) / steps_per_sample
+
+
+def second_differences(knots: Array) -> Array:
+    """Returns the matrix that combines the hat functions of the inner knots from (lag − knot)₊.
+
+    The hat function of a knot is 1 there, 0 at the next knots, and linear between. Its second derivative is three
+    impulses. So what is known of (lag − knot)₊, such as an integral, gives that of the hats.
+
+    Args:
+        knots: lags (K + 2,), ascending.
+
+    Returns:
+        Weights (K + 2, K).
+    """
+    inverse_spacing = 1 / np.diff(knots)
+    nodes = np.arange(len(knots) - 2)
+    weights = np.zeros((len(knots), len(nodes)))
+    weights[nodes, nodes] = inverse_spacing[:-1]
+    weights[nodes + 1, nodes] = -inverse_spacing[:-1] - inverse_spacing[1:]
+    weights[nodes + 2, nodes] = inverse_spacing[1:]
+    return weights
+
+
+def hat_areas(knots: Array) -> Array:
+    """Returns the integrals of the hat functions of the inner knots (K,), in samples."""
+    return np.asarray((knots[2:] - knots[:-2]) / 2)
 
 
 def estimate_impulse_response(
-    sampling_rate: float, pieces: Sequence[Array], angle_gain: float, seconds: float
+    sampling_rate: float,
+    pieces: Sequence[Array],
+    angle_gain: float,
+    seconds: float,
+    resolution: float,
 ) -> ImpulseResponse | None:
     """Estimates the impulse response of a signal to its setpoint, such as that of a body rate.
 
-    It is a regression of the signal on past setpoints. The filter that whitens its residuals, the weights of the
-    windows and the instrument depend on the impulse response itself. So the fit is repeated ``FIT_PASSES`` times, each
-    with these from the response of the pass before; the first pass begins with an exponential decay.
+    It is a regression of the signal on the setpoint's convolutions with hat functions. The filter that whitens its
+    residuals, the weights of the windows and the instrument depend on the impulse response itself. So the fit is
+    repeated ``FIT_PASSES`` times, each with these from the response of the pass before; the first pass begins with an
+    exponential decay.
 
     Args:
         sampling_rate: rate of the samples, Hz.
@@ -85,6 +174,7 @@ def estimate_impulse_response(
         angle_gain: gain of the attitude controller that feeds the angle back to the setpoint, 1/s; 0 if none does.
         seconds: duration of the response, s. A window is three times as long: the setpoints of its first third, and
             two thirds whose samples are explained.
+        resolution: time between nodes where they are closest, s, or less. It may be shorter than a sample.
 
     Returns:
         The impulse response. None where no piece is as long as a window and what is left out before it, nothing moves
@@ -93,24 +183,27 @@ def estimate_impulse_response(
     """
     taps = round(seconds * sampling_rate)
     size = 3 * taps
+    steps_per_sample = max(ceil(1 / (sampling_rate * resolution) - ROUNDING), 1)
+    knots = response_knots(taps, steps_per_sample)
     setpoint = _overlapping_windows([piece[0] for piece in pieces], taps, size)
     signal = _overlapping_windows([piece[1] for piece in pieces], taps, size)
     if not np.ptp(setpoint, axis=1).any():
         return None
-    decay = np.exp(-INITIAL_DECAY * (np.arange(1, taps + 1) / taps))
-    weights = decay / decay.sum()
+    decay = np.exp(-INITIAL_DECAY * knots[1:-1] / taps)
+    values = decay / (hat_areas(knots) @ decay)
+    estimate = None
     with one_thread():
         for _ in range(FIT_PASSES):
             instrument = setpoint
             if angle_gain:
                 undisturbed = [
-                    _setpoint_without_wind(piece, angle_gain, weights, sampling_rate)
+                    _setpoint_without_wind(piece, angle_gain, values, knots, sampling_rate)
                     for piece in pieces
                 ]
                 instrument = _overlapping_windows(undisturbed, taps, size)
             # All signals are filtered so that the residuals are white, and scaled so that these have a standard
             # deviation of 1 in each window: so windows with more wind count less.
-            residuals = signal[:, taps:] - _past_values(setpoint, taps) @ weights
+            residuals = signal[:, taps:] - _hat_convolutions(setpoint, knots) @ values
             variation = np.ptp(residuals, axis=1)
             if not variation.any() or not np.isfinite(variation).all():
                 return None
@@ -122,14 +215,63 @@ def estimate_impulse_response(
                 _filtered(setpoint, whitening) / scale,
                 _filtered(signal, whitening) / scale,
                 _filtered(instrument, whitening) / scale,
-                taps,
+                knots,
+                sampling_rate,
             )
-            weights = estimate.weights
+            values = estimate.values
     return estimate
 
 
+def _hat_convolutions(windows: Array, knots: Array) -> Array:
+    """Returns the convolutions of a signal with the hat functions of the nodes: the regressors of the response.
+
+    The signal is linear between its samples. Its double integral, delayed by the knots, is its convolution with
+    (lag − knot)₊, and the hats are combined of these.
+
+    Args:
+        windows: samples of each window (W, B + taps).
+        knots: lags (K + 2,) from 0 to ``taps``, in samples.
+
+    Returns:
+        For each of the last B samples of a window, the convolutions with K hats (W, B, K).
+    """
+    before = windows[:, :-1]
+    slope = np.diff(windows, axis=1)
+    zeros = np.zeros((len(windows), 1))
+    integral = np.hstack([zeros, np.cumsum(before + slope / 2, axis=1)])[:, :-1]
+    increments = integral + before / 2 + slope / 6
+    double_integral = np.hstack([zeros, np.cumsum(increments, axis=1)])
+    taps = int(knots[-1])
+    size = windows.shape[1]
+    delayed = []
+    for lag in knots.tolist():
+        # The time of a delayed sample is a sample and a part of the next interval.
+        whole_samples = ceil(lag)
+        part = whole_samples - lag
+        rows = slice(taps - whole_samples, size - whole_samples)
+        value = double_integral[:, rows]
+        if part:
+            value = (
+                value
+                + part * integral[:, rows]
+                + part**2 / 2 * before[:, rows]
+                + part**3 / 6 * slope[:, rows]
+            )
+        delayed.append(value)
+    return np.asarray(np.stack(delayed, axis=-1) @ second_differences(knots))
+
+
+def _sampled_response(values: Array, knots: Array) -> Array:
+    """Returns the response to a setpoint of 1 at one sample, which falls to 0 linearly to both sides (taps,)."""
+    taps = int(knots[-1])
+    impulse = np.zeros((1, 2 * taps))
+    impulse[0, taps] = 1.0
+    response: Array = (_hat_convolutions(impulse, knots) @ values)[0]
+    return response
+
+
 def _setpoint_without_wind(
-    piece: Array, angle_gain: float, weights: Array, sampling_rate: float
+    piece: Array, angle_gain: float, values: Array, knots: Array, sampling_rate: float
 ) -> Array:
     """Returns the part of a rate setpoint that follows pilot or navigation, and not the wind: x / (1 + G T / s).
 
@@ -140,7 +282,8 @@ def _setpoint_without_wind(
     Args:
         piece: setpoint r, rate, and angle φ (3, N).
         angle_gain: gain G of the attitude controller, 1/s.
-        weights: impulse response of T, from rate setpoint to rate (K,).
+        values: impulse response of T, from rate setpoint to rate, at the nodes (K,), per sample.
+        knots: their lags and the ends of the response (K + 2,), in samples.
         sampling_rate: rate of the samples, Hz.
 
     Returns:
@@ -156,8 +299,7 @@ def _setpoint_without_wind(
     # The integral divides by s, so the frequency 0 is replaced by a small one.
     positive_frequency = np.maximum(frequency, frequency[1] / 100)
     s = 2j * np.pi * positive_frequency
-    # The response begins one sample after the setpoint.
-    closed_rate_loop = np.fft.rfft(np.append(0.0, weights), 2 * size)
+    closed_rate_loop = np.fft.rfft(_sampled_response(values, knots), 2 * size)
     undisturbed = transform / (1 + angle_gain * closed_rate_loop / s)
     return np.fft.irfft(undisturbed, 2 * size)[:size]
 
@@ -186,20 +328,6 @@ def _overlapping_windows(series: Sequence[Array], taps: int, size: int) -> Array
     windows = np.concatenate([*views, np.zeros((0, size))])
     stride = max(ceil(len(windows) / MAX_WINDOWS), 1)
     return windows[::stride]
-
-
-def _past_values(windows: Array, taps: int) -> Array:
-    """Returns the values before each sample: the regressors of a finite impulse response.
-
-    Args:
-        windows: samples of each window (W, B + taps).
-        taps: number of values before a sample.
-
-    Returns:
-        For each of the last B samples of a window, the ``taps`` values before it, the latest first (W, B, taps).
-    """
-    # The last view contains the last sample and comes before none, so it is dropped. Views are reversed in time.
-    return np.lib.stride_tricks.sliding_window_view(windows, taps, axis=1)[:, :-1, ::-1]
 
 
 def _filtered(windows: Array, coefficients: Array) -> Array:
@@ -241,48 +369,50 @@ def _whitening_filter(residuals: Array) -> Array:
 
 
 def _regularised_estimate(
-    setpoint: Array, signal: Array, instrument: Array, taps: int
+    setpoint: Array, signal: Array, instrument: Array, knots: Array, sampling_rate: float
 ) -> ImpulseResponse:
-    """Estimates the weights of the past setpoints that explain a signal, by regularised instrumental variables.
+    """Estimates the impulse response that explains a signal by its setpoint, by regularised instrumental variables.
 
-    X are the past values of the setpoint, Z those of the instrument, y the signal, and Q the prior covariance of the
-    weights w. That the weights add up to 1 ± ``STEADY_STATE_ERROR`` counts as one more observation, sᵀ w = 1 / error,
-    in which all entries of s are 1 / error. The estimate is
+    X are the convolutions of the setpoint with the hats, Z those of the instrument, y the signal, and Q the prior
+    covariance of the values w. That the response integrates to 1 ± ``STEADY_STATE_ERROR`` counts as one more
+    observation, sᵀ w = 1 / error, in which s are the areas of the hats by the error. The estimate is
 
         w = (I + Q (Zᵀ X + s sᵀ))⁻¹ Q (Zᵀ y + s / error)
 
     Its covariance has three parts. The scores Zᵀ (y − X w) of the windows show how the estimate scatters with noise,
-    whatever the noise is like (a sandwich covariance, as of a jackknife over windows). The prior shrinks weights that
+    whatever the noise is like (a sandwich covariance, as of a jackknife over windows). The prior shrinks values that
     the flight does not determine. And the steady state is uncertain by its error.
 
     Args:
         setpoint: windows of the setpoint (W, B), whitened and scaled so that residuals have a variance of 1.
         signal: windows of the signal (W, B), whitened and scaled likewise.
         instrument: windows of the instrument (W, B), likewise.
-        taps: number of weights, K.
+        knots: lags between which the response is linear (K + 2,), in samples.
+        sampling_rate: rate of the samples, Hz.
 
     Returns:
-        The weights with their covariance.
+        The impulse response with its covariance.
     """
-    regressors = _past_values(setpoint, taps)
-    instruments = _past_values(instrument, taps)
+    taps = int(knots[-1])
+    regressors = _hat_convolutions(setpoint, knots)
+    instruments = _hat_convolutions(instrument, knots)
     target = signal[:, taps:]
     over_windows_and_samples = ((0, 1), (0, 1))
     instrument_products = np.tensordot(instruments, instruments, axes=over_windows_and_samples)
     regressor_products = np.tensordot(instruments, regressors, axes=over_windows_and_samples)
     target_products = np.tensordot(instruments, target, axes=over_windows_and_samples)
-    steady_state = np.full(taps, 1 / STEADY_STATE_ERROR)
+    steady_state = hat_areas(knots) / STEADY_STATE_ERROR
     steady_state_products = np.outer(steady_state, steady_state)
     precision = instrument_products + steady_state_products
     moment = target_products + steady_state / STEADY_STATE_ERROR
-    prior = _prior_covariance(precision, moment)
+    prior = _prior_covariance(precision, moment, knots)
     information = regressor_products + steady_state_products
-    identity = np.eye(taps)
+    identity = np.eye(len(moment))
     inverse = np.linalg.solve(identity + prior @ information, prior)
-    weights = inverse @ moment
+    values = inverse @ moment
 
-    # Indices of the scores: w the window, b its samples, k the weights.
-    residuals = target - regressors @ weights
+    # Indices of the scores: w the window, b its samples, k the nodes.
+    residuals = target - regressors @ values
     scores = np.einsum("wbk,wb->wk", instruments, residuals) @ inverse.T
     effective_parameters = np.trace(inverse @ regressor_products)
     windows = len(signal)
@@ -294,36 +424,38 @@ def _regularised_estimate(
     steady_state_error = inverse @ steady_state
     steady_state_covariance = np.outer(steady_state_error, steady_state_error)
     covariance = sampling_covariance + shrinkage_covariance + steady_state_covariance
-    return ImpulseResponse(weights, covariance, windows)
+    return ImpulseResponse(sampling_rate, knots, values, covariance, windows)
 
 
-def _prior_covariance(precision: Array, moment: Array) -> Array:
-    """Returns the prior covariance of the weights of an impulse response, averaged over priors by their evidence.
+def _prior_covariance(precision: Array, moment: Array, knots: Array) -> Array:
+    """Returns the prior covariance of an impulse response at its nodes, averaged over priors by their evidence.
 
-    How large and how long a response is, is not known beforehand. So priors of several variances λ and decays are
-    tried, and each counts by how well it explains the flight (Bayesian model averaging). A prior has the covariance
-    λ Q, with a shape Q = R Rᵀ that depends on the decay. With the eigenvalues v and eigenvectors U of Rᵀ precision R,
-    its log evidence is ½ Σ (λ (Uᵀ Rᵀ moment)² / (1 + λ v) − log(1 + λ v)).
+    How large, how smooth and how long a response is, is not known beforehand. So priors of several variances λ, length
+    scales and decays are tried, and each counts by how well it explains the flight (Bayesian model averaging). A prior
+    has the covariance λ Q, with a shape Q = R Rᵀ that depends on length and decay. With the eigenvalues v and
+    eigenvectors U of Rᵀ precision R, its log evidence is ½ Σ (λ (Uᵀ Rᵀ moment)² / (1 + λ v) − log(1 + λ v)).
 
     Args:
-        precision: precision of the K weights by the flight alone (K, K).
-        moment: precision times the weights that the flight alone would give (K,).
+        precision: precision of the values at the K nodes by the flight alone (K, K).
+        moment: precision times the values that the flight alone would give (K,).
+        knots: lags of the nodes, and of both ends of the response (K + 2,), in samples.
 
     Returns:
         Covariance (K, K).
     """
-    taps = len(moment)
+    taps = knots[-1]
+    nodes = len(moment)
     # From 0 to 1, with the duration of the response as the unit.
-    time = np.linspace(0.0, 1.0, taps + 1)
+    time = knots[:-1] / taps
     tail = TAIL_VARIANCE_RATIO * _decaying_matern(time, TAIL_LENGTH, TAIL_DECAY)
     shapes = []
     log_evidence = []
-    for decay in PRIOR_DECAYS:
-        process = _decaying_matern(time, PRIOR_LENGTH, decay) + tail
+    for length, decay in product(PRIOR_LENGTHS, PRIOR_DECAYS):
+        process = _decaying_matern(time, length, decay) + tail
         # The response is 0 at time 0: the Gaussian process is conditioned on that.
         from_zero = process - np.outer(process[0], process[0]) / process[0, 0]
         shape = from_zero[1:, 1:] / taps**2
-        jitter = JITTER * np.trace(shape) / taps * np.eye(taps)
+        jitter = JITTER * np.trace(shape) / nodes * np.eye(nodes)
         root = np.linalg.cholesky(shape + jitter)
         eigenvalues, eigenvectors = np.linalg.eigh(root.T @ precision @ root)
         variances = PRIOR_VARIANCES[:, None]
@@ -332,9 +464,9 @@ def _prior_covariance(precision: Array, moment: Array) -> Array:
         explained = variances * projected_moment**2 / (1 + gained_precision)
         shapes.append(shape)
         log_evidence.append((explained - np.log1p(gained_precision)).sum(axis=1) / 2)
-    # The evidence becomes weights of sum 1 over all decays (rows) and variances (columns).
-    variance_by_decay = softmax(log_evidence) @ PRIOR_VARIANCES
-    return np.tensordot(variance_by_decay, shapes, axes=1)
+    # The evidence becomes weights of sum 1 over all shapes (rows) and variances (columns).
+    variance_by_shape = softmax(log_evidence) @ PRIOR_VARIANCES
+    return np.tensordot(variance_by_shape, shapes, axes=1)
 
 
 def _decaying_matern(time: Array, length: float, decay: float) -> Array:

@@ -32,6 +32,10 @@ GYRO_NOTCH_PARAMETERS = (
     ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW"),
 )
 """Centre and bandwidth of each static notch of the gyro, Hz; the last is that of older versions, which had one."""
+DERIVATIVE_FILTER = "IMU_DGYRO_CUTOFF"
+"""Name of the cut-off frequency of the derivative's low-pass."""
+OLDER_DERIVATIVE_FILTER = "MC_DTERM_CUTOFF"
+"""The same in PX4 before v1.11, in ``mc_att_control_params.c``."""
 MAX_CONDITION_NUMBER = 1e6
 """Largest condition number of the matrix of the motors' effects: beyond, motors cannot control each torque alone."""
 MIN_RELATIVE_EFFECT = 1e-3
@@ -50,12 +54,15 @@ def px4_controller(parameters: Parameters, axis: str, is_demand: bool) -> Contro
         NotLearnable: a parameter is missing, or the mixer is not that of a quadrotor.
     """
     prefix = f"MC_{axis.upper()}RATE_"
+    derivative_filter = DERIVATIVE_FILTER
+    if DERIVATIVE_FILTER not in parameters and OLDER_DERIVATIVE_FILTER in parameters:
+        derivative_filter = OLDER_DERIVATIVE_FILTER
     names = {
         "p": f"{prefix}P",
         "i": f"{prefix}I",
         "d": f"{prefix}D",
         "angle_gain": f"MC_{axis.upper()}_P",
-        "derivative_filter": "IMU_DGYRO_CUTOFF",
+        "derivative_filter": derivative_filter,
         "thrust_expo": "THR_MDL_FAC",
     }
     gains = dict(zip(names, required_parameters(parameters, *names.values()), strict=True))

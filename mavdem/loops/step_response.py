@@ -1,14 +1,16 @@
 """Step responses of the closed rate and attitude loop as a flight shows them, at any rate of its messages.
 
 The impulse response is estimated as in ``impulse_response``; steps, frequency responses and their figures follow from
-it, with 90 % intervals from draws of its weights.
+it, with 90 % intervals from draws of its values.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import default_rng
+from scipy.signal import resample_poly
 
 from mavdem.arrays import Array
 from mavdem.confidence import INTERVAL_QUANTILES, Interval, coverage_factor
@@ -20,10 +22,11 @@ from mavdem.dataset.signals import (
     rate_between_outages,
 )
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.dem.engine.linalg import normal_draws
+from mavdem.dem.engine.linalg import SMALLEST_POSITIVE, normal_draws
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
 from mavdem.immutable import ImmutableResult
+from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.impulse_response import (
     STEADY_STATE_ERROR,
     ImpulseResponse,
@@ -41,12 +44,19 @@ from mavdem.loops.welch import (
 
 RESPONSE_SECONDS = {"rate": 0.5, "attitude": 2.0}
 """Duration of a step response until it has settled, s, by loop."""
-MAX_TAPS = 100
-"""Largest number of weights of an impulse response: enough for 200 Hz, and resonances of up to half of that."""
+MAX_SAMPLING_RATES = {"rate": 200.0, "attitude": 100.0}
+"""Highest rate of the samples that a response is estimated from, Hz, by loop: it rises within three or more samples."""
+SAMPLES_PER_COHERENT_PERIOD = 8.0
+"""Least rate of these samples, by the highest frequency at which setpoint and response are coherent: a choice.
+
+Beyond that frequency the signals are rounding and noise, which would be fitted too.
+"""
 MIN_CORRECTION = 0.5
 """Least regression coefficient of the attitude controller's correction for a rate setpoint to contain it."""
+STEP_POINTS = 200
+"""Number of time steps of a step response, and of frequencies of a frequency response: more than a chart shows."""
 RESPONSE_DRAWS = 300
-"""Number of draws of the weights from which intervals are computed."""
+"""Number of draws of the impulse response from which intervals are computed."""
 
 MIN_FREQUENCY = 0.5
 """Lowest frequency of a response, Hz: a choice."""
@@ -54,8 +64,8 @@ MIN_DRIVER_POWER_RATIO = 1e-4
 """Least power of the setpoint at a frequency, relative to the largest: errors of interpolation have as much."""
 MAX_GAIN_DEVIATION = 0.25
 """Largest standard deviation of |T| with which it counts as known: a choice."""
-MAX_STEP_HALF_WIDTH = 1.0
-"""Half width of a step's band from which on nothing is known: both no response and twice the step lie within it."""
+MAX_STEP_HALF_WIDTH = 0.3
+"""Half width of a step's band from which on it shows nothing: an overshoot of 30 % and none lie within it."""
 SETTLING_BAND = 0.05
 """Distance from 1 within which a step has settled: the usual 5 %."""
 FREQUENCY_STEP = 0.05
@@ -65,7 +75,7 @@ MAX_DISAGREEING_SHARE = 0.3
 MIN_PIECE_RESPONSES = 4
 """Least length of a piece of flight, in durations of the response."""
 DRAWS_SEED = 31
-"""Seed of the draws of the weights, so that the same flight has the same figures."""
+"""Seed of the draws of impulse responses, so that the same flight has the same figures."""
 
 FIGURES = ("overshoot", "rise_time", "settling", "delay", "peak", "peak_frequency")
 """Figures of a :class:`StepResponse`, by the names of its attributes."""
@@ -96,9 +106,9 @@ class StepResponse(ImmutableResult):
     loop: str
     """"rate" or "attitude"."""
     time: Array
-    """Times after the step (K,), s."""
+    """Times after the step (K,), s, from 0."""
     step: Array
-    """Response to the step (K,)."""
+    """Response to the step (K,), which is 0 at time 0."""
     step_half: Array
     """Half widths of its 90 % band (K,)."""
     frequency: Array
@@ -187,7 +197,7 @@ def rate_step_response(signals: Signals, segments: Segments) -> StepResponse | F
     """Measures the response of the body rate to its setpoint in flight.
 
     ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate setpoint. It is added where it is
-    missing, for which the angle and its setpoint are needed.
+    missing, for which the angle and its setpoint are needed. Other autopilots' rate setpoints contain it.
 
     Args:
         signals: signals of the vehicle, for the axis.
@@ -203,9 +213,10 @@ def rate_step_response(signals: Signals, segments: Segments) -> StepResponse | F
     attitude = signals.attitude
     # Angles can be used only if they come with the rates, at the same times.
     if attitude is not None and rate.time is attitude.time:
-        for angle_series in (attitude.angle_series, signals.angle_setpoint):
-            if angle_series is not None:
-                series.append(angle_series)
+        series.append(_unwrapped(attitude.angle_series))
+        is_ardupilot = signals.telemetry.autopilot == "ARDUPILOTMEGA"
+        if is_ardupilot and signals.angle_setpoint is not None:
+            series.append(_unwrapped(signals.angle_setpoint))
     return _measured(signals, "rate", series, segments, MIN_STREAM_RATE)
 
 
@@ -223,8 +234,13 @@ def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse
     """
     if signals.angle_setpoint is None or signals.attitude is None:
         return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} attitude")
-    series = [signals.angle_setpoint, signals.attitude.angle_series]
+    series = [_unwrapped(signals.angle_setpoint), _unwrapped(signals.attitude.angle_series)]
     return _measured(signals, "attitude", series, segments, MIN_SLOW_MOTION_RATE)
+
+
+def _unwrapped(angle: TimeSeries) -> TimeSeries:
+    """Returns an angle without its steps from π to -π, rad, so that it can be interpolated."""
+    return replace(angle, values=np.unwrap(angle.values))
 
 
 def _measured(
@@ -254,7 +270,9 @@ def _measured(
     min_duration = MIN_PIECE_RESPONSES * seconds
     if min(map(rate_between_outages, series)) < min_rate:
         return Fact(StepResponses.TOO_SLOW, subject=subject, least_rate=min_rate)
-    resampled = resampled_signals(series, segments, min_duration, min_rate, MAX_TAPS / seconds)
+    resampled = resampled_signals(
+        series, segments, min_duration, min_rate, MAX_SAMPLING_RATES[loop]
+    )
     if resampled is None:
         return Fact(StepResponses.TOO_LITTLE_FLIGHT, subject=subject, least_duration=min_duration)
     sampling_rate = resampled.rate
@@ -269,11 +287,47 @@ def _measured(
         controller = controller_if_known(signals)
         angle_gain = DEFAULT_ANGLE_GAIN if controller is None else controller.angle_gain
         pieces = _with_angle_and_correction(sampling_rate, pieces, angle_gain)
-    impulse_response = estimate_impulse_response(sampling_rate, pieces, angle_gain, seconds)
+    else:
+        for piece in pieces:
+            piece[0] = piece[1] + wrapped_angle(piece[0] - piece[1])
+    timing_error = _timing_error(sampling_rate, pieces)
     spectra = welch_spectra_of_pieces(sampling_rate, pieces)
-    if impulse_response is None or spectra is None:
+    if spectra is None:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
-    return _described(signals.axis, loop, sampling_rate, impulse_response, spectra)
+    is_coherent = _coherence_where_driven(spectra) >= MIN_COHERENCE
+    highest_coherent = spectra.frequency[is_coherent].max(initial=0.0)
+    needed_rate = max(min_rate, SAMPLES_PER_COHERENT_PERIOD * highest_coherent)
+    decimation = max(int(sampling_rate / needed_rate), 1)
+    if decimation > 1:
+        # Both ends are continued by the line through them, so that the filter makes no step there.
+        pieces = [resample_poly(piece, 1, decimation, axis=1, padtype="line") for piece in pieces]
+    impulse_response = estimate_impulse_response(
+        sampling_rate / decimation, pieces, angle_gain, seconds, 1 / MAX_SAMPLING_RATES[loop]
+    )
+    if impulse_response is None:
+        return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
+    return _described(signals.axis, loop, impulse_response, timing_error, spectra)
+
+
+def _timing_error(sampling_rate: float, pieces: Sequence[Array]) -> float:
+    """Returns the largest time by which a setpoint may be early or late, s, if it is interpolated linearly.
+
+    A jump between two messages may have been at the time of either, so that it is known to half of an interval. A
+    setpoint that moves smoothly is known better: the interpolation errs by as much as the slope changes between
+    messages, relative to the slope itself.
+
+    Args:
+        sampling_rate: rate of the samples, Hz.
+        pieces: setpoint, in the first row, and other signals of each piece (k, N).
+    """
+    slope_power = 0.0
+    curvature_power = 0.0
+    for piece in pieces:
+        slope = np.diff(piece[0])
+        slope_power += np.square(slope).sum()
+        curvature_power += np.square(np.diff(slope)).sum()
+    roughness = np.sqrt(curvature_power / max(slope_power, SMALLEST_POSITIVE))
+    return float(min(roughness, 1.0) / (2 * sampling_rate))
 
 
 def _with_angle_and_correction(
@@ -302,7 +356,7 @@ def _with_angle_and_correction(
     if has_angle_setpoint and not _is_corrected(sampling_rate, pieces, angle_gain):
         for piece in pieces:
             angle, angle_setpoint = piece[2], piece[3]
-            piece[0] += angle_gain * (angle_setpoint - angle)
+            piece[0] += angle_gain * wrapped_angle(angle_setpoint - angle)
     return list(pieces)
 
 
@@ -319,7 +373,7 @@ def _is_corrected(sampling_rate: float, pieces: Sequence[Array], angle_gain: flo
     """
     rate_setpoint, _, angle, angle_setpoint = np.concatenate(pieces, axis=1)
     slope = sampling_rate * np.gradient(angle_setpoint)
-    correction = angle_gain * (angle_setpoint - angle)
+    correction = angle_gain * wrapped_angle(angle_setpoint - angle)
     _, correction_factor = np.linalg.lstsq(np.column_stack([slope, correction]), rate_setpoint)[0]
     return correction_factor > MIN_CORRECTION
 
@@ -337,37 +391,35 @@ class _Responses(NamedTuple):
     """Frequency responses (N, F)."""
 
 
-def _responses(estimate: ImpulseResponse, sampling_rate: float, max_frequency: float) -> _Responses:
-    """Computes step and frequency responses of an estimated impulse response, and of draws of its weights.
+def _responses(estimate: ImpulseResponse, timing_error: float, max_frequency: float) -> _Responses:
+    """Computes step and frequency responses of an estimated impulse response, and of draws of its values.
 
-    A step response is the integral of the impulse response, by the trapezoidal rule with the end correction of Euler
-    and Maclaurin, since the impulse response is not straight between two weights.
+    A setpoint that jumps did so at an unknown time since the message before, and all that follows is earlier or later
+    by as much. So the steps of the draws are shifted by random times.
 
     Args:
-        estimate: the K weights of the impulse response, and their covariance.
-        sampling_rate: rate of the samples, Hz.
+        estimate: the impulse response, with the covariance of its values.
+        timing_error: largest time by which the setpoint may be early or late, s.
         max_frequency: highest frequency of the frequency responses, Hz.
 
     Returns:
         Responses in rows: that of the estimate first, then those of ``RESPONSE_DRAWS`` draws.
     """
-    taps = len(estimate.weights)
-    time = np.arange(1, taps + 1) / sampling_rate
-    frequency = np.linspace(MIN_FREQUENCY, max_frequency, 2 * taps)
-    draws = normal_draws(estimate.weights, estimate.covariance, RESPONSE_DRAWS, DRAWS_SEED)
-    weights = np.vstack([estimate.weights, draws])
-    # By the trapezoidal rule, a step is the sum of all weights so far, less half of the last one. The end correction is
-    # the slope of the impulse response over 12, and the slope half of a central difference.
-    central_difference = np.eye(taps, k=-1) - np.eye(taps, k=1)
-    end_correction = weights @ central_difference / 24
-    steps = np.cumsum(weights, axis=1) - weights / 2 - end_correction
-    cycles = np.outer(time, frequency)
-    responses = weights @ np.exp(-2j * np.pi * cycles)
+    taps = estimate.knots[-1]
+    time = np.linspace(0.0, taps / estimate.sampling_rate, STEP_POINTS + 1)
+    frequency = np.linspace(MIN_FREQUENCY, max_frequency, STEP_POINTS)
+    draws = normal_draws(estimate.values, estimate.covariance, RESPONSE_DRAWS, DRAWS_SEED)
+    values = np.vstack([estimate.values, draws])
+    steps = estimate.step_responses(values, time)
+    shifts = default_rng(DRAWS_SEED).uniform(-timing_error, timing_error, RESPONSE_DRAWS)
+    for row, shift in enumerate(shifts.tolist(), start=1):
+        steps[row] = np.interp(time - shift, time, steps[row])
+    responses = estimate.frequency_responses(values, frequency)
     return _Responses(time, steps, frequency, responses)
 
 
 def _described(
-    axis: str, loop: str, sampling_rate: float, estimate: ImpulseResponse, spectra: WelchSpectra
+    axis: str, loop: str, estimate: ImpulseResponse, timing_error: float, spectra: WelchSpectra
 ) -> StepResponse | Fact:
     """Describes an estimated impulse response by its step and frequency response, with figures and 90 % intervals.
 
@@ -378,8 +430,8 @@ def _described(
     Args:
         axis: "roll", "pitch" or "yaw".
         loop: "rate" or "attitude".
-        sampling_rate: rate of the samples of the impulse response, Hz.
         estimate: the impulse response.
+        timing_error: largest time by which the setpoint may be early or late, s.
         spectra: cross-spectra of setpoint and response, for their coherence.
 
     Returns:
@@ -387,9 +439,9 @@ def _described(
         the interval of the step is too wide.
     """
     # Angle setpoints may come without time stamps of their own, so only half of the usual band is trusted for them.
-    nyquist_frequency = sampling_rate / 2
+    nyquist_frequency = estimate.sampling_rate / 2
     usable_frequency = nyquist_frequency if loop == "rate" else nyquist_frequency / 2
-    responses = _responses(estimate, sampling_rate, MAX_FREQUENCY_RATIO * usable_frequency)
+    responses = _responses(estimate, timing_error, MAX_FREQUENCY_RATIO * usable_frequency)
     gains = np.abs(responses.responses)
     coherence = _coherence_where_driven(spectra)
     # Row 0 of all responses is the estimate, the others are draws.
@@ -504,13 +556,12 @@ def _first_times(time: Array, steps: Array, level: float) -> Array:
     # The running maximum never falls, so it exceeds the level once.
     running_maximum = np.maximum.accumulate(steps, axis=1)
     is_below = running_maximum <= level
-    # The values before and after the level is exceeded; the one before is 0, at time 0, if no sample is below.
+    # The values before and after the level is exceeded; the first sample, which is 0, is below any level.
     value_before = running_maximum.max(axis=1, where=is_below, initial=0.0)
     value_after = running_maximum.min(axis=1, where=~is_below, initial=np.inf)
-    samples_before = is_below.sum(axis=1)
-    sample = samples_before + (level - value_before) / (value_after - value_before)
-    times_from_zero = [0.0, *time]
-    return np.interp(sample, np.arange(len(times_from_zero)), times_from_zero)
+    last_below = is_below.sum(axis=1) - 1
+    sample = last_below + (level - value_before) / (value_after - value_before)
+    return np.interp(sample, np.arange(len(time)), time)
 
 
 def _with_interval(values: Array) -> IntervalEstimate:

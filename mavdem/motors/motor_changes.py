@@ -28,6 +28,10 @@ MIN_LOSS_SECONDS = 8.0
 """Seconds that a loss of thrust must last: a gust, or a lean of the vehicle in a correction, is over by then."""
 
 
+MAX_ONSET_ERROR = 2.0
+"""Largest error of the time at which a detected loss began, s: ``MotorAlarm.since`` is known to a second or two."""
+
+
 class CommandFraction(NamedTuple):
     """Fraction of its command by which a sound motor would give the thrust of a weak one."""
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import median_filter
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.confidence import coverage_factor
 from mavdem.dem.record import Record
 from mavdem.plant.parameters import Physical
@@ -72,6 +72,7 @@ def detect_gusts(
     band: Array,
     record: Record,
     min_duration: float = 0.0,
+    is_wind: Flags | None = None,
 ) -> GustDetection:
     """Detects the gusts in a course of wind torque.
 
@@ -85,21 +86,27 @@ def detect_gusts(
         band: half width of its 90 % band (T,), rad/s²; a gust is at least twice as large.
         record: the samples' time step and segments.
         min_duration: least duration of a gust, s.
+        is_wind: whether the torque of a sample is that of the wind (T,); None if all are. No gust is in the others.
 
     Returns:
         The gusts, the threshold, and the rate of false gusts.
     """
+    if is_wind is None:
+        is_wind = np.ones(len(torque), bool)
+    # Elsewhere, the torque is replaced by its usual level, which is no gust.
+    torque = np.where(is_wind, torque, np.median(torque[is_wind]))
     width = round(RUNNING_LEVEL_SECONDS / record.dt)
     deviation = torque - _running_level(torque, record, width)
-    sd = float(np.median(abs(deviation))) / coverage_factor(0.5)
+    sd = float(np.median(abs(deviation[is_wind]))) / coverage_factor(0.5)
     threshold = GUST_THRESHOLD * sd
-    error_variance = np.mean((band / coverage_factor()) ** 2)
-    if sd == 0.0 or error_variance > MAX_ERROR_SHARE * np.var(torque):
+    error_variance = np.mean((band[is_wind] / coverage_factor()) ** 2)
+    if sd == 0.0 or error_variance > MAX_ERROR_SHARE * np.var(torque[is_wind]):
         return GustDetection((), threshold, 0.0)
 
     # Rice's rate of crossings of a level of c standard deviations, upwards at +c and downwards at −c, is
     # 2 · (slope_sd / sd) / 2π · exp(−c²/2) per second.
-    slope_sd = float(np.median(abs(np.diff(deviation)))) / coverage_factor(0.5) / record.dt
+    slopes = np.diff(deviation)[is_wind[1:]]
+    slope_sd = float(np.median(abs(slopes))) / coverage_factor(0.5) / record.dt
     exceedance = float(np.exp(-(GUST_THRESHOLD**2) / 2))
     false_per_minute = 2 * 60 * slope_sd / sd / (2 * np.pi) * exceedance
 

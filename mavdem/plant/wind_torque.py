@@ -7,7 +7,8 @@ It is smoothed over each segment by a Kalman smoother, as coloured noise of the 
 torque, only differences between motors do. So the mean is that for equal motors and a centred load: an unequal motor,
 or a load to one side, adds to it what balances it.
 
-Where the vehicle changed, for example when a motor lost thrust, the course is cut.
+Where the vehicle changed, for example when a motor lost thrust, the course is cut. While a motor gives less thrust than
+the model assumes, what the others balance is not wind: these samples are left out.
 """
 
 from collections.abc import Sequence
@@ -16,8 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array
-from mavdem.confidence import half_width
+from mavdem.arrays import Array, Flags
+from mavdem.confidence import Interval, half_width
+from mavdem.dataset.intervals import in_intervals
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.record import Record
 from mavdem.facts import Fact
@@ -52,6 +54,9 @@ MIN_STEP_VARIANCE_SHARE = 0.5
 No wind of 105 simulated flights reached both this and ``MIN_STEP_SHARPNESS``.
 """
 
+MIN_WIND_SECONDS = 10.0
+"""Least duration of flight with sound motors from which the strength of the wind torque is told, s: a choice."""
+
 MIN_STEP_SHARPNESS = 0.75
 """Least change of the level within ``STEP_EDGE_SECONDS`` on either side of a step, relative to the step's size."""
 
@@ -74,7 +79,7 @@ class WindTorque(ImmutableResult):
     """Wind torque on one axis per moment of inertia, rad/s², at the T samples of a flight.
 
     Attributes:
-        torque: (T,) its course, with the mean.
+        torque: (T,) its course, with the mean; NaN while a motor had lost thrust, since it is not that of the wind.
         band: (T,) half width of the band that holds the truth with probability 90 %: by the smoother, by the physical
             parameters to first order, and by what the model leaves out.
         mean: its mean, for equal motors and a centred load.
@@ -91,6 +96,7 @@ class WindTorque(ImmutableResult):
         spectrum: spectral densities of the estimate and of the model.
         resolved: whether its variance is larger than that of its errors, apart from a common error of its size.
         reason: why it is not to be taken for the wind's; ``None`` where it is resolved.
+        left_out: time that is left out because a motor had lost thrust, s.
     """
 
     torque: Array
@@ -106,6 +112,7 @@ class WindTorque(ImmutableResult):
     spectrum: WindSpectrum
     resolved: bool
     reason: Fact | None
+    left_out: float = 0.0
 
 
 class _SmoothedTorque(NamedTuple):
@@ -129,7 +136,10 @@ class _TorqueErrors(NamedTuple):
 
 
 def estimate_wind_torque(
-    physical: Physical, record: Record, changes: Sequence[float] = ()
+    physical: Physical,
+    record: Record,
+    changes: Sequence[float] = (),
+    weak_motor_intervals: Sequence[Interval] = (),
 ) -> WindTorque:
     """Estimates the course of the wind torque in a recorded flight, its strength, spectrum and gusts.
 
@@ -142,6 +152,8 @@ def estimate_wind_torque(
         physical: physical parameters of the axis.
         record: inputs and outputs.
         changes: times on the record's clock, s, at which the vehicle changed, for example by a motor's loss of thrust.
+        weak_motor_intervals: intervals on that clock, s, in which a motor had lost thrust; they may overlap. They have
+            no wind torque, and no gusts begin in them.
 
     Raises:
         numpy.linalg.LinAlgError: there is no steady-state filter for these parameters.
@@ -156,55 +168,79 @@ def estimate_wind_torque(
         torque, smoother_variance = _smoothed_torque(theta, physical, record, column)
         gradient = parameter_gradient(torque_at, theta, torque)
 
+    is_wind = ~_samples_in(record, weak_motor_intervals)
+    left_out = float(np.sum(~is_wind) * record.dt)
+    has_wind = is_wind.sum() * record.dt >= MIN_WIND_SECONDS
+    if not has_wind:
+        # All of the flight is judged, so that there are figures; the reason says that they are not of the wind.
+        is_wind = np.ones(len(torque), bool)
     # Samples at which a new part begins.
     cuts = record.sample_indices(changes)
-    step = _step(_without_part_means(torque, cuts), record.dt)
+    cuts = sorted({*cuts, *(1 + np.flatnonzero(np.diff(is_wind))).tolist()})
+    step = None
+    if is_wind.all():
+        step = _step(_without_part_means(torque, cuts), record.dt)
     if step is not None:
         step_sample, _ = step
         cuts = sorted({*cuts, step_sample})
     deviation = _without_part_means(torque, cuts)
-    power = float(np.mean(deviation**2))
+    power = float(np.mean(deviation[is_wind] ** 2))
     omission_variance = OmissionErrors.wind**2 * power
     variance = (smoother_variance + omission_variance) + _variance_by_parameters(
         gradient, physical.covariance
     )
     errors = _torque_errors(
-        deviation,
-        _without_part_means(gradient, cuts),
-        smoother_variance + omission_variance,
+        deviation[is_wind],
+        _without_part_means(gradient, cuts)[:, is_wind],
+        (smoother_variance + omission_variance)[is_wind],
         theta,
         physical.covariance,
     )
-    resolved = errors.unscaled_variance < MAX_ERROR_SHARE * power
+    resolved = has_wind and errors.unscaled_variance < MAX_ERROR_SHARE * power
     reason = None
-    if not resolved:
+    if not has_wind:
+        reason = Fact(NoPhysical.THRUST_LOST)
+    elif not resolved:
         reason = Fact(
             NoPhysical.WIND_TORQUE_NOT_RESOLVED,
             torque_error=np.sqrt(errors.unscaled_variance),
             torque_sd=np.sqrt(power),
         )
     # Errors of the parameters are the same at all samples, so they do not average out in the mean.
-    mean_gradient = gradient.mean(axis=1)
+    mean_gradient = gradient[:, is_wind].mean(axis=1)
     mean_variance = (
         mean_gradient @ physical.covariance @ mean_gradient + OmissionErrors.wind_sd**2 * power
     )
     band = half_width(variance)
-    detected = detect_gusts(torque, band, record, min_gust_duration(physical, record.dt))
+    min_duration = min_gust_duration(physical, record.dt)
+    detected = detect_gusts(torque, band, record, min_duration, is_wind)
     return WindTorque(
-        torque=torque,
-        band=band,
-        mean=torque.mean(),
+        torque=np.where(is_wind, torque, np.nan),
+        band=np.where(is_wind, band, np.nan),
+        mean=torque[is_wind].mean(),
         mean_band=float(half_width(mean_variance)),
-        sd=np.sqrt(power + smoother_variance.mean()),
+        sd=np.sqrt(power + smoother_variance[is_wind].mean()),
         scale_error=errors.scale_error,
         step=step,
         gusts=detected.gusts if resolved else (),
         gust_threshold=detected.threshold,
         false_gusts_per_minute=detected.false_per_minute,
-        spectrum=_spectrum(torque, record, physical),
+        spectrum=_spectrum(torque, is_wind, record, physical),
         resolved=resolved,
         reason=reason,
+        left_out=left_out,
     )
+
+
+def _samples_in(record: Record, intervals: Sequence[Interval]) -> Flags:
+    """Returns whether samples lie in intervals of the record's clock (T,); none do in a record without a clock."""
+    is_inside = np.zeros(len(record.inputs), bool)
+    segments = zip(record.begins, record.segment_starts.tolist(), record.lengths, strict=False)
+    for start_time, first_sample, length in segments:
+        time = start_time + record.dt * np.arange(float(length))
+        for interval in intervals:
+            is_inside[first_sample : first_sample + length] |= in_intervals(time, [interval])
+    return is_inside
 
 
 def resolved_wind_torque(
@@ -407,15 +443,17 @@ def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None
     return -float(trim @ effect)
 
 
-def _spectrum(torque: Array, record: Record, physical: Physical) -> WindSpectrum:
+def _spectrum(torque: Array, is_wind: Flags, record: Record, physical: Physical) -> WindSpectrum:
     """Estimates the spectral density of the wind torque by Welch's method, for comparison with the model's.
 
     Periodograms of windows that overlap by half, each less its linear trend, are averaged (P. D. Welch, IEEE
     Transactions on Audio and Electroacoustics 15(2), 1967). Windows last ``SPECTRUM_SECONDS``, or as long as the
-    longest segment; shorter segments are left out, and the others weighted by their number of windows.
+    longest part; shorter parts are left out, and the others weighted by their number of windows. A part is a segment,
+    or what remains of one without the samples that are not of the wind.
 
     Args:
         torque: wind torque (T,), rad/s².
+        is_wind: whether the torque of a sample is that of the wind (T,).
         record: time step and segments of the samples.
         physical: physical parameters, with the modelled components of the wind torque.
 
@@ -425,15 +463,20 @@ def _spectrum(torque: Array, record: Record, physical: Physical) -> WindSpectrum
     # Importing scipy.signal takes half a second.
     from scipy.signal import detrend, welch
 
-    length = min(round(SPECTRUM_SECONDS / record.dt), record.longest_segment)
+    cuts = np.union1d(record.segment_starts[1:], 1 + np.flatnonzero(np.diff(is_wind)))
+    parts = []
+    for part, part_is_wind in zip(np.split(torque, cuts), np.split(is_wind, cuts), strict=True):
+        if part_is_wind[0]:
+            parts.append(part)
+    length = min(round(SPECTRUM_SECONDS / record.dt), max(map(len, parts)))
     densities = []
     window_counts = []
-    for segment in np.split(torque, record.segment_starts[1:]):
-        if len(segment) < length:
+    for part in parts:
+        if len(part) < length:
             continue
-        frequency, density = welch(segment, 1 / record.dt, nperseg=length, detrend=detrend)
+        frequency, density = welch(part, 1 / record.dt, nperseg=length, detrend=detrend)
         densities.append(density)
         # Windows begin every half length.
-        window_counts.append(2 * len(segment) // length - 1)
+        window_counts.append(2 * len(part) // length - 1)
     mean_density = np.average(densities, axis=0, weights=window_counts)
     return WindSpectrum(frequency, mean_density, wind_torque_density(physical, frequency))

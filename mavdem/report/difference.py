@@ -1,16 +1,28 @@
 """What changed between two states of a vehicle in sentences: what is the same, what is uncertain, what is unknown."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
+from math import degrees
 from pathlib import PurePath
 from typing import NamedTuple
 
 from mavdem.containers import Names, group_by
+from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import ParameterChange
-from mavdem.fleet.quantities import DAMPING, EFFECT, LAG, MEAN_EFFECT, SHARE
+from mavdem.fleet.quantities import (
+    DAMPING,
+    EFFECT,
+    GAIN_MARGIN,
+    LAG,
+    MEAN_EFFECT,
+    PHASE_MARGIN,
+    SHARE,
+)
 from mavdem.fleet.random_effects import SD_BETWEEN_FLIGHTS, QuantityChange
 from mavdem.fleet.row import UNKNOWN, FlightRow
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, caution
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark
 from mavdem.report.templates import render_section
@@ -38,8 +50,20 @@ SHOWN_QUANTITIES = {
     MEAN_EFFECT: ShownQuantity("mean control effectiveness", 100.0, "%"),
     DAMPING: ShownQuantity("rate damping", 1.0, "1/s"),
     LAG: ShownQuantity("motor time constant", 1e3, "ms"),
+    PHASE_MARGIN: ShownQuantity("phase margin", degrees(1.0), "°"),
+    GAIN_MARGIN: ShownQuantity("gain margin", 1.0, "dB"),
 }
 """How quantities are shown, by their kind."""
+
+PARAMETER_NAMES_OF_AXES = {
+    "roll": re.compile("RLL|ROLL"),
+    "pitch": re.compile("PIT"),
+    "yaw": re.compile("YAW"),
+}
+"""What names of ArduPilot's and PX4's parameters contain that belong to one axis."""
+
+MAX_PARAMETERS_BESIDE = 4
+"""Largest number of changed parameters that are named beside a changed margin: a choice."""
 
 
 def difference_blocks(
@@ -68,7 +92,7 @@ def difference_blocks(
     return [
         *_vehicle_doubts(difference),
         *parameter_sentences,
-        *_change_sentences(difference),
+        *_change_sentences(difference, parameters),
         *not_compared,
         *conclusions,
     ]
@@ -104,30 +128,75 @@ def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> 
     return [Sentence(text, lead), *_change_sentences(difference), *_vehicle_doubts(difference)]
 
 
-def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
+def _change_sentences(
+    difference: VehicleDifference, parameters: Sequence[ParameterChange] = ()
+) -> list[Sentence]:
     """Returns sentences on the quantities that changed, those that stayed the same, and those that are uncertain.
 
-    A quantity is uncertain where the data shows neither a change nor its absence.
+    A quantity is uncertain where the data shows neither a change nor its absence. Of the uncertain ones, those that are
+    certain by themselves are named first: only the many others that are tested with them make them doubtful.
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
+        parameters: parameters of the autopilot that changed.
     """
-    changed = difference.changes_with(QuantityOutcome.CHANGED)
-    uncertain = difference.changes_with(QuantityOutcome.UNCERTAIN)
+    changed = []
+    certain = []
+    unknown = []
+    for change in difference.changes:
+        text = change_text(change, difference) + _parameters_beside(change, parameters)
+        if change.outcome is QuantityOutcome.CHANGED:
+            changed.append(text)
+        elif change.is_certain_by_itself:
+            certain.append(text)
+        elif change.outcome is QuantityOutcome.UNCERTAIN:
+            unknown.append(text)
     return render_section(
         "difference_changes",
-        changed=[_change_text(change, difference) for change in changed],
+        changed=changed,
+        certain=certain,
         same=[*_texts_by_kind(difference.changes_with(QuantityOutcome.SAME))],
-        unknown=[_change_text(change, difference) for change in uncertain],
+        unknown=unknown,
+        tested=len(difference.changes),
+        level=SIGNIFICANCE,
     )
 
 
-def surest_change(difference: VehicleDifference) -> str:
-    """Returns the change with the lowest p-value as text; empty where nothing changed."""
-    changes = difference.changes_with(QuantityOutcome.CHANGED)
-    if not changes:
+def _parameters_beside(change: QuantityChange, parameters: Sequence[ParameterChange]) -> str:
+    """Returns the changed parameters that a margin depends on, such as " (ATC_RAT_RLL_P 0.135 → 0.108)".
+
+    These are parameters of control that name the margin's axis or none, such as filters. Other quantities do not depend
+    on parameters, and have an empty text.
+
+    Args:
+        change: the quantity.
+        parameters: parameters of the autopilot that changed.
+    """
+    if change.quantity.kind not in (PHASE_MARGIN, GAIN_MARGIN):
         return ""
-    return _change_text(min(changes, key=lambda change: change.p), difference)
+    texts = []
+    for parameter in parameters:
+        if not CONTROL_PARAMETERS.match(parameter.name):
+            continue
+        axes = [
+            axis
+            for axis, pattern in PARAMETER_NAMES_OF_AXES.items()
+            if pattern.search(parameter.name)
+        ]
+        if not axes or change.quantity.axis in axes:
+            texts.append(f"{parameter.name} {parameter.before:g} → {parameter.after:g}")
+    if not texts:
+        return ""
+    hidden_count = len(texts) - MAX_PARAMETERS_BESIDE
+    if hidden_count > 0:
+        texts = [*texts[:MAX_PARAMETERS_BESIDE], f"{hidden_count} more"]
+    return f", with {listed(texts)}"
+
+
+def surest_change(difference: VehicleDifference) -> QuantityChange | None:
+    """Returns the change with the lowest p-value; None where nothing changed."""
+    changes = difference.changes_with(QuantityOutcome.CHANGED)
+    return min(changes, key=lambda change: change.p, default=None)
 
 
 def next_blocks(difference: VehicleDifference) -> list[Sentence]:
@@ -171,7 +240,7 @@ def _motor_name(change: QuantityChange, difference: VehicleDifference) -> str:
     return without_remark(difference.motors[motor - 1])
 
 
-def _change_text(change: QuantityChange, difference: VehicleDifference) -> str:
+def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
     """Returns a change as text, such as "motor 3's share −18 % ± 6 %" or "rate damping on roll 4 → 6 1/s (+2 ± 1)".
 
     Shares and effects are compared as ratios and have no value before and after; their change is in percent. For the
@@ -190,7 +259,8 @@ def _change_text(change: QuantityChange, difference: VehicleDifference) -> str:
         return f"{name} {_signed(f'{increase:z.{decimals}f}')} % ± {half_width:.{decimals}f} %"
     before = rounded(shown.scale * change.before)
     after = rounded(shown.scale * change.after)
-    return f"{name} {before} → {after} {shown.unit} ({_signed(plus_minus(increase, half_width))})"
+    space = "" if shown.unit == "°" else " "
+    return f"{name} {before} → {after}{space}{shown.unit} ({_signed(plus_minus(increase, half_width))})"
 
 
 def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:

@@ -4,10 +4,12 @@ from pathlib import Path
 
 from command_line import document_of, refused, run
 from fleet_rows import WEAK, flight_row
+from hover import Hover
 from pytest import fixture, mark
 from standin_logs import fleet_of
 
 from mavdem.fleet.difference import vehicle_difference
+from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.row import FlightRow
 from mavdem.report.pages.difference_page import comparison_page
 
@@ -85,15 +87,22 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     assert "B has no flight with figures. It is empty." in said
 
 
-def test_a_margin_without_an_upper_end_is_not_called_apart():
-    def review(**ends):
-        rates = {
-            axis: {"phase_margin": low, "phase_margin_interval": (low, high)}
-            for axis, (low, high) in ends.items()
-        }
-        return {"axes": {axis: {"loop": {"rate": rate}} for axis, rate in rates.items()}}
-
-    flight = flown("alpha", [0])
-    reviews = review(roll=(70, 80), yaw=(80, None)), review(roll=(40, 60), yaw=(30, 50))
-    page = comparison_page(("a", "b"), reviews, vehicle_difference(flight, flight))
-    assert "The phase margin of roll fell from 70 to 40°." in page
+def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_by_their_files():
+    before, after = (
+        flown("alpha", [number], phase_margin=margin, phase_margin_interval=0.1)
+        for number, margin in enumerate((1.0, 0.3))
+    )
+    step = {"time": [0.0, 1.0], "step": [0.0, 1.0], "step_half": [0.0, 0.1]}
+    axes = {"roll": {"rate": {"measured": step}}}
+    reviews = (
+        {"axes": axes, "identity": {"date": "2026-01-31T10:00:00Z"}},
+        {"axes": axes},
+    )
+    gain = ParameterChange("ATC_RAT_RLL_P", 0.1, 0.2)
+    difference = vehicle_difference(before, after)
+    vehicles = Hover().telemetry(), Hover(hovering=30.0).telemetry()
+    page = comparison_page(("a.bin", "b.bin"), reviews, difference, [gain], vehicles=vehicles)
+    assert "time since take-off (s)" in page
+    assert "hase margin on roll 57 → 17°" in page
+    assert ", with ATC_RAT_RLL_P 0.1 → 0.2" in page
+    assert "A: a.bin, 2026-01-31" in page and "B: b.bin" in page

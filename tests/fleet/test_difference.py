@@ -7,7 +7,7 @@ import numpy as np
 from fleet_rows import flight_row
 from numpy.random import default_rng
 from pytest import approx, mark
-from scipy.stats import t
+from scipy.stats import norm, t
 
 from mavdem.confidence import coverage_factor
 from mavdem.documents import complete_document
@@ -15,7 +15,16 @@ from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import Compared, Incomparable, QuantityOutcome
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
-from mavdem.fleet.quantities import DAMPING, EFFECT, LAG, MEAN_EFFECT, SHARE, Quantity
+from mavdem.fleet.quantities import (
+    DAMPING,
+    EFFECT,
+    GAIN_MARGIN,
+    LAG,
+    MEAN_EFFECT,
+    PHASE_MARGIN,
+    SHARE,
+    Quantity,
+)
 from mavdem.fleet.random_effects import SD_BETWEEN_FLIGHTS, QuantityChange, with_outcomes
 
 Z90 = 1.645
@@ -59,10 +68,25 @@ def flight(number, rng=None, share=0.0, effect=0.0, motor=2, **changed):
                 + (0.2 / Z90) * rng.normal()
                 + SD_BETWEEN_FLIGHTS["damping"] * rng.normal(),
                 lag=0.04 + (0.01 / Z90) * rng.normal() + SD_BETWEEN_FLIGHTS["lag"] * rng.normal(),
-                **changed,
+                **(margins(rng.spawn(1)[0]) | changed),
             )
         )
     return rows
+
+
+def margins(rng):
+    """Margins of 34° and 8 dB, which err and differ between flights as assumed."""
+    errors = {PHASE_MARGIN: 0.1, GAIN_MARGIN: 1.0}
+    phase, gain = (
+        half / Z90 * rng.normal() + SD_BETWEEN_FLIGHTS[kind] * rng.normal()
+        for kind, half in errors.items()
+    )
+    return {
+        "phase_margin": 0.6 + phase,
+        "phase_margin_interval": 0.1,
+        "gain_margin": 8.0 + gain,
+        "gain_margin_interval": 1.0,
+    }
 
 
 def state(numbers, seed=0, **changed):
@@ -82,6 +106,45 @@ def test_of_many_pairs_of_flights_of_the_same_vehicle_few_have_any_change():
     )
     # Twice the family's error would be beyond chance in 150 pairs.
     assert changed <= pairs * SIGNIFICANCE * 2
+
+
+def test_a_phase_margin_that_fell_far_is_a_change_in_spite_of_wide_intervals():
+    """From 56° ± 22° to 13° ± 8°: certain by itself, whatever else is tested with it."""
+    before, after = (
+        flight(
+            number, phase_margin=np.radians(margin), phase_margin_interval=np.radians(half_width)
+        )
+        for number, margin, half_width in ((0, 56.0, 22.0), (1, 13.0, 8.0))
+    )
+    changes = vehicle_difference(before, after).changes
+    fallen = [
+        change for change in changes if change.quantity == Quantity(PHASE_MARGIN, axis="roll")
+    ]
+    assert [change.is_certain_by_itself for change in fallen] == [True]
+    assert np.degrees(fallen[0].difference) == approx(-43.0, abs=0.1)
+
+
+def test_false_discoveries_are_as_rare_as_stated():
+    """Where some of many quantities changed, few of those that are called changed did not."""
+    rng = default_rng(8)
+    false_shares = []
+    found = 0
+    for _ in range(400):
+        sizes = np.where(np.arange(20) < 5, 4.0, 0.0)
+        scores = sizes + rng.normal(size=20)
+        changes = [
+            QuantityChange(Quantity(SHARE, motor), None, None, 1.0, 1.0, 2 * norm.sf(abs(score)), 0)
+            for motor, score in enumerate(scores.tolist())
+        ]
+        called = {
+            change.quantity.motor
+            for change in with_outcomes(changes)
+            if change.outcome is QuantityOutcome.CHANGED
+        }
+        false_shares.append(len([motor for motor in called if motor >= 5]) / max(len(called), 1))
+        found += len([motor for motor in called if motor < 5])
+    assert np.mean(false_shares) < SIGNIFICANCE
+    assert found / (400 * 5) > 0.9
 
 
 def test_what_changes_all_motors_changes_their_mean_and_none_beside_the_others():
@@ -127,29 +190,40 @@ def test_the_same_is_said_only_where_the_whole_interval_is_small():
         assert {one.outcome for one in with_outcomes(judged)} == {outcome}
 
 
+def allowances_of_effect(ratio):
+    """Of the quantities that depend on the mean effect, where that changed by a factor."""
+    return {
+        MEAN_EFFECT: np.log(ratio),
+        GAIN_MARGIN: 8.7 * np.log(ratio),
+        PHASE_MARGIN: 0.7 * np.log(ratio),
+    }
+
+
 @mark.parametrize(
-    "changed, kind, allowance",
+    "changed, allowances",
     [
-        ({"lean_roll": 0.1, "lean_pitch": 0.0}, SHARE, 0.05),
-        ({"lean_roll": None, "lean_pitch": None}, SHARE, 0.035 * 2**0.5),  # no lean of nothing
-        ({"voltage_mean": 12.0}, MEAN_EFFECT, np.log(4 / 3)),
-        ({"collective": 0.6}, MEAN_EFFECT, np.log(1.5)),
+        ({"lean_roll": 0.1, "lean_pitch": 0.0}, {SHARE: 0.05}),
+        ({"lean_roll": None, "lean_pitch": None}, {SHARE: 0.035 * 2**0.5}),  # no lean of nothing
+        ({"voltage_mean": 12.0}, allowances_of_effect(4 / 3)),
+        ({"collective": 0.6}, allowances_of_effect(1.5)),
     ],
 )
-def test_other_conditions_widen_what_they_can_change(changed, kind, allowance):
+def test_other_conditions_widen_what_they_can_change(changed, allowances):
     known = {"lean_roll": 0.2, "lean_pitch": 0.0, "voltage_mean": 16.0, "collective": 0.4}
     same = vehicle_difference(state([0], **known), state([1], 1, **known))
     other = vehicle_difference(state([0], **known), state([1], 1, **(known | changed)))
     for one, two in zip(same.changes, other.changes, strict=True):
         assert one.quantity == two.quantity
-        if one.quantity.kind == kind:
+        allowance = allowances.get(one.quantity.kind, 0.0)
+        if allowance:
             assert two.half_width > one.half_width
         else:
             assert two.half_width <= one.half_width
-        assert two.allowance == approx(allowance * (one.quantity.kind == kind))
+        assert two.allowance == approx(allowance)
     assert not other.changes_with(QuantityOutcome.CHANGED)
 
 
+MARGINS = PHASE_MARGIN, GAIN_MARGIN
 NO_MODEL = dict.fromkeys(
     f"{name}{end}" for name in ("effect", "damping", "lag") for end in ("", "_status")
 )
@@ -159,10 +233,15 @@ BY_DEMAND = {"inputs": "demand", "input_unit": "", "effect": (20.0,), "effect_in
 @mark.parametrize(
     "changed, kinds, quantity, reason",
     [
-        ({"effect_status": "biased"}, {SHARE, DAMPING, LAG}, EFFECT, Incomparable.NOT_REPORTED),
-        ({"tier": "c", **NO_MODEL}, {SHARE}, EFFECT, Incomparable.NOT_ESTIMATED),
+        (
+            {"effect_status": "biased"},
+            {SHARE, DAMPING, LAG, *MARGINS},
+            EFFECT,
+            Incomparable.NOT_REPORTED,
+        ),
+        ({"tier": "c", **NO_MODEL}, {SHARE, *MARGINS}, EFFECT, Incomparable.NOT_ESTIMATED),
         ({"trim_share": None}, {*SD_BETWEEN_FLIGHTS} - {SHARE}, SHARE, Incomparable.NOT_ESTIMATED),
-        (BY_DEMAND, {SHARE}, Compared.OF_MODELS, Incomparable.OTHER_INPUTS),
+        (BY_DEMAND, {SHARE, *MARGINS}, Compared.OF_MODELS, Incomparable.OTHER_INPUTS),
         (
             {"motors": tuple("123456"), "trim_share": None, "effect": None},
             set(),

@@ -39,6 +39,13 @@ def test_px4s_notches_lose_half_of_the_power_at_the_ends_of_their_bandwidth():
     assert controller_from_parameters(PX4 | old).notches == controller.notches
 
 
+def test_px4s_derivative_filter_is_read_by_its_older_name():
+    older = {name: value for name, value in PX4.items() if name != "IMU_DGYRO_CUTOFF"}
+    controller = controller_from_parameters(older | {"MC_DTERM_CUTOFF": 25.0})
+    assert controller.derivative_filter == 25.0
+    assert controller.parameter_names["derivative_filter"] == "MC_DTERM_CUTOFF"
+
+
 @mark.parametrize(
     "given, expected",
     [

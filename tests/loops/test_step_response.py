@@ -1,5 +1,6 @@
 """Step responses: of loops that are known, and why there are none."""
 
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -14,6 +15,7 @@ from mavdem.assessment.flights import settled_flight
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.facts.loops import StepResponses
+from mavdem.ingest.vocabulary import IGNORE_ATTITUDE
 from mavdem.loops.impulse_response import estimate_impulse_response
 from mavdem.loops.step_response import (
     attitude_step_response,
@@ -91,7 +93,7 @@ def test_a_resonance_is_measured_with_a_band_that_holds_it(repeated):
 @mark.parametrize("is_corrected", [True, False])
 def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected):
     """The setpoint of the rate answers the wind, whether the log has that correction in it or not."""
-    wanted = 0.6 * lfilter([0.01], [1.0, -0.99], default_rng(3).standard_normal(len(TIME)))
+    wanted = 0.6 * lfilter([0.01], [1.0, -0.99], steered(3))
     ahead = 200 * np.gradient(wanted)
     wind = 0.5 * lfilter([0.05], [1.0, -0.95], steered(4, slow=0.0))
     frequency = np.fft.rfftfreq(len(TIME), 1 / 200)
@@ -110,6 +112,38 @@ def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected
     assert outer.loop == "attitude" and outer.step[-1] == approx(1.0, abs=0.1)
 
 
+def test_a_step_response_begins_at_zero():
+    numerator, denominator, _ = loop()
+    asked = steered()
+    found = measured(
+        flight(lfilter(numerator, denominator, asked) + steered(2, slow=0.0) / 50, asked)
+    )
+    assert found.time[0] == found.step[0] == 0.0
+
+
+def test_a_rate_without_an_angle_setpoint_as_fast_is_measured_unless_it_lacks_a_correction():
+    """PX4 logs the setpoint of the attitude at 20 Hz, and that of the rate, complete, at 50 Hz."""
+    numerator, denominator, _ = loop(4.0)
+    asked = steered()
+    rate = lfilter(numerator, denominator, asked) + steered(2, slow=0.0) / 50
+    telemetry = flight(rate, asked, 0 * TIME, steered(3))
+    targets = telemetry.messages["ATTITUDE_TARGET"]
+    is_slow = np.arange(len(targets["time"])) % 10 > 0
+    mask = targets["type_mask"] + IGNORE_ATTITUDE * is_slow
+    slow_angles = changed(telemetry, "ATTITUDE_TARGET", type_mask=mask)
+    assert measured(slow_angles).code is StepResponses.TOO_SLOW
+    px4 = replace(slow_angles, autopilot="PX4")
+    assert measured(px4).peak_frequency.value == approx(4.0, rel=0.1)
+
+
+def test_a_slow_setpoint_does_not_show_a_fast_response():
+    """Whatever follows at once looks the same: the band is too wide to be drawn."""
+    asked = lfilter([0.01], [1.0, -0.99], steered(1, slow=0.97))
+    noise = steered(2, slow=0.0) / 2000
+    found = measured(flight(asked + noise, asked))
+    assert found.code is StepResponses.TOO_LITTLE_ASKED
+
+
 def test_pieces_too_short_for_a_window_give_no_step_response():
     """Each gap in the messages begins another piece; here a flight is nothing but pieces of 2.2 s."""
     pieces = [Segment(0, start, start + 2.2) for start in np.arange(12.0, 60.0, 3.0)]
@@ -126,10 +160,12 @@ def test_a_setpoint_that_moves_before_the_windows_only_gives_no_step_response():
 
 def test_nothing_is_estimated_without_setpoint_or_from_infinite_values():
     steps = np.floor(TIME)
-    assert estimate_impulse_response(20.0, [np.array([steps, 0 * steps])], 0.0, 0.5) is not None
-    assert estimate_impulse_response(20.0, [np.array([0 * steps, steps])], 0.0, 0.5) is None
+    assert (
+        estimate_impulse_response(20.0, [np.array([steps, 0 * steps])], 0.0, 0.5, 0.005) is not None
+    )
+    assert estimate_impulse_response(20.0, [np.array([0 * steps, steps])], 0.0, 0.5, 0.005) is None
     endless = np.where(TIME > 30.0, np.inf, steps)
-    assert estimate_impulse_response(20.0, [np.array([steps, endless])], 0.0, 0.5) is None
+    assert estimate_impulse_response(20.0, [np.array([steps, endless])], 0.0, 0.5, 0.005) is None
 
 
 def test_why_there_is_no_step_response(monkeypatch):

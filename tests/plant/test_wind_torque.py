@@ -169,6 +169,25 @@ def test_a_motors_step_is_no_wind():
     )
 
 
+def test_what_a_weak_motor_lacks_is_no_wind():
+    """Its loss and its repair, 20 s later, are no gusts, and the strength of the wind is that of the other flight."""
+    flight = in_closed_loop(5, steering=0.0, samples=6000, wind=0.5)
+    known = TRUE._replace(components=(WindComponent(FIRST_ORDER, 0.5, 0.5),))
+    sample = np.arange(6000)
+    is_weak = (sample >= 2000) & (sample < 4000)
+    inputs = flight.inputs + np.outer(is_weak, 20 * np.sign(MOTORS))
+    record = Record(inputs, flight.outputs, DT, (6000,), begins=(7.0,))
+    torque = estimate_wind_torque(known, record, [27.0], [(26.0, 48.0)])
+    is_left_out = np.isnan(torque.torque)
+    assert_allclose(np.flatnonzero(np.diff(is_left_out)), [1899, 4100], atol=1)
+    assert torque.left_out == approx(22.0, abs=0.05)
+    assert torque.sd == approx(0.5, rel=0.25)
+    assert not [gust for gust in torque.gusts if 18.0 < gust.start < 42.0 or abs(gust.size) > 5.0]
+    assert np.isfinite(torque.spectrum.density).all() and torque.resolved
+    all_weak = estimate_wind_torque(known, record, [], [(0.0, 100.0)])
+    assert all_weak.reason.code is NoPhysical.THRUST_LOST and not all_weak.resolved
+
+
 @mark.parametrize("seconds, is_step", [(1.6, True), (2.4, False)])
 def test_what_changes_slowly_is_no_step(seconds, is_step):
     rise = np.clip(DT * np.arange(-3000, 3000) / seconds, -0.5, 0.5)

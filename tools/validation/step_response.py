@@ -3,11 +3,12 @@
 
 Vehicles, gains, autopilots, winds, manoeuvres and rates are drawn by the flight's number. The truth is that of
 ``sitl_scenarios.truth``: the controller, hold, rotors, body and delay, linearised. It takes about two minutes on two
-processors.
+processors. ``--rate`` sends all messages at another rate, Hz; PX4 sends at most at the 250 Hz of its loop.
 
-Usage: tools/validation/step_response.py [--flights N] [--first N] [--jobs N]
+Usage: tools/validation/step_response.py [--flights N] [--first N] [--rate HZ] [--jobs N]
 """
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -41,14 +42,20 @@ SEED = 43
 """Seed of the flights, together with their number; another seed draws other flights."""
 
 
-def evaluate_flight(number: int) -> list[Values]:
+def evaluate_flight(number: int, rate: float) -> list[Values]:
     """Simulates the flight of a number and compares its measured step responses of roll with the true ones.
+
+    Args:
+        number: of the flight.
+        rate: rate of the messages, Hz; 0 for the one that is drawn with the flight.
 
     Returns:
         A row for the rate loop and one for the attitude loop; overshoots in percent of the step.
     """
     rng = default_rng([SEED, number])
     values = draw_values(TABLES["step_response"], rng) | {"seed": number}
+    if rate:
+        values["stream"]["rate"] = rate
     scenario = scenario_from_values(values, "ATTITUDE_TARGET")
     motion = fly(scenario)
     signals = Signals(simulated_telemetry(scenario, motion))
@@ -68,6 +75,7 @@ def evaluate_flight(number: int) -> list[Values]:
             true_step = step_from_frequency_response(frequency, true_response, measured.time)
             is_inside = abs(true_step - measured.step) <= measured.step_half
             row["inside, %"] = 100 * is_inside.mean()
+            row["at 0 s"] = measured.step[0]
             row["overshoot, %"] = 100 * measured.overshoot.value
             row["true"] = 100 * (true_step.max() - 1)
             row["peak"] = measured.peak.value
@@ -94,9 +102,10 @@ def true_closed_loops(scenario: Scenario, motion: Motion) -> tuple[Any, dict[str
     return frequency, {"rate": rate_closed_loop, "attitude": attitude_closed_loop}
 
 
-@command(__doc__, flights=20, first=0)
-def main(flights: int, first: int, jobs: int) -> None:
-    all_rows = evaluate_flights(evaluate_flight, range(first, first + flights), jobs)
+@command(__doc__, flights=20, first=0, rate=0.0)
+def main(flights: int, first: int, rate: float, jobs: int) -> None:
+    evaluate = partial(evaluate_flight, rate=rate)
+    all_rows = evaluate_flights(evaluate, range(first, first + flights), jobs)
     for loop, rows in all_rows.groupby("loop"):
         measured_rows = rows.dropna(subset="true")
         overshoot_errors = (measured_rows["overshoot, %"] - measured_rows["true"]).abs()

@@ -284,7 +284,9 @@ def _with_physical_parameters(
     # The wind torque that comes with the parameters assumes that no motor changed during the flight.
     change_times = analysis.motor_change_times
     if change_times and learned.physical is not None and learned.wind_torque is not None:
-        torque = estimate_wind_torque(learned.physical, learned.record, change_times)
+        torque = estimate_wind_torque(
+            learned.physical, learned.record, change_times, analysis.weak_motor_intervals
+        )
         learned = learned.with_wind_torque(torque)
     return learned
 
@@ -305,7 +307,9 @@ def _with_other_axes(
     with progress("Estimating the physical parameters") as show_share:
         for axis in AXES[1:]:
             axis_signals = signals.for_axis(axis, signals.inputs)
-            figures_by_axis[axis] = figures_of_axis(axis_signals, log.components, change_times)
+            figures_by_axis[axis] = figures_of_axis(
+                axis_signals, log.components, change_times, analysis.weak_motor_intervals
+            )
             show_share(len(figures_by_axis) / len(AXES))
     return replace(analysis, axes=ReadOnlyDict(figures_by_axis))
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from math import inf
 from typing import NamedTuple
 
 from mavdem.arrays import Array
@@ -15,6 +16,7 @@ from mavdem.assessment.axis.gains import parts_with_one_gain_set
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.identity import Identity
 from mavdem.assessment.tier import Tier
+from mavdem.confidence import Interval
 from mavdem.containers import JsonValues
 from mavdem.dataset.flights import usable_segments
 from mavdem.dataset.learnability import Learnability
@@ -37,7 +39,7 @@ from mavdem.facts.identifiability import Status
 from mavdem.flight import Flights
 from mavdem.ingest import Component
 from mavdem.loops.identification import identify_plant_in_loop
-from mavdem.motors.motor_changes import MotorAlarm, alarm_figures
+from mavdem.motors.motor_changes import MAX_ONSET_ERROR, MotorAlarm, alarm_figures
 from mavdem.plant import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.plant.wind_torque import estimate_wind_torque, resolved_wind_torque
 
@@ -120,6 +122,25 @@ class LogAnalysis:
     def motor_change_times(self) -> list[float]:
         """When a motor changed in flight, and so the vehicle, s on the boot clock."""
         return [alarm.since for alarm in self.alarms if alarm.motor is not None]
+
+    @property
+    def weak_motor_intervals(self) -> list[Interval]:
+        """Intervals in which a motor had lost thrust, s on the boot clock: what it lacked is not the wind's torque.
+
+        A loss lasts until the same motor recovers. It begins and ends ``MAX_ONSET_ERROR`` earlier and later than it was
+        detected, since the detection knows its times no better.
+        """
+        intervals = []
+        for loss in self.alarms:
+            if not loss.is_weak:
+                continue
+            end_time = inf
+            for alarm in self.alarms:
+                is_recovery = (alarm.boot, alarm.motor, alarm.size) == (loss.boot, loss.motor, 0.0)
+                if is_recovery and alarm.since > loss.since:
+                    end_time = min(end_time, alarm.since)
+            intervals.append((loss.since - MAX_ONSET_ERROR, end_time + MAX_ONSET_ERROR))
+        return intervals
 
     @cached_property
     def findings(self) -> Findings:
@@ -303,7 +324,10 @@ def physical_parameters(signals: Signals, flights: Flights) -> Physical | NotIde
 
 
 def figures_of_axis(
-    signals: Signals, components: tuple[Component, ...], change_times: Sequence[float]
+    signals: Signals,
+    components: tuple[Component, ...],
+    change_times: Sequence[float],
+    weak_motor_intervals: Sequence[Interval],
 ) -> AxisFigures:
     """Estimates physical parameters and wind torque of the axis of ``signals``, without learning a model.
 
@@ -313,6 +337,7 @@ def figures_of_axis(
         signals: of the vehicle and axis.
         components: all components of the log, for the advice on rates where the log has too little.
         change_times: when a motor changed, s on the boot clock; the wind torque is estimated anew after each.
+        weak_motor_intervals: intervals in which a motor had lost thrust, s; they have no wind torque.
 
     Returns:
         The figures; without parameters they have the ``reason`` why there are none.
@@ -325,7 +350,7 @@ def figures_of_axis(
     if isinstance(parameters, NotIdentifiable):
         return AxisFigures(flights, None, None, parameters.reason)
     try:
-        wind_torque = estimate_wind_torque(parameters, record, change_times)
+        wind_torque = estimate_wind_torque(parameters, record, change_times, weak_motor_intervals)
     except ValueError:
         # NumPy's LinAlgError is a ValueError.
         wind_torque = None

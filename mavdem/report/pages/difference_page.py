@@ -9,12 +9,22 @@ from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import ParameterChange
+from mavdem.fleet.quantities import PHASE_MARGIN
+from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
+from mavdem.report.charts.comparison_charts import flight_history_charts
 from mavdem.report.charts.flight_charts import MIN_DENSITY, STEP_RESPONSE
-from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks, surest_change
+from mavdem.report.difference import (
+    change_text,
+    difference_blocks,
+    headline_blocks,
+    next_blocks,
+    surest_change,
+)
 from mavdem.report.loops import LOOP_FIGURES
 from mavdem.report.numbers import counted, rounded
 from mavdem.report.pages.page import Chapter, PageLink, render_document
@@ -30,6 +40,9 @@ Reviews = Mapping[str, Review]
 SIDE_COLOURS = {"A": PREDICTED, "B": TRUTH}
 """Colour of each side in charts."""
 
+ISO_DATE_LENGTH = len("2026-01-31")
+"""Characters of the date in a date with a time, as documents have it."""
+
 MAX_MOTORS = 12
 """Motors that the axis of a chart has names for: those of the largest frames."""
 
@@ -44,6 +57,7 @@ def comparison_page(
     parameters: Sequence[ParameterChange] = (),
     lacking: Names = (),
     back: PageLink | None = None,
+    vehicles: tuple[Telemetry | None, Telemetry | None] = (None, None),
 ) -> str:
     """Renders the page that compares two flights.
 
@@ -54,31 +68,53 @@ def comparison_page(
         parameters: parameters of the autopilot that changed.
         lacking: the sides, "A" or "B", whose parameters are not known.
         back: the page that leads here, if any.
+        vehicles: messages of the vehicle in each log, for the time series; None where there are only figures.
     """
     sides = dict(zip(SIDE_COLOURS, reviews, strict=True))
+    legend = {
+        side: _legend_name(side, name, review)
+        for (side, review), name in zip(sides.items(), names, strict=True)
+    }
     step_columns = []
     for axis in AXES:
-        charts = tuple(_step_charts(sides, axis))
+        charts = tuple(_step_charts(sides, legend, axis))
         if charts:
             step_columns.append(charts)
+    telemetry = {
+        side: vehicle
+        for side, vehicle in zip(SIDE_COLOURS, vehicles, strict=True)
+        if vehicle is not None
+    }
+    histories = [
+        Group.side_by_side([chart])
+        for chart in flight_history_charts(telemetry, legend, SIDE_COLOURS)
+    ]
     changes = [[name, f"{before:.4g}", f"{after:.4g}"] for name, before, after in parameters]
     change_header = f"{counted(len(changes), 'parameter')} changed"
     chapters = [
         Chapter("What differs", difference_blocks(difference, parameters, lacking)),
         Chapter("Step response", (), [Group(tuple(step_columns))] if step_columns else []),
+        Chapter("Time series", (), histories),
         _table_chapter("Margins", "rate loop (90 % interval)", _margin_rows(sides)),
-        Chapter("Spectra", (), _chart_group(_spectrum_chart(sides))),
-        Chapter("Motors", (), _chart_group(_trim_chart(sides))),
+        Chapter("Spectra", (), _chart_group(_spectrum_chart(sides, legend))),
+        Chapter("Motors", (), _chart_group(_trim_chart(sides, legend))),
         _table_chapter("Wind", "90 % interval", _wind_rows(sides)),
         _table_chapter("Parameters", change_header, changes),
     ]
     headlines = {side: value_at(review, "headline.sentence") for side, review in sides.items()}
     result = [
-        *_main_difference(sides, difference, parameters),
+        *_main_difference(names, sides, difference, parameters),
         *headline_blocks(headlines),
         *next_blocks(difference),
     ]
-    return render_document(" and ".join(names), "A and B over each other.", result, chapters, back)
+    summary = f"{legend['A']} and {legend['B']} over each other."
+    return render_document(" and ".join(names), summary, result, chapters, back)
+
+
+def _legend_name(side: str, name: str, review: Review) -> str:
+    """Returns what a side is called in legends: its letter, file, and the date of its flight if that is known."""
+    date = value_at(review, "identity.date")
+    return f"{side}: {name}, {date[:ISO_DATE_LENGTH]}" if date else f"{side}: {name}"
 
 
 def _table_chapter(title: str, header: str, rows: list[list[str]]) -> Chapter:
@@ -108,7 +144,10 @@ class _MarginChange(NamedTuple):
 
 
 def _main_difference(
-    sides: Reviews, difference: VehicleDifference, parameters: Sequence[ParameterChange]
+    names: tuple[str, str],
+    sides: Reviews,
+    difference: VehicleDifference,
+    parameters: Sequence[ParameterChange],
 ) -> Blocks:
     """Returns the headlines of a page that compares two logs: what differs most between them.
 
@@ -117,6 +156,7 @@ def _main_difference(
     a phase margin.
 
     Args:
+        names: names of the flights, A and B.
         sides: review documents of both logs, by side.
         difference: statistical comparison of the quantities of both.
         parameters: autopilot parameters that differ between the two.
@@ -130,37 +170,35 @@ def _main_difference(
         for parameter in parameters
         if CONTROL_PARAMETERS.match(parameter.name) and parameter.before
     ]
-    axes_with_margins = [axis for axis in AXES if all(_rate_loops(sides, axis).values())]
+    surest = surest_change(difference)
+    margin_changes = [
+        change for change in difference.changes if change.quantity.kind == PHASE_MARGIN
+    ]
     sentences = render_section(
         "difference_first",
-        vehicles=vehicles,
+        files=names,
         are_two=vehicles[0] != vehicles[1] and UNKNOWN not in vehicles,
-        changed=surest_change(difference),
+        changed="" if surest is None else change_text(surest, difference),
         gain=max(gains, key=lambda gain: abs(gain.after / gain.before - 1), default=None),
-        margin=_largest_margin_change(sides, axes_with_margins),
-        has_margins=bool(axes_with_margins),
+        margin=None if surest in margin_changes else _largest_margin_change(margin_changes),
+        has_margins=bool(margin_changes),
     )
     return [Sentence("", sentence.text) for sentence in sentences]
 
 
-def _largest_margin_change(sides: Reviews, axes: Sequence[str]) -> _MarginChange | None:
-    """Returns the phase margin that differs most, of those whose intervals do not overlap; None without one.
+def _largest_margin_change(changes: Sequence[QuantityChange]) -> _MarginChange | None:
+    """Returns the phase margin that differs most, of those whose difference is certain; None without one.
 
     Args:
-        sides: both reviews.
-        axes: axes whose rate loop is known in both.
+        changes: differences of phase margins, rad.
     """
-    changes = []
-    for axis in axes:
-        loops = _rate_loops(sides, axis)
-        intervals = [loops[side]["phase_margin_interval"] for side in SIDE_COLOURS]
-        # An infinite end is None in the document and NaN here, so that it never lies apart.
-        # Two intervals do not overlap where the higher one of the lower ends is above the lower one of the upper ends.
-        lows, highs = np.array(intervals, np.float64).T
-        if lows.max() > highs.min():
-            before, after = (loops[side]["phase_margin"] for side in SIDE_COLOURS)
-            changes.append(_MarginChange(axis, before, after))
-    return max(changes, key=lambda change: abs(change.before - change.after), default=None)
+    certain = []
+    for change in changes:
+        if change.before is None or change.after is None or not change.is_certain_by_itself:
+            continue
+        before, after = np.degrees([change.before, change.after]).tolist()
+        certain.append(_MarginChange(change.quantity.axis, before, after))
+    return max(certain, key=lambda change: abs(change.before - change.after), default=None)
 
 
 def _rate_loops(sides: Reviews, axis: str) -> dict[str, Review]:
@@ -196,7 +234,7 @@ def _cell(document: Review, key: str, scale: float = 1.0) -> str:
     return f"{value} ({low} to {high})"
 
 
-def _step_charts(sides: Reviews, axis: str) -> Iterator[Chart]:
+def _step_charts(sides: Reviews, legend: Mapping[str, str], axis: str) -> Iterator[Chart]:
     """Yields charts of the step responses of rate and angle of an axis, with the lines and bands of both sides.
 
     The responses are those of the review documents: times, s, the response to a step of 1, and the half width of its
@@ -210,13 +248,14 @@ def _step_charts(sides: Reviews, axis: str) -> Iterator[Chart]:
                 time = np.array(response["time"])
                 step = np.array(response["step"])
                 half_width = np.array(response["step_half"])
-                lines.append(Line.with_band(side, SIDE_COLOURS[side], time, step, half_width))
+                name = legend[side]
+                lines.append(Line.with_band(name, SIDE_COLOURS[side], time, step, half_width))
         if lines:
             title = f"{axis.capitalize()} {loop}: step"
             yield Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, tuple(lines), (1.0,))
 
 
-def _spectrum_chart(sides: Reviews) -> Chart:
+def _spectrum_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
     """Returns a chart of the gyro's power spectra in both flights, (rad/s)²/Hz, the sum over its three axes.
 
     Spectra before the filters are preferred to those after them. A side without a spectrum has no line.
@@ -230,13 +269,13 @@ def _spectrum_chart(sides: Reviews) -> Chart:
             density = np.sum(list(spectrum["density"].values()), axis=0)[1:]
             frequency = np.array(spectrum["frequency"])[1:]
             power = np.maximum(density, MIN_DENSITY)
-            lines.append(Line(side, SIDE_COLOURS[side], frequency, power))
+            lines.append(Line(legend[side], SIDE_COLOURS[side], frequency, power))
     power_axis = Axis("power ((rad/s)²/Hz)", is_logarithmic=True)
     title = "Gyro, power ((rad/s)²/Hz)"
     return Chart(title, Axis("frequency (Hz)"), power_axis, tuple(lines))
 
 
-def _trim_chart(sides: Reviews) -> Chart:
+def _trim_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
     """Returns a chart of how far each motor's trim is from the mean of all motors in both flights, %.
 
     Each motor is a dot with the whisker of its interval. A side whose trim is not known has no dots; where the numbers
@@ -254,7 +293,7 @@ def _trim_chart(sides: Reviews) -> Chart:
             motors = np.arange(float(len(shares)))
             colour = SIDE_COLOURS[side]
             lines.append(
-                Line.with_band(side, colour, motors, deviation, half_width, LineStyle.DOTS)
+                Line.with_band(legend[side], colour, motors, deviation, half_width, LineStyle.DOTS)
             )
     motor_names = tuple(str(number + 1) for number in range(motor_count))
     motor_axis = Axis("motor", names=motor_names)
