@@ -118,7 +118,7 @@ def _write_tuning(folder: Path, source: str, tuning: Tuning, evidence: Evidence)
         tuning: The gains to set.
         evidence: Evidence of the log, with the parameters that the vehicle has now.
     """
-    texts = {PAGE_FILE: tune_page(Path(source).name, tuning)}
+    texts = {PAGE_FILE: tune_page(Path(source).name, tuning, evidence)}
     for ending, text in tuning.files(evidence.signals.telemetry).items():
         texts[f"gains{ending}"] = text
     with replaced_files(folder, list(texts), stale_names=GAIN_FILES) as paths:

@@ -207,8 +207,8 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
     """Returns the gains for the next flight of the stage that a loop is in.
 
     While the rate loop lacks margin, that is stage 1; while only the attitude loop does, stage 2. A loop with enough
-    margin, of which more is asked, is in stage 1 as long as the rate loop can become faster by more than
-    ``MIN_BANDWIDTH_GAIN``.
+    margin, of which more is asked, is in stage 1 as long as the rate loop lacks margin at some effectiveness, or can
+    become faster by more than ``MIN_BANDWIDTH_GAIN``.
 
     Args:
         loop: the loops with the logged gains.
@@ -222,11 +222,13 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
         return search.step(Stage.RATE)
     if attitude_score < 1:
         return search.step(Stage.ANGLE)
-    step = search.step(Stage.RATE, may_lower_bandwidth=False)
+    # More is asked. The estimate has the margins; at ± 20 % effectiveness they may still be missing.
+    has_margins = search.margin_score(search.all_models.rate) >= 1
+    step = search.step(Stage.RATE, may_lower_bandwidth=not has_margins)
     if step.gains:
         designed_rate = loop.with_parameters(step.design).rate
         gained = bandwidth_of_estimate(designed_rate) / bandwidth_of_estimate(loop.rate)
-        if gained > MIN_BANDWIDTH_GAIN:
+        if gained > MIN_BANDWIDTH_GAIN or not has_margins:
             return step
     return search.step(Stage.ANGLE)
 

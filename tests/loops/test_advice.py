@@ -117,20 +117,28 @@ def test_an_attitude_loop_that_alone_lacks_margin_is_in_stage_2():
 
 
 def test_gains_with_enough_margin_never_lose_a_fifth_of_their_bandwidth():
-    # The estimate has the margins, hardly any other model has them: a design would be much slower.
-    loop = made_up(1.7)
+    loop = made_up(1.0)
+    search = GainSearch(loop, MARGIN_TARGETS["default"])
+    assert search.margin_score(search.all_models.rate) >= 1
     advice = advise(loop, more=True)
-    assert advice.stage is not Stage.RATE
-    assert advice.after.rate.bandwidth > 0.95 * loop.rate.bandwidth
+    assert advice.after.rate.bandwidth > 0.8 * loop.rate.bandwidth
+
+
+@mark.slow
+def test_more_is_first_the_margins_at_all_effectivenesses():
+    # The estimate has the margins, hardly any other model has them.
+    advice = advise(made_up(1.7), more=True)
+    low, high = advice.sentence.figures["bandwidth"][::-1]
+    assert advice.stage is Stage.RATE and low < high
+    assert "bandwidth goes from" in advice.sentence.sentence
 
 
 def test_an_unusual_ratio_of_the_log_is_named():
     loop = made_up(2.5).with_parameters({"MC_ROLLRATE_D": 0.015})
     advice = advise(loop)
-    if advice.parameters:
-        ratio = advice.parameters["MC_ROLLRATE_D"] / advice.parameters["MC_ROLLRATE_P"]
-        noted = [note.figures["name"] for note in advice.notes]
-        assert (ratio / DERIVATIVE_RATIO > 2.05) is (noted == ["MC_ROLLRATE_D"])
+    (note,) = advice.notes
+    assert note.figures["name"] == "MC_ROLLRATE_D" and note.figures["logged_ratio"] == approx(5)
+    assert 2 < note.figures["ratio"] <= 5
 
 
 @mark.parametrize("factor", [1.0, 1.7])  # surely, and perhaps

@@ -1,14 +1,16 @@
 #!/usr/bin/env python
-"""Gains that are advised, evaluate_flight by the truth of the simulated flights of loops.py, thinned to one rate.
+"""Gains of mavdem, of AutoTune and of QuickTune, judged by the true plants of the simulated flights of loops.py.
 
-The goal is that of --margins, in the rate and the attitude loop of the true plant, with the flight's control
-effectiveness, and with 1.2 and 1.44 times that, as by 20 % more volts. The lean is that in the flight's wind, by the
-gains advised over those of the log, in the median: of all loops, and of those that met the goal before and did not.
+mavdem --more is asked anew after each step, by the plant that the first flight showed. The goal is that of --margins,
+in the rate and the attitude loop of the true plant, with the flight's control effectiveness, and with 1.2 and 1.44
+times that, as by 20 % more volts. Bandwidth of the rate loop and lean in the flight's wind are over those before, in
+the median; Ms is that of the rate loop; flights are those after which the goal is met, in the median of those that meet
+it. Loops for which mavdem refuses advice are "refused", and do not count further.
 
 Usage: tools/validation/advice.py [--half NAME] [--rate HZ of the messages] [--margins NAME] [--flights N] [--jobs N]
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,47 +18,117 @@ from pathlib import Path
 import click
 import numpy as np
 import pandas as pd
+from autopilot_tuners import autotune, quicktune
 from flights import Values, command, evaluate_flights, print_table
 from loops import CACHE, HALF, HALVES, PLANT, identified_loops, simulated_log
 
 from mavdem.assessment.record import NoLoop
+from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.advice import advise
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, MarginTarget, margin_scores
+from mavdem.loops.gain_design import bandwidth_of_estimate
+from mavdem.loops.margins import FrequencyGrid
 
-EFFECTS = {"after": 1.0, "1.2 times": 1.2, "1.44 times": 1.44}
+EFFECTS = {"met": 1.0, "1.2 times": 1.2, "1.44 times": 1.44}
 """Factors on the control effectiveness of the flight, by the column of the table."""
 
-GOALS = ["goal met before", *EFFECTS]
-"""Columns that count loops with the margins."""
+MAX_FLIGHTS = 6
+"""Most flights with gains of mavdem. An autopilot's tuner flies once."""
 
-LEANS = {"lean": (True, False), "lean, goal met before": (True,), "lean, not met": (False,)}
-"""Columns with a median lean: of all loops, and of those that had the margins before, or not."""
+TUNER_GRID = FrequencyGrid(0.05, 60.0, 150)
+"""Frequencies with which the autopilot's tuners are simulated: coarser than those of the result, for speed."""
+
+MEDIANS = ["bandwidth", "Ms", "lean", "flights"]
+"""Columns with medians."""
+
+
+def true_loop(loop: Loop, plant: list[float], factor: float = 1.0) -> Loop:
+    """Returns the loops of the true plant, with the controller and the wind of an identified loop.
+
+    Args:
+        loop: identified loop of the axis.
+        plant: control effectiveness, damping, lag and delay of the true plant, as in ``PLANT``.
+        factor: on the control effectiveness.
+    """
+    effect, *dynamics = plant
+    return replace(loop, effectiveness=np.array([factor * effect]), dynamics=np.array([dynamics]))
+
+
+def meets(loop: Loop, target: MarginTarget) -> bool:
+    """Returns whether both loops of a true plant have the margins."""
+    return bool(margin_scores(target, loop.rate, loop.attitude)[0] >= 1)
+
+
+def advised_gains(loop: Loop, margins: str) -> Iterator[Parameters]:
+    """Yields the gains to set for one flight after the other; none where no gains are advised.
+
+    Args:
+        loop: identified loop of the axis, which stands for the loops that later flights would identify.
+        margins: name of the margins to have.
+    """
+    gains: Parameters = {}
+    for _ in range(MAX_FLIGHTS):
+        advice = advise(loop.with_parameters(gains) if gains else loop, margins, more=True)
+        if advice.refusals:
+            return
+        gains = {**gains, **advice.parameters}
+        yield gains
+        if not advice.parameters:
+            return
 
 
 def evaluate_gains(
-    loop: Loop, plant: list[float], gains: Mapping[str, float], target: MarginTarget
+    loop: Loop, plant: list[float], steps: Iterator[Parameters], target: MarginTarget
 ) -> Values:
-    """Judges gains by the true plant.
+    """Judges the gains that a tuner ends with by the true plant.
 
     Args:
         loop: identified loop of the axis, with its controller and the wind.
-        plant: control effectiveness, damping, lag and delay of the true plant, as in ``PLANT``.
-        gains: gains to set, by the autopilot's name; those of the log for none.
+        plant: the true plant, as in ``PLANT``.
+        steps: all gains that were changed, after each flight.
         target: margins to have.
 
     Returns:
-        "met", whether both loops of the true plant have the margins, and "lean" in the wind, degrees.
+        Columns of the table.
     """
-    effect, *dynamics = plant
-    flown = replace(loop, effectiveness=np.array([effect]), dynamics=np.array([dynamics]))
-    true = flown.with_parameters(gains)
-    score = margin_scores(target, true.rate, true.attitude)[0]
-    met = score >= 1
-    return {"met": bool(met), "lean": true.lean_in_wind}
+    before = true_loop(loop, plant)
+    row: Values = {"met before": meets(before, target), "refused": True}
+    final = before
+    for number, gains in enumerate(steps, start=1):
+        row["refused"] = False
+        if gains:
+            final = before.with_parameters(gains)
+        if "flights" not in row and not row["met before"] and meets(final, target):
+            row["flights"] = number
+    if row["refused"]:
+        return row
+    for name, factor in EFFECTS.items():
+        row[name] = meets(true_loop(final, plant, factor), target)
+    row["bandwidth"] = bandwidth_of_estimate(final.rate) / bandwidth_of_estimate(before.rate)
+    row["Ms"] = final.rate.ms
+    row["lean"] = final.lean_in_wind / before.lean_in_wind
+    return row
+
+
+def evaluate_loop(loop: Loop, plant: list[float], margins: str) -> list[Values]:
+    """Returns a row for each tuner on one axis; for mavdem alone where it advises nothing."""
+    target = MARGIN_TARGETS[margins]
+    true = replace(true_loop(loop, plant), grid=TUNER_GRID)
+    tuners = {
+        "mavdem": advised_gains(loop, margins),
+        "AutoTune": iter([autotune(true)]),
+        "QuickTune": iter([quicktune(true)]),
+    }
+    autopilot = "ArduPilot" if loop.controller.is_ardupilot else "PX4"
+    rows = []
+    for name, steps in tuners.items():
+        row = {"tuner": name, "autopilot": autopilot, "axis": loop.axis}
+        rows.append(row | evaluate_gains(loop, plant, steps, target))
+    return rows
 
 
 def evaluate_flight(seed: int, rate: float, margins: str, cache: Path) -> list[Values]:
-    """Returns a row for each axis with a loop in the simulated flight of a seed.
+    """Returns the rows of all axes with a loop in the simulated flight of a seed.
 
     Args:
         seed: seed of the flight.
@@ -69,21 +141,18 @@ def evaluate_flight(seed: int, rate: float, margins: str, cache: Path) -> list[V
     for axis, loop in identified_loops(log, rate).items():
         if isinstance(loop, NoLoop):
             continue
-        advice = advise(loop, margins, more=True)
-        row = {"advice": advice.sentence.code.name}
-        rows.append(row)
-        if advice.refusals:
-            continue
-        effect, *dynamics = (truth[axis][name] for name in PLANT)
-        before = evaluate_gains(loop, [effect, *dynamics], {}, advice.target)
-        row["goal met before"] = before["met"]
-        for name, factor in EFFECTS.items():
-            plant = [factor * effect, *dynamics]
-            after = evaluate_gains(loop, plant, advice.parameters, advice.target)
-            row[name] = after["met"]
-            if factor == 1.0:
-                row["lean"] = after["lean"] / before["lean"]
+        rows += evaluate_loop(loop, [truth[axis][name] for name in PLANT], margins)
     return rows
+
+
+def summary(rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns the table: counts of loops and medians by tuner and autopilot."""
+    both = pd.concat([rows, rows.assign(autopilot="both")])
+    grouped = both.groupby(["tuner", "autopilot"], sort=False)
+    table = grouped[["refused", "met before", *EFFECTS]].sum().astype(int)
+    table.insert(0, "loops", grouped.size())
+    table[MEDIANS] = grouped[MEDIANS].median()
+    return table.reset_index()
 
 
 @command(__doc__, rate=100.0, flights=24)
@@ -95,16 +164,7 @@ def evaluate_flight(seed: int, rate: float, margins: str, cache: Path) -> list[V
 def main(half: str, rate: float, margins: str, flights: int, cache: Path, jobs: int) -> None:
     judge = partial(evaluate_flight, rate=rate, margins=margins, cache=cache)
     rows = evaluate_flights(judge, HALVES[half][:flights], jobs)
-    rows = rows.reindex(columns=["advice", *GOALS, "lean"])
-    for name, met in LEANS.items():
-        of_kind = rows["goal met before"].isin(met)
-        rows[name] = rows["lean"].where(of_kind)
-    both = pd.concat([rows, rows.assign(advice="all")])
-    grouped = both.groupby("advice")
-    table = grouped[GOALS].sum().astype(int)
-    table.insert(0, "loops", grouped.size())
-    table[[*LEANS]] = grouped[[*LEANS]].median()
-    print_table(f"Half {half}, {rate:g} Hz, margins {margins}", table.reset_index())
+    print_table(f"Half {half}, {rate:g} Hz, margins {margins}", summary(rows))
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.errors import NotLearnable
@@ -24,6 +25,10 @@ from mavdem.wind_velocity.vehicle_drag import Drag
 
 REPLAY_SECONDS = 40.0
 """Duration of the flight that the twin repeats to compare gains, s: the pilot who has just landed waits for it."""
+
+
+WIND_SECONDS = 20.0
+"""Duration of the hover in wind with which the twin compares gains, s."""
 
 
 class AssessedTwin(NamedTuple):
@@ -69,11 +74,106 @@ def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin
     return AssessedTwin(twin, loops, missing)
 
 
+class TwinMotion(NamedTuple):
+    """Angle of one axis of the twin with the present gains and with advised ones, in the same wind and noise."""
+
+    time: Array
+    """Time since the beginning (T,), s."""
+    setpoint: Array
+    """Setpoint of the angle (T,), rad."""
+    present: Array
+    """Angle with the present gains (T,), rad."""
+    advised: Array
+    """Angle with the advised gains (T,), rad."""
+
+    @property
+    def present_error(self) -> float:
+        """Standard deviation of the angle from its setpoint with the present gains, degrees."""
+        return float(np.degrees(np.std(self.present - self.setpoint)))
+
+    @property
+    def advised_error(self) -> float:
+        """The same with the advised gains."""
+        return float(np.degrees(np.std(self.advised - self.setpoint)))
+
+
+class GainTrial(NamedTuple):
+    """Flights of the twin that compare gains, without their beginning, in which the twin settles."""
+
+    tracking: dict[str, TwinMotion]
+    """By "roll" and "pitch", the motion on the setpoints of the recorded flight."""
+    wind: dict[str, TwinMotion]
+    """The motion in a hover, in wind of the recorded spectrum; empty if it was not flown."""
+
+
+def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) -> GainTrial | Fact:
+    """Flies the twin with the present gains and with others, on the same setpoints, in the same wind and noise.
+
+    Args:
+        evidence: of the vehicle.
+        gains: to set, by the autopilot's names.
+        in_wind: whether the twin hovers in wind too, for a second pair of flights.
+
+    Returns:
+        The flights, without axes whose setpoints were not recorded; or why the twin cannot fly.
+    """
+    loops = evidence.identified_loops
+    recorded_segments = replay_segments(loops) if "roll" in loops else {}
+    if not recorded_segments:
+        return GainTrial({}, {})
+    dt = loops["roll"].record.dt
+    replayed_samples = slice(round(REPLAY_SECONDS / dt))
+    hover_samples = slice(round(WIND_SECONDS / dt))
+    replayed = dict[str, ReplaySegment]()
+    hover = dict[str, ReplaySegment]()
+    for axis, recorded in recorded_segments.items():
+        replayed[axis] = ReplaySegment(*(values[replayed_samples] for values in recorded))
+        outputs, setpoints = (values[hover_samples] for values in recorded)
+        hover[axis] = ReplaySegment(outputs, np.zeros_like(setpoints))
+    try:
+        present_twin = assessed_twin(evidence).twin
+        advised_twin = replace(present_twin, parameters={**present_twin.parameters, **gains})
+        twins = (present_twin, advised_twin)
+        tracking = _compared_motions(twins, loops, replayed)
+        return GainTrial(tracking, _compared_motions(twins, loops, hover) if in_wind else {})
+    except NotLearnable as error:
+        return error.fact
+
+
+def _compared_motions(
+    twins: tuple[Twin, Twin], loops: LoopsByAxis, segments: dict[str, ReplaySegment]
+) -> dict[str, TwinMotion]:
+    """Returns the motion of roll and pitch in one flight of each of two twins.
+
+    Args:
+        twins: with the present gains, and with the advised ones.
+        loops: identified loops by axis, "roll" among them.
+        segments: setpoints by axis.
+
+    Raises:
+        NotLearnable: a twin cannot fly.
+    """
+    dt = loops["roll"].record.dt
+    # The beginning, in which the twin settles, is flown but left out.
+    settled_samples = slice(round(SETTLING_SECONDS / dt), None)
+    present_flight, advised_flight = (fly_twin(twin, loops, segments) for twin in twins)
+    motions = {}
+    for axis in TILT_AXES:
+        if axis in segments:
+            # Column 0 of setpoints and motions is the angle, column 1 the rate.
+            setpoint = segments[axis].setpoints[settled_samples, 0]
+            column = AXES.index(axis)
+            motions[axis] = TwinMotion(
+                time=np.arange(len(setpoint), dtype=np.float64) * dt,
+                setpoint=setpoint,
+                present=present_flight[settled_samples, column, 0],
+                advised=advised_flight[settled_samples, column, 0],
+            )
+    return motions
+
+
 def predicted_errors(evidence: Evidence, gains: Parameters) -> Facts:
     """Predicts how well the vehicle would follow its setpoints with other gains, by flights of its twin.
-
-    The twin repeats the setpoints of the flight twice, with the present gains and with the others, in the same wind and
-    noise. So the errors of both flights differ by the gains alone.
 
     Args:
         evidence: of the vehicle.
@@ -84,41 +184,15 @@ def predicted_errors(evidence: Evidence, gains: Parameters) -> Facts:
         with the present gains and ``expected_error`` with the others. If the twin cannot fly, only the reason; nothing
         if the log has no setpoints of roll.
     """
-    loops = evidence.identified_loops
-    recorded_segments = replay_segments(loops) if "roll" in loops else {}
-    if not recorded_segments:
-        return ()
-    dt = loops["roll"].record.dt
-    # The beginning, in which the twin settles, is flown but left out of the errors.
-    replayed_samples = slice(round(REPLAY_SECONDS / dt))
-    settled_samples = slice(round(SETTLING_SECONDS / dt), None)
-    segments = {}
-    for axis, recorded in recorded_segments.items():
-        segments[axis] = ReplaySegment(*(values[replayed_samples] for values in recorded))
-    try:
-        present_twin = assessed_twin(evidence).twin
-        changed_twin = replace(present_twin, parameters={**present_twin.parameters, **gains})
-        present_motion = fly_twin(present_twin, loops, segments)
-        changed_motion = fly_twin(changed_twin, loops, segments)
-    except NotLearnable as error:
-        return (error.fact,)
-    facts = []
-    for axis in TILT_AXES:
-        if axis not in segments:
-            continue
-        # Column 0 of setpoints and motions is the angle, column 1 the rate.
-        setpoints = segments[axis].setpoints[settled_samples, 0]
-        angle_errors = [
-            motion[settled_samples, AXES.index(axis), 0] - setpoints
-            for motion in (present_motion, changed_motion)
-        ]
-        present_error, expected_error = np.degrees(np.std(angle_errors, axis=1)).tolist()
-        facts.append(
-            Fact(
-                Gains.TWIN_FLIES,
-                subject=axis,
-                present_error=present_error,
-                expected_error=expected_error,
-            )
+    trial = try_gains(evidence, gains, in_wind=False)
+    if isinstance(trial, Fact):
+        return (trial,)
+    return tuple(
+        Fact(
+            Gains.TWIN_FLIES,
+            subject=axis,
+            present_error=motion.present_error,
+            expected_error=motion.advised_error,
         )
-    return tuple(facts)
+        for axis, motion in trial.tracking.items()
+    )

@@ -40,6 +40,7 @@ from mavdem.report.charts.flight_charts import (
     spectrum_chart,
     step_charts,
 )
+from mavdem.report.charts.gain_trial import gain_trial_groups
 from mavdem.report.charts.plans import flown_path, frame_plan, rose_of_wind
 from mavdem.report.charts.timeline import Timeline, live_timeline, timeline_of
 from mavdem.report.condition import air_blocks, log_blocks
@@ -329,7 +330,8 @@ def _loops_chapter(assessment: Assessment, evidence: Evidence, advice: AdviceByA
         return Chapter("Control loops", blocks)
     columns = [loop_charts(variants) for variants in loops_by_axis.values()]
     text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
-    return Chapter("Control loops", [*margin_tables(loops), *blocks], [Group(tuple(columns), text)])
+    groups = [Group(tuple(columns), text), *gain_trial_groups(evidence, advice).values()]
+    return Chapter("Control loops", [*margin_tables(loops), *blocks], groups)
 
 
 def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Sentence]:

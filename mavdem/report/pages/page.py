@@ -17,6 +17,7 @@ from markupsafe import Markup, escape
 from mavdem.arrays import Array
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.tuning import Tuning
+from mavdem.assessment.evidence import Evidence
 from mavdem.dem import Learned
 from mavdem.facts import Level, NamedFacts
 from mavdem.facts.event import Event
@@ -25,6 +26,7 @@ from mavdem.loops.advice import Advice
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.charts.chart import MAX_POINTS, Chart, Group
 from mavdem.report.charts.flight_charts import loop_charts
+from mavdem.report.charts.gain_trial import gain_trial_groups
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.loops import compared_loops, tune_blocks
 from mavdem.report.numbers import display_unit, name_with_unit, rounded
@@ -174,20 +176,25 @@ def _prose(text: str) -> Markup:
     return Markup(_CODE.sub(r"<code>\1</code>", html))
 
 
-def tune_page(name: str, tuning: Tuning) -> str:
+def tune_page(name: str, tuning: Tuning, evidence: Evidence) -> str:
     """Renders the page of ``mavdem tune``: margins, advised gains, and charts of the loops of each axis.
 
     Args:
         name: name of the log, the title of the page.
         tuning: the advice for each axis.
+        evidence: of the vehicle, from which its twin is built.
     """
     chapters = [Chapter("Margins and gains", tune_blocks(tuning))]
+    trials = gain_trial_groups(evidence, tuning.axes)
     caption = "Gain, phase and sensitivity of the open loops, with 90 % bands; dashed, where the gain is 1."
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice):
             loops = compared_loops(advice)
             columns = (loop_charts(loops, "rate"), loop_charts(loops, "attitude"))
-            chapters.append(Chapter(f"Loops of {axis}", (), [Group(columns, caption)]))
+            groups = [Group(columns, caption)]
+            if axis in trials:
+                groups.insert(0, trials[axis])
+            chapters.append(Chapter(f"Loops of {axis}", (), groups))
     subtitle = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
     judgement = tuning.judgement
     conclusion_blocks = conclusion(judgement)

@@ -1,0 +1,51 @@
+"""Charts of advised gains over those that flew: steps of both loops, and motions of the twin."""
+
+import numpy as np
+from made_up_loop import made_up
+from partial_records import partial_record
+from pytest import approx
+
+from mavdem.assessment.axis.twin import GainTrial, TwinMotion
+from mavdem.assessment.evidence import Evidence
+from mavdem.facts import Fact
+from mavdem.facts.loops import Loops
+from mavdem.loops.advice import advise
+from mavdem.report.charts import gain_trial
+from mavdem.report.charts.gain_trial import gain_trial_groups
+
+WITHOUT_TWIN = partial_record(Evidence, loops={"roll": Fact(Loops.LOOP_TOO_SHORT)})
+
+
+def test_steps_of_both_gains_are_drawn_over_each_other():
+    advice = {"roll": advise(made_up(4.5)), "pitch": Fact(Loops.LOOP_TOO_SHORT)}
+    groups = gain_trial_groups(WITHOUT_TWIN, advice)
+    assert groups.keys() == {"roll"}
+    charts = [chart for column in groups["roll"].columns for chart in column]
+    assert [chart.title for chart in charts] == ["Roll rate: step", "Roll attitude: step"]
+    for chart in charts:
+        now, advised = chart.lines
+        assert (now.name, advised.name) == ("now", "advised")
+        for line in (now, advised):
+            assert abs(line.y[0]) < 0.05 and line.y[-1] == approx(1, abs=0.15)
+    rate_now, rate_advised = charts[0].lines
+    assert rate_now.y.max() > rate_advised.y.max() > 1, "the advised gains overshoot less"
+
+
+def test_kept_gains_are_not_compared():
+    assert not gain_trial_groups(WITHOUT_TWIN, {"roll": advise(made_up(1.0))})
+
+
+def test_the_part_in_which_the_setpoint_moves_is_drawn_with_the_error_of_all(monkeypatch):
+    time = np.arange(0, 40, 0.1)
+    setpoint = np.where((time > 30) & (time < 33), 0.1, 0.0)
+    motion = TwinMotion(time, setpoint, setpoint + 0.02 * np.sin(time), 0.5 * setpoint)
+    hover = motion._replace(setpoint=np.zeros_like(time))
+    trial = GainTrial({"roll": motion}, {"roll": hover})
+    monkeypatch.setattr(gain_trial, "try_gains", lambda *_: trial)
+    groups = gain_trial_groups(WITHOUT_TWIN, {"roll": advise(made_up(4.5))})
+    *_, (tracking,), (wind,) = groups["roll"].columns
+    assert [line.name for line in tracking.lines] == ["setpoint", "now", "advised"]
+    assert [line.name for line in wind.lines] == ["now", "advised"]
+    assert tracking.lines[0].y.max() == approx(np.degrees(0.1))
+    assert tracking.lines[0].x[-1] - tracking.lines[0].x[0] < 8
+    assert f"{motion.present_error:.2g} → {motion.advised_error:.2g}°" in tracking.title

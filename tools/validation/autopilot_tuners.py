@@ -1,0 +1,203 @@
+"""ArduPilot's AutoTune and QuickTune as linear rules, to compare their gains with advised ones on simulated vehicles.
+
+Both tune the true plant in calm air. Simplified: responses are linear and without noise; I follows P in the ratio of
+the autopilot's defaults; filters stay as they are (QuickTune would set them by the gyro's); QuickTune's threshold of
+the demand's slew rate is taken for the limit of stability; AutoTune tunes D of no axis whose D is 0, and not yaw's
+error filter; a twitch is the step response of the rate loop, whose I is a tenth of P as during its tests.
+
+Sources: ``AC_AutoTune_Multi.cpp`` and ``VTOL-quicktune.lua`` of https://github.com/ArduPilot/ardupilot.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.ingest.telemetry import Parameters
+from mavdem.loops.axis_loops import Loop
+from mavdem.loops.gain_design import ARDUPILOT_DEFAULTS, PX4_DEFAULTS
+from mavdem.loops.step_response import step_from_frequency_response
+
+AGGRESSIVENESS = 0.075
+"""AUTOTUNE_AGGR: bounce back, as a fraction of the largest rate, up to which D is raised."""
+BACKOFF = 0.25
+"""AUTOTUNE_GMBK: fraction by which AutoTune lowers rate P and D at the end; angle P is lowered by AGGR besides."""
+TWITCH_STEP = 0.05
+"""Fraction by which AutoTune changes a gain after a twitch; D is raised by twice that."""
+PEAK_MARGIN = 0.2
+"""Fraction of the target rate below which a peak is too small to judge D by (AUTOTUNE_D_UP_DOWN_MARGIN)."""
+TESTING_INTEGRAL_RATIO = 0.1
+"""I over P while AutoTune twitches, 1/s."""
+MAX_TWITCHES = 120
+"""Most twitches of one of AutoTune's steps: it gives up then."""
+MAX_ANGLE_GAIN = 40.0
+"""AutoTune's largest gain of the angle, 1/s (AUTOTUNE_SP_MAX)."""
+TWITCH_SECONDS = 0.5
+"""Length of a twitch of the rate, s."""
+ANGLE_TWITCH_SECONDS = 1.5
+"""Length of a twitch of the angle, s."""
+
+QUICKTUNE_FACTOR = 0.4
+"""Factor on the gain at which the vehicle oscillates: QUIK_GAIN_MARGIN is 60 %."""
+MAX_REDUCTION = 0.8
+"""Least factor on a gain in one run of QuickTune (QUIK_MAX_REDUCE is 20 %)."""
+DOUBLING = 2 ** (1 / 8)
+"""Factor between two gains that QuickTune is simulated at; it doubles a gain in 10 s."""
+
+
+class TunedGains(NamedTuple):
+    """Gains that a rule ends with."""
+
+    p: float
+    """Rate P, in the unit of the parameter."""
+    d: float
+    """Rate D."""
+    angle_gain: float
+    """Gain of the attitude controller, 1/s."""
+
+
+def _logged_gains(loop: Loop) -> TunedGains:
+    """Returns the gains of a loop."""
+    parameters = loop.controller.parameters
+    names = loop.controller.parameter_names
+    return TunedGains(*(parameters[names[field]] for field in ("p", "d", "angle_gain")))
+
+
+def parameters_of(loop: Loop, gains: TunedGains, integral_ratio: float | None = None) -> Parameters:
+    """Returns gains as the autopilot's parameters, with I in a ratio to P, that of the defaults unless one is given."""
+    defaults = ARDUPILOT_DEFAULTS if loop.controller.is_ardupilot else PX4_DEFAULTS
+    if integral_ratio is None:
+        integral_ratio = defaults[loop.axis].ratios.integral
+    names = loop.controller.parameter_names
+    values = {
+        "p": gains.p,
+        "i": integral_ratio * gains.p,
+        "d": gains.d,
+        "angle_gain": gains.angle_gain,
+    }
+    return {names[field]: value for field, value in values.items()}
+
+
+def quicktune(loop: Loop) -> Parameters:
+    """Returns the gains after one run of QuickTune: D, then P, each raised until the vehicle oscillates, then × 0.4.
+
+    Where D ends lower than it was, P is lowered with it, by half at most.
+
+    Args:
+        loop: the loops of the true plant, with the gains before.
+    """
+    logged = _logged_gains(loop)
+    gains = logged
+    if logged.d:
+        d = QUICKTUNE_FACTOR * _gain_at_oscillation(loop, gains, "d")
+        p = gains.p * max(min(d / logged.d, 1.0), 0.5)
+        gains = gains._replace(
+            d=max(d, MAX_REDUCTION * logged.d), p=max(p, MAX_REDUCTION * logged.p)
+        )
+    p = QUICKTUNE_FACTOR * _gain_at_oscillation(loop, gains, "p")
+    gains = gains._replace(p=max(p, MAX_REDUCTION * logged.p))
+    return parameters_of(loop, gains)
+
+
+def _gain_at_oscillation(loop: Loop, gains: TunedGains, field: str) -> float:
+    """Returns the value of a gain, raised from the present one, at which the rate loop becomes unstable."""
+    value: float = getattr(gains, field)
+    for _ in range(80):
+        raised = gains._replace(**{field: value})
+        if not loop.with_parameters(parameters_of(loop, raised)).rate.stable[0]:
+            break
+        value *= DOUBLING
+    return value
+
+
+def autotune(loop: Loop) -> Parameters:
+    """Returns the gains after AutoTune: D up, D down, P up, back-off of both, then the angle's gain down and up.
+
+    Args:
+        loop: the loops of the true plant, with the gains before.
+    """
+    gains = _logged_gains(loop)
+    if gains.d:
+        gains = _tuned_derivative(loop, gains)
+    gains = _tuned_proportional(loop, gains)
+    gains = gains._replace(p=(1 - BACKOFF) * gains.p, d=(1 - BACKOFF) * gains.d)
+    angle_gain = _tuned_angle_gain(loop, gains) * (1 - BACKOFF) * (1 - AGGRESSIVENESS)
+    return parameters_of(loop, gains._replace(angle_gain=angle_gain))
+
+
+class Twitch(NamedTuple):
+    """The rate in a twitch, relative to its target."""
+
+    peak: float
+    """Largest rate."""
+    bounce: float
+    """Fall of the rate after the peak, as a fraction of the peak."""
+
+
+def _rate_twitch(loop: Loop, gains: TunedGains) -> Twitch:
+    """Returns the response of the rate to a step of its setpoint; an unstable loop bounces back fully."""
+    rate = loop.with_parameters(parameters_of(loop, gains, TESTING_INTEGRAL_RATIO)).rate
+    if not rate.stable[0]:
+        return Twitch(peak=2.0, bounce=1.0)
+    time = np.linspace(0.01, TWITCH_SECONDS, 50)
+    response = step_from_frequency_response(rate.frequency, rate.closed[0], time)
+    peak_row = int(response.argmax())
+    peak = float(response[peak_row])
+    return Twitch(peak, (peak - float(response[peak_row:].min())) / peak)
+
+
+def _tuned_derivative(loop: Loop, gains: TunedGains) -> TunedGains:
+    """Returns gains after D was raised until the rate bounces back, and lowered until it does not.
+
+    P keeps the peak just below the target.
+    """
+    for is_raised in (True, False):
+        for _ in range(MAX_TWITCHES):
+            twitch = _rate_twitch(loop, gains)
+            if twitch.peak > 1:
+                gains = gains._replace(p=gains.p * (1 - TWITCH_STEP))
+            elif twitch.peak < 1 - PEAK_MARGIN:
+                gains = gains._replace(p=gains.p * (1 + TWITCH_STEP))
+            elif is_raised and twitch.bounce < AGGRESSIVENESS:
+                gains = gains._replace(d=gains.d * (1 + 2 * TWITCH_STEP))
+            elif not is_raised and twitch.bounce > AGGRESSIVENESS:
+                gains = gains._replace(d=gains.d * (1 - TWITCH_STEP))
+            else:
+                break
+    return gains
+
+
+def _tuned_proportional(loop: Loop, gains: TunedGains) -> TunedGains:
+    """Returns gains after P was raised until the rate exceeds its target; P and D fall where it bounces back before."""
+    for _ in range(MAX_TWITCHES):
+        twitch = _rate_twitch(loop, gains)
+        if twitch.peak > 1 + AGGRESSIVENESS / 2:
+            break
+        is_high = 1 - PEAK_MARGIN < twitch.peak < 1
+        if is_high and twitch.bounce > AGGRESSIVENESS and gains.d:
+            gains = gains._replace(p=gains.p * (1 - TWITCH_STEP), d=gains.d * (1 - TWITCH_STEP))
+        else:
+            gains = gains._replace(p=gains.p * (1 + TWITCH_STEP))
+    return gains
+
+
+def _tuned_angle_gain(loop: Loop, gains: TunedGains) -> float:
+    """Returns the gain of the angle with which its step overshoots by half of the aggressiveness, 1/s."""
+    time = np.linspace(0.05, ANGLE_TWITCH_SECONDS, 30)
+    angle_gain = gains.angle_gain
+    for is_lowered in (True, False):
+        for _ in range(MAX_TWITCHES):
+            tuned = gains._replace(angle_gain=angle_gain)
+            attitude = loop.with_parameters(
+                parameters_of(loop, tuned, TESTING_INTEGRAL_RATIO)
+            ).attitude
+            overshoots = not attitude.stable[0]
+            if not overshoots:
+                step = step_from_frequency_response(attitude.frequency, attitude.closed[0], time)
+                overshoots = bool(step.max() > 1 + AGGRESSIVENESS / 2)
+            if is_lowered and overshoots:
+                angle_gain *= 1 - TWITCH_STEP
+            elif not is_lowered and not overshoots and angle_gain < MAX_ANGLE_GAIN:
+                angle_gain *= 1 + TWITCH_STEP
+            else:
+                break
+    return angle_gain
