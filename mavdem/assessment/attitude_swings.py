@@ -32,7 +32,7 @@ MAX_SWING_SECONDS = 2.5
 """Longest time, s, from one side to the other: position controllers swing once in one to five seconds."""
 
 MIN_SWINGS = 4
-"""Number of leans to alternate sides that make a swing; a stop and a start in the other direction are two."""
+"""Number of leans to alternate sides that are swings; to stop and to fly back takes two."""
 
 
 def attitude_swings(signals: Signals, boot: int, flight: Interval) -> Iterator[Fact]:
@@ -79,18 +79,19 @@ def _alternating_peaks(time: Array, angle: Array) -> list[list[int]]:
         For each run, the rows of its largest leans: at least ``MIN_SWINGS``, each within ``MAX_SWING_SECONDS`` of the
         one before.
     """
-    # The row of the largest angle of each lean; a lean lasts until the angle is beyond the limit on the other side.
+    # The row of the largest angle of each lean. A lean to the same side that comes much later is another one.
     peaks: list[int] = []
     for row in np.flatnonzero(abs(angle) > SWING_ANGLE).tolist():
-        if (
-            peaks
-            and angle[row] * angle[peaks[-1]] > 0
-            and time[row] - time[peaks[-1]] < MAX_SWING_SECONDS
-        ):
-            if abs(angle[row]) > abs(angle[peaks[-1]]):
-                peaks[-1] = row
-        else:
+        last = peaks[-1] if peaks else None
+        is_same_lean = (
+            last is not None
+            and angle[row] * angle[last] > 0
+            and time[row] - time[last] < MAX_SWING_SECONDS
+        )
+        if last is None or not is_same_lean:
             peaks.append(row)
+        elif abs(angle[row]) > abs(angle[last]):
+            peaks[-1] = row
     runs: list[list[int]] = []
     for peak in peaks:
         last = runs[-1][-1] if runs else None
