@@ -41,10 +41,9 @@ FLIGHTS = {
         "diff",
         "> diff",
     ],
-    # What is learned: of a telemetry log, of PX4's log, and of a flight whose height diverged.
+    # What is learned: of a telemetry log and of PX4's log.
     "ardupilot_wind5_steps.tlog": ["review", "tune", "info", "convert", "> info --verbose"],
     "real/logs/px4_default_rates_learnable.ulg": ["review", "tune", "> tune --verbose"],
-    "real/logs/gains_named_before_34.BIN": ["twin", "wind", "> wind --verbose"],
     # What is in logs of slow streams, of several vehicles and of a short flight.
     "ardupilot_default_rates.tlog": ["info", "review", "> convert"],
     "real/logs/low_flight_climb_channel_zero.tlog": ["info"],
@@ -57,6 +56,13 @@ FLIGHTS = {
 """What is run of each log; a name without an ending is that of a scenario, and what is flown is read by the commands
 after it. Of a command after ">" it is what stands on its screen."""
 MORE_FLIGHTS = {
+    "real/logs/gains_named_before_34.BIN": [
+        "review",
+        "tune",
+        "twin",
+        "wind",
+        "> wind --verbose",
+    ],
     "real/logs/yaw_twist_16_percent.BIN": ["review"],
     "real/propeller/hover_cut20mm_1.BIN": ["review"],
     "real/logs/ardupilot_range_1075_1920_slow.tlog": ["review"],

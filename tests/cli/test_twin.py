@@ -18,7 +18,7 @@ WEIGHT = 1.52 * 9.81 / 4
 
 
 @fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, coarse_physics):
     made = tmp_path_factory.mktemp("twin")
     log = made / "flight.tlog"
     files = [made / f"mine.{ending}" for ending in ("toml", "json", "params", "sdf")]

@@ -45,6 +45,7 @@ def share_with_margins(loop, target):
     return has_margins.mean()
 
 
+@mark.slow
 @mark.parametrize("factor", [0.5, 2.5, 4.5])
 def test_a_step_changes_rate_gains_together_by_half_at_most(factor):
     advice = advise(made_up(factor), more=True)
@@ -73,6 +74,7 @@ def test_the_design_has_the_margins_in_90_percent_of_models(factor, tune):
     assert search.margin_score(search.models.with_parameters(faster).rate) < 1
 
 
+@mark.slow
 def test_the_share_of_models_is_that_of_draws_that_chose_nothing():
     advice = advise(before := made_up(0.5), more=True)
     half = len(before.effectiveness) // 2
@@ -116,6 +118,7 @@ def test_an_attitude_loop_that_alone_lacks_margin_is_in_stage_2():
     assert advice.parameters["MC_ROLL_P"] == approx(25 / MAX_GAIN_STEP, rel=0.01)
 
 
+@mark.slow
 def test_gains_with_enough_margin_never_lose_a_fifth_of_their_bandwidth():
     loop = made_up(1.0)
     search = GainSearch(loop, MARGIN_TARGETS["default"])
@@ -151,6 +154,7 @@ def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
     assert light.sentence.split(":")[0] == advice.rating.sentence.split(":")[0]
 
 
+@mark.slow
 def test_a_biased_effectiveness_gives_no_gains_but_a_step_down_where_margins_surely_lack():
     doubts = (Fact(Loops.EFFECT_BIASED, because=Fact(Gains.LOOP_UNSTABLE)),)
     for bias in (0.1, -0.15):
@@ -174,6 +178,7 @@ def test_a_gain_of_0_stays_0():
     assert advice.parameters.keys() == {"MC_ROLLRATE_P", "MC_ROLLRATE_I"}
 
 
+@mark.slow
 def test_refusals_say_why():
     record = (sound := made_up()).record
     inputs = np.where(np.arange(2000)[:, None] % 10 == 0, 2000.0, record.inputs)
