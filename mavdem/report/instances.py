@@ -45,7 +45,7 @@ def instance_table(instances: Sequence[Instance]) -> Table:
 def _range_text(instance: Instance) -> str:
     """Returns the range of an instance with its unit, such as "12.6 to 15.9 V"; a constant value alone."""
     low, high = (_number_text(value, instance.unit) for value in (instance.low, instance.high))
-    numbers = low if low == high else f"{low} to {high}"
+    numbers = low if low == high else f"{low}{NO_BREAK_SPACE}to{NO_BREAK_SPACE}{high}"
     return numbers if instance.unit == "1" else f"{numbers}{NO_BREAK_SPACE}{instance.unit}"
 
 
@@ -53,7 +53,8 @@ def _number_text(value: float, unit: str) -> str:
     """Returns a number; counts, pulses and speeds of motors without decimals."""
     if unit in ("1/min", "µs") or (unit == "1" and float(value).is_integer()):
         return f"{value:.0f}"
-    return rounded(value, SHOWN_DIGITS)
+    # Small ratios without trailing zeros.
+    return f"{value:.{SHOWN_DIGITS}g}" if abs(value) < 1 else rounded(value, SHOWN_DIGITS)
 
 
 def _used_text(used_share: float | None) -> str:
