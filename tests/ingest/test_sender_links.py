@@ -79,6 +79,23 @@ def test_what_one_link_lost_comes_over_the_other():
     assert not vehicle.messages["ATTITUDE"]["boot"].any()
 
 
+def jittered(frames, seed):
+    """The frames of a link on which they overtake each other by up to 20 ms."""
+    chance = random.Random(seed)
+    return [(time + 0.02 * chance.random(), frame) for time, frame in frames]
+
+
+@mark.parametrize("share", [0.0, 0.3])
+def test_frames_that_overtake_each_other_on_two_links_are_counted_once(share):
+    once = sent()
+    first = jittered(without(once, share, seed=1), seed=3)
+    second = jittered(without(once, share, seed=2), seed=4)
+    component, vehicle = component_and_vehicle(merged(first, late(second, 2.0)))
+    received = {frame for _, frame in (*first, *second)}
+    assert component.lost == approx(len(once) - len(received), abs=12)
+    assert not vehicle.messages["ATTITUDE"]["boot"].any()
+
+
 def test_the_second_link_goes_on_where_the_first_breaks_off():
     once = sent()
     first = [entry for entry in once if entry[0] < 8.0]

@@ -180,7 +180,12 @@ def attempt(path: Path, command: str) -> Attempt:
     figures = None
     start = time.process_time()
     output = io.StringIO()
-    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
+    # Commands leave their results in the folder where they run.
+    with (
+        contextlib.redirect_stdout(output),
+        contextlib.redirect_stderr(output),
+        contextlib.chdir(path.parent),
+    ):
         try:
             if command == "read":
                 figures = figures_of(read_log(path))
@@ -215,10 +220,14 @@ def main(
     """Runs the attempts, and prints each failure and their number."""
     warnings.simplefilter("ignore")
     keep.mkdir(parents=True, exist_ok=True)
+    keep = keep.resolve()
+    logs = tuple(log.resolve() for log in logs)
     failures = 0
     contents = {log: log.read_bytes() for log in logs}
     for log, content in contents.items():
-        sound = attempt(log, command)
+        sound_copy = keep / log.name
+        sound_copy.write_bytes(content)
+        sound = attempt(sound_copy, command)
         for number in range(count):
             chance = random.Random(f"{seed} {number} {log.name}")
             damage = chance.choice(DAMAGES)

@@ -262,15 +262,10 @@ class SenderLinks:
         if self._frame_count == 1:
             self._sequence = sequence
         if self._has_late_link:
-            if reading is None:
-                is_late = self._follows_late_link(sequence)
-            else:
-                is_late = 0 < self._clock - reading.clock <= MAX_LATE_SECONDS
-            if is_late:
-                # It was counted as missing before, since the first link lost it.
-                self.missing -= 1
-                self._late_sequence = sequence
-                return
+            self._count_over_late_link(sequence, reading)
+            return
+        self._counted_sequence = sequence
+        self._received = 0
         if not (self._has_two_counters and self._counters.are_apart):
             self.missing += missing_messages(self._sequence, sequence)
         elif number_before is not None:
@@ -278,6 +273,37 @@ class SenderLinks:
         self._sequence = sequence
         if reading is not None:
             self._clock = reading.clock
+
+    def _count_over_late_link(self, sequence: int, reading: Reading | None) -> None:
+        """Counts the frames that came over none of several links, from one reading to the next.
+
+        Frames of a late link, and those that overtake each other, come in any order. But the boot clock shows which
+        readings are the latest. Between two of these as many frames were sent as the sequence number rose; those that
+        did not come in this time are missing, and those that come later are missing no more.
+
+        Args:
+            sequence: the sequence number of a new frame.
+            reading: the reading in it; None where it has none.
+        """
+        if reading is None:
+            is_late = self._follows_late_link(sequence)
+        else:
+            is_late = 0 < self._clock - reading.clock <= MAX_LATE_SECONDS
+        if is_late:
+            self.missing -= 1
+            self._late_sequence = sequence
+            return
+        self._received += 1
+        self._sequence = sequence
+        if reading is None:
+            return
+        sent = (sequence - self._counted_sequence) % SEQUENCE_NUMBERS
+        # After a longer gap nobody knows how often the numbers went round.
+        if sent <= MAX_MISSING_STEP:
+            self.missing += sent - self._received
+        self._counted_sequence = sequence
+        self._received = 0
+        self._clock = reading.clock
 
     def _note_change_of_counter(self) -> None:
         """Finds out whether two counters number the frames, at a frame that the other counter has numbered.
