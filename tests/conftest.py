@@ -26,7 +26,7 @@ def pytest_addoption(parser):
     parser.addoption(
         "--in-full",
         action="store_true",
-        help="compare figures of many more flights, and all pictures",
+        help="compare figures of many more flights and all pictures, and check all logs",
     )
 
 

@@ -217,6 +217,7 @@ def test_an_oscillation_at_half_of_the_sampling_rate_is_an_error(rate):
     assert figures["angle_error"] == approx(amplitude, rel=0.05)
 
 
+@mark.slow
 @mark.parametrize(
     "size, error, level",
     [
@@ -341,6 +342,7 @@ def test_a_flight_for_a_model_of_yaw_has_the_setpoint_of_the_rate_only():
     assert aligned_flight(signals, segment).setpoint_names == ("yaw rate setpoint",)
 
 
+@mark.slow
 def test_rates_that_are_flown_by_hand_have_no_angle_to_follow():
     steered = following(0.02, late=0.0, error=0.3).signals.telemetry
     for modes, level in (([1, 2], "bad"), ([1], "unknown")):

@@ -108,6 +108,7 @@ def test_the_physical_plant_responds_as_the_vehicle_is_simulated(learned):
     assert len({abs(one(2j * np.pi))[1, 0] for one in plant.draws}) == len(plant.draws)
 
 
+@mark.slow
 def test_hidden_states_and_arrays_without_names_are_numbered():
     learned = mavdem.learn(
         simulated(lag=0.05)[:200], mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0)

@@ -51,6 +51,7 @@ def test_rows_come_back_as_they_were(tmp_path):
     assert FULL.effect_interval == (0.02, None) and rows[2].file == "odd\\udcff\n.bin"
 
 
+@mark.slow
 def test_the_examples_of_the_documentation_answer(here, capsys):
     make_logs(here / "logs", 1, "damaged")
     track(here / "fleet", here / "logs")

@@ -32,6 +32,7 @@ def boots_in_log(*parts):
     return len(np.unique(vehicle.messages["ATTITUDE"]["boot"]))
 
 
+@mark.slow
 @mark.parametrize("first_duration", [2.5, 5.0, 9.0, 15.0])
 @mark.parametrize("restart", [0.5, 1.0])
 def test_a_reboot_soon_after_the_start_is_announced(first_duration, restart):

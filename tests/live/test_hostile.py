@@ -67,16 +67,18 @@ def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
 @mark.slow
 def test_parameters_and_events_are_bounded():
     stream = LiveStream(vehicle="1:1")
-    for number in range(2500):
-        stream.feed(
-            0.0, message("PARAM_VALUE", param_id=b"P%d" % number, param_value=1.0, param_type=9)
-        )
+    sent = [
+        message("PARAM_VALUE", param_id=b"P%d" % number, param_value=1.0, param_type=9)
+        for number in range(2500)
+    ]
+    stream.feed(0.0, b"".join(sent))
     assert len(stream.parameters) <= 2048
-    for number in range(3000):  # a jump of the clock every six messages
-        stream.feed(
-            0.0,
-            message("ATTITUDE", time_boot_ms=1000 + 100_000 * (number // 6) + number % 6),
-        )
+    # A jump of the clock every six messages.
+    sent = [
+        message("ATTITUDE", time_boot_ms=1000 + 100_000 * (number // 6) + number % 6)
+        for number in range(6 * (MAX_EVENTS + 20))
+    ]
+    stream.feed(0.0, b"".join(sent))
     assert len(stream.drain_events()) == MAX_EVENTS
     assert stream.drain_events() == []
 

@@ -112,6 +112,7 @@ def test_more_ends_with_the_angles_gain_at_its_bound():
     assert loop.lean_in_wind < made_up(1.0).lean_in_wind
 
 
+@mark.slow
 def test_an_attitude_loop_that_alone_lacks_margin_is_in_stage_2():
     advice = advise(made_up(1.0).with_parameters({"MC_ROLL_P": 25.0}))
     assert advice.stage is Stage.ANGLE and advice.parameters.keys() == {"MC_ROLL_P"}
@@ -144,6 +145,7 @@ def test_an_unusual_ratio_of_the_log_is_named():
     assert 2 < note.figures["ratio"] <= 5
 
 
+@mark.slow
 @mark.parametrize("factor", [1.0, 1.7])  # surely, and perhaps
 def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
     advice = advise(loop := made_up(factor))

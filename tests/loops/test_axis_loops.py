@@ -261,6 +261,7 @@ def test_one_axis_without_a_loop_has_its_own_reason_and_several_have_theirs():
     assert named == [("roll", "yaw"), ("pitch",)]
 
 
+@mark.slow
 @mark.parametrize(
     "factor, level, lacking",
     [

@@ -89,6 +89,7 @@ def test_the_filters_are_shown_with_their_lag_and_as_late_as_one_low_pass():
     assert gyro_delay(low_pass) < gyro_delay(both) < 1.4 * gyro_delay(low_pass)
 
 
+@mark.slow
 def test_the_raw_gyro_through_the_filters_is_the_filtered_one():
     """Of a simulated ArduCopter, where it is above its rounding: in the loop's band, and in the line of the motors."""
     signals = Signals(recorded("sitl_raw/ap_raw_on.BIN.xz"))

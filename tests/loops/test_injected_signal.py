@@ -13,6 +13,7 @@ from mavdem.loops.injected_signal import injected_loop
 from mavdem.loops.margins import OpenLoop
 
 
+@mark.slow
 def test_the_recorded_flight_has_its_chirped_margins():
     """Of ArduCopter's simulator, by a chirp at the mixer: 20.1 Hz, 19°, 2.8 dB, Ms 4.9. The sweep of roll was cut."""
     signals = Signals(recorded("sitl_raw/ap_sid.BIN.xz"), axis="pitch")

@@ -67,6 +67,7 @@ def measured(telemetry, response=rate_step_response):
     return response(signals, settled_flight(signals))
 
 
+@mark.slow
 @mark.parametrize("repeated", [slice(0), slice(3000, 5000)])
 def test_a_resonance_is_measured_with_a_band_that_holds_it(repeated):
     numerator, denominator, closed = loop()
@@ -90,6 +91,7 @@ def test_a_resonance_is_measured_with_a_band_that_holds_it(repeated):
     assert faster.code is StepResponses.MEASUREMENT_DOUBTED
 
 
+@mark.slow
 @mark.parametrize("is_corrected", [True, False])
 def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected):
     """The setpoint of the rate answers the wind, whether the log has that correction in it or not."""
@@ -168,6 +170,7 @@ def test_nothing_is_estimated_without_setpoint_or_from_infinite_values():
     assert estimate_impulse_response(20.0, [np.array([steps, endless])], 0.0, 0.5, 0.005) is None
 
 
+@mark.slow
 def test_why_there_is_no_step_response(monkeypatch):
     rate = steered()
     without = measured(HOVER.telemetry(200.0, 200.0))

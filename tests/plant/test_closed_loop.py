@@ -107,6 +107,7 @@ TRUE = {
 KNOWN_PLANT = np.append(list(TRUE.values()), PRIOR_MEAN[len(TRUE) :])
 
 
+@mark.slow
 @mark.parametrize("every", [(), (4,), (4, 0, 1)])
 def test_a_plant_is_given_back(every):
     """With its delay, which has half a cycle of hold, within three standard deviations and a share of the truth."""
@@ -125,12 +126,14 @@ def test_lag_and_delay_together_are_known_at_25_hz_and_where_steps_keep_time(flo
     assert found[0] == approx(EFFECT, rel=0.2)
 
 
+@mark.slow
 def test_eddies_in_turbulence_are_not_taken_for_a_lag():
     """Of one colour for both, the wind made it a quarter shorter."""
     eddies = fly(3, 0.3, turbulence=((2.0, 6.0), (0.03, 6.0)))
     assert identify_axis(axis(eddies)).theta[2] == approx(TRUE["lag"], abs=0.1)
 
 
+@mark.slow
 @mark.parametrize("noise, every", [(NOISE, 4), (NOISE / 5, 1)])
 def test_the_densities_are_those_of_the_flight(noise, every):
     """Whitened by the model, the spectra of rate and output are one, also of a quiet gyro."""
@@ -144,6 +147,7 @@ def test_the_densities_are_those_of_the_flight(noise, every):
         assert np.mean(ratio.real) == approx(1.0, abs=0.1)
 
 
+@mark.slow
 @mark.parametrize("late", [0, 2])
 def test_the_slopes_are_those_of_the_value(late):
     """Also of setpoints of another cycle, in which the angle has noise of its own."""
@@ -158,6 +162,7 @@ def test_the_slopes_are_those_of_the_value(late):
         assert about.gradient[k] == approx(slope, rel=1e-3, abs=1e-3 * sd), name
 
 
+@mark.slow
 def test_nothing_asked_is_nothing_steered():
     still = axis(fly(4, steered=1e-6), 4)
     assert still.reference_share(KNOWN_PLANT) < 0.05
