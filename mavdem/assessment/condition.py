@@ -166,15 +166,15 @@ def _oscillation(signals: Signals, settled: Segments) -> Oscillation | None:
     Returns:
         The limit cycle, in settled flight if there is one; None if the vehicle does not oscillate, or is no multirotor.
     """
-    tilts = dict(zip(TILT_AXES, signals.tilts, strict=False))
+    attitudes = dict(zip(AXES, signals.attitudes, strict=False))
     if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         # The outputs of other vehicles drive control surfaces, wheels or a rudder too.
         return None
-    in_settled_flight = detect_limit_cycle(signals.motors, tilts, settled)
+    in_settled_flight = detect_limit_cycle(signals.motors, attitudes, settled)
     if in_settled_flight is not None:
         return in_settled_flight
     return detect_limit_cycle(
-        signals.motors, tilts, segments_of_boots(signals, phases.airborne_intervals)
+        signals.motors, attitudes, segments_of_boots(signals, phases.airborne_intervals)
     )
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from mavdem.arrays import Array, Flags, Indices
 from mavdem.containers import JsonValues
 from mavdem.dataset.attitude import Attitude
+from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.segments import Segment, Segments
@@ -69,10 +70,10 @@ STARTING_DURATION = 1.9
 
 
 class Oscillation(NamedTuple):
-    """A limit cycle: an oscillation of roll or pitch that the vehicle's own controller keeps up."""
+    """A limit cycle: an oscillation of an axis that the vehicle's own controller keeps up."""
 
     axis: str
-    """"roll" or "pitch": the one that turns faster."""
+    """"roll", "pitch" or "yaw": the one that turns fastest."""
     frequency: float | None
     """Frequency, Hz; ``None`` where messages come so slowly that it may be an alias."""
     rate: float
@@ -105,16 +106,18 @@ class Oscillation(NamedTuple):
 
 
 def detect_limit_cycle(
-    motors: MotorOutputs | None, tilts: Mapping[str, Attitude], segments: Segments
+    motors: MotorOutputs | None, attitudes: Mapping[str, Attitude], segments: Segments
 ) -> Oscillation | None:
     """Detects a limit cycle in a flight: an oscillation that the vehicle's own controller keeps up.
 
     Each axis is analysed with short and with long windows: short ones show a brief oscillation, long ones tell a slow
     oscillation from steering.
 
+    Yaw counts only where roll and pitch do not oscillate: motors that these drive to their limits shake yaw too.
+
     Args:
         motors: outputs of the motors; ``None`` where the log has none.
-        tilts: attitude by axis, "roll" and "pitch".
+        attitudes: attitude by axis, "roll", "pitch" and "yaw" as far as they are searched.
         segments: segments of the flight to use.
 
     Returns:
@@ -126,11 +129,14 @@ def detect_limit_cycle(
     flight_duration = sum(segment.duration for segment in segments)
     cycles = [
         cycle
-        for axis, tilt in tilts.items()
+        for axis, attitude in attitudes.items()
         for window_seconds in WINDOW_LENGTHS
-        for cycle in _limit_cycles(axis, tilt, motors, segments, window_seconds, flight_duration)
+        for cycle in _limit_cycles(
+            axis, attitude, motors, segments, window_seconds, flight_duration
+        )
     ]
-    return _strongest(cycles)
+    tilt_cycles = [cycle for cycle in cycles if cycle.axis in TILT_AXES]
+    return _strongest(tilt_cycles or cycles)
 
 
 def detect_starting_limit_cycle(
@@ -212,7 +218,7 @@ def _limit_cycles(
     the flight. A slow oscillation that lasts may be steered by the pilot, and does not count for lasting alone.
 
     Args:
-        axis: "roll" or "pitch".
+        axis: "roll", "pitch" or "yaw".
         tilt: attitude of the axis.
         motors: outputs of the k motors, N samples.
         segments: segments of the flight to use.

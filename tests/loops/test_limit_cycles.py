@@ -57,6 +57,36 @@ def test_a_limit_cycle_has_its_frequency_rate_and_time_at_a_limit(hertz):
     assert (other.axis, other.rate) == ("pitch", approx(one.rate / 2))
 
 
+YAW_QUAD = np.array([1.0, 1.0, -1.0, -1.0])
+"""Sign of the yaw torque of the same motors."""
+
+
+def test_yaw_oscillates_like_the_other_axes():
+    telemetry = HOVER.telemetry()
+    time = HOVER.stamps(100.0)
+    outputs = 1500.0 + np.outer(YAW_QUAD, swinging(6.0, 900.0)(time))
+    limited = np.where(pulses(telemetry) > 1000, outputs.clip(1150.0, 1990.0), 1000.0)
+    yaw_rate = np.radians(swinging(6.0, 60.0)(time))
+    turning = changed(with_pulses(telemetry, limited), "ATTITUDE", yawspeed=yaw_rate)
+    condition = condition_of(Signals(turning))
+    assert condition.oscillation.axis == "yaw" and not condition.oscillation.other_axes
+    assert condition.oscillation.frequency == approx(6.0, abs=0.25)
+    assert condition.oscillation.at_limit > 0.5
+
+
+def test_a_yaw_that_a_rolling_vehicle_shakes_does_not_oscillate_by_itself():
+    telemetry = HOVER.telemetry()
+    time = HOVER.stamps(100.0)
+    outputs = 1500.0 + np.outer(X_QUAD, swinging(7.0, 900.0)(time))
+    limited = np.where(pulses(telemetry) > 1000, outputs.clip(1150.0, 1990.0), 1000.0)
+    roll_rate = np.radians(swinging(7.0, 85.0)(time))
+    turning = changed(
+        with_pulses(telemetry, limited), "ATTITUDE", rollspeed=roll_rate, yawspeed=0.2 * roll_rate
+    )
+    condition = condition_of(Signals(turning))
+    assert (condition.oscillation.axis, condition.oscillation.other_axes) == ("roll", ())
+
+
 @mark.parametrize("seconds, growing", [(12.0, True), (33.0, True), (45.0, False)])
 def test_one_that_grows_is_found_before_motors_reach_their_limits(seconds, growing):
     def grows(size):

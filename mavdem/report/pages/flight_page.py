@@ -310,10 +310,8 @@ def _loops_chapter(assessment: Assessment, evidence: Evidence, advice: AdviceByA
         evidence: the loops of all axes as far as they were identified, and their margins.
         advice: gains that are advised by axis, or why there are none; empty without advice.
     """
-    blocks: Blocks = [
-        *decision_sentences(assessment.loop_decisions),
-        *_margin_sentences(evidence, assessment.loop_decisions),
-    ]
+    decisions = decision_sentences(assessment.loop_decisions)
+    blocks: Blocks = [*_margin_sentences(evidence, assessment.loop_decisions)]
     loops = evidence.identified_loops
     loops_by_axis: dict[str, Mapping[str, Loop]] = {
         axis: {"now": loop} for axis, loop in loops.items()
@@ -327,11 +325,12 @@ def _loops_chapter(assessment: Assessment, evidence: Evidence, advice: AdviceByA
             loops_by_axis[axis] = compared_loops(axis_advice)
     blocks += gain_limits(advice)
     if not loops:
-        return Chapter("Control loops", blocks)
+        return Chapter("Control loops", [*decisions, *blocks])
     columns = [loop_charts(variants) for variants in loops_by_axis.values()]
     text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
     groups = [Group(tuple(columns), text), *gain_trial_groups(evidence, advice).values()]
-    return Chapter("Control loops", [*margin_tables(loops), *blocks], groups)
+    # What to do comes before the figures.
+    return Chapter("Control loops", [*decisions, *margin_tables(loops), *blocks], groups)
 
 
 def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Sentence]:
