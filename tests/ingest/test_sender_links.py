@@ -92,7 +92,8 @@ def test_frames_that_overtake_each_other_on_two_links_are_counted_once(share):
     second = jittered(without(once, share, seed=2), seed=4)
     component, vehicle = component_and_vehicle(merged(first, late(second, 2.0)))
     received = {frame for _, frame in (*first, *second)}
-    assert component.lost == approx(len(once) - len(received), abs=12)
+    # Of a hundred frames one, such as a HEARTBEAT, may be taken for a copy or for a new one.
+    assert component.lost == approx(len(once) - len(received), abs=0.01 * len(once))
     assert not vehicle.messages["ATTITUDE"]["boot"].any()
 
 
