@@ -22,7 +22,7 @@ from mavdem.dataset.signals import (
     rate_between_outages,
 )
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.dem.engine.linalg import SMALLEST_POSITIVE, normal_draws
+from mavdem.dem.engine.linalg import normal_draws
 from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
 from mavdem.immutable import ImmutableResult
@@ -53,6 +53,11 @@ Beyond that frequency the signals are rounding and noise, which would be fitted 
 """
 MIN_CORRECTION = 0.5
 """Least regression coefficient of the attitude controller's correction for a rate setpoint to contain it."""
+MAX_TIMING_ERROR_STEPS = 0.5
+"""Largest error of the time of a setpoint, in intervals of its messages: a jump may have been at the time of either.
+
+PX4's rates in ATTITUDE_TARGET are up to 8 ms newer than their stamp too (``mavdem.dataset.setpoints``).
+"""
 STEP_POINTS = 200
 """Number of time steps of a step response, and of frequencies of a frequency response: more than a chart shows."""
 RESPONSE_DRAWS = 300
@@ -290,7 +295,7 @@ def _measured(
     else:
         for piece in pieces:
             piece[0] = piece[1] + wrapped_angle(piece[0] - piece[1])
-    timing_error = _timing_error(sampling_rate, pieces)
+    timing_error = MAX_TIMING_ERROR_STEPS / sampling_rate
     spectra = welch_spectra_of_pieces(sampling_rate, pieces)
     if spectra is None:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
@@ -307,27 +312,6 @@ def _measured(
     if impulse_response is None:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
     return _described(signals.axis, loop, impulse_response, timing_error, spectra)
-
-
-def _timing_error(sampling_rate: float, pieces: Sequence[Array]) -> float:
-    """Returns the largest time by which a setpoint may be early or late, s, if it is interpolated linearly.
-
-    A jump between two messages may have been at the time of either, so that it is known to half of an interval. A
-    setpoint that moves smoothly is known better: the interpolation errs by as much as the slope changes between
-    messages, relative to the slope itself.
-
-    Args:
-        sampling_rate: rate of the samples, Hz.
-        pieces: setpoint, in the first row, and other signals of each piece (k, N).
-    """
-    slope_power = 0.0
-    curvature_power = 0.0
-    for piece in pieces:
-        slope = np.diff(piece[0])
-        slope_power += np.square(slope).sum()
-        curvature_power += np.square(np.diff(slope)).sum()
-    roughness = np.sqrt(curvature_power / max(slope_power, SMALLEST_POSITIVE))
-    return float(min(roughness, 1.0) / (2 * sampling_rate))
 
 
 def _with_angle_and_correction(
@@ -394,8 +378,8 @@ class _Responses(NamedTuple):
 def _responses(estimate: ImpulseResponse, timing_error: float, max_frequency: float) -> _Responses:
     """Computes step and frequency responses of an estimated impulse response, and of draws of its values.
 
-    A setpoint that jumps did so at an unknown time since the message before, and all that follows is earlier or later
-    by as much. So the steps of the draws are shifted by random times.
+    A setpoint moved at an unknown time since the message before, and all that follows is earlier or later by as much.
+    So the steps of the draws are shifted by random times.
 
     Args:
         estimate: the impulse response, with the covariance of its values.
