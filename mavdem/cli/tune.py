@@ -22,7 +22,6 @@ from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.loops.axis_loops import MARGIN_TARGETS
-from mavdem.loops.gain_design import Stage
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import tune_blocks
 from mavdem.report.pages.page import tune_page
@@ -32,7 +31,9 @@ PAGE_FILE = "tune.html"
 """Name of the page with the loops and the advised gains."""
 
 GAIN_FILES = tuple(
-    f"gains.stage{stage:d}.{ending}" for stage in Stage for ending in ("params", "param")
+    f"gains.{part}.{ending}"
+    for part in ("stage1", "stage2", "notch")
+    for ending in ("params", "param")
 )
 """Names of the files with the advised gains, for QGroundControl and for Mission Planner, by the stage of tuning."""
 

@@ -58,6 +58,7 @@ class Gains(Code):
     STEP_TOWARDS_MARGINS = "step_towards_margins"
     STEP_DOWN = "step_down"
     RATIO_UNUSUAL = "ratio_unusual"
+    ANGLE_FOLLOWS = "angle_follows"
     NO_GAINS_ADVISED = "no_gains_advised"
     GAINS_CHANGED = "gains_changed"
     MOTOR_AT_LIMIT = "motor_at_limit"

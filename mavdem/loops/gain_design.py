@@ -220,7 +220,7 @@ class GainSearch:
             design = self.angle_design()
         design = self._worthwhile(design)
         gains = self._one_step(stage, design)
-        return GainStep(stage, gains, design, self._flights(design), self._ratio_notes(gains))
+        return GainStep(stage, gains, design, self._flights(design), self._notes(stage, gains))
 
     def rate_design(self) -> Parameters:
         """Returns P, I and D of highest bandwidth with which the rate loop has its margins.
@@ -376,17 +376,20 @@ class GainSearch:
         # Three digits of a gain may make a change a little larger than a whole number of steps.
         return ceil(max(changes, default=0.0) / log(MAX_GAIN_STEP) - 0.02)
 
-    def _ratio_notes(self, gains: Parameters) -> Facts:
-        """Returns why ratios of the rate controller's new gains are unusual, as the autopilot's defaults go.
+    def _notes(self, stage: Stage, gains: Parameters) -> Facts:
+        """Returns what of new gains of the rate controller is unusual: ratios, and a lower gain of the angle.
 
         Args:
+            stage: which gains change.
             gains: gains to set, by the autopilot's name.
         """
         names = self.loop.controller.parameter_names
         logged = self.loop.controller.parameters
-        if names["p"] not in gains:
+        if stage is not Stage.RATE or not gains:
             return ()
         notes = []
+        if names["angle_gain"] in gains:
+            notes.append(Fact(Gains.ANGLE_FOLLOWS, name=names["angle_gain"]))
         usual_ratios = {"i": self.defaults.ratios.integral, "d": self.defaults.ratios.derivative}
         for field, usual in usual_ratios.items():
             name = names[field]

@@ -32,7 +32,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
     assert read_parameters(written) == gains
     assert written.read_text().count("\t9\n1\t1\t") == len(gains) - 1
     page = (out / "tune.html").read_text()
-    assert page.count('<figure class="chart"') == 6 and 'class="headline"' in page
+    assert page.count('<figure class="chart"') == 10 and 'class="headline"' in page
     assert "Stage 1 of 2, rate P, I and D" in page and roll["stage"] == 1
     assert run(*words) == 0
     assert [file.name for file in out.iterdir()] == ["tune.html"]  # no gains of the run before
@@ -81,7 +81,8 @@ def test_filters_are_written_with_the_gains_when_asked_for(tmp_path, capsys):
     settings = dict(found["notch"]["figures"]["settings"])
     assert settings["INS_HNTCH_ENABLE"] == 1 and settings.items() <= found["parameters"].items()
     assert 0 < found["notch"]["figures"]["phase_cost"] < 3
-    assert "INS_HNTCH_FREQ" in (out / "gains.stage1.params").read_text()
+    (written,) = out.glob("gains.*.params")
+    assert "INS_HNTCH_FREQ" in written.read_text()
     assert found["axes"]["roll"]["filters"]["notches"]
 
 

@@ -119,6 +119,14 @@ def test_an_attitude_loop_that_alone_lacks_margin_is_in_stage_2():
     assert advice.parameters["MC_ROLL_P"] == approx(25 / MAX_GAIN_STEP, rel=0.01)
 
 
+def test_the_angles_gain_falls_with_the_rate_gains_only_where_its_loop_would_lack_margin():
+    usual = advise(made_up(4.5))
+    assert "MC_ROLL_P" not in usual.parameters and not usual.notes
+    fast_angle = advise(made_up(4.5).with_parameters({"MC_ROLL_P": 20.0}))
+    assert fast_angle.parameters["MC_ROLL_P"] == approx(20 / MAX_GAIN_STEP, rel=0.01)
+    assert [note.code for note in fast_angle.notes] == [Gains.ANGLE_FOLLOWS]
+
+
 @mark.slow
 def test_gains_with_enough_margin_never_lose_a_fifth_of_their_bandwidth():
     loop = made_up(1.0)
@@ -138,7 +146,7 @@ def test_more_is_first_the_margins_at_all_effectivenesses():
 
 
 def test_an_unusual_ratio_of_the_log_is_named():
-    loop = made_up(2.5).with_parameters({"MC_ROLLRATE_D": 0.015})
+    loop = made_up(1.0).with_parameters({"MC_ROLLRATE_D": 0.015})
     advice = advise(loop)
     (note,) = advice.notes
     assert note.figures["name"] == "MC_ROLLRATE_D" and note.figures["logged_ratio"] == approx(5)

@@ -25,6 +25,8 @@ STAGE_REMARKS = {
     Stage.ANGLE: "Stage 2 of 2, angle P: load, hover one minute, fly ten doublets, mavdem tune",
 }
 """First line of the parameter files of each stage."""
+NOTCH_REMARK = "Notch filter, with the gains of the log"
+"""First line of the parameter files of a notch filter alone."""
 
 
 class Tuning(NamedTuple):
@@ -53,7 +55,8 @@ class Tuning(NamedTuple):
     def files(self, vehicle: Telemetry) -> dict[str, str]:
         """Returns the parameter files of ground stations, a pair for each stage in which an axis is.
 
-        The gains of a stage are loaded and flown before those of the next. The notch filter is in the first file.
+        The gains of a stage are loaded and flown before those of the next. A notch filter is in the first file, or in
+        one of its own where the gains are kept.
 
         Args:
             vehicle: the vehicle that they are for.
@@ -73,6 +76,9 @@ class Tuning(NamedTuple):
                 remaining_notch = {}
                 for ending, text in parameter_files(parameters, vehicle, remark).items():
                     texts[f".stage{stage:d}{ending}"] = text
+        if remaining_notch:
+            for ending, text in parameter_files(remaining_notch, vehicle, NOTCH_REMARK).items():
+                texts[f".notch{ending}"] = text
         return texts
 
 
@@ -145,7 +151,7 @@ def tuned(
     parameters = dict[str, float]()
     for advice in advice_on_loops:
         # A notch costs phase. Only for loops with new gains it is known that there is enough.
-        if advice.parameters:
+        if advice.gains:
             parameters |= {**advice.parameters, **notch_parameters}
     if parameters and _gains_come_next(headline):
         next_step = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
