@@ -252,7 +252,10 @@ def _reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: 
     warning = None
     for event in events:
         is_of_boot = event.figures.get("boot") == boot
-        is_near = event.time is not None and window[0] <= event.time <= window[1]
+        start = event.time or 0.0
+        # The radio is lost for seconds before the failsafe acts; other reports are of a moment.
+        end = (event.until or inf) if event.code is Reported.RADIO_LOST else start
+        is_near = start <= window[1] and end >= window[0]
         if not (is_of_boot and is_near):
             continue
         is_mere_alarm = event.code in BATTERY_ALARMS and not _reports_failsafe(event)
@@ -412,7 +415,8 @@ def _failure_by_commands(
     usual = usual_commands.mean(axis=0)
     change = commands_now.mean(axis=0) - usual
     if (change < -usual / 2).all():
-        return Fact(FailedFirst.ALL_OFF_FIRST, time=time[0])
+        is_off = (commands_now < usual / 2).all(axis=1)
+        return Fact(FailedFirst.ALL_OFF_FIRST, time=time[is_off][0] if is_off.any() else time[0])
 
     # While the attitude is lost the controller drives motors to their limits, so that the thrust before that counts.
     thrust_commands = commands_now if fall_direction is None else commands_before

@@ -2,10 +2,15 @@
 
 from math import inf
 
+import numpy as np
+
 from mavdem.assessment.axis.overrides import limited_motors
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.first_failure import SPENT_THRUST_SHARE
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.motor_speeds import REPORTS_OF_MOTOR
+from mavdem.dataset.quality import samples_at_limits
+from mavdem.dataset.segments import in_segments, settled_segments
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.learnability import MotorObstacle
@@ -15,6 +20,9 @@ from mavdem.motors.balance import MIN_STEADY_SECONDS
 from mavdem.motors.hover import HoverFigures
 from mavdem.motors.saturation import most_limited_motors
 from mavdem.motors.trim_pattern import trim_of_signals
+
+MAX_HOVER_COMMAND = 0.8
+"""Mean command in the hover, as a share of the range, up to which full throttle is no need of the hover; a choice."""
 
 MIN_HEADROOM = 0.1
 """Share of the motors' range to be left for gusts at the 99th percentile of the output; less is to be watched."""
@@ -58,7 +66,7 @@ def motors_light(evidence: Evidence) -> Fact:
     else:
         # In a shorter hover one manoeuvre could decide the share of the time at the limit.
         limited = limited_motors(hover)
-        if _has_full_throttle(evidence):
+        if _has_full_throttle(evidence) or _is_limited_together(evidence, hover):
             limited = None
         if limited is not None and hover.seconds >= MIN_STEADY_SECONDS:
             facts.append(limited.fact(MotorsLight.MOTOR_LIMITED))
@@ -78,6 +86,29 @@ def _has_full_throttle(evidence: Evidence) -> bool:
         if event.code is MotionEvent.HEIGHT_DIVERGED and event.is_bad:
             return True
     return False
+
+
+def _is_limited_together(evidence: Evidence, hover: HoverFigures) -> bool:
+    """Returns whether motors were at their limit mostly while all of them gave nearly full throttle.
+
+    A vehicle that hovers well below that was driven up for a moment: that says nothing about single motors. One that
+    hovers there lacks thrust all the time, and does not count.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        hover: outputs of its motors in the hover.
+    """
+    motors = evidence.signals.motors
+    if motors is None or np.mean(hover.trim_of_range) > MAX_HOVER_COMMAND:
+        return False
+    rows = in_segments(motors, *settled_segments(evidence.signals))
+    commands = motors.scale.fraction(motors.outputs[rows])
+    is_at_limit, _ = samples_at_limits(commands, motors.scale)
+    limited_rows = is_at_limit.any(axis=1)
+    if not limited_rows.any():
+        return False
+    mean_commands = commands[limited_rows].mean(axis=1)
+    return bool((mean_commands >= SPENT_THRUST_SHARE * motors.scale.stop).mean() > 0.5)
 
 
 def _motor_names(evidence: Evidence) -> tuple[str, ...]:
