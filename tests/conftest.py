@@ -83,13 +83,16 @@ def once(fit, folder):
         fit: function of arguments that can be pickled, without a side effect.
         folder: where results are kept for the other processes of this run.
     """
+    from mavdem.immutable import freeze
+
     results = {}
 
     def fitted(*arguments):
         key = sha256(pickle.dumps((fit.__qualname__, *arguments))).hexdigest()
         path = folder / key
         if key not in results and path.is_file():
-            results[key] = pickle.loads(path.read_bytes())
+            # Arrays that are read-only are written, but come back writeable.
+            results[key] = freeze(pickle.loads(path.read_bytes()))
         if key not in results:
             results[key] = fit(*arguments)
             # Another process finds no file, or a whole one.
