@@ -281,7 +281,7 @@ def surfaces(assessment, tuning, path):
         "tune": " ".join(texts(tune_blocks(tuning))),
         "tune, short": " ".join(texts(tune_blocks(tuning, is_full=False))),
         "tune's next step": tuning.judgement.next_step.advised,
-        "tune page": re.sub(r"<[^>]+>", " ", tune_page("flight", tuning)),
+        "tune page": re.sub(r"<[^>]+>", " ", tune_page("flight", tuning, assessment.evidence)),
         "tune document": str(complete_document("tune", tune_document("flight", "default", tuning))),
         "live": " ".join(fact.advised for fact in facts_of_tuning(tuning)),
         "files": " ".join(tuning.files(assessment.evidence.signals.telemetry).values()),
