@@ -40,7 +40,7 @@ class NoPhysical(Code):
     SIMULATION_FAR_OFF = "simulation_far_off"
     NO_SIMULATION_BAND = "no_simulation_band"
     WIND_TORQUE_NOT_RESOLVED = "wind_torque_not_resolved"
-    THRUST_LOST = "thrust_lost"
+    MOTOR_WEAK_THROUGHOUT = "motor_weak_throughout"
 
 
 class ModelCaution(Code):

@@ -199,7 +199,7 @@ def estimate_wind_torque(
     resolved = has_wind and errors.unscaled_variance < MAX_ERROR_SHARE * power
     reason = None
     if not has_wind:
-        reason = Fact(NoPhysical.THRUST_LOST)
+        reason = Fact(NoPhysical.MOTOR_WEAK_THROUGHOUT)
     elif not resolved:
         reason = Fact(
             NoPhysical.WIND_TORQUE_NOT_RESOLVED,

@@ -185,7 +185,7 @@ def test_what_a_weak_motor_lacks_is_no_wind():
     assert not [gust for gust in torque.gusts if 18.0 < gust.start < 42.0 or abs(gust.size) > 5.0]
     assert np.isfinite(torque.spectrum.density).all() and torque.resolved
     all_weak = estimate_wind_torque(known, record, [], [(0.0, 100.0)])
-    assert all_weak.reason.code is NoPhysical.THRUST_LOST and not all_weak.resolved
+    assert all_weak.reason.code is NoPhysical.MOTOR_WEAK_THROUGHOUT and not all_weak.resolved
 
 
 @mark.parametrize("seconds, is_step", [(1.6, True), (2.4, False)])
