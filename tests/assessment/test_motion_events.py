@@ -7,6 +7,7 @@ from hover import changed, columns, only, pulses, with_pulses
 from instrumented import (
     EVENT,
     STICK_CLOSED,
+    STICK_MIDDLE,
     driven,
     estimating,
     in_mode,
@@ -200,6 +201,24 @@ def test_a_failsafe_that_stops_the_motors_in_the_air_is_the_cause():
     assert cause.code is FailedFirst.FAILSAFE_FIRST
     assert cause.figures["cause"].code is Reported.RADIO_LOST
     assert ending.figures["height"] == approx(10.0, abs=1.5)
+
+
+def test_a_radio_that_was_lost_until_the_motors_stopped_is_the_reason():
+    made = changed(failsafe_in_the_air(), "STATUSTEXT", text=np.array(["Hello"]))
+    time = np.arange(0.0, 76.0, 0.1)
+    is_lost = (time > EVENT - 3.0) & (time < EVENT + 5.0)
+    pulse = np.where(is_lost, 900.0, STICK_MIDDLE)
+    made = changed(
+        made, "RC_CHANNELS", **columns(time, chan3_raw=pulse, rssi=np.where(is_lost, 0, 200))
+    )
+    lost = columns(time, onboard_control_sensors_health=np.where(is_lost, 0, 1 << 16))
+    known = dict.fromkeys(
+        ("onboard_control_sensors_present", "onboard_control_sensors_enabled"), 1 << 16
+    )
+    _, ending = judged(changed(made, "SYS_STATUS", **lost, **known))
+    cause = ending.figures["cause"]
+    assert cause.code is FailedFirst.FAILSAFE_FIRST
+    assert cause.figures["cause"].code is Reported.RADIO_LOST
 
 
 def test_a_throttle_that_the_pilot_closes_in_the_air_is_the_cause():
