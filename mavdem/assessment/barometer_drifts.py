@@ -1,6 +1,7 @@
 """Barometers that drift in flight: back on the ground they read another height than before, and satellites do not."""
 
 from collections.abc import Iterator
+from math import isfinite
 
 from mavdem.confidence import Interval
 from mavdem.facts import Fact
@@ -59,7 +60,7 @@ def barometer_drifts(scene: Scene, flight: Interval) -> Iterator[Fact]:
     yield Fact(
         MotionEvent.BAROMETER_DRIFTED,
         time=flight[0],
-        until=flight[1],
+        until=flight[1] if isfinite(flight[1]) else None,
         change=change,
         boot=scene.boot,
         witnesses=(

@@ -321,7 +321,8 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
             angular_frequency = 2 * np.pi * (cycle.frequency or np.inf)
             corner_frequencies = {
                 "angle_gain": controller.angle_gain,
-                "i": controller.i / controller.p,
+                # Without P, all of the response comes from the integral.
+                "i": controller.i / controller.p if controller.p else np.inf,
             }
             lagging_gains = [
                 gain

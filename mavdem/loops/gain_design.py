@@ -259,11 +259,15 @@ class GainSearch:
             design for design in designs if design.bandwidth >= NEARLY_AS_FAST * highest_bandwidth
         ]
         best = min(fast_designs, key=lambda design: design.lean)
+        closest_score = -inf
         for factor in best.factors:
             gains = self._rate_gains(factor, best.derivative_ratio)
-            if self.margin_score(self.all_models.with_parameters(gains).rate) >= 1:
+            score = self.margin_score(self.all_models.with_parameters(gains).rate)
+            if score > closest_score:
+                closest_gains, closest_score = gains, score
+            if score >= 1:
                 break
-        return gains
+        return closest_gains
 
     def angle_design(
         self, rate_gains: Parameters | None = None, largest: float = inf

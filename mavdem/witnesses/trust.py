@@ -76,10 +76,14 @@ class SensorTrust:
     @property
     def contradiction_seconds(self) -> float:
         """Time in which barometer and estimated climb contradict each other, s; under power, where that is known."""
-        contradictions = self.height.contradictions
-        if self.powered:
-            contradictions = intersection(contradictions, self.powered)
-        return float(sum(end - start for start, end in contradictions))
+        return float(sum(end - start for start, end in self._contradictions))
+
+    @property
+    def _contradictions(self) -> Intervals:
+        """When barometer and estimated climb contradict each other, s since boot; under power, where that is known."""
+        if not self.powered:
+            return self.height.contradictions
+        return intersection(self.height.contradictions, self.powered)
 
     @property
     def is_accelerometer_sound(self) -> bool | None:
@@ -137,11 +141,11 @@ class SensorTrust:
         """Returns whether the barometer is usable, and follows the estimated climb."""
         is_usable = self.is_barometer_usable
         is_sound = self.is_climb_estimate_sound
-        first = self.height.contradictions[0][0] if self.height.contradictions else None
+        first = self._contradictions[0][0] if is_sound is False else None
         return Fact(
             Trust.BAROMETER,
             _level(is_sound if is_usable else is_usable),
-            time=first if is_sound is False else None,
+            time=first,
             is_usable=is_usable,
             is_sound=is_sound,
             acceleration=self.height.barometer_noise,

@@ -18,6 +18,7 @@ from mavdem.loops.gain_design import (
     EFFECTIVENESS_FACTORS,
     MAX_ANGLE_GAIN,
     MAX_GAIN_STEP,
+    MIN_SCORE,
     GainSearch,
     Stage,
 )
@@ -177,6 +178,24 @@ def test_a_biased_effectiveness_gives_no_gains_but_a_step_down_where_margins_sur
         refused = advise(replace(lacking, plant=plant, cautions=doubts))
         assert refused.refusals == doubts and not refused.gains
     assert advise(replace(made_up(1.0), cautions=doubts)).sentence.code is Gains.KEEP_GAINS
+
+
+class SearchWithHopelessModels(GainSearch):
+    """A search of which some models that it has not sampled never have the margins, whatever the gains."""
+
+    def margin_score(self, open_loop):
+        """Returns the least score for all models, and the true one for those that were sampled."""
+        if len(open_loop.response) == len(self.all_models.effectiveness):
+            return MIN_SCORE
+        return super().margin_score(open_loop)
+
+
+@mark.slow
+def test_models_that_no_gains_help_do_not_lower_the_design():
+    loop = made_up()
+    target = MARGIN_TARGETS["default"]
+    design = SearchWithHopelessModels(loop, target).rate_design()
+    assert design["MC_ROLLRATE_P"] >= GainSearch(loop, target).rate_design()["MC_ROLLRATE_P"]
 
 
 @mark.slow

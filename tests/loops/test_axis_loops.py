@@ -17,6 +17,7 @@ from scipy.signal import lfilter
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.gains import autotune_fact
+from mavdem.assessment.axis.loop_decision import LoopDecision, LoopVerdict
 from mavdem.assessment.axis.tuning import tuned
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement
@@ -27,6 +28,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
+from mavdem.facts.margins import TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.noise import NotchAdvice
 from mavdem.ingest.mavlink.definitions import decoded_parameters
@@ -221,12 +223,12 @@ def test_the_controllers_response_is_that_of_its_program():
     assert_allclose(forward, notched * (back + 0.5 + 0.25 * slope), rtol=1e-12)
 
 
-def tuned_by(loops, **options):
-    """Of a vehicle with nothing else to say, with a notch."""
+def tuned_by(loops, decisions=None, **options):
+    """Of a vehicle with nothing else to say but these decisions on its loops, with a notch."""
     evidence = partial_record(Evidence, loops=loops, gain_reduction=None, reasons_not_to_fly=())
     notch = Fact(NotchAdvice.SET_NOTCH, settings=(("INS_HNTCH_FREQ", 80.0),))
     even = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
-    judgement = Judgement(even, even, {"motors": even})
+    judgement = Judgement(even, even, {"motors": even}, decisions or {})
     assessment = partial_record(
         Assessment,
         judgement=judgement,
@@ -235,6 +237,15 @@ def tuned_by(loops, **options):
         noise=MeasuredNoise({}, {}, notch),
     )
     return tuned(assessment, [*loops], is_written=False, **options)
+
+
+@mark.slow
+def test_an_axis_that_is_too_slow_gets_more_gain_with_a_notch_too():
+    sluggish = Fact(TrackingLight.RATE_FALLS_SHORT, Level.WATCH, axis="roll")
+    decision = LoopDecision("roll", LoopVerdict.FOLLOWS_BADLY, sluggish, is_too_slow=True)
+    tuning = tuned_by({"roll": made_up(0.4)}, decisions={"roll": decision}, filters=True)
+    assert tuning.parameters["MC_ROLLRATE_P"] > PX4["MC_ROLLRATE_P"]
+    assert tuning.notch_parameters
 
 
 def test_no_notch_is_set_where_the_effectiveness_is_biased():
@@ -312,6 +323,13 @@ def test_an_oscillating_vehicle_lowers_the_gains_that_act_at_its_frequency(frequ
     assert [*gain_reduction_advice(both, PX4).figures["changes"]] == 2 * lower
     unknown = gain_reduction_advice(oscillation, {})
     assert (unknown.code, unknown.figures["changes"]) == (Gains.LOWER_GAINS, ())
+
+
+def test_an_oscillating_axis_without_p_lowers_its_integral():
+    without_p = PX4 | {"MC_ROLLRATE_P": 0.0}
+    oscillation = Oscillation("roll", 23.0, 40.0, 0.9, False, 20.0)
+    changes = gain_reduction_advice(oscillation, without_p).figures["changes"]
+    assert [name for name, _, _ in changes] == ["MC_ROLLRATE_I"]
 
 
 @mark.parametrize(

@@ -93,6 +93,20 @@ def test_an_estimate_that_falls_beside_the_barometer_contradicts_it(speed, contr
         assert found[0] == approx((30.4, 33.6), abs=0.8)
 
 
+def test_a_contradiction_is_dated_to_its_beginning_under_power():
+    made = flight()
+    place = made.messages["LOCAL_POSITION_NED"]
+    before_take_off = place["time"] < 4.0
+    in_flight = (place["time"] > 30.0) & (place["time"] < 38.0)
+    runs_away = before_take_off | in_flight
+    made = changed(made, "LOCAL_POSITION_NED", vz=place["vz"] + 4.0 * runs_away)
+    sensors = trust(made)
+    assert sensors.height.contradictions[0][0] < 4.0
+    (check,) = [check for check in sensors.checks if check.code is Trust.BAROMETER]
+    assert check.level == "watch"
+    assert check.time == approx(30.4, abs=0.8)
+
+
 def test_a_height_that_ran_away_gives_way_to_the_barometer():
     made = flight()
     z = np.where(stamps(made, "LOCAL_POSITION_NED") > 30.0, 3000.0, -height(made))

@@ -128,13 +128,15 @@ def tuned(
             decision = decisions.get(axis)
             loop_doubts = vehicle_doubts if decision is None else decision.doubts
             is_too_slow = decision is not None and decision.is_too_slow
-            advice = advise(loop, margins, loop_doubts, more=more or is_too_slow)
+            asks_more = more or is_too_slow
+            advice = advise(loop, margins, loop_doubts, more=asks_more)
             if is_too_slow and not more and advice.stage is Stage.ANGLE:
                 # A higher angle gain only asks more of a rate loop that is too slow.
+                asks_more = False
                 advice = advise(loop, margins, loop_doubts)
             # Without refusals the gains are advised anew, for the loop with the notch in it.
             if notch_parameters and not advice.refusals:
-                advice = advise(loop.with_parameters(notch_parameters), margins, more=more)
+                advice = advise(loop.with_parameters(notch_parameters), margins, more=asks_more)
             advice_by_axis[axis] = advice
             advice_on_loops.append(advice)
             continue
