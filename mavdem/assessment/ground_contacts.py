@@ -37,6 +37,9 @@ SEARCH_SECONDS = 10.0
 HARD_IMPACT_SPEED = 3.0
 """Speed downward, m/s, from which on an upright vehicle hits the ground and does not land."""
 
+DESCENT_SECONDS = 3 * MAX_SETPOINT_DELAY
+"""Seconds before a contact over which the descent, and the closing of the throttle, are looked for; a choice."""
+
 CONTACT_SPEED_SECONDS = 0.25
 """Seconds before a contact in which the estimated speed is the one of the contact: at least two samples at 10 Hz. Full
 thrust brakes by at most 2.5 m/s in that time."""
@@ -83,6 +86,9 @@ It takes a mean of 10 m/s² upward beside the weight, more than autopilots use t
 
 IMPACT_SECONDS = 0.3
 """Duration, s, over which the decrease of the speed in an impact is measured."""
+
+ESTIMATE_SECONDS = 1.0
+"""Seconds around a contact in which the loss of the estimated speed belongs to that contact; a choice."""
 
 STICK_DELAY = 0.3
 """Seconds by which a stick may be logged later than the motion that it causes: receivers are logged at 3 to 10 Hz."""
@@ -138,42 +144,76 @@ class _Contact:
 
         1. The end of the search is when the vehicle rests; else the end of the record, if that is soon after the loss
            or the flight; else some seconds after the loss of attitude.
-        2. The moment of the contact is sought in the ``SEARCH_SECONDS`` before (:meth:`_time`).
-        3. At least ``MIN_SUPPORT`` independent witnesses must support that it was no landing.
+        2. The moment of the contact is sought in the ``SEARCH_SECONDS`` before (:meth:`_contact_time`).
+        3. At least ``MIN_SUPPORT`` independent witnesses must support that it was no landing. Where no accelerometer
+           could show a knock, an impact that the estimated speed shows is enough.
         """
         rest = self._rest()
         record_end = float(self.error.time[-1])
-        if rest is not None:
-            end = rest.time
-        elif self._ends_soon(record_end):
-            end = record_end
-        elif self.loss is not None and self.loss.time is not None:
-            # A vehicle that was lost may lie with its motors running. They shake it, so that it shows no rest.
-            end = min(record_end, self.loss.time + SEARCH_SECONDS - MAX_SETPOINT_DELAY)
-        else:
+        search_end = self._search_end(rest, record_end)
+        if search_end is None:
             return None
-        start = max(self.flight[0], end - SEARCH_SECONDS)
-        time = self._time(start, end)
+        search_start = max(self.flight[0], search_end - SEARCH_SECONDS)
+        time = self._contact_time(search_start, search_end)
         if time is None:
             return None
         witnesses = self._witnesses(time, rest)
-        if support_count(witnesses) < MIN_SUPPORT and not self._is_only_estimated(time):
+        has_support = support_count(witnesses) >= MIN_SUPPORT
+        if not has_support and not self._estimate_shows_impact(time):
             return None
-        # What followed is required, and counts as a witness only now.
-        if rest is not None:
-            witnesses = (*witnesses, rest.statements[0])
-        elif record_end - time < RECOVERY_SECONDS and self.loss is not None:
-            witnesses = (
-                *witnesses,
-                supporting_statement(Witness.LOG_ENDED, duration=record_end - time),
-            )
-        return self._fact(time, rest, witnesses)
+        # What followed the contact was a condition of the search already. It is no independent witness: it does not
+        # count towards ``MIN_SUPPORT`` and is only listed with the others.
+        witnesses = (*witnesses, *self._aftermath(time, rest, record_end))
+        return self._weighed_contact(time, rest, witnesses)
 
-    def _is_only_estimated(self, time: float) -> bool:
-        """Returns whether a contact rests on the estimated speed alone, since no accelerometer could show a knock."""
+    def _search_end(self, rest: Rest | None, record_end: float) -> float | None:
+        """Returns the end of the time in which the contact is sought, s since boot; None if the flight goes on.
+
+        Args:
+            rest: how the vehicle came to rest; None if it did not.
+            record_end: time of the last attitude of the boot, s since boot.
+        """
+        if rest is not None:
+            return rest.time
+        if self._ends_soon(record_end):
+            return record_end
+        if self.loss is not None and self.loss.time is not None:
+            # A vehicle that was lost may lie with its motors running. They shake it, so that it shows no rest.
+            return min(record_end, self.loss.time + SEARCH_SECONDS - MAX_SETPOINT_DELAY)
+        return None
+
+    def _aftermath(self, time: float, rest: Rest | None, record_end: float) -> Facts:
+        """Returns what followed a contact, as a witness: that the vehicle rested, or else that the log ended soon.
+
+        The end of the log counts only after a loss of attitude.
+
+        Args:
+            time: when the vehicle touched the ground, s since boot.
+            rest: how it came to rest; None if it did not.
+            record_end: time of the last attitude of the boot, s since boot.
+        """
+        if rest is not None:
+            rested = rest.statements[0]
+            return (rested,)
+        remaining_seconds = record_end - time
+        if remaining_seconds < RECOVERY_SECONDS and self.loss is not None:
+            return (supporting_statement(Witness.LOG_ENDED, duration=remaining_seconds),)
+        return ()
+
+    def _estimate_shows_impact(self, time: float) -> bool:
+        """Returns whether the estimated speed downward was lost at a contact that no accelerometer could show.
+
+        Such a contact needs no second witness: an accelerometer that is missing, or too slow to record a knock, cannot
+        be one.
+
+        Args:
+            time: when the vehicle touched the ground, s since boot.
+        """
         accelerometer = self.scene.accelerometer
-        is_slow = accelerometer is None or not accelerometer.shows_knocks
-        return is_slow and self._speed_lost_at_once((time - 1.0, time + 1.0)) is not None
+        if accelerometer is not None and accelerometer.shows_knocks:
+            return False
+        around = (time - ESTIMATE_SECONDS, time + ESTIMATE_SECONDS)
+        return self._time_of_sudden_stop(around) is not None
 
     def _rest(self) -> Rest | None:
         """Returns how the vehicle came to rest after its loss, or around the end of its flight; None if it did not.
@@ -195,7 +235,7 @@ class _Contact:
         since = self._flight_end() if self.loss is None else self.loss.time or 0.0
         return record_end - since < RECOVERY_SECONDS
 
-    def _time(self, start: float, end: float) -> float | None:
+    def _contact_time(self, start: float, end: float) -> float | None:
         """Returns when the vehicle touched the ground, s since boot; None if nothing shows it.
 
         The best sensor decides. That is the largest knock of the accelerometer, if it exceeds the vibration in flight;
@@ -217,7 +257,7 @@ class _Contact:
         low_loss = self._time_of_low_loss()
         if low_loss is not None:
             return low_loss
-        return self._speed_lost_at_once((start, end + RECOVERY_SECONDS))
+        return self._time_of_sudden_stop((start, end + RECOVERY_SECONDS))
 
     def _largest_contact_knock(self, start: float, end: float) -> Fact | None:
         """Returns the largest knock of an interval that can be a contact; None if none was felt.
@@ -252,8 +292,8 @@ class _Contact:
         before = accelerometer.peak((self.flight[0] + MAX_SETPOINT_DELAY, start))
         return before is None or bool(knock.figures["acceleration"] > before[1])
 
-    def _speed_lost_at_once(self, interval: Interval) -> float | None:
-        """Returns when the estimated speed downward was lost within a moment, s; None if it was not.
+    def _time_of_sudden_stop(self, interval: Interval) -> float | None:
+        """Returns when the estimated speed downward was lost within ``IMPACT_SECONDS``, s; None if it was not.
 
         A candidate is a sample from which on the speed downward decreases by more than ``IMPACT_SPEED_CHANGE`` within
         ``IMPACT_SECONDS``. The impact is at the largest decrease in one step after the first candidate.
@@ -291,22 +331,24 @@ class _Contact:
         for statement in (self.scene.knock(around), self.scene.fast_rotation(around)):
             if statement is not None:
                 statements.append(statement)
-        statements += self._sinking(time)
+        statements += self._descent_statements(time)
         if rest is not None and rest.angle is not None:
             statements.append(rest.statements[1])
         angle = self._largest_error(around)
         if self.loss is not None or angle > MAX_LANDING_LEAN:
             statements.append(supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle))
         for report in self.reports:
-            is_near = around[0] <= (report.time or 0.0) <= time + SEARCH_SECONDS
-            if report.code in REPORTS_OF_CRASH and report.figures["boot"] == self.scene.boot:
-                if is_near:
-                    statements.append(
-                        supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report)
-                    )
+            if self._is_crash_report(report, around[0], time + SEARCH_SECONDS):
+                statements.append(supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report))
         return tuple(statements)
 
-    def _sinking(self, time: float) -> Facts:
+    def _is_crash_report(self, report: Fact, start: float, end: float) -> bool:
+        """Returns whether the autopilot reported a crash of this boot between two times, s since boot."""
+        is_of_boot = report.figures["boot"] == self.scene.boot
+        is_in_time = start <= (report.time or 0.0) <= end
+        return report.code in REPORTS_OF_CRASH and is_of_boot and is_in_time
+
+    def _descent_statements(self, time: float) -> Facts:
         """Returns the fast descent before the contact, by each height sensor that shows it.
 
         The speed that all height sensors confirm must exceed ``MIN_SINK_RATE`` in the last seconds, so that an estimate
@@ -315,7 +357,7 @@ class _Contact:
         Args:
             time: when the vehicle touched the ground, s since boot.
         """
-        interval = (time - 3 * MAX_SETPOINT_DELAY, time)
+        interval = (time - DESCENT_SECONDS, time)
         speed = self.scene.sink_rate(interval)
         if speed is None or speed <= MIN_SINK_RATE:
             return ()
@@ -326,62 +368,96 @@ class _Contact:
         rows = in_intervals(self.error.time, [interval])
         return float(self.error.magnitude[rows].max(initial=0.0))
 
-    def _fact(self, time: float, rest: Rest | None, witnesses: Facts) -> Fact | None:
+    def _weighed_contact(self, time: float, rest: Rest | None, witnesses: Facts) -> Fact | None:
         """Returns the event of a contact, of the kind that height, speed, pose and stick show.
 
-        A vehicle has toppled if it lost its attitude or rests on its side. It tipped over at take-off if it never rose,
-        toppled in its landing if it was about to land, and else hit the ground. One that stayed upright hit the ground
-        if it was faster than ``HARD_IMPACT_SPEED``, and else landed hard.
+        A vehicle has toppled if it lost its attitude or rests on its side (:meth:`_kind_of_topple`). One that stayed
+        upright hit the ground if it was faster than ``HARD_IMPACT_SPEED``, and else landed hard.
 
         Args:
-            time: when the vehicle touched the ground, s since boot.
+            time: when the vehicle touched the ground, s since boot; the largest knock, if there was one.
             rest: how it came to rest; None if the log ended before.
             witnesses: what supports the contact, and what contradicts it.
 
         Returns:
             The event, weighed by its witnesses; None for a slow, upright vehicle without a knock, which has landed.
         """
-        latest = time
-        # A tumble has its largest knock later.
-        loss_time = None if self.loss is None else self.loss.time
-        if loss_time is not None and loss_time < time:
-            is_tumble = self._time_of_low_loss() is not None and time - loss_time < TUMBLE_SECONDS
-            if is_tumble or time - loss_time < MIN_FALL_SECONDS:
-                time = loss_time
-        contact = self._first_knock(time, latest)
-        speed = self.scene.sink_rate((contact - 3 * MAX_SETPOINT_DELAY, contact))
-        contact_speed = self._contact_speed(contact, speed)
-        earliest = time - 3 * MAX_SETPOINT_DELAY
-        closed = self.scene.throttle_closed((earliest, time + STICK_REACTION_SECONDS))
-        has_toppled = self.loss is not None or (rest is not None and rest.is_on_side)
-        has_knocked = any(fact.code is Witness.KNOCKED for fact in witnesses)
-        code = MotionEvent.HIT
-        if has_toppled:
-            if not has_risen_by(self.scene, self.flight, time):
-                code = MotionEvent.TIPPED
-            elif self._was_landing(time, rest, speed, closed):
-                code = MotionEvent.TOPPLED
-        elif (contact_speed or 0.0) <= HARD_IMPACT_SPEED:
-            if not has_knocked:
-                return None
+        onset = self._onset(time)
+        contact = self._first_knock(onset, time)
+        fall_speed = self.scene.sink_rate((contact - DESCENT_SECONDS, contact))
+        contact_speed = self._contact_speed(contact, fall_speed)
+        throttle_closing = self.scene.throttle_closed(
+            (onset - DESCENT_SECONDS, onset + STICK_REACTION_SECONDS)
+        )
+        if self.loss is not None or (rest is not None and rest.is_on_side):
+            code = self._kind_of_topple(onset, rest, fall_speed, throttle_closing)
+        elif (contact_speed or 0.0) > HARD_IMPACT_SPEED:
+            code = MotionEvent.HIT
+        elif any(fact.code is Witness.KNOCKED for fact in witnesses):
             code = MotionEvent.LANDED_HARD
-        if closed is not None and code is MotionEvent.TOPPLED:
-            witnesses = (*witnesses, closed)
+        else:
+            return None
+        if code is MotionEvent.TOPPLED and throttle_closing is not None:
+            witnesses = (*witnesses, throttle_closing)
         is_hit = code is MotionEvent.HIT
-        height = self._height_of_contact(contact if is_hit else time)
+        event_time = contact if is_hit else onset
+        height = self._height_of_contact(event_time)
         event = Fact(
             code,
-            time=contact if is_hit else time,
-            angle=self._largest_error((time - MAX_SETPOINT_DELAY, time + RECOVERY_SECONDS)),
+            time=event_time,
+            angle=self._largest_error((onset - MAX_SETPOINT_DELAY, onset + RECOVERY_SECONDS)),
             height=height,
             speed=contact_speed,
             boot=self.scene.boot,
         )
-        if is_hit and time < contact:
-            event = event.but(onset=time)
+        if is_hit and onset < contact:
+            event = event.but(onset=onset)
         if is_hit and self._is_near_rest(height, rest):
             event = event.but(is_ground=True)
         return weighed_event(event, witnesses)
+
+    def _onset(self, time: float) -> float:
+        """Returns when a contact began, s: the loss of attitude, if that was part of the contact; else its time.
+
+        The largest knock of a tumble comes after its first contact, so that a loss near the ground counts for
+        ``TUMBLE_SECONDS``. Elsewhere a loss belongs to the contact if it came less than ``MIN_FALL_SECONDS`` before: a
+        vehicle that is lost high in the air takes longer to fall.
+
+        Args:
+            time: when the vehicle touched the ground, s since boot.
+        """
+        loss_time = None if self.loss is None else self.loss.time
+        if loss_time is None or loss_time >= time:
+            return time
+        is_low = self._time_of_low_loss() is not None
+        is_tumble = is_low and time - loss_time < TUMBLE_SECONDS
+        if is_tumble or time - loss_time < MIN_FALL_SECONDS:
+            return loss_time
+        return time
+
+    def _kind_of_topple(
+        self,
+        onset: float,
+        rest: Rest | None,
+        fall_speed: float | None,
+        throttle_closing: Fact | None,
+    ) -> MotionEvent:
+        """Returns the kind of the contact of a vehicle that lost its attitude or rests on its side.
+
+        It tipped over at take-off if it never rose, toppled in its landing if it was about to land, and else hit the
+        ground.
+
+        Args:
+            onset: when the contact began, s since boot.
+            rest: how the vehicle came to rest; None if the log ended before.
+            fall_speed: largest speed downward just before, m/s; None if it is not known.
+            throttle_closing: that the pilot closed the throttle around the contact; None if nothing shows it.
+        """
+        if not has_risen_by(self.scene, self.flight, onset):
+            return MotionEvent.TIPPED
+        if self._was_landing(onset, rest, fall_speed, throttle_closing):
+            return MotionEvent.TOPPLED
+        return MotionEvent.HIT
 
     def _contact_speed(self, contact: float, fall_speed: float | None) -> float | None:
         """Returns the speed downward with which the vehicle touched the ground, m/s; None if it is not known.
@@ -410,17 +486,24 @@ class _Contact:
         accelerometer = self.scene.accelerometer
         if accelerometer is None or start >= latest:
             return latest
-        size = accelerometer.knock_size
-        before = accelerometer.peak((self.flight[0] + MAX_SETPOINT_DELAY, start - KNOCK_SECONDS))
-        if before is not None:
-            size = max(size, before[1])
-        is_knock = (accelerometer.magnitude >= size) & (accelerometer.time <= latest)
-        rows = np.flatnonzero(is_knock & (accelerometer.time >= start - KNOCK_SECONDS))
+        # A knock with its peak at the loss of attitude begins up to ``KNOCK_SECONDS`` earlier.
+        search_start = start - KNOCK_SECONDS
+        min_knock = accelerometer.knock_size
+        vibration = accelerometer.peak((self.flight[0] + MAX_SETPOINT_DELAY, search_start))
+        if vibration is not None:
+            _, largest_vibration = vibration
+            min_knock = max(min_knock, largest_vibration)
+        is_knock = accelerometer.magnitude >= min_knock
+        is_in_search = (accelerometer.time >= search_start) & (accelerometer.time <= latest)
+        rows = np.flatnonzero(is_knock & is_in_search)
         if not len(rows):
             return latest
-        first = float(accelerometer.time[rows[0]])
-        peak = accelerometer.peak((first, min(first + KNOCK_SECONDS, latest)))
-        return first if peak is None else peak[0]
+        knock_start = float(accelerometer.time[rows[0]])
+        peak = accelerometer.peak((knock_start, min(knock_start + KNOCK_SECONDS, latest)))
+        if peak is None:
+            return knock_start
+        peak_time, _ = peak
+        return peak_time
 
     def _height_of_contact(self, time: float) -> float | None:
         """Returns the height above the take-off at a contact, m, by a source that can be trusted; None without any.
@@ -434,9 +517,13 @@ class _Contact:
         return float(height.values[rows].min()) if rows.any() else self.scene.height_at(time)
 
     def _is_near_rest(self, height: float | None, rest: Rest | None) -> bool:
-        """Returns whether a height of a contact, m, is that of the resting place, and that is near the take-off's.
+        """Returns whether a contact was with the ground: its height is that of the resting place and of the take-off.
 
-        The ground is not level, and heights drift in flight: what was hit there was the ground.
+        Heights agree within ``LANDING_STEP``: the ground is not level, and heights drift in flight.
+
+        Args:
+            height: of the contact above the take-off, m; None if it is not known.
+            rest: how the vehicle came to rest; None if the log ended before.
         """
         resting_height = None if rest is None else self.scene.height_at(rest.time)
         if height is None or resting_height is None:
@@ -444,7 +531,11 @@ class _Contact:
         return resting_height <= LANDING_STEP and height - resting_height <= LANDING_STEP
 
     def _was_landing(
-        self, time: float, rest: Rest | None, speed: float | None, closed: Fact | None
+        self,
+        time: float,
+        rest: Rest | None,
+        fall_speed: float | None,
+        throttle_closing: Fact | None,
     ) -> bool:
         """Returns whether a vehicle that toppled was about to land: low, slow, level, and not asked to climb.
 
@@ -454,33 +545,37 @@ class _Contact:
         Args:
             time: when it touched the ground, s since boot.
             rest: how it came to rest; None if the log ended before.
-            speed: largest speed downward just before, m/s; None if it is not known.
-            closed: that the pilot closed the throttle around the contact; None if nothing shows it.
+            fall_speed: largest speed downward just before, m/s; None if it is not known.
+            throttle_closing: that the pilot closed the throttle around the contact; None if nothing shows it.
         """
+        max_speed, max_height = HARD_IMPACT_SPEED, TOPPLE_HEIGHT
+        if throttle_closing is not None and (throttle_closing.time or 0.0) <= time + STICK_DELAY:
+            max_speed, max_height = HARD_IMPACT_SPEED_CLOSED, TOPPLE_HEIGHT_CLOSED
         before = time - MAX_SETPOINT_DELAY
         height = self.scene.height_at(before)
-        is_dropped = closed is not None and (closed.time or 0.0) <= time + STICK_DELAY
-        fastest = HARD_IMPACT_SPEED_CLOSED if is_dropped else HARD_IMPACT_SPEED
-        if height is None or (speed or 0.0) > fastest:
+        if height is None or (fall_speed or 0.0) > max_speed:
             return False
         resting_height = None if rest is None else self.scene.height_at(rest.time)
         if resting_height is not None:
             if resting_height > LANDING_STEP:
                 return False
+            # The lower of both heights counts: above the take-off, or above the place where it came to rest.
             height = min(height, height - resting_height)
-        if height > (TOPPLE_HEIGHT_CLOSED if is_dropped else TOPPLE_HEIGHT):
+        if height > max_height or self._leans(before) or self._asks_for_climb((before, time)):
             return False
-        if self._leans(before) or self._asks_for_climb((before, time)):
-            return False
-        return closed is not None or self._is_descending(time)
+        return throttle_closing is not None or self._is_descending(time)
 
     def _is_descending(self, time: float) -> bool:
-        """Returns whether the vehicle came down by ``LANDING_DESCENT`` or more just before a time, s."""
-        before, now = (
-            self.scene.height_at(time - 3 * MAX_SETPOINT_DELAY),
-            self.scene.height_at(time),
-        )
-        return before is not None and now is not None and before - now > LANDING_DESCENT
+        """Returns whether the vehicle lost more than ``LANDING_DESCENT`` of height in the ``DESCENT_SECONDS`` before.
+
+        Args:
+            time: end of the descent, s since boot.
+        """
+        height_before = self.scene.height_at(time - DESCENT_SECONDS)
+        height = self.scene.height_at(time)
+        if height_before is None or height is None:
+            return False
+        return height_before - height > LANDING_DESCENT
 
     def _leans(self, time: float) -> bool:
         """Returns whether roll or pitch was large at a time, whatever the setpoint was."""

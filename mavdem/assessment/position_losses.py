@@ -19,11 +19,12 @@ from mavdem.witnesses.statements import supporting_statement
 MIN_LOST_SECONDS = 5.0
 """Seconds without a position from which on that is an event: autopilots bridge shorter gaps by inertia."""
 
-MIN_HELD_SECONDS = 5.0
-"""Seconds in flight with a position before it, in all, so that a vehicle that never has one loses none."""
+MIN_SECONDS_WITH_POSITION = 5.0
+"""Seconds of the flight, in all, with a position before a loss: a vehicle that never had one cannot lose it. A choice.
+"""
 
-BLIND_MODES = frozenset({"Land", "Descend", "Alt hold", "Altitude"})
-"""Modes to which autopilots change without a position."""
+MODES_WITHOUT_POSITION = frozenset({"Land", "Descend", "Alt hold", "Altitude"})
+"""Modes that need no position, to which autopilots change when they have lost it."""
 
 FAILSAFE_REPORTS = (Reported.FAILSAFE, Reported.ESTIMATOR_DIVERGED)
 """Reports of the autopilot that support a lost position."""
@@ -48,19 +49,7 @@ def position_losses(scene: Scene, flight: Interval, reports: Sequence[Fact] = ()
     has_position = fix if validity is None else validity
     if has_position is None:
         return
-    inside = has_position.select(in_intervals(has_position.time, [flight]))
-    if not len(inside.time):
-        return
-    first, last = float(inside.time[0]), float(inside.time[-1])
-    # Flags may flicker before a loss, so that the time with a position counts and not its last stretch.
-    held_seconds = 0.0
-    former_end = first
-    for start, end in true_intervals(inside.time, inside.values == 0):
-        start, end = max(start, first), min(end, last)
-        held_seconds += start - former_end
-        former_end = end
-        if held_seconds < MIN_HELD_SECONDS or end - start < MIN_LOST_SECONDS:
-            continue
+    for start, end in _long_losses(has_position, flight):
         reactions = _reactions(scene, (start, end), reports)
         level = Level.BAD if reactions else Level.WATCH
         invalid: Facts = ()
@@ -77,15 +66,41 @@ def position_losses(scene: Scene, flight: Interval, reports: Sequence[Fact] = ()
         )
 
 
+def _long_losses(has_position: TimeSeries, flight: Interval) -> Iterator[Interval]:
+    """Yields the intervals of a flight, s since boot, in which a position that had been there was missing for long.
+
+    Args:
+        has_position: whether there was a position (N,), 1 or 0.
+        flight: start and end of the flight, s since boot.
+    """
+    in_flight = has_position.select(in_intervals(has_position.time, [flight]))
+    if not len(in_flight.time):
+        return
+    first, last = float(in_flight.time[0]), float(in_flight.time[-1])
+    # Flags may flicker before a loss. So all the time with a position counts, and not only the part just before.
+    seconds_with_position = 0.0
+    former_end = first
+    for start, end in true_intervals(in_flight.time, in_flight.values == 0):
+        start, end = max(start, first), min(end, last)
+        seconds_with_position += start - former_end
+        former_end = end
+        had_position = seconds_with_position >= MIN_SECONDS_WITH_POSITION
+        if had_position and end - start >= MIN_LOST_SECONDS:
+            yield start, end
+
+
 def _reactions(scene: Scene, interval: Interval, reports: Sequence[Fact]) -> Facts:
-    """Returns what the autopilot did about a lost position: failsafes, and modes that need none.
+    """Returns what the autopilot did about a lost position: failsafes, and changes to modes that need no position.
 
     Args:
         scene: sensors of the boot.
-        interval: without a position, s since boot.
+        interval: start and end of the time without a position, s since boot.
         reports: events that the autopilot reports.
+
+    Returns:
+        One statement for each failsafe and each change of the mode.
     """
-    # The estimator may report the loss later than the autopilot answers it.
+    # The estimator may report the loss later than the autopilot reacts to it.
     start, end = interval[0] - REACTION_SECONDS, interval[1]
     statements = []
     for report in reports:
@@ -93,7 +108,7 @@ def _reactions(scene: Scene, interval: Interval, reports: Sequence[Fact]) -> Fac
         if is_of_boot and _is_reaction(report) and start <= (report.time or 0.0) <= end:
             statements.append(supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report))
     for time, name in scene.signals.mode_changes(scene.boot):
-        if start <= time <= end and name in BLIND_MODES:
+        if start <= time <= end and name in MODES_WITHOUT_POSITION:
             statements.append(supporting_statement(Witness.MODE_CHANGED, name=name, time=time))
     return tuple(statements)
 
@@ -101,8 +116,8 @@ def _reactions(scene: Scene, interval: Interval, reports: Sequence[Fact]) -> Fac
 def _is_reaction(report: Fact) -> bool:
     """Returns whether a report says that the autopilot acted on a lost position.
 
-    That GPS had no fix is such a report only in the words of the autopilot. By the receiver's messages it is what
-    ``NO_FIX`` states.
+    ``GPS_LOST`` is such a report only where the autopilot itself sent it, as an error code or a text. Where it was
+    concluded from the receiver's messages, it is no second witness beside ``NO_FIX``, which states the same.
     """
     if report.code is Reported.GPS_LOST:
         return "error_code" in report.figures or "text" in report.figures

@@ -22,7 +22,7 @@ from mavdem.dataset.phases import (
     MAX_REPORT_INTERVAL,
     TRANSIENT_SECONDS,
 )
-from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
+from mavdem.dataset.signals import CLIMB_RATE_FIELDS
 from mavdem.dataset.time_series import TimeSeries, recorded_series
 from mavdem.facts import Fact
 from mavdem.facts.session import Session
@@ -32,6 +32,10 @@ from mavdem.live.live_signals import LiveSignals
 from mavdem.live.recent_messages import RecentMessages
 
 LANDED_STATE_MESSAGE = "EXTENDED_SYS_STATE"
+"""The message in which an autopilot reports whether the vehicle is on the ground, takes off, flies or lands."""
+
+UNDEFINED_LANDED_STATE = 0
+"""MAV_LANDED_STATE_UNDEFINED: the autopilot sends the message, but does not know the state."""
 
 PHASE_MESSAGES = ("HEARTBEAT", LANDED_STATE_MESSAGE, *CLIMB_RATE_FIELDS)
 """The messages that show the phase, besides those of the motors."""
@@ -57,10 +61,11 @@ class FlightPhase:
         self._recent = recent
         # Whether any message shows whether the vehicle flies.
         self._is_known = False
-        # Times of the boot clock, s: of the take-off, of the latest review, and until when a landed state counts.
+        # Times of the boot clock, s: of the take-off, of the latest review, and until when the latest report of the
+        # landed state counts; minus infinity where none does.
         self._takeoff_time = -inf
         self._review_time = -inf
-        self._report_end = -inf
+        self._landed_state_end = -inf
         # Since when the flight is settled, s; None while it is not.
         self._settled_start: float | None = None
         # Since when the vehicle flies freely on its way up, s; infinite before it climbs.
@@ -112,7 +117,11 @@ class FlightPhase:
             collective: mean of the motors in the last seconds, as a share of their range; None where it is unknown.
         """
         boot = self._recent.boot
-        signals = self._signals(now, vehicle, collective)
+        telemetry = self._recent_telemetry(now, vehicle)
+        reports = recorded_series(telemetry, LANDED_STATE_MESSAGE, "landed_state")
+        self._landed_state_end = _end_of_validity(reports, now)
+        landed_state = _repeated_until(now, reports)
+        signals = LiveSignals(telemetry, collective=collective, landed_state=landed_state)
         armed = phases.armed_intervals(signals, boot)
         airborne = phases.airborne_intervals(signals, boot)
         self.is_flying = _interval_at(now, airborne) is not None
@@ -126,10 +135,7 @@ class FlightPhase:
         # The flight of the last review has ended, also where another has begun since.
         if self.is_in_air and (flight is None or flight[0] > self._review_time):
             earlier_ends = [end for _, end in flights if end < now]
-            self._withdraw_landing(max(earlier_ends, default=now))
-            self.is_in_air = False
-            self._settled_start = None
-            self._free_climb_start = inf
+            self._end_flight(max(earlier_ends, default=now))
         climb_rate = signals.climb_rate
         if flight is not None:
             # The take-off is dated once the mean collective around it is known; later it is out of sight.
@@ -141,32 +147,23 @@ class FlightPhase:
         self._update_free_climb_start(now, climb_rate)
         self._review_time = now
 
-    def _signals(self, now: float, vehicle: Telemetry, collective: TimeSeries | None) -> Signals:
-        """The signals that the rules for logs take, from the messages of the last seconds.
+    def _end_flight(self, touchdown_time: float) -> None:
+        """Ends the flight at a touch-down, s of the boot clock, and withdraws its last seconds."""
+        self._withdraw_landing(touchdown_time)
+        self.is_in_air = False
+        self._settled_start = None
+        self._free_climb_start = inf
 
-        The rules see a state only between two reports. Here the last report is repeated at ``now``, so that the state
-        holds until now, unless it is older than ``MAX_REPORT_INTERVAL``. ``_report_end`` becomes the time until which a
-        report counts, or minus infinity where none does.
+    def _recent_telemetry(self, now: float, vehicle: Telemetry) -> Telemetry:
+        """Returns the vehicle with the last seconds of the messages that show the phase, in the form that a log has.
 
         Args:
             now: s of the boot clock.
             vehicle: identity and parameters.
-            collective: mean of the motors, as a share of their range; None where it is unknown.
         """
-        # Two intervals, so that at least one report is found wherever they come at all.
+        # Two intervals, so that at least one report is there wherever they come at all.
         columns = self._recent.columns(PHASE_MESSAGES, now - 2 * MAX_REPORT_INTERVAL)
-        telemetry = replace(vehicle, messages=columns)
-        landed_state = recorded_series(telemetry, LANDED_STATE_MESSAGE, "landed_state")
-        self._report_end = -inf
-        if landed_state is not None and now <= landed_state.time[-1] + MAX_REPORT_INTERVAL:
-            last_state = landed_state.values[-1]
-            # 0 is MAV_LANDED_STATE_UNDEFINED.
-            if last_state:
-                self._report_end = landed_state.time[-1] + MAX_REPORT_INTERVAL
-            time = np.append(landed_state.time, now)
-            boots = np.full(len(time), self._recent.boot)
-            landed_state = TimeSeries(time, boots, np.append(landed_state.values, last_state))
-        return LiveSignals(telemetry, collective=collective, landed_state=landed_state)
+        return replace(vehicle, messages=columns)
 
     def _update_settled_start(self, now: float, climb_rate: TimeSeries | None) -> None:
         """Decides since when the flight is settled: since the climb-out, or since a descent that may be a landing.
@@ -189,8 +186,8 @@ class FlightPhase:
         elif climb_rate is not None:
             is_sinking = phases.moving_average(climb_rate) <= -MAX_LEVEL_FLIGHT_SPEED
             # Only what the last review could not judge yet, and what no report of the landed state covers.
-            new_start = max(self._review_time - AVERAGING_DELAY, self._report_end)
-            is_new = (climb_rate.time > new_start) & (climb_rate.time <= averaged_end)
+            unjudged_start = max(self._review_time - AVERAGING_DELAY, self._landed_state_end)
+            is_new = (climb_rate.time > unjudged_start) & (climb_rate.time <= averaged_end)
             sinking_times = climb_rate.time[is_sinking & is_new]
             if len(sinking_times):
                 settled_again = float(sinking_times[-1]) + TRANSIENT_SECONDS
@@ -210,8 +207,8 @@ class FlightPhase:
             self._free_climb_start = inf
             return
         # The centred mean is known up to ``AVERAGING_DELAY`` ago; what earlier reviews have judged is left out.
-        new_start = max(self._review_time, now - MAX_REPORT_INTERVAL) - AVERAGING_DELAY
-        is_new = (climb_rate.time > new_start) & (climb_rate.time <= now - AVERAGING_DELAY)
+        unjudged_start = max(self._review_time, now - MAX_REPORT_INTERVAL) - AVERAGING_DELAY
+        is_new = (climb_rate.time > unjudged_start) & (climb_rate.time <= now - AVERAGING_DELAY)
         speed = phases.moving_average(climb_rate)[is_new]
         climbing_times = climb_rate.time[is_new][speed >= MAX_LEVEL_FLIGHT_SPEED]
         if np.any(speed <= -MAX_LEVEL_FLIGHT_SPEED):
@@ -241,3 +238,47 @@ def _interval_at(time: float, intervals: Intervals) -> Interval | None:
         if start < time <= end:
             return start, end
     return None
+
+
+def _is_recent(landed_state: TimeSeries, now: float) -> bool:
+    """Returns whether the latest report of the landed state is no older than ``MAX_REPORT_INTERVAL`` at ``now``, s."""
+    return bool(now <= landed_state.time[-1] + MAX_REPORT_INTERVAL)
+
+
+def _end_of_validity(landed_state: TimeSeries | None, now: float) -> float:
+    """Returns until when the latest report of the landed state counts, s of the boot clock.
+
+    Args:
+        landed_state: the reports of the last seconds; None where none came.
+        now: s of the boot clock.
+
+    Returns:
+        ``MAX_REPORT_INTERVAL`` after the report; minus infinity if that has passed, or the report says "undefined".
+    """
+    if landed_state is None or not _is_recent(landed_state, now):
+        return -inf
+    if landed_state.values[-1] == UNDEFINED_LANDED_STATE:
+        return -inf
+    return float(landed_state.time[-1]) + MAX_REPORT_INTERVAL
+
+
+def _repeated_until(now: float, landed_state: TimeSeries | None) -> TimeSeries | None:
+    """Returns the landed state with its latest report repeated at the present time.
+
+    The rules for logs know a state only between two reports. In a log the next report follows; in a live stream it has
+    not come yet, and without the repetition the present state would be unknown.
+
+    Args:
+        now: s of the boot clock.
+        landed_state: the reports of the last seconds; None where none came.
+
+    Returns:
+        The reports as they are if the latest one is older than ``MAX_REPORT_INTERVAL``.
+    """
+    if landed_state is None or not _is_recent(landed_state, now):
+        return landed_state
+    return TimeSeries(
+        np.append(landed_state.time, now),
+        np.append(landed_state.boot, landed_state.boot[-1]),
+        np.append(landed_state.values, landed_state.values[-1]),
+    )
