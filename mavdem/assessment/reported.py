@@ -452,9 +452,12 @@ def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
 
     fix = position_fix(signals)
     if fix is not None:
-        # A fix can be lost only after there was one.
         has_fix = fix.values > 0
-        is_lost = np.logical_or.accumulate(has_fix) & ~has_fix
+        is_lost = np.zeros(len(has_fix), dtype=np.bool_)
+        for boot in np.unique(fix.boot):
+            # A fix can be lost only after there was one in the same boot: a receiver needs time after a restart.
+            rows = fix.boot == boot
+            is_lost[rows] = np.logical_or.accumulate(has_fix[rows]) & ~has_fix[rows]
         columns = {"time": fix.time, "boot": fix.boot}
         yield FaultSignal("GPS_RAW_INT", is_lost, Reported.GPS_LOST, columns=columns)
 

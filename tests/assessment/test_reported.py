@@ -177,6 +177,17 @@ def test_what_is_lost_or_low_while_armed_has_its_span(message):
     assert not events(changed(FLOWN, message, **on_ground), code)
 
 
+def test_a_fix_that_a_boot_has_not_had_yet_is_not_lost():
+    # The boot of the flight has no fix at first. Another boot, before it, had one.
+    fix_types = np.where(TIMES < 24.0, 1, 3)
+    receiver = columns(
+        np.concatenate([TIMES, TIMES]),
+        boot=np.repeat([-1, 0], len(TIMES)),
+        fix_type=np.concatenate([0 * TIMES + 3, fix_types]),
+    )
+    assert not events(changed(FLOWN, "GPS_RAW_INT", **receiver), Reported.GPS_LOST)
+
+
 def test_a_fix_is_not_lost_while_the_second_receiver_has_one():
     first = columns(TIMES, fix_type=np.where(LOST, 1, 3))
     telemetry = changed(FLOWN, "GPS_RAW_INT", **first)

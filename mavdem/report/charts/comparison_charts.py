@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.confidence import Interval
+from mavdem.dataset.intervals import intersection
 from mavdem.dataset.phases import airborne_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
@@ -22,15 +23,20 @@ class FlightInterval(NamedTuple):
     """Number of the boot."""
 
     interval: Interval
-    """Take-off and landing, s on the clock of that boot."""
+    """Take-off and landing, or the ends of the record, s on the clock of that boot."""
 
 
 def longest_flight(signals: Signals) -> FlightInterval | None:
-    """Returns the longest time off the ground in a log; None if the vehicle never flew."""
+    """Returns the longest time off the ground in a log; None if the vehicle never flew.
+
+    A flight that began before the record counts from the first attitude on, one that it does not end until the last.
+    """
     flights = []
     for attitude in signals.attitudes[:1]:
         for boot in np.unique(attitude.boot).tolist():
-            for interval in airborne_intervals(signals, boot):
+            times = attitude.time[attitude.boot == boot]
+            recorded = [(float(times[0]), float(times[-1]))]
+            for interval in intersection(airborne_intervals(signals, boot), recorded):
                 flights.append(FlightInterval(boot, interval))
     return max(flights, key=lambda flight: float(np.ptp(flight.interval)), default=None)
 
