@@ -347,18 +347,25 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         for time, command, heading in settled_samples:
             detector.update(time, command, heading)
         changes = lasting_changes(detector.alarms)
-        alarms += changes + _gradual_losses(motors, commands, settled, changes)
+        # A vehicle that does not reach its attitude may miss it for any reason: its motors' balance names no motor.
+        tracked = commands.select(np.isfinite(headings))
+        alarms += changes + _gradual_losses(motors, tracked, boot, settled, changes)
     return tuple(alarms)
 
 
 def _gradual_losses(
-    motors: MotorOutputs, commands: TimeSeries, settled: Intervals, changes: Sequence[MotorAlarm]
+    motors: MotorOutputs,
+    commands: TimeSeries,
+    boot: int,
+    settled: Intervals,
+    changes: Sequence[MotorAlarm],
 ) -> list[MotorAlarm]:
     """Returns the motors that lost thrust slowly, in runs of settled flight without another change.
 
     Args:
         motors: the k motors.
-        commands: (N, k) their outputs in one boot, as shares of the range.
+        commands: (N, k) their outputs while the attitude follows its setpoint, as shares of the range.
+        boot: number of the boot.
         settled: intervals of settled flight, s since boot.
         changes: changes of the boot that were found already.
     """
@@ -367,9 +374,7 @@ def _gradual_losses(
         if any(start <= change.time <= end and change.motor is not None for change in changes):
             continue
         rows = in_intervals(commands.time, [(start, end)])
-        loss = gradual_loss(
-            commands.time[rows], commands.values[rows], motors.geometry, int(commands.boot[0])
-        )
+        loss = gradual_loss(commands.time[rows], commands.values[rows], motors.geometry, boot)
         if loss is not None:
             losses.append(loss)
     return losses
