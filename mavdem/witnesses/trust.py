@@ -155,7 +155,10 @@ class SensorTrust:
         )
 
     def _accelerometer_check(self) -> Fact:
-        """Returns whether the accelerometer that counts measures gravity at rest, with the others that do not."""
+        """Returns whether the accelerometer that counts measures gravity at rest, with the others that do not.
+
+        Others are named unless the parameters exclude them: whether they are spare is not known from every log.
+        """
         accelerometer = self.accelerometer
         wrong = tuple(
             other.name

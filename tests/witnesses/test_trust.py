@@ -7,6 +7,7 @@ from hover import Hover, asking, changed, columns, with_pulses
 from pytest import approx, mark
 
 from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact, Level
 from mavdem.facts.trust import Trust
 from mavdem.facts.witnesses import Witness
 from mavdem.report.trust import trust_table
@@ -218,6 +219,12 @@ def test_the_checks_of_a_sound_flight_answer_yes_or_that_too_little_was_asked():
     assert levels[Trust.BAROMETER] == levels[Trust.ACCELEROMETER] == levels[Trust.FLIGHT] == "good"
     assert all(check.sentence for check in sound.checks)
     assert [row[1] for row in trust_table([sound]).rows][:3] == ["yes", "yes", "yes"]
+
+
+def test_an_accelerometer_that_may_be_in_use_is_not_called_spare():
+    figures = {"name": "IMU 1", "acceleration": 9.8, "names": ("IMU 2",)}
+    check = Fact(Trust.ACCELEROMETER, Level.GOOD, **figures)
+    assert check.sentence == ("IMU 1 measures 9.80 m/s² at rest. IMU 2 does not measure gravity.")
 
 
 def test_a_bench_run_has_no_flight_and_each_boot_rows_of_its_own():
