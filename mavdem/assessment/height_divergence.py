@@ -6,6 +6,7 @@ offset, which it has at rest too, or vibration that it rectifies.
 """
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
@@ -44,8 +45,8 @@ MIN_REST_SHARE = 0.5
 CONTEXT_SECONDS = 5.0
 """Seconds before the divergence over which the accelerometer is averaged too: its error is integrated first."""
 
-FULL_SHARE = 0.9
-"""Command of the strongest motor, as a share of the range, from which on the motors work at full throttle."""
+FULL_THROTTLE_COMMAND = 0.9
+"""Largest command of all motors, as a share of the range, from which on they work at full throttle; a choice."""
 
 
 def height_divergences(scene: Scene, flight: Interval) -> Iterator[Fact]:
@@ -57,13 +58,13 @@ def height_divergences(scene: Scene, flight: Interval) -> Iterator[Fact]:
     """
     manual = mode_intervals(scene.signals, scene.boot, MANUAL_THROTTLE_MODES)
     automatic = intersection([flight], complement(manual))
-    for interval in _long_enough(intersection(scene.height.contradictions, automatic)):
+    for interval in _lasting_intervals(intersection(scene.height.contradictions, automatic)):
         event = _divergence(scene, interval)
         if event is not None:
             yield event
 
 
-def _long_enough(intervals: Intervals) -> Intervals:
+def _lasting_intervals(intervals: Intervals) -> Intervals:
     """Returns the intervals of at least half of ``MIN_CONTRADICTION_SECONDS``: a mode may begin or end within one."""
     shortest = MIN_CONTRADICTION_SECONDS / 2
     return [(start, end) for start, end in intervals if end - start >= shortest]
@@ -83,58 +84,82 @@ def _divergence(scene: Scene, interval: Interval) -> Fact | None:
         An event with the mean climb by the estimate as ``climb_rate`` (None beyond ``MAX_FALL_SPEED``) and by the
         barometer as ``speed``, m/s upward, its ``cause`` and its witnesses; None if the height did not diverge.
     """
-    barometer, estimate = scene.height.barometer_climb, scene.height.estimated_climb
-    assert barometer is not None and estimate is not None
-    true_rows = in_intervals(barometer.time, [interval])
-    false_rows = in_intervals(estimate.time, [interval])
-    if not true_rows.any() or not false_rows.any():
+    climb = _opposite_climb_rates(scene, interval)
+    if climb is None:
         return None
-    true_climb = float(barometer.values[true_rows].mean())
-    false_climb = float(estimate.values[false_rows].mean())
-    is_opposite = np.sign(true_climb) != np.sign(false_climb)
-    is_clear = abs(true_climb) > MIN_TRUE_CLIMB and abs(false_climb) > MIN_FALSE_CLIMB
-    if not (is_opposite and is_clear):
-        return None
-    stick = scene.stick
-    statements = []
-    if stick is not None:
-        travel = stick.values[in_intervals(stick.time, [interval])]
-        if len(travel):
-            median_travel = float(np.median(travel))
-            is_rising = true_climb > 0
-            asks_for_climb = is_rising and median_travel > CLIMB_STICK
-            asks_for_descent = not is_rising and median_travel < SINK_STICK
-            if asks_for_climb or asks_for_descent:
-                return None
-            statements.append(
-                supporting_statement(Witness.THROTTLE_NOT_RAISED, share=median_travel)
-            )
-    change = scene.height.barometer_change(*interval)
-    moved = Witness.ROSE if true_climb > 0 else Witness.SANK
-    if moved is Witness.ROSE:
-        statements.insert(0, supporting_statement(Witness.ROSE, source="barometer", height=change))
+    is_rising = climb.barometer > 0
+    if is_rising:
+        height_change = scene.height.barometer_change(*interval)
+        motion = supporting_statement(Witness.ROSE, source="barometer", height=height_change)
     else:
-        statements.insert(
-            0, supporting_statement(Witness.SANK, source="barometer", speed=-true_climb)
-        )
+        motion = supporting_statement(Witness.SANK, source="barometer", speed=-climb.barometer)
+    statements = [motion]
+    travel = _median_stick_travel(scene, interval)
+    if travel is not None:
+        asks_for_climb = is_rising and travel > CLIMB_STICK
+        asks_for_descent = not is_rising and travel < SINK_STICK
+        if asks_for_climb or asks_for_descent:
+            return None
+        statements.append(supporting_statement(Witness.THROTTLE_NOT_RAISED, share=travel))
     cause = _accelerometer_error(scene, interval) or _vibration(scene, interval)
     if cause is not None:
         statements.append(cause)
-    full = _full_throttle(scene, interval)
+    full_throttle = _full_throttle(scene, interval)
     # A vehicle that sinks at full throttle lacks thrust, whatever its estimate does.
-    if full is not None and true_climb > 0:
-        statements.append(full)
+    if full_throttle is not None and is_rising:
+        statements.append(full_throttle)
     event = Fact(
         MotionEvent.HEIGHT_DIVERGED,
         time=interval[0],
         until=interval[1],
-        # A speed that no vehicle has would be printed as one.
-        climb_rate=false_climb if abs(false_climb) <= MAX_FALL_SPEED else None,
-        speed=true_climb,
+        # A diverged estimate may have a speed that no vehicle reaches. It is not printed.
+        climb_rate=climb.estimate if abs(climb.estimate) <= MAX_FALL_SPEED else None,
+        speed=climb.barometer,
         cause=cause,
         boot=scene.boot,
     )
     return weighed_event(event, statements)
+
+
+class _ClimbRates(NamedTuple):
+    """Mean speeds upward in an interval, by two sources."""
+
+    barometer: float
+    """Of the vehicle itself, by the barometer, m/s."""
+    estimate: float
+    """By the estimator, m/s."""
+
+
+def _opposite_climb_rates(scene: Scene, interval: Interval) -> _ClimbRates | None:
+    """Returns the mean climb rates of an interval if barometer and estimate clearly move in opposite directions.
+
+    Args:
+        scene: sensors of the boot.
+        interval: start and end, s since boot.
+
+    Returns:
+        None where they do not, or one of them has no samples in the interval.
+    """
+    barometer, estimate = scene.height.barometer_climb, scene.height.estimated_climb
+    assert barometer is not None and estimate is not None
+    barometer_rows = in_intervals(barometer.time, [interval])
+    estimate_rows = in_intervals(estimate.time, [interval])
+    if not barometer_rows.any() or not estimate_rows.any():
+        return None
+    true_climb = float(barometer.values[barometer_rows].mean())
+    false_climb = float(estimate.values[estimate_rows].mean())
+    is_opposite = np.sign(true_climb) != np.sign(false_climb)
+    is_clear = abs(true_climb) > MIN_TRUE_CLIMB and abs(false_climb) > MIN_FALSE_CLIMB
+    return _ClimbRates(true_climb, false_climb) if is_opposite and is_clear else None
+
+
+def _median_stick_travel(scene: Scene, interval: Interval) -> float | None:
+    """Returns the median travel of the throttle stick in an interval, 0 to 1; None if it was not recorded there."""
+    stick = scene.stick
+    if stick is None:
+        return None
+    travel = stick.values[in_intervals(stick.time, [interval])]
+    return float(np.median(travel)) if len(travel) else None
 
 
 def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
@@ -252,6 +277,6 @@ def _full_throttle(scene: Scene, interval: Interval) -> Fact | None:
     if not rows.any():
         return None
     largest_command = float(commands.values[rows].max())
-    if largest_command <= FULL_SHARE:
+    if largest_command <= FULL_THROTTLE_COMMAND:
         return None
     return supporting_statement(Witness.MOTORS_FULL, share=largest_command)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,10 +35,10 @@ FULL_THROTTLE_SHARE = 0.5
 
 
 def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
-    """Returns the intervals in which a condition holds, merged across gaps, if it lasts in them.
+    """Returns the intervals in which a condition holds for ``LASTING_SECONDS`` at least once.
 
-    A run is a time in which the condition holds in every sample. Runs that are close are one interval. It counts only
-    if one of its runs lasts for ``LASTING_SECONDS``, so that an interval of many moments is left out.
+    A run is a time in which the condition holds in every sample. Runs that are close become one interval. An interval
+    without a run of ``LASTING_SECONDS`` is left out: there the condition holds for single moments only.
 
     Args:
         time: (N,) s, ascending.
@@ -45,24 +46,36 @@ def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
         gap: runs that follow each other within this time, s, are one interval.
 
     Returns:
-        (start, end) in s, of those intervals that contain at least one run of ``LASTING_SECONDS`` without a gap.
+        (start, end) of each interval, s; infinite where the condition holds at the first or the last sample.
     """
     runs = true_intervals(time, is_true)
-    # A run lasts until the sample after its last one; the last sample of all has none after it.
+    # A run lasts until the sample after its last one. The last sample of all has none after it, and stands for it.
     next_time = np.append(time, time[-1])
-    lasting_starts = []
+    lasting_run_starts = []
     for start, end in runs:
-        following = next_time[np.searchsorted(time, end, "right")]
-        if end > start and following - start >= LASTING_SECONDS:
-            lasting_starts.append(start)
-    # An interval has a lasting run if one starts in it: then more of them start before its end than before its start.
+        time_after_run = next_time[np.searchsorted(time, end, "right")]
+        has_two_samples = end > start
+        if has_two_samples and time_after_run - start >= LASTING_SECONDS:
+            lasting_run_starts.append(start)
     intervals = []
     for start, end in merge_close(runs, gap):
-        starts_before = np.searchsorted(lasting_starts, start)
-        starts_by_end = np.searchsorted(lasting_starts, end)
-        if starts_by_end > starts_before:
+        # The starts ascend. One of them lies in the interval if more lie before its end than before its start.
+        count_before_start = np.searchsorted(lasting_run_starts, start)
+        count_before_end = np.searchsorted(lasting_run_starts, end)
+        if count_before_end > count_before_start:
             intervals.append((start, end))
     return intervals
+
+
+class _MotorCondition(NamedTuple):
+    """A condition of the motors that is an event where it lasts."""
+
+    code: MotionEvent
+    """The kind of the event."""
+    is_true: Flags
+    """(N, k) whether the condition holds at each of N samples, for each of k motors."""
+    min_duration: float
+    """Duration, s, that an event must exceed."""
 
 
 def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
@@ -91,37 +104,39 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
     is_off = _is_off(signals, motors, boot, commands.values)
     is_in_flight = in_intervals(commands.time, flights)
     is_off_ground = _has_left_ground(signals, boot, flights, commands.time)
-    # Each kind of event has its flags (N, k) by sample and motor, and the duration, s, above which it counts.
-    for code, flags, min_duration in (
-        (MotionEvent.MOTOR_AT_ITS_STOP, is_at_limit & is_off_ground[:, None], 0.0),
-        (MotionEvent.MOTOR_OFF, is_off & is_in_flight[:, None], MAX_SETPOINT_DELAY),
-    ):
-        for name, motor_flags in zip(motors.geometry.names, flags.T, strict=True):
-            for start, end in lasting_runs(commands.time, motor_flags, RECOVERY_SECONDS):
-                # A run that lasts to the end of the record has an infinite end.
-                length = min(end, commands.time[-1]) - start
-                if length <= min_duration:
+    is_stopped = is_off & is_in_flight[:, None]
+    at_limit = _MotorCondition(
+        MotionEvent.MOTOR_AT_ITS_STOP, is_at_limit & is_off_ground[:, None], min_duration=0.0
+    )
+    off = _MotorCondition(MotionEvent.MOTOR_OFF, is_stopped, min_duration=MAX_SETPOINT_DELAY)
+    for condition in (at_limit, off):
+        for name, is_true in zip(motors.geometry.names, condition.is_true.T, strict=True):
+            for start, end in lasting_runs(commands.time, is_true, RECOVERY_SECONDS):
+                # An event that lasts to the end of the record has an infinite end.
+                recorded = (start, min(end, commands.time[-1]))
+                duration = recorded[1] - start
+                if duration <= condition.min_duration:
                     continue
-                share = motor_flags[in_intervals(commands.time, [(start, end)])].mean()
+                share = is_true[in_intervals(commands.time, [recorded])].mean()
                 event = Fact(
-                    code,
+                    condition.code,
                     time=start,
                     until=None if np.isinf(end) else end,
                     subject=name,
                     share=share,
-                    duration=share * length,
+                    duration=share * duration,
                     boot=boot,
                 )
-                if code is MotionEvent.MOTOR_AT_ITS_STOP:
-                    interval = (start, min(end, commands.time[-1]))
-                    event = _at_full_throttle(signals, boot, interval, event)
+                if event.code is MotionEvent.MOTOR_AT_ITS_STOP:
+                    event = _rated_by_throttle(signals, boot, recorded, event)
                 yield event
 
 
-def _at_full_throttle(signals: Signals, boot: int, interval: Interval, limit: Fact) -> Fact:
-    """Returns the event of a motor at its limit, changed where the pilot gave full throttle for most of the time.
+def _rated_by_throttle(signals: Signals, boot: int, interval: Interval, limit: Fact) -> Fact:
+    """Returns the event of a motor at its limit, marked where the pilot gave full throttle for most of the time.
 
-    Then all thrust is in use, and whichever motor the attitude needs most is at its limit.
+    Then all thrust is in use, and whichever motor the attitude needs most is at its limit. While the vehicle climbs,
+    that is good.
 
     Args:
         signals: of the vehicle.
@@ -130,7 +145,8 @@ def _at_full_throttle(signals: Signals, boot: int, interval: Interval, limit: Fa
         limit: the event.
 
     Returns:
-        The event itself, if the throttle was not full, or the autopilot and not the stick decides the thrust.
+        The event with ``is_full_throttle``; unchanged where the stick was not at full throttle for more than
+        ``FULL_THROTTLE_SHARE`` of the time in modes in which it sets the thrust.
     """
     stick = series_of_boot(throttle_stick(signals), boot)
     if stick is None:
