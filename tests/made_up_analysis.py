@@ -151,7 +151,7 @@ def analysis(parameters):
 
 def assessment(parameters, **lights):
     """An assessment of the :func:`analysis` whose lights are good, but for these."""
-    known = {str(light): prose(f"The {light}.").but(Level.GOOD) for light in Light} | lights
+    known = {str(light): prose(f"The {light}.").replace(Level.GOOD) for light in Light} | lights
     headline = Fact(Headline.NOTHING_WRONG, Level.GOOD, names=VEHICLE_LIGHTS, missing=())
     judgement = Judgement(headline, Fact(NextStep.KEEP_MODEL), known)
     log = Log("flight.tlog", (), (), (), 0, 0, (NAN, NAN))

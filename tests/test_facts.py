@@ -41,8 +41,8 @@ def test_a_fact_does_not_change_and_can_be_compared_hashed_and_sent():
     with raises(TypeError):
         fact.figures["text"] = "another"
     assert pickle.loads(pickle.dumps(fact)) == fact
-    assert hash(fact.but(Level.BAD)) != hash(fact)
-    assert fact.but(text="It hums.").figures["text"] == "It hums."
+    assert hash(fact.replace(Level.BAD)) != hash(fact)
+    assert fact.replace(text="It hums.").figures["text"] == "It hums."
     other = fact.with_code(Forecasts.FAILED)
     assert (other.level, other.figures) == (Fact(Forecasts.FAILED).level, fact.figures)
     with raises(ValueError, match="colour"):

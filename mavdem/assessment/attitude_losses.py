@@ -193,7 +193,7 @@ class _AttitudeLoss(NamedTuple):
         )
         witnesses = self._witnesses(angle, onset)
         if is_caught:
-            return event.but(witnesses=witnesses)
+            return event.replace(witnesses=witnesses)
         if knock_time is not None and knock is not None:
             witnesses = (*witnesses, knock)
         return weighed_event(event, witnesses)

@@ -178,7 +178,7 @@ def _problems_of_texts(telemetry: Telemetry) -> Iterator[Fact]:
         fact = _problem_of_text(text, warns)
         if fact is not None:
             message_name = telemetry.name_in_source("STATUSTEXT")
-            yield fact.but(boot=text.boot, basis=(message_name,), severity=severity)
+            yield fact.replace(boot=text.boot, basis=(message_name,), severity=severity)
 
 
 def _problem_of_text(message: StatusText, warns: bool) -> Fact | None:
@@ -320,7 +320,7 @@ def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
                 break
         else:
             positions.append(len(merged))
-            merged.append(fact.but(count=1))
+            merged.append(fact.replace(count=1))
     return merged
 
 
@@ -356,7 +356,7 @@ def _merged_pair(first: Fact, repetition: Fact) -> Fact:
     figures = {**repetition.figures, **first.figures}
     figures["basis"] = tuple(basis)
     figures["count"] = first.figures["count"] + 1
-    return first.but(
+    return first.replace(
         # Levels count in the order of their definition: good, watch, bad, unknown.
         max(first.level, repetition.level, key=list(Level).index),
         until=None if last_time == first.time else last_time,

@@ -124,7 +124,7 @@ def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
         is_crash = event.code is Reported.CRASH_DETECTED and event.is_bad
         if is_crash and _has_measurements(signals, event):
             reported = supporting_statement(
-                Witness.AUTOPILOT_REPORTED, cause=event.but(witnesses=())
+                Witness.AUTOPILOT_REPORTED, cause=event.replace(witnesses=())
             )
             witnesses = (reported, *_signs_of_crash(signals, event, losses))
             event = weighed_event(event, witnesses)

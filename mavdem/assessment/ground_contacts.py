@@ -411,9 +411,9 @@ class _Contact:
             boot=self.scene.boot,
         )
         if is_hit and onset < contact:
-            event = event.but(onset=onset)
+            event = event.replace(onset=onset)
         if is_hit and self._is_near_rest(height, rest):
-            event = event.but(is_ground=True)
+            event = event.replace(is_ground=True)
         return weighed_event(event, witnesses)
 
     def _onset(self, time: float) -> float:

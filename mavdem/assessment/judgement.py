@@ -142,9 +142,9 @@ def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
     decision = decisions[axis]
     if light.is_good:
         follows_badly = decision.verdict is LoopVerdict.FOLLOWS_BADLY
-        return light.but(follows=False) if follows_badly else light
+        return light.replace(follows=False) if follows_badly else light
     axes = light.figures.get("names", (axis,))
-    return light.but(action=common_action([decisions[name].action for name in axes]))
+    return light.replace(action=common_action([decisions[name].action for name in axes]))
 
 
 def unjudged(refusal: Fact) -> Judgement:
@@ -324,7 +324,7 @@ def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
         related_lights = VEHICLE_LIGHTS
         motors = lights[Light.MOTORS]
         if motors.is_bad:
-            headline = headline.but(suspect=motors.subject)
+            headline = headline.replace(suspect=motors.subject)
     also: Facts = tuple(
         lights[name]
         for name in related_lights

@@ -101,7 +101,7 @@ def _not_flown(signals: Signals, trust: SensorTrust) -> Fact | None:
     tilt = signals.tilts[0]
     times = tilt.time[tilt.boot == trust.boot]
     # The witnesses speak for a bench run here, and not for a flight.
-    witnesses = tuple(fact.but(side=Side.FOR) for fact in trust.verdict.witnesses)
+    witnesses = tuple(fact.replace(side=Side.FOR) for fact in trust.verdict.witnesses)
     return Fact(MotionEvent.NOT_FLOWN, time=times[0], boot=trust.boot, witnesses=witnesses)
 
 
@@ -187,7 +187,7 @@ def _events_of_flight(
             loss = None
         else:
             # The vehicle was lost before; how it met the ground is of no further importance.
-            contact = contact.but(Level.WATCH)
+            contact = contact.replace(Level.WATCH)
     for event in (loss, contact):
         if event is not None:
             yield event

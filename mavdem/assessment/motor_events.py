@@ -157,12 +157,12 @@ def _rated_by_throttle(signals: Signals, boot: int, interval: Interval, limit: F
     is_full = rows & (stick.values >= FULL_STICK)
     if not rows_of_event.any() or is_full.sum() <= FULL_THROTTLE_SHARE * rows_of_event.sum():
         return limit
-    limit = limit.but(is_full_throttle=True)
+    limit = limit.replace(is_full_throttle=True)
     climb_rate = series_of_boot(signals.climb_rate, boot)
     if climb_rate is not None:
         climb = climb_rate.values[in_intervals(climb_rate.time, [interval])]
         if len(climb) and climb.mean() > MIN_CLIMB_SPEED:
-            return limit.but(Level.GOOD)
+            return limit.replace(Level.GOOD)
     return limit
 
 

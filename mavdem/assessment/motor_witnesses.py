@@ -37,7 +37,7 @@ def with_motor_witnesses(
     facts = []
     for loss in losses:
         witnesses = _witnesses(signals, loss, reports)
-        facts.append(loss.but(witnesses=witnesses) if witnesses else loss)
+        facts.append(loss.replace(witnesses=witnesses) if witnesses else loss)
     return facts
 
 

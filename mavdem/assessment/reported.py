@@ -178,12 +178,12 @@ def reported_events(signals: Signals) -> Facts:
             time = fact.time or 0.0
             trigger = _trigger_of(fact, merged_faults)
             if trigger is not None:
-                fact = fact.but(cause=trigger)
+                fact = fact.replace(cause=trigger)
             # After a restart in flight the motors may be off: that is bad nevertheless.
             is_restart = fact.code is Reported.RESTARTED_IN_FLIGHT
             if fact.is_bad and not is_restart and not in_intervals(time, around_armed):
-                fact = fact.but(Level.WATCH)
-            events.append(fact.but(height=_height_at(signals, boot, flights, time)))
+                fact = fact.replace(Level.WATCH)
+            events.append(fact.replace(height=_height_at(signals, boot, flights, time)))
     return tuple(events)
 
 

@@ -118,7 +118,7 @@ def with_saturated_motor(ending: Fact | None, losses: Sequence[Fact]) -> Fact | 
         # Nothing, or another motor than the autopilot reports.
         return ending
     cause = Fact(FailedFirst.LIMIT_FIRST, time=losses[-1].time, subject=losses[-1].subject)
-    return ending.but(subject=cause.subject, cause=cause)
+    return ending.replace(subject=cause.subject, cause=cause)
 
 
 def _saturation_loss(

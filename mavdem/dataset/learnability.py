@@ -271,7 +271,7 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
             return NEVER_ARMED
         return _without_inputs(signals)
     if attitude.impossible_count > MAX_IMPOSSIBLE_SHARE * attitude.sent_count:
-        return _impossible_attitude(signals, Reason.ATTITUDE_UNIT).but(recorder=recorder)
+        return _impossible_attitude(signals, Reason.ATTITUDE_UNIT).replace(recorder=recorder)
     if not len(attitude.time):
         name = telemetry.name_in_source(attitude.message)
         return Fact(Reason.ATTITUDE_NOT_FINITE, name=name, axis=signals.axis)
@@ -361,7 +361,7 @@ def _without_inputs(signals: Signals) -> Fact:
     obstacle = motor_outputs_or_obstacle(telemetry)
     assert isinstance(obstacle, Fact)
     if obstacle.code is MotorObstacle.NO_MOTOR_MESSAGE:
-        return obstacle.but(remedy=rate_advice(telemetry))
+        return obstacle.replace(remedy=rate_advice(telemetry))
     return obstacle
 
 
@@ -533,7 +533,7 @@ class _SegmentJudge:
         refusal = slow_streams(rates, self.signals.axis, self.min_rate)
         if refusal is None:
             return None
-        return refusal.but(remedy=self._remedy_for_slow_streams(attitude_rate))
+        return refusal.replace(remedy=self._remedy_for_slow_streams(attitude_rate))
 
     def _remedy_for_slow_streams(self, attitude_rate: float) -> Fact:
         """Returns the remedy for slow streams: the demand in place of the motors, if that is fast, or faster streams.

@@ -107,10 +107,15 @@ class Fact:
         """The unit of each figure."""
         return MappingProxyType({name: UNITS[name] for name, _ in self._figures})
 
-    def but(self, level: Level | None = None, **changes: Figure) -> Fact:
-        """Returns the same fact of another ``level``, with ``changes`` of figures, time, end or subject."""
-        known = {"time": self.time, "until": self.until, "subject": self.subject, **self.figures}
-        return Fact(self.code, level or self.level, **known | changes)
+    def replace(self, level: Level | None = None, **changes: Figure) -> Fact:
+        """Returns a copy of the fact in which some values are replaced, as :func:`dataclasses.replace` does.
+
+        Args:
+            level: the new level; None for that of this fact.
+            changes: new values of figures, or of ``time``, ``until`` and ``subject``, by name. New names are added.
+        """
+        values = {"time": self.time, "until": self.until, "subject": self.subject, **self.figures}
+        return Fact(self.code, level or self.level, **values | changes)
 
     def with_code(self, code: Code) -> Fact:
         """Returns a fact of another ``code``, at the usual level of that, with the same time, subject and figures."""
@@ -137,7 +142,7 @@ class Fact:
     def grounded(self) -> Fact:
         """The fact, and all facts within it, without advice to fly: of a vehicle that must not."""
         within = {name: _grounded(figure) for name, figure in self.figures.items()}
-        return self.but(**within | {"is_grounded": True})
+        return self.replace(**within | {"is_grounded": True})
 
     @property
     def _words(self) -> Words:

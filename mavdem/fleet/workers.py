@@ -401,7 +401,7 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
         if isinstance(error.__context__, MemoryError):
             raise MemoryError from None
         # The fact does not name the file: copies of a log have equal rows, but for the column with their names.
-        reason = error.fact.but(path="The log")
+        reason = error.fact.replace(path="The log")
         return failed(job, "read" if key else "source", reason, key)
     except OSError as error:
         unreachable = Fact(Reading.LOG_UNREACHABLE, because=error.strerror or error)

@@ -80,7 +80,7 @@ class LinkIntake:
             pieces = self._link.receive(timeout)
         except LinkLost as error:
             self.is_lost = True
-            self._log(error.fact.but(reopening=True))
+            self._log(error.fact.replace(reopening=True))
             return []
         stamped_frames = self._record(pieces)
         now = clock.monotonic()

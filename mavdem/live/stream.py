@@ -263,7 +263,7 @@ class LiveStream:
         facts = list(self._review.watchdog.watch_facts.values())
         for name, stream in self.other_vehicles.items():
             for fact in stream.watch_facts:
-                facts.append(fact.but(vehicle=name))
+                facts.append(fact.replace(vehicle=name))
         return tuple(facts)
 
     def _take_frame(self, frame: Frame) -> Iterator[AlignedRow]:

@@ -233,7 +233,7 @@ class Watchdog:
             # A stream has no beginning of its own, and a restart is reported by the boot clock.
             is_of_the_log = fact.code is Reported.RESTARTED or fact.figures.get("is_begun")
             if _identity(fact) not in former and not is_late and not is_of_the_log:
-                reports.append(fact.but(height=None))
+                reports.append(fact.replace(height=None))
         return reports
 
     def _add_motion_facts(self, review: _Review, motion: RecentMotion) -> None:

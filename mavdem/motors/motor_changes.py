@@ -124,7 +124,7 @@ def event_or_alarm(fact: Fact, time: float) -> Fact:
     """
     if fact.is_bad:
         return Fact(Session.ALARM, time=time, subject=fact.subject, because=fact)
-    return fact.but(time=time, until=None)
+    return fact.replace(time=time, until=None)
 
 
 def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
@@ -158,11 +158,11 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     losses = [loss.fact for loss in lasting_losses.values()]
     for loss, end_time in ended_losses:
         level = Level.BAD if loss.size > smallest_lasting else Level.WATCH
-        losses.append(loss.fact.but(level, until=end_time))
+        losses.append(loss.fact.replace(level, until=end_time))
     # Losses that are bad come first, and of those the largest rise.
     losses.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
     bad_motors = dict.fromkeys(loss.subject for loss in losses if loss.is_bad)
-    return [loss.but(names=tuple(bad_motors)) for loss in losses]
+    return [loss.replace(names=tuple(bad_motors)) for loss in losses]
 
 
 def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:

@@ -222,7 +222,7 @@ def _worst(obstacles: list[_Obstacle]) -> tuple[Status, Fact | None]:
         level = Level.UNKNOWN
     doubts = [obstacle.doubt for obstacle in obstacles if obstacle.status == status]
     if len(doubts) == 1:
-        return status, doubts[0].but(level)
+        return status, doubts[0].replace(level)
     return status, Fact(ParameterDoubt.SEVERAL_DOUBTS, level, because=doubts)
 
 

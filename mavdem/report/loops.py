@@ -105,7 +105,7 @@ def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fa
     if advice.refusals and decision.reason.code is not MarginsLight.LOOP_MARGINS:
         return []
     if decision.verdict is LoopVerdict.FOLLOWS_BADLY:
-        return [advice.rating.but(follows=False)]
+        return [advice.rating.replace(follows=False)]
     return [advice.rating]
 
 

@@ -107,12 +107,12 @@ def sentences_by_axes(
         facts: pairs of an axis and a fact about it.
         text_of_fact: makes the text of a fact; by default its sentence.
     """
-    groups = group_by(facts, lambda axis_and_fact: axis_and_fact[1].but(axis=""))
+    groups = group_by(facts, lambda axis_and_fact: axis_and_fact[1].replace(axis=""))
     sentences = []
     for fact, axes_and_facts in groups.items():
         axes = listed(axis for axis, _ in axes_and_facts)
         lead = f"{axes.capitalize()}:"
-        sentences.append(Sentence(text_of_fact(fact.but(axis=axes)), lead))
+        sentences.append(Sentence(text_of_fact(fact.replace(axis=axes)), lead))
     return sentences
 
 

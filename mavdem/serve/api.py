@@ -148,7 +148,7 @@ class Api:
                     # A full disk or a deleted flight concerns the whole request, not this file.
                     if isinstance(error.fact.code, Request):
                         raise
-                    refused.append((name, error.fact.but(path=name)))
+                    refused.append((name, error.fact.replace(path=name)))
         finally:
             form.remove_files()
         if not flights:

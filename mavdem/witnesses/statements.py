@@ -95,7 +95,7 @@ def weighed_event(event: Fact, witnesses: Iterable[Fact]) -> Fact:
     statements = tuple(witnesses)
     support = support_count(statements)
     is_confirmed = support >= MIN_SUPPORT and support > len(contradicting_statements(statements))
-    event = event.but(witnesses=statements)
+    event = event.replace(witnesses=statements)
     if event.is_bad and not is_confirmed:
-        return event.but(Level.WATCH, is_unconfirmed=True)
+        return event.replace(Level.WATCH, is_unconfirmed=True)
     return event

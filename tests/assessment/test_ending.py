@@ -358,7 +358,7 @@ def test_a_crash_that_only_the_autopilot_reports_is_an_ending():
     _, ending = judged(flight(), crash)
     assert ending.code is Ending.LOSS_REPORTED
     assert ending.figures["cause"] is crash
-    assert judged(flight(), crash.but(Level.WATCH))[1] is None
+    assert judged(flight(), crash.replace(Level.WATCH))[1] is None
 
 
 def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():

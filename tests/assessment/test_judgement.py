@@ -19,12 +19,14 @@ from mavdem.facts.motors import MotorsLight
 from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 
 GROUNDED = Fact(Reason.NEVER_ARMED)
-CRASH = prose("Lost control.").but(Level.BAD)
+CRASH = prose("Lost control.").replace(Level.BAD)
 
 
 def lights(**levels):
     """Facts of all lights, good but for these."""
-    return {light: prose(f"The {light}.").but(Level(levels.get(light, "good"))) for light in Light}
+    return {
+        light: prose(f"The {light}.").replace(Level(levels.get(light, "good"))) for light in Light
+    }
 
 
 def headline(known, ending=None, events=(), airborne=60.0, oscillation=None):
@@ -50,8 +52,8 @@ def test_a_larger_loss_that_recovered_is_not_hidden_by_a_smaller_that_lasts():
     )
 
 
-ALARM = prose("An alarm.").but(Level.BAD)
-WARNING = prose("A warning.").but(Level.WATCH)
+ALARM = prose("An alarm.").replace(Level.BAD)
+WARNING = prose("A warning.").replace(Level.WATCH)
 
 
 @mark.parametrize(
@@ -68,8 +70,8 @@ WARNING = prose("A warning.").but(Level.WATCH)
         ({"vibration": "watch", "log": "watch"}, {}, "The vibration."),
         ({}, {"events": (WARNING,)}, "A warning."),
         # An attitude more than 45° from its setpoint, though it came back.
-        ({"motors": Level.WATCH}, {"events": (WARNING.but(angle=0.78),)}, "The motors."),
-        ({"motors": Level.WATCH}, {"events": (WARNING.but(angle=0.79),)}, "A warning."),
+        ({"motors": Level.WATCH}, {"events": (WARNING.replace(angle=0.78),)}, "The motors."),
+        ({"motors": Level.WATCH}, {"events": (WARNING.replace(angle=0.79),)}, "A warning."),
     ],
 )
 def test_the_headline_is_the_worst_that_was_found(levels, more, said):
@@ -103,7 +105,7 @@ def test_without_a_flight_it_says_why():
 
 def test_nothing_wrong_is_said_of_what_was_checked_only():
     known = lights(margins="unknown", log="watch", wind="watch")
-    known["motors"] = known["motors"].but(most_loss=0.36)
+    known["motors"] = known["motors"].replace(most_loss=0.36)
     sound = headline(known)
     assert "found: motors (losses over 36 %), tracking" in sound.sentence
     assert (sound.code, sound.level) == (Headline.NOTHING_WRONG, "good")

@@ -193,11 +193,11 @@ def test_a_vehicle_that_must_be_repaired_keeps_its_verdict_and_gets_no_gains():
 
 def test_gains_of_several_axes_are_lowered_in_one_sentence():
     roll = decided(NOT_STEERED, OVERSHOOTS).action
-    pitch = roll.but(axis="pitch", changes=[("MC_PITCH_P", 6.0, 4.0)])
+    pitch = roll.replace(axis="pitch", changes=[("MC_PITCH_P", 6.0, 4.0)])
     assert common_action([None, roll, pitch]).sentence == (
         "Lower MC_ROLL_P from 6.5 to 4.333 and MC_PITCH_P from 6 to 4."
     )
-    unnamed = [action.but(changes=()) for action in (roll, pitch)]
+    unnamed = [action.replace(changes=()) for action in (roll, pitch)]
     assert common_action(unnamed).sentence == (
         "Lower the P gain of the roll and pitch angle by a third."
     )

@@ -370,7 +370,7 @@ def test_the_light_of_the_log_states_what_was_lost_by_damage():
     long_damage = Fact(Repair.ULOG_DAMAGED, Level.WATCH, count=640, places=1, duration=195.4)
     assert "195 s lost" in str(log_light(evidence(replace(slow, repairs=(long_damage,)))))
     assert "195 s of the log" in long_damage.sentence
-    assert "1 byte was left out" in long_damage.but(count=1).sentence
+    assert "1 byte was left out" in long_damage.replace(count=1).sentence
 
 
 def standing(change, rate=50.0):

@@ -76,7 +76,7 @@ def test_what_names_a_motor_before_its_balance_goes_first():
             (Session.ALARM, "GPS"),
         )
     )
-    first, largest = named.but(rise=0.2), named.but(rise=0.4)
+    first, largest = named.replace(rise=0.2), named.replace(rise=0.4)
     assert motors_light(replace(even, ending=named)) == named
     for *others, said in ((other, named), (failed,), (first, largest)):
         assert motors_light(replace(even, events=(*others, said))) == said
@@ -91,7 +91,7 @@ def test_a_motor_that_the_autopilot_names_by_its_number_is_in_the_light():
     assert motors_light(replace(even, events=(report,))) == report
     measured = Fact(MotionEvent.MOTOR_OFF, Level.BAD, time=51.0, subject=FRONT_LEFT, boot=0)
     assert motors_light(replace(even, events=(report, measured))) == measured
-    other = report.but(subject="motor 9")
+    other = report.replace(subject="motor 9")
     assert motors_light(replace(even, events=(other,))).is_good
 
 
@@ -125,7 +125,7 @@ def test_the_motor_that_saturates_most_is_named_or_none_of_several_alike():
         code = MotionEvent.MOTOR_AT_ITS_STOP
         return Fact(code, time=time, subject=names[motor], duration=duration, boot=0)
 
-    most, least = at_limit(0, 31.0, 2.0), at_limit(2, 30.0, 0.3).but(until=30.3)
+    most, least = at_limit(0, 31.0, 2.0), at_limit(2, 30.0, 0.3).replace(until=30.3)
     assert motors_light(replace(bare, events=(least, most))) == most
     alike = motors_light(replace(bare, events=(at_limit(3, 30.0, 1.2), most)))
     assert (alike.code, alike.subject) == (MotorsLight.MOTORS_AT_LIMIT, "")

@@ -95,7 +95,7 @@ def test_a_limit_just_before_an_impact_is_no_loss():
     made = leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0)
     impact = Fact(Ending.CRASHED, time=SATURATES + 0.5, boot=0)
     assert not losses(made, impact)
-    assert losses(made, impact.but(time=SATURATES + 5.0))
+    assert losses(made, impact.replace(time=SATURATES + 5.0))
 
 
 def test_a_short_limit_is_no_loss():

@@ -186,7 +186,7 @@ def test_colours_are_read_on_light_and_on_dark():
 
 def test_what_is_said_of_several_axes_is_said_once():
     one = Fact(TrackingLight.OVERSHOOTS_SETPOINT, overshoot=0.4)
-    (said,) = sentences_by_axes((axis, one.but(axis=axis)) for axis in ("roll", "yaw"))
+    (said,) = sentences_by_axes((axis, one.replace(axis=axis)) for axis in ("roll", "yaw"))
     assert said.lead == "Roll and yaw:"
 
 

@@ -174,7 +174,7 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
     with showing(RecordingFile(path)) as view:
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
             view.put(DisplayRow(t, 0.0, 0, y, u, known))
-        alarm = prose("Alarm: motor 1 lost some thrust.").but(Level.BAD)
+        alarm = prose("Alarm: motor 1 lost some thrust.").replace(Level.BAD)
         view.log(Occurrence(52.9, alarm, 51.25))
         lost = MotorAlarm(52.9, 52.0, 0, "motor 1", 0.2, 0.99, loss=(0.1, 0.3))
         view.log(Occurrence(52.95, lost.event, lost.since))

@@ -275,7 +275,7 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     _, rating_after = ratings
     # Small margins are to be watched at most: the gains may not have been flown.
     level = min(rating_after.level, Level.WATCH, key=list(Level).index)
-    return fact.but(level, ratings=ratings)
+    return fact.replace(level, ratings=ratings)
 
 
 def _autotune_texts(signals: Signals) -> list[StatusText]:

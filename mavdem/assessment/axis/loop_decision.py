@@ -175,7 +175,7 @@ def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
         return _decision_by_measurement(observations, resonance)
     if loop_fact is not None and loop_fact.warns and not is_measured_good:
         action = _doublets(axis, loop_fact)
-        return LoopDecision(axis, LoopVerdict.UNKNOWN, loop_fact.but(action=action), action)
+        return LoopDecision(axis, LoopVerdict.UNKNOWN, loop_fact.replace(action=action), action)
     return None
 
 
@@ -187,7 +187,7 @@ def _decision_by_measurement(observations: LoopObservations, measured: Fact) -> 
         measured: the fact of the measured margins, or of a measured resonance.
     """
     action = _lowered_gains(observations, "rate")
-    reason = measured.but(action=action)
+    reason = measured.replace(action=action)
     axis = observations.margins.axis
     # What was measured contradicts a loop that has its margins, so that no gains follow from that loop.
     return LoopDecision(axis, LoopVerdict.BELOW_GOAL, reason, action, doubts=(reason,))
@@ -211,7 +211,7 @@ def _decision_by_identified_loop(
         action = _doublets(axis, loop_fact)
     else:
         action = Fact(LoopActions.DO_FIRST, because=doubts[0])
-    reason = loop_fact.but(action=action)
+    reason = loop_fact.replace(action=action)
     return LoopDecision(axis, LoopVerdict.BELOW_GOAL, reason, action, doubts)
 
 
@@ -240,7 +240,7 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
             angle_error=tracking.figures["angle_error"],
             offset_angle=tracking.figures["offset_angle"],
         )
-    reason = tracking.but(action=action)
+    reason = tracking.replace(action=action)
     return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts=(reason,))
 
 
@@ -270,7 +270,7 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
             action = Fact(LoopActions.DO_FIRST, because=doubts[0])
     else:
         action = Fact(LoopActions.DO_FIRST, because=_reason_for_no_margins(observations))
-    reason = observations.tracking.but(action=action)
+    reason = observations.tracking.replace(action=action)
     if not may_be_raised:
         doubts = (reason,)
     return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts, may_be_raised)
@@ -356,4 +356,4 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
     if first.code is not LoopActions.LOWER_BY_A_THIRD or len(same_kind) == 1:
         return first
     changes = [change for action in same_kind for change in action.figures["changes"]]
-    return first.but(changes=changes, names=[action.figures["axis"] for action in same_kind])
+    return first.replace(changes=changes, names=[action.figures["axis"] for action in same_kind])

@@ -95,7 +95,7 @@ def loop_of_axis(
     cautions = []
     if caution is not None:
         other_gains = (dict(changes) for _, changes in caution.figures["parts"])
-        cautions.append(caution.but(ratings=margin_ratings(loop, other_gains)))
+        cautions.append(caution.replace(ratings=margin_ratings(loop, other_gains)))
     autotune = autotune_fact(signals, loop)
     if autotune is not None:
         cautions.append(autotune)

@@ -75,7 +75,7 @@ class AxisMargins:
             fact = _peak_fact(MarginsLight.RATE_STANDS_OUT, None, self.peak)
             if isinstance(self.loop, Fact) and self.loop.code in SETPOINT_WAS_LOGGED:
                 # The usual advice, to log the setpoint, would not help: the reason why there is no loop is added.
-                fact = fact.but(because=self.loop)
+                fact = fact.replace(because=self.loop)
             facts.append(fact)
         if self.response is not None:
             facts.append(resonance_fact(self.response))

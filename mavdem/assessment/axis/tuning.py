@@ -209,4 +209,4 @@ def _grouped_refusals(refusals: dict[str, Fact]) -> list[Fact]:
     axes_by_refusal = group_by(refusals, refusals.__getitem__)
     if len(axes_by_refusal) == 1:
         return list(axes_by_refusal)
-    return [fact.but(names=axes) for fact, axes in axes_by_refusal.items()]
+    return [fact.replace(names=axes) for fact, axes in axes_by_refusal.items()]

@@ -40,7 +40,7 @@ def margins_light(evidence: Evidence) -> Fact:
     # A dictionary keeps each name once, in order.
     good_axes = dict.fromkeys(fact.figures["axis"] for fact in good_facts)
     if any(axis in good_axes for axis in TILT_AXES):
-        return good_facts[0].but(names=tuple(good_axes))
+        return good_facts[0].replace(names=tuple(good_axes))
     return _unknown(evidence)
 
 

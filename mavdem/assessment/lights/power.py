@@ -90,7 +90,7 @@ def power_light(evidence: Evidence) -> Fact:
     worst = worst_fact(facts)
     if len(evidence.signals.batteries) > 1:
         others = [fact for fact in voltages if fact is not worst]
-        worst = worst.but(batteries=(*others, *_constant_voltages(evidence, batteries)))
+        worst = worst.replace(batteries=(*others, *_constant_voltages(evidence, batteries)))
     return worst
 
 

@@ -34,7 +34,7 @@ def tracking_light(evidence: Evidence) -> Fact:
     light = worst_fact(by_error)
     if light.code is TrackingLight.OVERSHOOTS_SETPOINT:
         overshooting = [fact.figures["axis"] for fact in known if fact.code is light.code]
-        return light.but(names=overshooting)
+        return light.replace(names=overshooting)
     if evidence.condition.oscillation is not None and light.is_good:
-        return light.but(Level.WATCH)
+        return light.replace(Level.WATCH)
     return light

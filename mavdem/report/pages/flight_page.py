@@ -180,7 +180,7 @@ def _with_saturations_counted(events: Facts) -> Iterator[Fact]:
             continue
         count = counts.pop(event.subject, 0)
         if count:
-            yield event.but(count=count)
+            yield event.replace(count=count)
 
 
 def _flight_chapters(
@@ -258,7 +258,7 @@ def responses_chapter(responses: Responses) -> Chapter:
             name = f"{axis} {loop_name}"
             measured = response.measured
             if isinstance(measured, Fact):
-                refusal = measured.but(subject="")
+                refusal = measured.replace(subject="")
                 names_by_refusal.setdefault(refusal, []).append(name)
             else:
                 rows.append([name, *(_step_figure_text(measured, key) for key in STEP_FIGURES)])
@@ -270,7 +270,7 @@ def responses_chapter(responses: Responses) -> Chapter:
         blocks.append(Table(["step response (90 % interval)", *headers], rows))
     blocks += doubts
     for refusal, names in names_by_refusal.items():
-        blocks.append(Sentence(str(refusal.but(subject=listed(names)))))
+        blocks.append(Sentence(str(refusal.replace(subject=listed(names)))))
     columns = step_charts(responses)
     if not columns:
         return Chapter("Step response", blocks)
@@ -344,7 +344,7 @@ def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Se
     """
     axes_and_facts = []
     for margin in evidence.margins:
-        facts = [fact.but(names=(margin.axis,)) for fact in margin.facts]
+        facts = [fact.replace(names=(margin.axis,)) for fact in margin.facts]
         if not facts and isinstance(margin.loop, Fact):
             facts = [margin.loop]
         decision = decisions.get(margin.axis)
@@ -353,7 +353,7 @@ def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Se
                 if fact.code is decision.reason.code:
                     continue
                 if fact.is_good and decision.verdict is LoopVerdict.FOLLOWS_BADLY:
-                    fact = fact.but(follows=False)
+                    fact = fact.replace(follows=False)
             axes_and_facts.append((margin.axis, fact))
     return sentences_by_axes(axes_and_facts)
 
