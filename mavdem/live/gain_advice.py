@@ -47,39 +47,53 @@ class GainAdviser:
         self._pending: Future[Facts] | None = None
 
     def update(self, vehicle: str, is_busy: bool, is_at_end: bool) -> Facts:
-        """Begins advice that is due, and returns advice that is ready; it is called once a second.
+        """Begins to compute advice that is due, and returns advice that is ready; it is called once a second.
 
-        Advice that is still computed when another one is due is given up: it lacks the latest flight.
+        It waits for advice only at the end of the session, for ``MAX_WAIT_SECONDS`` at most.
 
         Args:
             vehicle: "system:component".
             is_busy: whether the computer has no time for advice; then it is put off, except at the end.
-            is_at_end: whether the session ends; then it waits ``MAX_WAIT_SECONDS`` for advice.
+            is_at_end: whether the session ends.
 
         Returns:
-            The advice, once; or that it is put off.
+            The advice, once, when it is ready; the fact that it is put off; else nothing.
         """
         if self.is_due:
             if is_busy and not is_at_end:
                 return (Fact(Gains.ADVICE_WAITS),)
-            self.is_due = False
-            self.close()
-            executor = self._process.enter_context(self._start_executor())
-            self._pending = executor.submit(advise_gains, self._recording, vehicle)
+            self._begin(vehicle)
         if self._pending is None:
             return ()
         if not is_at_end and not self._pending.done():
             return ()
-        try:
-            self.facts = self._pending.result(MAX_WAIT_SECONDS)
-        except Exception as error:
-            # Whatever fails in the other process, or takes too long at the end, must not end the session.
-            self.facts = (Fact(Gains.ADVICE_FAILED, error=error, path=str(self._recording)),)
+        self.facts = self._result(self._pending)
         self.close()
         return self.facts
 
+    def _begin(self, vehicle: str) -> None:
+        """Starts the computation of advice in a new process; it is no longer due.
+
+        Advice that is still being computed is given up: it lacks the latest flight.
+
+        Args:
+            vehicle: "system:component".
+        """
+        self.is_due = False
+        self.close()
+        executor = self._process.enter_context(self._start_executor())
+        self._pending = executor.submit(advise_gains, self._recording, vehicle)
+
+    def _result(self, pending: Future[Facts]) -> Facts:
+        """Waits for advice, ``MAX_WAIT_SECONDS`` at most, and returns it; the fact that it failed if there is none."""
+        try:
+            return pending.result(MAX_WAIT_SECONDS)
+        except Exception as error:
+            # Whatever fails in the other process, or takes too long, must not end the session.
+            return (Fact(Gains.ADVICE_FAILED, error=error, path=str(self._recording)),)
+
     def close(self) -> None:
-        """Ends the process, whatever it computes."""
+        """Ends the process, even if it is still computing advice."""
         self._pending = None
         self._process.close()
 

@@ -12,7 +12,7 @@ from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 
 
 class RateCheck:
-    """Reports when messages are missing or too slow, and when they no longer are."""
+    """Reports when messages are missing or too slow for a model of one axis, and when they no longer are."""
 
     def __init__(self, axis: str, can_request: bool, report: Callable[[Fact], None]) -> None:
         """Begins with messages that are not known to be too slow.
@@ -25,11 +25,12 @@ class RateCheck:
         self._axis = axis
         self._can_request = can_request
         self._report = report
-        self._is_enough = True
+        # Whether the latest check missed nothing.
+        self._was_sufficient = True
 
     @property
     def no_attitude(self) -> Fact:
-        """That no attitude comes, and what to do about it."""
+        """The fact that no attitude comes, with the advice to request it while the user may still be given that."""
         code = Rows.NO_LIVE_ATTITUDE if self._can_request else Rows.ATTITUDE_ASKED
         return Fact(code, can_ask=self._can_request)
 
@@ -40,9 +41,9 @@ class RateCheck:
         motor_message: str | None,
         rates: Mapping[str, float],
     ) -> Fact | None:
-        """Checks the present messages, and reports when something begins to be missing or all is there again.
+        """Checks the present messages; reports it when something begins to be missing, or nothing is missing again.
 
-        It is called with each review of the vehicle, twice a second, and so reports changes only.
+        The check is made with each review of the vehicle, twice a second. So only changes are reported.
 
         Args:
             vehicle_type: name of the MAV_TYPE.
@@ -54,11 +55,12 @@ class RateCheck:
             Why there are no rows; None where nothing is missing.
         """
         obstacle = self._obstacle(vehicle_type, attitude_message, motor_message, rates)
-        if obstacle is not None and self._is_enough:
+        is_sufficient = obstacle is None
+        if obstacle is not None and self._was_sufficient:
             self._report(obstacle)
-        elif obstacle is None and not self._is_enough:
+        elif is_sufficient and not self._was_sufficient:
             self._report(Fact(Rows.LIVE_RATES_ENOUGH))
-        self._is_enough = obstacle is None
+        self._was_sufficient = is_sufficient
         return obstacle
 
     def _obstacle(
@@ -68,11 +70,16 @@ class RateCheck:
         motor_message: str | None,
         rates: Mapping[str, float],
     ) -> Fact | None:
-        """Why there are no rows: the first reason that holds, from the most basic one on.
+        """Returns why there are no rows, without reporting it.
 
-        The vehicle may be no multirotor, attitude or motor outputs may be missing, or one of them may come slower than
-        ``MIN_STREAM_RATE``. Once all was well, rates may be a little lower than that (hysteresis): a rate at the limit
-        must not be reported twice a second. The arguments are those of ``update``.
+        The reasons are checked in this order, and the first one that holds is returned: the vehicle is no multirotor;
+        no attitude comes; no motor outputs come; or one of both comes too slowly.
+
+        Args:
+            vehicle_type: name of the MAV_TYPE.
+            attitude_message: name of the message that attitude is read from; None where none comes.
+            motor_message: name of the message of the model's inputs; None where they are not chosen.
+            rates: Hz by message name, of all messages of attitude and motor outputs that come.
 
         Returns:
             The reason; None where nothing is missing.
@@ -82,17 +89,20 @@ class RateCheck:
         if attitude_message is None:
             return self.no_attitude
         if motor_message is None:
-            # Before inputs are chosen the fastest message of outputs counts.
-            outputs = [name for name in rates if name not in ATTITUDE_MESSAGES]
-            motor_message = max(outputs, key=rates.__getitem__, default=None)
+            # Before inputs are chosen the fastest message of motor outputs counts.
+            candidates = [name for name in rates if name not in ATTITUDE_MESSAGES]
+            motor_message = max(candidates, key=rates.__getitem__, default=None)
         if motor_message is None:
             return Fact(Rows.NO_LIVE_MOTORS)
         needed_rates = {name: rates[name] for name in (attitude_message, motor_message)}
-        # Hysteresis: as long as all is well, the lower of the two limits holds.
-        min_rate = MIN_STREAM_RATE / STEP_TOLERANCE if self._is_enough else MIN_STREAM_RATE
+        # Hysteresis: as long as nothing was missing, a rate may fall a little below the limit. Otherwise a rate that
+        # varies around the limit would be reported twice a second.
+        min_rate = MIN_STREAM_RATE
+        if self._was_sufficient:
+            min_rate = MIN_STREAM_RATE / STEP_TOLERANCE
         if min(needed_rates.values()) >= min_rate:
             return None
-        slow = slow_streams(needed_rates, self._axis)
-        if slow is None:
+        slow_fact = slow_streams(needed_rates, self._axis)
+        if slow_fact is None:
             return None
-        return Fact(Rows.LIVE_RATES_TOO_LOW, can_ask=self._can_request, because=slow)
+        return Fact(Rows.LIVE_RATES_TOO_LOW, can_ask=self._can_request, because=slow_fact)

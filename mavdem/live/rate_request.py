@@ -83,6 +83,9 @@ PARAMETER_PERIOD = 0.2
 RATE_WINDOW_SECONDS = 5.0
 """Time over which rates are measured, s of arrival: a choice."""
 
+COUNT_PERIOD = DECISION_SECONDS / 4
+"""Least time, s, between two counts from which a measurement can begin: a quarter of the shortest one, a choice."""
+
 MIN_RATE_RATIO = 0.7
 """Part of the rate reached before, below which a message is requested again: a choice; links lose some messages."""
 
@@ -101,24 +104,24 @@ class ArrivalRates:
     """
 
     def __init__(self) -> None:
-        # Times, s, and numbers of messages so far, by id, from the beginning of the window on.
+        """Begins without a count."""
+        # Counts of the window, the oldest first: the time, s, and the number of messages until then, by message id.
         self._counts_by_time: deque[tuple[float, dict[int, int]]] = deque()
 
     def update(self, now: float, counts: Mapping[int, int]) -> dict[int, float] | None:
-        """Notes the numbers of messages so far, and returns the rate of each message over the window, Hz, by its id.
+        """Adds the present counts of messages, and returns the rate of each message over the last seconds.
 
         Args:
             now: s of this computer's monotonic clock.
-            counts: number of messages so far, by id.
+            counts: number of messages that have arrived so far, by message id.
 
         Returns:
-            The rates; None while less than ``DECISION_SECONDS`` have been measured.
+            Hz by message id; None while less than ``DECISION_SECONDS`` have been measured.
         """
         window = self._counts_by_time
-        # The window can begin at every quarter of the shortest measurement.
-        if not window or now - window[-1][0] >= DECISION_SECONDS / 4:
+        if not window or now - window[-1][0] >= COUNT_PERIOD:
             window.append((now, dict(counts)))
-        # The window begins with the latest entry that is at least ``RATE_WINDOW_SECONDS`` old.
+        # The window begins with the latest count that is at least ``RATE_WINDOW_SECONDS`` old.
         while len(window) > 1 and window[1][0] <= now - RATE_WINDOW_SECONDS:
             window.popleft()
         start_time, start_counts = window[0]

@@ -9,6 +9,7 @@ Source: https://mavlink.io/en/guide/serialization.html (each channel counts its 
 
 import struct
 from collections import OrderedDict, deque
+from collections.abc import Sequence
 from math import asin, atan2, pi, radians
 from typing import NamedTuple
 
@@ -229,25 +230,36 @@ def contradict(first: AttitudeReading, second: AttitudeReading) -> bool:
 
 
 def attitude_reading(payload: bytes, message_id: int) -> AttitudeReading | None:
-    """Returns the attitude in a payload; None for other messages, and before the boot clock has begun.
+    """Returns the attitude that a message reports, as Euler angles.
 
     Args:
-        payload: the payload, without the zeros at its end that MAVLink 2 leaves out.
-        message_id: number of its message.
+        payload: of the message, without the zeros at its end that MAVLink 2 leaves out.
+        message_id: number of the message.
+
+    Returns:
+        None for a message without an attitude, and for one with a time of 0: the boot clock has not begun.
     """
     layout = ATTITUDE_LAYOUTS.get(message_id)
     if layout is None:
         return None
-    values = layout.unpack(payload[: layout.size].ljust(layout.size, b"\0"))
+    full_payload = payload[: layout.size].ljust(layout.size, b"\0")
+    # Both layouts begin with the time and end with the three body rates; angles or a quaternion are between.
+    values = layout.unpack(full_payload)
     clock = values[0] / TIME_UNITS_PER_SECOND
     if not clock:
         return None
+    attitude = list(values[1:-3])
     rates = list(values[-3:])
     if layout is EULER_LAYOUT:
-        return AttitudeReading(clock, list(values[1:4]), rates)
-    w, x, y, z = values[1:5]
+        return AttitudeReading(clock, attitude, rates)
+    return AttitudeReading(clock, _euler_angles(attitude), rates)
+
+
+def _euler_angles(quaternion: Sequence[float]) -> list[float]:
+    """Returns roll, pitch and heading, rad, of a unit quaternion (w, x, y, z) from body to earth."""
+    w, x, y, z = quaternion
     roll = atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     # Rounding may bring the sine of pitch beyond 1.
     pitch = asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
     heading = atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return AttitudeReading(clock, [roll, pitch, heading], rates)
+    return [roll, pitch, heading]
