@@ -59,7 +59,14 @@ def test_words_are_those_of_the_table_and_errors_say_them():
 def test_several_doubts_have_one_remedy_and_a_slow_log_is_first_to_be_mended():
     wind = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=0.14)
     short = Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=0.3)
-    slow = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=0.1)
-    for doubts, remedy in (((wind, short), wind.remedy), ((wind, slow), slow.remedy)):
+    slow = Fact(ParameterDoubt.COMMANDS_TOO_FAST, share=0.3, rate=25.0)
+    # Only logs of 80 Hz and more have this doubt, and they are not called slow.
+    filtered = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=0.1)
+    remedies = {
+        (wind, short): wind.remedy,
+        (wind, slow): slow.remedy,
+        (wind, filtered): wind.remedy,
+    }
+    for doubts, remedy in remedies.items():
         assert Fact(ParameterDoubt.SEVERAL_DOUBTS, because=doubts).remedy == remedy
     assert not Fact(ParameterDoubt.SEVERAL_DOUBTS, because=(wind, short)).grounded.remedy

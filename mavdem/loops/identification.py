@@ -450,7 +450,11 @@ def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -
     if not (is_certain and rate.stable[0]):
         # The margin is infinite where the gain never crosses 1.
         interval = np.clip([low, high], -180.0, 180.0)
-        raise NotLearnable(Loops.MARGIN_UNCERTAIN, phase_margin_interval=interval)
+        raise NotLearnable(
+            Loops.MARGIN_UNCERTAIN,
+            phase_margin_interval=interval,
+            is_stable=bool(rate.stable[0]),
+        )
     # The corner frequency of a first-order lag is at ω · lag = 1.
     is_beyond_motors = 2 * np.pi * rate.crossover * plant.lag > 1
     if is_beyond_motors and rate.phase_margin < MARGIN_TARGETS["default"].phase_margin / 2:

@@ -60,7 +60,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         "learn flight.mcap --out .": "--out . would replace flight.mcap. Name another folder.",
         "learn {flight} --out new/" + "x" * 300: "cannot be written (File name too long)",
         "review x/model.json --out x": "--out x would replace x/model.json",
-        "tune {flight} --params ./gains.param --out .": "--out . would replace gains.param",
+        "tune {flight} --params ./gains.stage1.param --out .": "would replace gains.stage1.param",
         "fly hover_blower --params /dev/null": "/dev/null is not a plain file. Name another",
         "fly {flight} --out f.tlog": "ardupilot_wind5_steps.tlog is no scenario or vehicle file",
         "learn /dev/ttyACM0,115200 --out x": "`mavdem live /dev/ttyACM0,115200`",

@@ -17,6 +17,7 @@ from mavdem.dataset.flights import usable_segments
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.dem.record import Record
 from mavdem.experiments.paper.flights import write_log
+from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Loops, Responses
@@ -188,6 +189,22 @@ def test_a_plant_without_draws_is_refused_and_unknown_margins_end_at_half_a_turn
         widths.append(np.ptp(uncertain.figures["phase_margin_interval"]))
     assert uncertain.figures["phase_margin_interval"][1] == 180.0
     assert widths[0] == approx(31.5, abs=1.5) and plant_with(10.0), "15° to each side"
+
+
+@mark.parametrize(
+    "interval, is_stable, reason",
+    [
+        ((20.0, 60.0), True, "the phase margin is known to ±20° only"),
+        ((-30.0, -30.0), False, "the identified loop is unstable"),
+        ((30.0, 30.0), False, "the identified loop is unstable"),
+        ((180.0, 180.0), True, "gain never reaches 1"),
+    ],
+)
+def test_an_unknown_margin_is_called_uncertain_only_if_its_interval_is_wide(
+    interval, is_stable, reason
+):
+    fact = Fact(Loops.MARGIN_UNCERTAIN, phase_margin_interval=interval, is_stable=is_stable)
+    assert reason in str(fact)
 
 
 @mark.parametrize(
