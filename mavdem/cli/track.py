@@ -162,16 +162,21 @@ def _track_with_progress(
         baseline: Logs or a fleet of healthy flights; empty for those of the last run.
 
     Raises:
-        KeyboardInterrupt: The user has pressed Ctrl-C, and reads that another run continues.
+        KeyboardInterrupt: The user has pressed Ctrl-C. What was read stays in the table, and a message says so.
+
+    Returns:
+        Which logs there are, how many of them were read now, the healthy flights and the problems.
     """
     try:
         with progress("Reading logs") as show_fraction:
 
-            def show_count(done: int, total: int) -> None:
-                show_fraction(done / max(total, 1))
+            def show_log_count(read_logs: int, all_logs: int) -> None:
+                # All logs may be known already: then there is none to read.
+                show_fraction(read_logs / max(all_logs, 1))
 
-            return track(folder, logs, reader, baseline, flight_page, progress=show_count)
+            return track(folder, logs, reader, baseline, flight_page, progress=show_log_count)
     except KeyboardInterrupt:
+        # Each log is stored as soon as it was read, so nothing is lost.
         print_to_stderr("What was read is kept: the same command continues.")
         raise
 

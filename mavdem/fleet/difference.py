@@ -114,7 +114,7 @@ def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifferen
 
 
 def _comparable_kinds(obstacle: Fact | None) -> list[str]:
-    """Returns the kinds of quantities that can be compared in spite of an obstacle.
+    """Returns the kinds of quantities that can be compared in spite of an obstacle; all kinds without one.
 
     Args:
         obstacle: what keeps two states from being compared, from :func:`comparison_obstacle`; ``None`` for nothing.
@@ -122,8 +122,10 @@ def _comparable_kinds(obstacle: Fact | None) -> list[str]:
     if obstacle is None:
         return list(SD_BETWEEN_FLIGHTS)
     if obstacle.code is Incomparable.OTHER_INPUTS:
-        # The trim and the margins do not depend on the inputs of models.
+        # The models of both states have different inputs, such as motors and demand, so that their parameters do not
+        # mean the same. A motor's share of the output and the margins do not depend on the inputs of models.
         return [SHARE, PHASE_MARGIN, GAIN_MARGIN]
+    # Any other obstacle, such as another number of motors, concerns every quantity.
     return []
 
 

@@ -419,17 +419,16 @@ def row_schema() -> Any:
 def columns_of_report(report: Mapping[str, Any]) -> JsonValues:
     """Returns the columns of a row that follow from the report of an analysis, the content of ``report.json``.
 
-    Most columns are values of the document at the path in their metadata. A few follow from several values. Of a log
-    with a model the inputs and the cautions are those of the model; otherwise those of the motors' trim and of the
-    verdict on the log.
+    Most columns are values of the document at the path in their metadata. The wind torque, the inputs and the warnings
+    depend on several values.
+
+    Args:
+        report: the document; with the key "flight" if a model was learned.
+
+    Returns:
+        Values by name of the column; a column that is not known is missing or None.
     """
-    columns = {}
-    for column in fields(FlightRow):
-        if column.metadata:
-            value = value_at(report, column.metadata[REPORT_PATH])
-            # An empty text or list says nothing.
-            if value not in (None, "", [], ()):
-                columns[column.name] = value
+    columns = _columns_at_paths(report)
     # The wind torque is computed with the motors' effect. Where that is not identifiable, or the wind was not resolved,
     # the wind torque is not known.
     effect_unknown = columns.get("effect_status") in (None, NOT_IDENTIFIABLE)
@@ -437,24 +436,58 @@ def columns_of_report(report: Mapping[str, Any]) -> JsonValues:
         for name in list(columns):
             if name.startswith("wind_torque"):
                 del columns[name]
-    inputs: str | None
-    has_model = "flight" in report
-    if has_model:
-        cautions = report["cautions"]
-        unit = value_at(report, "flight.scale.unit")
-        inputs = DEMAND if value_at(report, "flight.scale.name") == DEMAND else MOTORS
-        if inputs == MOTORS:
-            columns.setdefault("motors", report["inputs"])
-    else:
-        cautions = value_at(report, "verdict.cautions")
-        unit = columns.get("trim_unit")
-        inputs = None if unit is None else MOTORS
+    return columns | _input_columns(report, columns) | _warning_columns(report)
+
+
+def _columns_at_paths(report: Mapping[str, Any]) -> JsonValues:
+    """Returns the columns, by name, whose values the document has at the paths that :func:`report_column` names."""
+    columns = {}
+    for column in fields(FlightRow):
+        if column.metadata:
+            value = value_at(report, column.metadata[REPORT_PATH])
+            # An empty text or list says nothing.
+            if value not in (None, "", [], ()):
+                columns[column.name] = value
+    return columns
+
+
+def _has_model(report: Mapping[str, Any]) -> bool:
+    """Returns whether a model was learned from the log: only then has its report a flight to learn from."""
+    return "flight" in report
+
+
+def _input_columns(report: Mapping[str, Any], columns: JsonValues) -> JsonValues:
+    """Returns the columns on the inputs: whether they are motors or demand, their unit, and names of the motors.
+
+    They are the inputs of the model. Without a model they are the motors, if these have a trim, in the unit of it.
+
+    Args:
+        report: the document ``report.json``.
+        columns: columns that are known already: the unit of the trim, and the names of the motors, which are kept.
+    """
+    if not _has_model(report):
+        trim_unit = columns.get("trim_unit")
+        return {"inputs": None if trim_unit is None else MOTORS, "input_unit": trim_unit}
+    input_columns = {"inputs": MOTORS, "input_unit": value_at(report, "flight.scale.unit")}
+    if value_at(report, "flight.scale.name") == DEMAND:
+        input_columns["inputs"] = DEMAND
+    elif "motors" not in columns:
+        # The inputs of this model are the motors.
+        input_columns["motors"] = report["inputs"]
+    return input_columns
+
+
+def _warning_columns(report: Mapping[str, Any]) -> JsonValues:
+    """Returns the columns on what makes a flight doubtful, as sentences and as codes.
+
+    What overrides the flight's figures, such as an oscillation, comes first. Cautions about the model follow or,
+    without a model, those of the verdict on the log.
+    """
     overrides = report.get("overrides", ())
-    warnings = [*overrides, *(cautions or ())]
+    path_of_cautions = "cautions" if _has_model(report) else "verdict.cautions"
+    cautions = value_at(report, path_of_cautions) or ()
+    warnings = [*overrides, *cautions]
     return {
-        **columns,
-        "inputs": inputs,
-        "input_unit": unit,
         "overrides": [override.code for override in overrides],
         "warnings": warnings,
         "warning_codes": [fact.code for fact in warnings],

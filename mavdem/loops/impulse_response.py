@@ -201,25 +201,37 @@ def estimate_impulse_response(
                     for piece in pieces
                 ]
                 instrument = _overlapping_windows(undisturbed, taps, size)
-            # All signals are filtered so that the residuals are white, and scaled so that these have a standard
-            # deviation of 1 in each window: so windows with more wind count less.
             residuals = signal[:, taps:] - _hat_convolutions(setpoint, knots) @ values
             variation = np.ptp(residuals, axis=1)
+            # Residuals are all equal if the signal is the response exactly, and not finite after an overflow.
             if not variation.any() or not np.isfinite(variation).all():
                 return None
             whitening = _whitening_filter(residuals)
-            deviation = _filtered(residuals, whitening).std(axis=1)
-            least_deviation = deviation.max() / MAX_WINDOW_WEIGHT_RATIO + SMALLEST_POSITIVE
-            scale = np.maximum(deviation, least_deviation)[:, None]
+            deviation = _window_deviations(residuals, whitening)
             estimate = _regularised_estimate(
-                _filtered(setpoint, whitening) / scale,
-                _filtered(signal, whitening) / scale,
-                _filtered(instrument, whitening) / scale,
+                _filtered(setpoint, whitening) / deviation,
+                _filtered(signal, whitening) / deviation,
+                _filtered(instrument, whitening) / deviation,
                 knots,
                 sampling_rate,
             )
             values = estimate.values
     return estimate
+
+
+def _window_deviations(residuals: Array, whitening: Array) -> Array:
+    """Returns the standard deviation of the whitened residuals of each window (W, 1).
+
+    All signals are divided by it, so that residuals have a variance of 1 and windows with more wind count less.
+
+    Args:
+        residuals: residuals of all windows (W, B).
+        whitening: coefficients of the filter that makes them white (P,).
+    """
+    deviation = _filtered(residuals, whitening).std(axis=1)
+    # No window may outweigh the others without limit, and the division by 0 is avoided.
+    least_deviation = deviation.max() / MAX_WINDOW_WEIGHT_RATIO + SMALLEST_POSITIVE
+    return np.maximum(deviation, least_deviation)[:, None]
 
 
 def _hat_convolutions(windows: Array, knots: Array) -> Array:

@@ -222,7 +222,7 @@ def rate_step_response(signals: Signals, segments: Segments) -> StepResponse | F
         is_ardupilot = signals.telemetry.autopilot == "ARDUPILOTMEGA"
         if is_ardupilot and signals.angle_setpoint is not None:
             series.append(_unwrapped(signals.angle_setpoint))
-    return _measured(signals, "rate", series, segments, MIN_STREAM_RATE)
+    return _measured_step_response(signals, "rate", series, segments, MIN_STREAM_RATE)
 
 
 def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse | Fact:
@@ -240,7 +240,7 @@ def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse
     if signals.angle_setpoint is None or signals.attitude is None:
         return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} attitude")
     series = [_unwrapped(signals.angle_setpoint), _unwrapped(signals.attitude.angle_series)]
-    return _measured(signals, "attitude", series, segments, MIN_SLOW_MOTION_RATE)
+    return _measured_step_response(signals, "attitude", series, segments, MIN_SLOW_MOTION_RATE)
 
 
 def _unwrapped(angle: TimeSeries) -> TimeSeries:
@@ -248,7 +248,7 @@ def _unwrapped(angle: TimeSeries) -> TimeSeries:
     return replace(angle, values=np.unwrap(angle.values))
 
 
-def _measured(
+def _measured_step_response(
     signals: Signals,
     loop: str,
     series: Sequence[TimeSeries],
@@ -257,8 +257,9 @@ def _measured(
 ) -> StepResponse | Fact:
     """Measures the step response of the rate or the attitude loop of one axis.
 
-    Messages are resampled to one even rate in pieces without gaps, the impulse response is estimated from these, and
-    step and frequency response follow from it. Checks come first, since the estimate takes long.
+    Messages are resampled to one even rate in pieces without gaps, the signals are completed or made continuous, the
+    rate is lowered to what the coherent frequencies need, and the impulse response is estimated from these samples.
+    Step and frequency response follow from it. Checks come first, since the estimate takes long.
 
     Args:
         signals: signals of the vehicle, for the axis.
@@ -280,29 +281,27 @@ def _measured(
     )
     if resampled is None:
         return Fact(StepResponses.TOO_LITTLE_FLIGHT, subject=subject, least_duration=min_duration)
+    setpoint_moves_too_little = Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
     sampling_rate = resampled.rate
     # Pieces whose setpoint, the first row, never moves show no response to it. The others must have samples for
     # MIN_WINDOWS windows, each of two durations of the response.
-    pieces = [piece for piece in resampled.pieces if np.ptp(piece[0])]
-    samples = sum(piece.shape[1] for piece in pieces)
-    if samples < 2 * MIN_WINDOWS * seconds * sampling_rate:
-        return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
+    pieces = [piece for piece in resampled.pieces if np.ptp(piece[0]) != 0]
+    sample_count = sum(piece.shape[1] for piece in pieces)
+    if sample_count < 2 * MIN_WINDOWS * seconds * sampling_rate:
+        return setpoint_moves_too_little
+    # Only the rate loop has an attitude controller around it, which feeds the angle back to the setpoint.
     angle_gain = 0.0
     if loop == "rate":
         controller = controller_if_known(signals)
         angle_gain = DEFAULT_ANGLE_GAIN if controller is None else controller.angle_gain
         pieces = _with_angle_and_correction(sampling_rate, pieces, angle_gain)
     else:
-        for piece in pieces:
-            piece[0] = piece[1] + wrapped_angle(piece[0] - piece[1])
+        _bring_setpoint_within_half_turn(pieces)
     timing_error = MAX_TIMING_ERROR_STEPS / sampling_rate
     spectra = welch_spectra_of_pieces(sampling_rate, pieces)
     if spectra is None:
-        return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
-    is_coherent = _coherence_where_driven(spectra) >= MIN_COHERENCE
-    highest_coherent = spectra.frequency[is_coherent].max(initial=0.0)
-    needed_rate = max(min_rate, SAMPLES_PER_COHERENT_PERIOD * highest_coherent)
-    decimation = max(int(sampling_rate / needed_rate), 1)
+        return setpoint_moves_too_little
+    decimation = _decimation(sampling_rate, min_rate, spectra)
     if decimation > 1:
         # Both ends are continued by the line through them, so that the filter makes no step there.
         pieces = [resample_poly(piece, 1, decimation, axis=1, padtype="line") for piece in pieces]
@@ -310,8 +309,38 @@ def _measured(
         sampling_rate / decimation, pieces, angle_gain, seconds, 1 / MAX_SAMPLING_RATES[loop]
     )
     if impulse_response is None:
-        return Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
-    return _described(signals.axis, loop, impulse_response, timing_error, spectra)
+        return setpoint_moves_too_little
+    return _step_response_with_figures(signals.axis, loop, impulse_response, timing_error, spectra)
+
+
+def _bring_setpoint_within_half_turn(pieces: Sequence[Array]) -> None:
+    """Shifts the angle setpoint by whole turns, in place, so that it differs from the angle by at most half a turn.
+
+    Both angles were unwrapped by themselves, so they may be whole turns apart.
+
+    Args:
+        pieces: angle setpoint and angle in the rows of each piece (2, N), rad.
+    """
+    for piece in pieces:
+        setpoint, angle = piece
+        piece[0] = angle + wrapped_angle(setpoint - angle)
+
+
+def _decimation(sampling_rate: float, min_rate: float, spectra: WelchSpectra) -> int:
+    """Returns by which whole number the rate of the samples is divided before a response is estimated.
+
+    The rate stays at least ``SAMPLES_PER_COHERENT_PERIOD`` times the highest frequency at which setpoint and response
+    are coherent.
+
+    Args:
+        sampling_rate: rate of the samples, Hz.
+        min_rate: lowest accepted rate, Hz.
+        spectra: cross-spectra of setpoint and response.
+    """
+    is_coherent = _coherence_where_driven(spectra) >= MIN_COHERENCE
+    highest_coherent = spectra.frequency[is_coherent].max(initial=0.0)
+    needed_rate = max(min_rate, SAMPLES_PER_COHERENT_PERIOD * highest_coherent)
+    return max(int(sampling_rate / needed_rate), 1)
 
 
 def _with_angle_and_correction(
@@ -402,7 +431,7 @@ def _responses(estimate: ImpulseResponse, timing_error: float, max_frequency: fl
     return _Responses(time, steps, frequency, responses)
 
 
-def _described(
+def _step_response_with_figures(
     axis: str, loop: str, estimate: ImpulseResponse, timing_error: float, spectra: WelchSpectra
 ) -> StepResponse | Fact:
     """Describes an estimated impulse response by its step and frequency response, with figures and 90 % intervals.
@@ -429,7 +458,7 @@ def _described(
     gains = np.abs(responses.responses)
     coherence = _coherence_where_driven(spectra)
     # Row 0 of all responses is the estimate, the others are draws.
-    known_count = _known_frequencies(responses.frequency, gains, spectra.frequency, coherence)
+    known_count = _known_frequency_count(responses.frequency, gains, spectra.frequency, coherence)
     step_half_width = coverage_factor() * responses.steps[1:].std(axis=0)
     if known_count < 2 or step_half_width.max() >= MAX_STEP_HALF_WIDTH:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
@@ -465,13 +494,13 @@ def _coherence_where_driven(spectra: WelchSpectra) -> Array:
     return np.where(is_driven, spectra.coherence, 0.0)
 
 
-def _known_frequencies(
+def _known_frequency_count(
     frequency: Array, gains: Array, spectrum_frequency: Array, coherence: Array
 ) -> int:
-    """Returns up to which frequency a response is known, as the number of its leading frequencies.
+    """Returns how many frequencies of a response are known, counted from the lowest.
 
-    They end where the standard deviation of |T| first exceeds ``MAX_GAIN_DEVIATION``, and at the highest frequency at
-    which setpoint and response are coherent.
+    The known ones end before the first at which the standard deviation of |T| exceeds ``MAX_GAIN_DEVIATION``, and
+    before the highest frequency at which setpoint and response are coherent.
 
     Args:
         frequency: frequencies of the response (F,), Hz, ascending.
@@ -479,25 +508,29 @@ def _known_frequencies(
         spectrum_frequency: frequencies of the coherence (F′,), Hz.
         coherence: coherence of setpoint and response (F′,).
     """
-    deviation = gains[1:].std(axis=0)
-    uncertain = np.flatnonzero(deviation > MAX_GAIN_DEVIATION)
-    # The first uncertain frequency, or the number of all if there is none.
-    certain_count = np.append(uncertain, len(frequency))[0]
+    gains_of_draws = gains[1:]
+    is_uncertain = gains_of_draws.std(axis=0) > MAX_GAIN_DEVIATION
+    certain_count = len(frequency)
+    if is_uncertain.any():
+        # The index of the first uncertain frequency is the number of those below it.
+        certain_count = int(np.argmax(is_uncertain))
     highest_coherent = spectrum_frequency[coherence >= MIN_COHERENCE].max(initial=0.0)
-    return min(certain_count, np.searchsorted(frequency, highest_coherent))
+    coherent_count = int(np.searchsorted(frequency, highest_coherent))
+    return min(certain_count, coherent_count)
 
 
 def _figures(
     time: Array, steps: Array, frequency: Array, gains: Array
 ) -> dict[str, IntervalEstimate]:
-    """Computes each of ``FIGURES`` with its 90 % interval.
+    """Computes each of ``FIGURES``, such as the rise time, with its 90 % interval.
 
-    A figure is computed for the estimate and for each draw, and the interval follows from the draws.
+    A figure is computed for the estimate and for each draw, and the interval follows from the draws. All figures are
+    those of :class:`StepResponse`.
 
     Args:
         time: times after the step (K,), s.
-        steps: responses to a step (N, K), that of the estimate in row 0, then those of draws.
-        frequency: frequencies (F,), Hz.
+        steps: responses to a step of 1 (N, K), that of the estimate in row 0, then those of draws.
+        frequency: known frequencies (F,), Hz.
         gains: gains |T| (N, F), in the same order.
 
     Returns:
@@ -507,23 +540,43 @@ def _figures(
     to_half = _first_times(time, steps, 0.5)
     to_nine_tenths = _first_times(time, steps, 0.9)
     # A step that never reaches 90 % has no rise time: the whole duration stands for it.
-    has_risen = to_nine_tenths < time[-1]
+    duration = time[-1]
+    has_risen = to_nine_tenths < duration
+    rise_time = np.where(has_risen, to_nine_tenths - to_tenth, to_nine_tenths)
+    # A step settles at the last time at which it is outside the band around 1.
     is_unsettled = abs(steps - 1) > SETTLING_BAND
-    overshoot = np.maximum(steps.max(axis=1) - 1, 0.0)
-    # Noise raises the highest value of a step. The estimate contains noise once and a draw twice, so the bias is what
-    # the draws have more than the estimate.
-    added_by_noise = overshoot - overshoot[0]
-    added_by_noise[0] = added_by_noise[1:].mean()
+    settling_time = np.where(is_unsettled, time, 0.0).max(axis=1, initial=time[0])
     values = {
-        "overshoot": np.maximum(overshoot[0] - added_by_noise, 0.0),
-        "rise_time": np.where(has_risen, to_nine_tenths - to_tenth, to_nine_tenths),
-        # The last time at which the step is outside its band.
-        "settling": np.where(is_unsettled, time, 0.0).max(axis=1, initial=time[0]),
+        "overshoot": _unbiased_overshoots(steps),
+        "rise_time": rise_time,
+        "settling": settling_time,
         "delay": to_half,
         "peak": gains.max(axis=1),
         "peak_frequency": frequency[gains.argmax(axis=1)],
     }
     return {name: _with_interval(figure) for name, figure in values.items()}
+
+
+def _unbiased_overshoots(steps: Array) -> Array:
+    """Returns the overshoots of the estimate and of draws, without what noise adds to a largest value.
+
+    Noise raises the highest value of a step. The estimate contains noise once, and a draw, made around the estimate,
+    twice. So the mean excess of the draws over the estimate is the bias of the estimate, as in a bootstrap. The excess
+    of each draw is reflected about the uncorrected estimate, which gives the basic bootstrap's interval (A. C. Davison
+    and D. V. Hinkley, Bootstrap Methods and their Application, sec. 5.2).
+
+    Args:
+        steps: responses to a step of 1 (N, K), that of the estimate in row 0, then those of draws.
+
+    Returns:
+        Overshoots (N,), 0 or more, as fractions of the step, in the same order.
+    """
+    raw_overshoots = np.maximum(steps.max(axis=1) - 1, 0.0)
+    raw_estimate = raw_overshoots[0]
+    excess = raw_overshoots - raw_estimate
+    bias = excess[1:].mean()
+    excess[0] = bias
+    return np.maximum(raw_estimate - excess, 0.0)
 
 
 def _first_times(time: Array, steps: Array, level: float) -> Array:
@@ -544,6 +597,7 @@ def _first_times(time: Array, steps: Array, level: float) -> Array:
     value_before = running_maximum.max(axis=1, where=is_below, initial=0.0)
     value_after = running_maximum.min(axis=1, where=~is_below, initial=np.inf)
     last_below = is_below.sum(axis=1) - 1
+    # Where the level is never exceeded, the value after is infinite, the fraction 0, and the sample the last one.
     sample = last_below + (level - value_before) / (value_after - value_before)
     return np.interp(sample, np.arange(len(time)), time)
 

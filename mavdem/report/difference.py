@@ -200,23 +200,29 @@ def surest_change(difference: VehicleDifference) -> QuantityChange | None:
 
 
 def next_blocks(difference: VehicleDifference) -> list[Sentence]:
-    """Returns a sentence on which part of the vehicle to check after a change.
+    """Returns the next step: a sentence on which part of the vehicle to check after a change.
 
-    It is the motor that most surely became weaker; where none did, the part of the surest change, which is the one with
-    the lowest p-value.
+    It is the motor that most surely became weaker. If none did, it is the part of the surest change. The surest change
+    is the one with the lowest p-value.
+
+    Args:
+        difference: comparison of two states, quantity by quantity.
 
     Returns:
-        One sentence; none without a change, or where the states are of two vehicles.
+        One sentence; none without a change. None either where the states are of two vehicles, whose differences are no
+        fault to look for.
     """
     changes = difference.changes_with(QuantityOutcome.CHANGED)
-    before, after = difference.vehicles
-    known_vehicles = {*before, *after} - {UNKNOWN}
+    vehicles_before, vehicles_after = difference.vehicles
+    known_vehicles = {*vehicles_before, *vehicles_after} - {UNKNOWN}
     if not changes or len(known_vehicles) > 1:
         return []
-    weaker = [change for change in changes if _is_weaker(change)]
-    change = min(weaker or changes, key=lambda change: change.p)
-    motor = _motor_name(change, difference) if change.quantity.motor else ""
-    return render_section("difference_next", motor=motor, is_weaker=bool(weaker))
+    weaker_motors = [change for change in changes if _is_weaker(change)]
+    candidates = weaker_motors or changes
+    surest = min(candidates, key=lambda change: change.p)
+    # A change that is not of a motor, such as one of a margin, has the motor 0.
+    motor = _motor_name(surest, difference) if surest.quantity.motor else ""
+    return render_section("difference_next", motor=motor, is_weaker=bool(weaker_motors))
 
 
 def _is_weaker(change: QuantityChange) -> bool:
@@ -224,6 +230,7 @@ def _is_weaker(change: QuantityChange) -> bool:
 
     A motor that became weaker either takes a larger share of the output to hold the vehicle level, or has less effect.
     """
+    # Quantities of the whole vehicle, such as margins, have the motor 0.
     if change.quantity.motor == 0:
         return False
     increases = change.difference > 0
@@ -248,6 +255,7 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
     """
     quantity = change.quantity
     shown = SHOWN_QUANTITIES[quantity.kind]
+    # The motors count from 1, and quantities of an axis have the motor 0.
     if quantity.motor:
         name = f"{_motor_name(change, difference)}'s {shown.name}"
     else:

@@ -334,13 +334,13 @@ def _loops_chapter(assessment: Assessment, evidence: Evidence, advice: AdviceByA
 
 
 def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Sentence]:
-    """Returns the sentences about the margins of all axes, or about why they are not known.
+    """Returns the sentences about the stability margins of all axes, or about why they are not known.
 
-    What the decision on an axis gives as its reason is left out. Axes with the same fact share one sentence.
+    Axes with the same fact share one sentence.
 
     Args:
-        evidence: the margins.
-        decisions: on the loops, by axis.
+        evidence: the margins of each axis; in the place of an unidentified loop, the fact that says why.
+        decisions: what was decided on the loops, by axis. The page gives its reason elsewhere.
     """
     axes_and_facts = []
     for margin in evidence.margins:
@@ -349,11 +349,16 @@ def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Se
             facts = [margin.loop]
         decision = decisions.get(margin.axis)
         for fact in facts:
-            if decision is not None:
-                if fact.code is decision.reason.code:
-                    continue
-                if fact.is_good and decision.verdict is LoopVerdict.FOLLOWS_BADLY:
-                    fact = fact.replace(follows=False)
+            if decision is None:
+                axes_and_facts.append((margin.axis, fact))
+                continue
+            # The reason of the decision stands above these sentences already.
+            is_repetition = fact.code is decision.reason.code
+            if is_repetition:
+                continue
+            # Good margins are no praise for an axis that does not follow its setpoint: the sentence says so.
+            if fact.is_good and decision.verdict is LoopVerdict.FOLLOWS_BADLY:
+                fact = fact.replace(follows=False)
             axes_and_facts.append((margin.axis, fact))
     return sentences_by_axes(axes_and_facts)
 
