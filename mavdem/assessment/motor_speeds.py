@@ -40,6 +40,9 @@ MIN_USUAL_SAMPLES = 5
 MIN_LEAN_ERROR = np.radians(5.0)
 """Error of the attitude, rad, that shows that a motor does not hold the vehicle; sound ones stay below 3°."""
 
+HIGHEST_COMMAND_QUANTILE = 0.95
+"""Quantile of a motor's commands that is taken for the highest one, so that single peaks do not count; a choice."""
+
 MIN_COMMAND_RISE = 0.1
 """Rise of a motor's command, as a share of the range, that makes up for lost thrust; 99 % of trims vary less."""
 
@@ -121,7 +124,7 @@ def _standstill(
     motor: int,
     interval: Interval,
 ) -> Fact:
-    """Returns that a motor stood still, bad if a second witness confirms it.
+    """Returns the event that a motor stood still, which is bad if a second witness confirms it.
 
     Args:
         scene: sensors of the boot.
@@ -133,36 +136,23 @@ def _standstill(
     """
     motors = scene.signals.motors
     assert motors is not None
-    start, end = interval[0], min(interval[1], scene.record_end)
-    commands = motors.range_fractions(scene.boot)
-    command = commands.values[:, motor]
-    rows = in_intervals(commands.time, [(start, end)])
-    before = in_intervals(commands.time, [(start - 2 * RECOVERY_SECONDS, start)])
-    share = float(command[rows].mean()) if rows.any() else 0.0
-    witnesses = [
-        supporting_statement(
-            Witness.SPEED_ZERO, name=controller.name, duration=end - start, share=share
-        ),
-        *_counted_errors(controller, scene.boot, (start, end)),
-    ]
-    if rows.any() and before.any():
-        usual = float(np.median(command[before]))
-        highest = float(np.quantile(command[rows], 0.95))
-        if highest - usual > MIN_COMMAND_RISE:
-            witnesses.append(
-                supporting_statement(Witness.COMMAND_ROSE, share=highest, share_before=usual)
-            )
-        else:
-            witnesses.append(contradicting_statement(Witness.COMMAND_UNCHANGED, share=usual))
-    error_rows = in_intervals(error.time, [(start - MAX_SETPOINT_DELAY, end)])
-    if error_rows.any():
-        angle = float(error.magnitude[error_rows].max())
-        if angle > MIN_LEAN_ERROR:
-            witnesses.append(supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle))
-        else:
-            witnesses.append(contradicting_statement(Witness.ATTITUDE_HELD, angle=angle))
     name = motors.geometry.names[motor]
-    witnesses += reports_on_motor(reports, scene.boot, name, (start, end))
+    start, end = interval[0], min(interval[1], scene.record_end)
+    recorded = (start, end)
+    commands = motors.range_fractions(scene.boot)
+    command = TimeSeries(commands.time, commands.boot, commands.values[:, motor])
+    rows = in_intervals(command.time, [recorded])
+    share = float(command.values[rows].mean()) if rows.any() else 0.0
+    no_rotation = supporting_statement(
+        Witness.SPEED_ZERO, name=controller.name, duration=end - start, share=share
+    )
+    witnesses = (
+        no_rotation,
+        *_counted_errors(controller, scene.boot, recorded),
+        *_command_statements(command, recorded),
+        *_attitude_statements(error, recorded),
+        *reports_on_motor(reports, scene.boot, name, recorded),
+    )
     event = Fact(
         MotionEvent.MOTOR_STOOD_STILL,
         time=start,
@@ -173,6 +163,48 @@ def _standstill(
         boot=scene.boot,
     )
     return weighed_event(event, witnesses)
+
+
+def _command_statements(command: TimeSeries, interval: Interval) -> Facts:
+    """Returns whether the command of a motor rose to make up for its lost thrust, as a witness for or against the loss.
+
+    Args:
+        command: of the motor in the boot (N,), as shares of the range.
+        interval: when the motor stood still, s since boot.
+
+    Returns:
+        One statement; none without a command in the interval, or in twice ``RECOVERY_SECONDS`` before it.
+    """
+    start, _ = interval
+    after = command.values[in_intervals(command.time, [interval])]
+    before = command.values[in_intervals(command.time, [(start - 2 * RECOVERY_SECONDS, start)])]
+    if not len(after) or not len(before):
+        return ()
+    usual = float(np.median(before))
+    highest = float(np.quantile(after, HIGHEST_COMMAND_QUANTILE))
+    if highest - usual > MIN_COMMAND_RISE:
+        return (supporting_statement(Witness.COMMAND_ROSE, share=highest, share_before=usual),)
+    return (contradicting_statement(Witness.COMMAND_UNCHANGED, share=usual),)
+
+
+def _attitude_statements(error: AttitudeError, interval: Interval) -> Facts:
+    """Returns whether the attitude left its setpoint while a motor stood still, as a witness for or against its loss.
+
+    Args:
+        error: of the attitude in the boot.
+        interval: when the motor stood still, s since boot.
+
+    Returns:
+        One statement; none without an attitude in the interval or just before it.
+    """
+    start, end = interval
+    rows = in_intervals(error.time, [(start - MAX_SETPOINT_DELAY, end)])
+    if not rows.any():
+        return ()
+    angle = float(error.magnitude[rows].max())
+    if angle > MIN_LEAN_ERROR:
+        return (supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle),)
+    return (contradicting_statement(Witness.ATTITUDE_HELD, angle=angle),)
 
 
 def _counted_errors(controller: SpeedController, boot: int, interval: Interval) -> Facts:

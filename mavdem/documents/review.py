@@ -259,14 +259,13 @@ def _axis_values(assessment: Assessment) -> JsonValues:
             loop_name: _response_values(response)
             for loop_name, response in assessment.responses.get(axis, no_responses).items()
         }
+        decision = assessment.loop_decisions.get(axis)
         values_by_axis[axis] = {
             "loop": None if refusal else loop,
             "refusal": refusal,
             "resonance": resonances.get(axis),
             "tracking": assessment.tracking.get(axis),
-            "decision": assessment.loop_decisions[axis].fact
-            if axis in assessment.loop_decisions
-            else None,
+            "decision": None if decision is None else decision.fact,
             "step_response": responses["rate"]["measured"],
             **responses,
         }
@@ -283,13 +282,17 @@ def _response_values(response: LoopResponse) -> JsonValues:
 
 
 def _spectrum_document(spectrum: spectra.Spectrum, lines: tuple[SpectralLine, ...]) -> Spectrum:
-    """Makes the record of a spectrum and its two spectrograms, over time and over throttle, small enough for a page.
+    """Returns the document of a spectrum, with its spectrograms over time and over the throttle.
+
+    The document holds the coarse spectrum, with few frequencies and times, so that it stays small enough for a page.
+    ``highest`` and ``windows`` are those of the full spectrum.
 
     Args:
-        spectrum: spectrum of a gyro, an accelerometer or a demand, with frequencies in Hz.
+        spectrum: of a gyro, an accelerometer or a demand of the motors.
         lines: its spectral lines, the strongest first.
     """
-    axes = ACCELERATION_AXES if spectrum.unit == "m/s²" else AXES
+    is_acceleration = spectrum.unit == "m/s²"
+    axes = ACCELERATION_AXES if is_acceleration else AXES
     coarse = spectrum.coarse
     return Spectrum.from_results(
         spectrum,

@@ -188,7 +188,7 @@ class _RecordScan:
         """
         content = self.content
         data_lengths = self._definitions.data_lengths
-        # Where the records begin that were found last, of the run of sound records that is being read.
+        # Offsets of the latest records of the present run of sound records.
         recent: deque[int] = deque(maxlen=RECORDS_OF_CHAIN)
         run_start = position = start
         while position < end:
@@ -257,7 +257,11 @@ class _RecordScan:
     def _is_whole_unknown_record(self, position: int, end: int) -> bool:
         """Returns whether what follows is a record without a definition, and not some damaged bytes.
 
-        Behind a record a chain of others begins, and inside of it none does.
+        A chain of records begins behind a whole record, and none begins inside of it.
+
+        Args:
+            position: Offset of the record.
+            end: Offset at which the part of the file ends.
         """
         next_position = self._definitions.next_position(position)
         if not self._is_chain(next_position, end, may_begin_unknown=True):
@@ -309,7 +313,7 @@ class _RecordScan:
         if self._has_wrong_header_only(position, next_chain):
             start = position
         before = [offset for offset in recent if offset < start]
-        gap = self._seconds_between(before, self._first_data(next_chain, end))
+        gap = self._seconds_between(before, self._data_offsets(next_chain, end))
         self._add_loss(1, next_chain - start, gap)
         return slice(start, next_chain)
 
@@ -339,8 +343,18 @@ class _RecordScan:
         data_header = HEADER.pack((length - HEADER.size) % (1 << 16), DATA) + number
         return self._definitions.data_lengths.get(data_header) == length
 
-    def _first_data(self, position: int, end: int) -> list[int]:
-        """Returns the offsets of up to ``RECORDS_OF_CHAIN`` data records from an offset on, without any unknown one."""
+    def _data_offsets(self, position: int, end: int) -> list[int]:
+        """Returns the offsets of the first data records from an offset on.
+
+        Other records between them are passed over; damage ends the search.
+
+        Args:
+            position: Offset of the first record.
+            end: Offset at which the part of the file ends.
+
+        Returns:
+            ``RECORDS_OF_CHAIN`` offsets, or fewer.
+        """
         offsets: list[int] = []
         while position < end and len(offsets) < RECORDS_OF_CHAIN:
             fit = self._definitions.fit(position, end)
@@ -373,7 +387,7 @@ class _RecordScan:
         return max(first - last, 0) / MICROSECONDS
 
     def _stamps(self, offsets: Sequence[int]) -> list[int]:
-        """Returns the time stamps of those of some records that are data with a stamp, µs since boot."""
+        """Returns the time stamps of some records, µs since boot; records without a stamp are passed over."""
         stamps = []
         for offset in offsets:
             body_start = offset + DATA_HEADER.size

@@ -63,8 +63,8 @@ class RowBuilder:
         self._boot = boot
         self._phase = phase
         self._streams: dict[StreamKey, SampleStream] = {}
-        # Those that rows are made of, attitude first and then each port of the motors, that with most motors first;
-        # none before they are chosen.
+        # The streams that rows are made of: attitude, then each port of the motors, the one with most motors first.
+        # There are none before they are chosen.
         self._row_streams: tuple[SampleStream, ...] = ()
         self._selector = InputSelector(boot)
         self._grid.restart()
@@ -167,9 +167,8 @@ class RowBuilder:
     def _end_at_interruption(self, name: str, stream: SampleStream) -> None:
         """Ends the segment where the latest sample of a stream follows a gap, or shows that its rate has changed.
 
-        After a gap the next segment has the same time step, so that the learner goes on. After a change of the rate the
-        step is decided anew, and all streams are cut here, since it must not depend on samples at the former rate. The
-        rate is checked only with every ``RATE_CHECK_SAMPLES``-th sample.
+        Either is reported. After a gap the next segment has the same time step, so that the learner goes on. After a
+        change of the rate the step is decided anew.
 
         Args:
             name: name of the stream's message.
@@ -178,13 +177,18 @@ class RowBuilder:
         if stream.gap:
             self._report(Fact(Rows.MESSAGE_GAP, subject=name, duration=stream.gap))
             self._grid.end()
-        elif stream.added_count % RATE_CHECK_SAMPLES == 0:
-            former_rate = self._grid.changed_rate(stream)
-            if former_rate is not None:
-                self._report(Fact(Rows.RATE_CHANGED, subject=name, former_rate=former_rate))
-                self._grid.end(forget_step=True)
-                for each in self._row_streams:
-                    each.break_off()
+            return
+        is_rate_check_due = stream.added_count % RATE_CHECK_SAMPLES == 0
+        if not is_rate_check_due:
+            return
+        former_rate = self._grid.changed_rate(stream)
+        if former_rate is None:
+            return
+        self._report(Fact(Rows.RATE_CHANGED, subject=name, former_rate=former_rate))
+        self._grid.end(forget_step=True)
+        # The new step must not depend on samples at the former rate.
+        for row_stream in self._row_streams:
+            row_stream.break_off()
 
     def end_segment_unless_free(self) -> None:
         """Ends the segment where no row can be of free flight any more."""
@@ -318,7 +322,7 @@ class RowBuilder:
         self._update_row_streams()
 
     def _update_row_streams(self) -> None:
-        """Finds the streams that rows are made of, by the chosen message of attitude and the chosen inputs.
+        """Sets the streams that rows are made of, by the chosen message of attitude and the chosen inputs.
 
         The order is attitude, then the ports of the motors. A port that has not sent anything yet gets an empty stream,
         for which the grid waits.
