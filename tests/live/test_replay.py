@@ -42,7 +42,9 @@ AS_ANOTHER = (
 """Flown as another of the recorded flights is, in other wind or at another rate, or the whole of a sample flight."""
 TWO_VEHICLES = "px4_two_vehicles_gcslink"
 TO_THE_GROUND = "ap_short_with_climb", "ap_reboot_rates_never_asked_again"
-"""Simulated flights whose landing is replayed; of the others the first 45 s."""
+"""Simulated flights whose landing is replayed; of the others the first seconds."""
+SECONDS = {LOGS: 120.0, SHARED / "logs": 60.0}
+"""Seconds that are replayed, by the folder: logs of the repository are silent for half a minute before the flight."""
 NO_CLIMB = "ap_motor"
 """Without a vertical speed: offline, a descent is settled but for its end; live, not in a mode that lands."""
 KNOWN_LATER = AVERAGING_SECONDS / 2 + REVIEW_PERIOD + 0.25
@@ -171,7 +173,7 @@ def hold_against_offline(path):
 )
 def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
     if path.stem not in TO_THE_GROUND:
-        path = first_seconds(path, tmp_path, 60.0 if path.parent == SHARED / "logs" else 45.0)
+        path = first_seconds(path, tmp_path, SECONDS.get(path.parent, 45.0))
     if "SUBMARINE" in {vehicle.vehicle for vehicle in vehicles_of(path)}:
         assert not replay(recorded(path)).rows
     else:
