@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.attitude_error import attitude_error
+from mavdem.assessment.attitude_error import AttitudeError, attitude_error
 from mavdem.assessment.attitude_losses import LOST_ANGLE
 from mavdem.assessment.battery_levels import cell_count, voltage_levels
 from mavdem.assessment.commanded_overturn import commanded_overturn
@@ -68,6 +68,12 @@ SPENT_THRUST_SHARE = 0.9
 LEAST_SINK_RATE = 0.5
 """Speed downward, m/s, from which on a vehicle sinks for certain: estimates drift by 0.1 to 0.3 m/s."""
 
+SINKING_SECONDS = 1.0
+"""Seconds before an impact in which a vehicle sinks at full throttle; a choice."""
+
+LIMITED_SHARE = 0.5
+"""Share of that time beyond which a motor must be at its limit; a choice."""
+
 MIN_COMMAND_RANGE = 0.05
 """Mean range of all motors' commands, as a share of the full range, beside which one that is constant has frozen; also
 the distance from its limit at which it must be constant."""
@@ -105,15 +111,25 @@ MIN_FROZEN_SAMPLES = 3
 """Number of equal samples that show a frozen output: two may be equal by chance."""
 
 
+class _Trouble(NamedTuple):
+    """The time just before a vehicle was lost, in which the commands of the motors are examined."""
+
+    interval: Interval
+    """Start and end, s since boot."""
+    names_at_limit: Sequence[str] = ()
+    """Names of the motors that were at their limit before an impact."""
+    fall_direction: complex | None = None
+    """Lean with which the vehicle fell, as in :func:`_weak_motor`; None if it hit something."""
+
+
 def first_failure(
     signals: Signals, events: Sequence[Fact], loss: Fact, collective: float | None
 ) -> Fact | None:
     """Returns what failed first, before a vehicle was lost; None if nothing shows it.
 
-    A motor that was off as the loss began is the cause, or a setpoint that turned the vehicle over. Otherwise the
-    commands of the motors are examined over a short interval: after a loss of attitude, from its onset until the error
-    exceeded ``LOST_ANGLE``; after an impact, from the first sign of trouble before it, a motor at its limit or a fall,
-    but for a second at least, until the impact.
+    A motor that was off or stood still as the loss began is the cause, or a setpoint that turned the vehicle over.
+    Otherwise the commands of the motors are examined over a short interval (:func:`_trouble_before_impact`,
+    :func:`_trouble_of_attitude`). A height estimate that diverged before outranks what they show.
 
     Args:
         signals: of the vehicle.
@@ -145,27 +161,11 @@ def first_failure(
     error = attitude_error(signals, boot)
     if error is None:
         return None
-    motors_at_limit: list[Fact] = []
-    fall_direction = None
     if loss.code is MotionEvent.HIT:
-        # Motors fight an obstacle that turns the vehicle over, so that only earlier limits are evidence.
-        for event in _events_at(events, MotionEvent.MOTOR_AT_ITS_STOP, boot, onset):
-            if (event.time or 0.0) < onset - MAX_SETPOINT_DELAY:
-                motors_at_limit.append(event)
-        # The averages that show a fall end it up to a second before the impact, and begin it as late.
-        earliest_end = onset - MAX_SETPOINT_DELAY
-        falls = _events_at(events, MotionEvent.FELL, boot, earliest_end, 2 * MAX_SETPOINT_DELAY)
-        start = earliest_end
-        for event in [*motors_at_limit, *falls]:
-            start = min(start, event.time or start)
-        interval = (start, onset)
+        trouble = _trouble_before_impact(events, boot, onset)
     else:
-        # The side to which the vehicle fell is the direction of the error when it became large.
-        lost_row = np.argmax((error.time >= onset) & (error.magnitude > LOST_ANGLE))
-        interval = (onset, error.time[lost_row])
-        fall_direction = complex(error.lean[lost_row])
-    names_at_limit = [event.subject for event in motors_at_limit]
-    cause = _failure_by_commands(signals, boot, interval, names_at_limit, fall_direction)
+        trouble = _trouble_of_attitude(error, onset)
+    cause = _failure_by_commands(signals, boot, trouble)
     diverged = _diverged_height(events, boot, onset)
     if diverged is not None:
         return Fact(
@@ -179,9 +179,49 @@ def first_failure(
     if cause is None or cause.code is not FailedFirst.ALL_OFF_FIRST:
         return cause
     # An autopilot that takes the vehicle for landed switches all motors off in the air.
-    if fall_direction is not None and _assumed_landing(signals, boot, onset):
+    if trouble.fall_direction is not None and _assumed_landing(signals, boot, onset):
         return _landing_assumed(signals, cause, collective)
     return _reason_of_stop(signals, events, boot, cause)
+
+
+def _trouble_before_impact(events: Sequence[Fact], boot: int, impact: float) -> _Trouble:
+    """Returns the time of trouble before an impact.
+
+    It begins with the first sign of trouble, a motor at its limit or a fall, but ``MAX_SETPOINT_DELAY`` before the
+    impact at the latest.
+
+    Args:
+        events: events of the flight.
+        boot: number of the boot.
+        impact: when the loss began, s since boot.
+    """
+    latest_start = impact - MAX_SETPOINT_DELAY
+    # Motors fight an obstacle that turns the vehicle over, so that only earlier limits are evidence.
+    motors_at_limit: list[Fact] = []
+    for event in _events_at(events, MotionEvent.MOTOR_AT_ITS_STOP, boot, impact):
+        if (event.time or 0.0) < latest_start:
+            motors_at_limit.append(event)
+    # The averages that show a fall end it up to a second before the impact, and begin it as late.
+    falls = _events_at(events, MotionEvent.FELL, boot, latest_start, 2 * MAX_SETPOINT_DELAY)
+    start = latest_start
+    for event in [*motors_at_limit, *falls]:
+        start = min(start, event.time or start)
+    names_at_limit = [event.subject for event in motors_at_limit]
+    return _Trouble((start, impact), names_at_limit=names_at_limit)
+
+
+def _trouble_of_attitude(error: AttitudeError, onset: float) -> _Trouble:
+    """Returns the time from the onset of a loss of attitude until the error exceeded ``LOST_ANGLE``.
+
+    The side to which the vehicle fell is the direction of the error at its end.
+
+    Args:
+        error: of the attitude in the boot.
+        onset: when the loss began, s since boot.
+    """
+    lost_row = np.argmax((error.time >= onset) & (error.magnitude > LOST_ANGLE))
+    interval = (onset, float(error.time[lost_row]))
+    return _Trouble(interval, fall_direction=complex(error.lean[lost_row]))
 
 
 def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | None:
@@ -378,29 +418,22 @@ def _landing_assumed(signals: Signals, cause: Fact, collective: float | None) ->
     )
 
 
-def _failure_by_commands(
-    signals: Signals,
-    boot: int,
-    interval: Interval,
-    names_at_limit: Sequence[str],
-    fall_direction: complex | None,
-) -> Fact | None:
+def _failure_by_commands(signals: Signals, boot: int, trouble: _Trouble) -> Fact | None:
     """Returns what failed first by the commands of the motors; None if they show nothing.
 
-    The commands in an interval of trouble are compared with the usual ones of the ``RECOVERY_SECONDS`` before. They
+    The commands in the time of trouble are compared with the usual ones of the ``RECOVERY_SECONDS`` before. They
     show, in this order: that all motors were switched off, that all thrust was in use, that one motor is too weak
     (:func:`_weak_motor`), or that the output of one is frozen.
 
     Args:
         signals: of the vehicle.
         boot: number of the boot.
-        interval: while the attitude left its setpoint or the vehicle fell, s.
-        names_at_limit: names of the motors that were at their limit before an impact.
-        fall_direction: lean with which the vehicle fell, as in :func:`_weak_motor`; None if it hit something.
+        trouble: while the attitude left its setpoint or the vehicle fell.
     """
     motors = signals.motors
     if motors is None:
         return None
+    interval, fall_direction = trouble.interval, trouble.fall_direction
     commands = motors.range_fractions(boot)
     # Commands of three times: usual flight before the failure, the seconds just before it, and the failure itself.
     start, _ = interval
@@ -439,14 +472,15 @@ def _failure_by_commands(
     if weak is None:
         return _frozen_output(signals, motors, commands_now, idle)
     name = motors.geometry.names[weak.motor]
+    # Without a side to which the vehicle fell, an earlier limit of this motor alone must confirm it.
+    if fall_direction is None and list(trouble.names_at_limit) != [name]:
+        return None
     at_limit_now, _ = samples_at_limits(commands_now[:, weak.motor], motors.scale)
     failed_rows = np.flatnonzero(at_limit_now | (commands_now[:, weak.opposite] < idle))
     # A vehicle that swings was commanded the other way shortly before.
     opposite_at_limit, _ = samples_at_limits(commands_before[:, weak.opposite], motors.scale)
     has_swung = (opposite_at_limit | (commands_before[:, weak.motor] < idle)).any()
-    # Without a side to which the vehicle fell, an earlier limit of this motor alone must confirm it.
-    is_only_one = fall_direction is not None or names_at_limit == [name]
-    if has_swung or not len(failed_rows) or not is_only_one:
+    if has_swung or not len(failed_rows):
         return None
     return Fact(FailedFirst.LIMIT_FIRST, time=time[failed_rows[0]], subject=name)
 
@@ -462,9 +496,9 @@ def _sinking_at_full_throttle(
         signals: of the vehicle.
         boot: number of the boot.
         motors: its motors.
-        time: of the impact, s since boot; the second before it counts.
+        time: of the impact, s since boot; the ``SINKING_SECONDS`` before it count.
     """
-    interval = (time - 1.0, time)
+    interval = (time - SINKING_SECONDS, time)
     stick = Scene(signals, boot).stick
     climb = Scene(signals, boot).climb_estimate
     if stick is None or climb is None:
@@ -476,7 +510,7 @@ def _sinking_at_full_throttle(
     if not len(travel) or not len(climb_rates) or not rows.any():
         return None
     at_limit, _ = samples_at_limits(commands.values[rows], motors.scale)
-    is_limited = at_limit.any(axis=1).mean() > 0.5
+    is_limited = at_limit.any(axis=1).mean() > LIMITED_SHARE
     if travel.min() < FULL_STICK or climb_rates.max() > -LEAST_SINK_RATE or not is_limited:
         return None
     limited_names = []

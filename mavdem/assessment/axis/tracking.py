@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.axis.reached_rate import reached_rate
+from mavdem.assessment.axis.reached_rate import ReachedRate, reached_rate
 from mavdem.assessment.limits import Limits
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset.axes import AXES, TILT_AXES
@@ -102,6 +102,17 @@ class ResponsePeak(NamedTuple):
     """Where it is, Hz."""
 
 
+class _TrackingRating(NamedTuple):
+    """How well an angle follows its setpoint."""
+
+    code: TrackingLight
+    """What is wrong, or that the setpoint is followed."""
+    level: Level
+    """How serious that is."""
+    overshoot: float | None = None
+    """Overshoot of a step as a share of it; None where it was not measured."""
+
+
 def tracking_of_axes(signals: Signals, segments: Segments) -> NamedFacts:
     """Returns how roll, pitch and yaw follow their setpoints, by axis.
 
@@ -133,14 +144,6 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     """
     setpoint = signals.angle_setpoint
     rate_error = _rate_error(signals, segments)
-    turn = reached_rate(signals, segments)
-    turn_figures: dict[str, Any] = {}
-    if turn is not None:
-        turn_figures = {
-            "rate_setpoint": turn.setpoint,
-            "reached_rate": turn.rate,
-            "at_limit_share": turn.at_limit_share,
-        }
     unknown = Fact(
         TrackingLight.TRACKING_UNKNOWN,
         axis=signals.axis,
@@ -151,58 +154,82 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     if signals.attitude is None or setpoint is None:
         return unknown
     angle = signals.attitude.angle_series
+    angle_segments = segments
     if signals.axis not in TILT_AXES:
-        segments = _segments_without_turns(setpoint, segments)
-    setpoints, errors_by_delay = _setpoint_errors(setpoint, angle, segments, DELAYS)
+        angle_segments = _segments_without_turns(setpoint, segments)
+    setpoints, errors_by_delay = _setpoint_errors(setpoint, angle, angle_segments, DELAYS)
     if len(setpoints) < MIN_SAMPLES_FOR_STATISTICS:
         return unknown
     rms_errors = np.sqrt(np.mean(np.square(errors_by_delay), axis=1))
     best_delay = np.argmin(rms_errors)
     angle_error = rms_errors[best_delay]
     if signals.axis in TILT_AXES:
-        movement = setpoints.std()
+        movement = float(setpoints.std())
         least_limits = ANGLE_ERROR_LIMITS
     else:
-        movement = _yaw_movement(setpoint, segments)
+        movement = _yaw_movement(setpoint, angle_segments)
         least_limits = YAW_ERROR_LIMITS
     limits = Limits(
         watch=max(least_limits.watch, movement / 2), bad=max(least_limits.bad, movement)
     )
-    level = limits.level(angle_error)
-    code = TrackingLight.FOLLOWS_SETPOINT
-    overshoot = None
-    peak = None
     # A setpoint that hardly moves shows no overshoot.
+    peak = None
     if movement > MIN_SETPOINT_DEVIATION:
-        peak = _response_peak(setpoint, angle, segments)
-    if level is not Level.GOOD:
-        code = TrackingLight.MISSES_SETPOINT
-    elif turn is not None and turn.falls_short:
-        level = Level.WATCH
-        code = TrackingLight.RATE_FALLS_SHORT
-    elif peak is not None and peak.ratio > MAX_RESPONSE_PEAK:
-        response = attitude_step_response(signals, segments)
-        if isinstance(response, Fact):
-            level = Level.WATCH
-            code = TrackingLight.AMPLIFIES_SETPOINT
-        else:
-            overshoot = response.overshoot.value
-            if overshoot > MAX_OVERSHOOT:
-                level = Level.WATCH
-                code = TrackingLight.OVERSHOOTS_SETPOINT
+        peak = _response_peak(setpoint, angle, angle_segments)
+    turn = reached_rate(signals, segments)
+    rating = _rating(signals, angle_segments, limits.level(angle_error), turn, peak)
+    turn_figures: dict[str, Any] = {}
+    if turn is not None:
+        turn_figures = {
+            "rate_setpoint": turn.setpoint,
+            "reached_rate": turn.rate,
+            "at_limit_share": turn.at_limit_share,
+        }
     return Fact(
-        code,
-        level,
+        rating.code,
+        rating.level,
         axis=signals.axis,
         angle_error=angle_error,
         offset_angle=np.mean(errors_by_delay[best_delay]),
         delay=DELAYS[best_delay],
-        overshoot=overshoot,
+        overshoot=rating.overshoot,
         rate_error=rate_error,
         ratio=None if peak is None else peak.ratio,
         frequency=None if peak is None else peak.frequency,
         **turn_figures,
     )
+
+
+def _rating(
+    signals: Signals,
+    segments: Segments,
+    error_level: Level,
+    turn: ReachedRate | None,
+    peak: ResponsePeak | None,
+) -> _TrackingRating:
+    """Returns what is wrong with the tracking of an axis, the most important first.
+
+    Args:
+        signals: of the vehicle and axis.
+        segments: parts of the flight in which the angle is judged.
+        error_level: level of the error of the angle.
+        turn: the rate that was reached in turns; None where it is not known.
+        peak: the largest response to the setpoint; None where the setpoint hardly moves.
+    """
+    if error_level is not Level.GOOD:
+        return _TrackingRating(TrackingLight.MISSES_SETPOINT, error_level)
+    if turn is not None and turn.falls_short:
+        return _TrackingRating(TrackingLight.RATE_FALLS_SHORT, Level.WATCH)
+    is_amplified = peak is not None and peak.ratio > MAX_RESPONSE_PEAK
+    if not is_amplified:
+        return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD)
+    response = attitude_step_response(signals, segments)
+    if isinstance(response, Fact):
+        return _TrackingRating(TrackingLight.AMPLIFIES_SETPOINT, Level.WATCH)
+    overshoot = response.overshoot.value
+    if overshoot > MAX_OVERSHOOT:
+        return _TrackingRating(TrackingLight.OVERSHOOTS_SETPOINT, Level.WATCH, overshoot)
+    return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD, overshoot)
 
 
 def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segments:
