@@ -5,11 +5,12 @@ send a speed of 0, so that the motor counts as lost only with a second witness: 
 make up for it, or the autopilot reports the motor. Where a motor lost thrust but turns as before, its propeller did.
 """
 
+from bisect import insort
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.assessment.attitude_error import AttitudeError
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.motor_events import lasting_runs
@@ -98,22 +99,37 @@ def _commands_at(motors: MotorOutputs, boot: int, motor: int, time: Array) -> Ti
 def _standstills(signals: Signals, speed: TimeSeries, command: TimeSeries) -> Iterator[Interval]:
     """Yields when a motor stood still although it was commanded to turn, s since boot; the end may be infinite.
 
-    It must have turned before, so that its controller measures.
+    It must have turned in this flight before, so that its controller measures. Its usual speed is the median of that.
 
     Args:
         signals: of the vehicle.
         speed: of the motor in flight (N,), 1/min.
         command: of the motor at the same times (N,), as shares of its range.
     """
-    is_turning = speed.values > 0
-    if np.count_nonzero(is_turning) < MIN_USUAL_SAMPLES:
-        return
-    usual = np.median(speed.values[is_turning])
     is_commanded = command.values > min_airborne_collective(signals.telemetry.parameters)
-    is_standing = is_commanded & (speed.values < STANDSTILL_SHARE * usual)
-    for start, end in lasting_runs(speed.time, is_standing, RECOVERY_SECONDS):
-        if np.count_nonzero(is_turning[speed.time < start]) >= MIN_USUAL_SAMPLES:
-            yield start, end
+    is_standing = is_commanded & _is_far_below_usual(speed.values)
+    yield from lasting_runs(speed.time, is_standing, RECOVERY_SECONDS)
+
+
+def _is_far_below_usual(speeds: Array) -> Flags:
+    """Returns whether a motor turns with less than ``STANDSTILL_SHARE`` of its usual speed, at each sample (N,).
+
+    The usual speed is the median of the earlier samples that are not so low themselves: a lost motor may go on to turn
+    slowly in the wind. Before ``MIN_USUAL_SAMPLES`` of them there is none, and nothing is low.
+
+    Args:
+        speeds: of the motor in flight (N,), 1/min.
+    """
+    is_low = np.zeros(len(speeds), np.bool_)
+    usual_speeds: list[float] = []
+    for sample, speed in enumerate(speeds.tolist()):
+        if len(usual_speeds) >= MIN_USUAL_SAMPLES:
+            # The speeds are in ascending order, so that the one in the middle is their median.
+            median = usual_speeds[len(usual_speeds) // 2]
+            is_low[sample] = speed < STANDSTILL_SHARE * median
+        if speed > 0 and not is_low[sample]:
+            insort(usual_speeds, speed)
+    return is_low
 
 
 def _standstill(
@@ -244,15 +260,16 @@ def reports_on_motor(
 def speed_statements(signals: Signals, loss: Fact) -> Facts:
     """Returns what the controller of a motor measured from its loss of thrust on, for or against the motor.
 
-    A motor that turned more slowly although it was commanded more lost thrust itself. One that turned as before, or
-    faster, did not: then its propeller is to blame.
+    A motor that turned more slowly although it was not commanded less lost thrust itself. One that turned as before,
+    or faster, did not: then its propeller is to blame.
 
     Args:
         signals: of the vehicle.
         loss: the loss, with the motor as subject.
 
     Returns:
-        One statement if the speed was measured before and after; else none.
+        One statement if the speed was measured before and after; else none. None either where the speed fell as the
+        command did.
     """
     motors = signals.motors
     if motors is None or loss.time is None or loss.subject not in motors.geometry.names:
@@ -274,6 +291,30 @@ def speed_statements(signals: Signals, loss: Fact) -> Facts:
             continue
         speeds = {"name": controller.name, "rotation": later, "rotation_before": usual}
         if later < (1 - MIN_SPEED_CHANGE) * usual:
+            if _command_fell(motors, boot, motor, (start, loss.time), (loss.time, end)):
+                return ()
             return (supporting_statement(Witness.MOTOR_SLOWED, **speeds),)
         return (contradicting_statement(Witness.MOTOR_TURNED, **speeds),)
     return ()
+
+
+def _command_fell(
+    motors: MotorOutputs, boot: int, motor: int, before: Interval, after: Interval
+) -> bool:
+    """Returns whether the median command of a motor fell from one interval to the next, by ``MIN_SPEED_CHANGE``.
+
+    Args:
+        motors: all motors.
+        boot: number of the boot.
+        motor: index of the motor.
+        before: start and end of the first interval, s since boot.
+        after: the same of the second one.
+    """
+    commands = motors.range_fractions(boot)
+    command = commands.values[:, motor]
+    commands_before = command[in_intervals(commands.time, [before])]
+    commands_after = command[in_intervals(commands.time, [after])]
+    if not len(commands_before) or not len(commands_after):
+        return False
+    usual, later = np.median(commands_before), np.median(commands_after)
+    return bool(later < (1 - MIN_SPEED_CHANGE) * usual)

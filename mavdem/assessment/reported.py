@@ -36,7 +36,7 @@ from mavdem.facts.events import Reported
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Columns
 from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND, mavlink_constant
-from mavdem.witnesses.position import position_fix
+from mavdem.witnesses.position import position_fix, receiver_message
 from mavdem.witnesses.scene import Scene
 
 EMERGENCY_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_EMERGENCY")
@@ -450,8 +450,9 @@ def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
     is_critical = column("HEARTBEAT", "system_status") >= CRITICAL
     yield FaultSignal("HEARTBEAT", is_critical, Reported.FAILSAFE)
 
+    receiver = receiver_message(signals.telemetry)
     fix = position_fix(signals)
-    if fix is not None:
+    if receiver is not None and fix is not None:
         has_fix = fix.values > 0
         is_lost = np.zeros(len(has_fix), dtype=np.bool_)
         for boot in np.unique(fix.boot):
@@ -459,7 +460,7 @@ def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
             rows = fix.boot == boot
             is_lost[rows] = np.logical_or.accumulate(has_fix[rows]) & ~has_fix[rows]
         columns = {"time": fix.time, "boot": fix.boot}
-        yield FaultSignal("GPS_RAW_INT", is_lost, Reported.GPS_LOST, columns=columns)
+        yield FaultSignal(receiver, is_lost, Reported.GPS_LOST, columns=columns)
 
     yield FaultSignal("input_rc", column("input_rc", "rc_lost") > 0, Reported.RADIO_LOST)
 

@@ -67,6 +67,8 @@ def gyro_noise(loop: Loop) -> GyroNoise:
     reaches_an_octave = 2 * lowest < highest
     if not reaches_an_octave:
         loop_highest = MAX_FREQUENCY_RATIO / loop.controller.loop_period
+        # The noise of a fast loop begins at half of its highest frequency at the latest, so that an octave remains.
+        lowest = min(lowest, loop_highest / 2)
         assumed_frequency = np.linspace(lowest, loop_highest)
         return GyroNoise(assumed_frequency, np.ones(len(assumed_frequency)), is_measured=False)
     # The last output of an axis is its body rate, rad/s.

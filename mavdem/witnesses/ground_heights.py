@@ -32,7 +32,8 @@ LANDING_SECONDS = 5.0
 """Seconds before the end of a flight from which on the vehicle may rest: autopilots report a landing late."""
 
 MAX_WAIT_SECONDS = 30.0
-"""Seconds after a landing within which the vehicle must rest, so that the rest is not that after a later flight."""
+"""Seconds before a take-off and after a landing within which the vehicle must rest, so that it is not another
+flight's rest; a choice."""
 
 MIN_SAMPLES = 2
 """Number of readings whose mean is taken for a height: those of a second at 2 Hz."""
@@ -126,7 +127,7 @@ def _rests_around(rests: Intervals, flight: Interval) -> tuple[Interval | None, 
     search = (take_off + LANDING_SECONDS, inf)
     if isfinite(landing):
         search = (max(landing - LANDING_SECONDS, take_off), landing + MAX_WAIT_SECONDS)
-    before = _long_enough(intersection(rests, [(-inf, take_off)]))
+    before = _long_enough(intersection(rests, [(take_off - MAX_WAIT_SECONDS, take_off)]))
     after = _long_enough(intersection(rests, [search]))
     rest_before, rest_after = None, None
     if before:

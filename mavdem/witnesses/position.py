@@ -11,6 +11,7 @@ from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_position_fix
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, recorded_series
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import mavlink_constant
 from mavdem.witnesses.flight_verdict import powered_intervals
 
@@ -45,22 +46,30 @@ def position_validity(signals: Signals) -> TimeSeries | None:
     return None
 
 
+def receiver_message(telemetry: Telemetry) -> str | None:
+    """Returns the message of the first satellite receiver whose fixes were recorded; None without one."""
+    for message in RECEIVER_MESSAGES:
+        if recorded_series(telemetry, message, "fix_type") is not None:
+            return message
+    return None
+
+
 @cached_per_vehicle()
 def position_fix(signals: Signals) -> TimeSeries | None:
     """Returns whether any GPS receiver had a position fix (N,), 1 or 0; None if no receiver was recorded.
 
     The N samples are at the messages of the first receiver that was recorded, in all boots.
     """
-    for message in RECEIVER_MESSAGES:
-        fix_types = recorded_series(signals.telemetry, message, "fix_type")
-        if fix_types is None:
-            continue
-        has_fix = np.zeros(len(fix_types.time))
-        for boot in np.unique(fix_types.boot).tolist():
-            rows = fix_types.boot == boot
-            has_fix[rows] = has_position_fix(signals.telemetry, boot, fix_types.time[rows])
-        return TimeSeries(fix_types.time, fix_types.boot, has_fix)
-    return None
+    message = receiver_message(signals.telemetry)
+    if message is None:
+        return None
+    fix_types = recorded_series(signals.telemetry, message, "fix_type")
+    assert fix_types is not None
+    has_fix = np.zeros(len(fix_types.time))
+    for boot in np.unique(fix_types.boot).tolist():
+        rows = fix_types.boot == boot
+        has_fix[rows] = has_position_fix(signals.telemetry, boot, fix_types.time[rows])
+    return TimeSeries(fix_types.time, fix_types.boot, has_fix)
 
 
 @dataclass(frozen=True, eq=False)

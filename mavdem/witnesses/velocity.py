@@ -32,12 +32,16 @@ def velocity(signals: Signals) -> TimeSeries | None:
 
 
 def stopped_at(signals: Signals, boot: int, time: float) -> bool | None:
-    """Returns whether a vehicle lost most of its speed at once around a moment; None if nothing shows its velocity.
+    """Returns whether a vehicle lost most of its speed at once around a moment.
 
     Args:
         signals: of the vehicle.
         boot: number of the boot.
         time: of the moment, s since boot.
+
+    Returns:
+        None if nothing shows its velocity, or if it lost its speed between two samples that lie too far apart to show
+        whether that was at once.
     """
     series = series_of_boot(velocity(signals), boot)
     if series is None:
@@ -45,8 +49,20 @@ def stopped_at(signals: Signals, boot: int, time: float) -> bool | None:
     is_near = abs(series.time - time) <= STOP_SECONDS
     if np.count_nonzero(is_near) < 2:
         return None
+    near_time = series.time[is_near]
     speeds = np.linalg.norm(series.values[is_near], axis=1)
-    # The smallest speed after each sample, so that a rebound does not hide the stop.
-    lowest_later = np.minimum.accumulate(speeds[::-1])[::-1]
-    is_stop = (speeds - lowest_later > STOP_SPEED) & (lowest_later < STOP_RATIO * speeds)
-    return bool(is_stop.any())
+    for speed, sample_time in zip(speeds, near_time, strict=True):
+        since = near_time - sample_time
+        # The smallest speed after each sample, so that a rebound does not hide the stop.
+        lowest_later = speeds[(since >= 0) & (since <= STOP_SECONDS)].min()
+        if _is_stop(speed, lowest_later):
+            return True
+    for speed, speed_after, step in zip(speeds[:-1], speeds[1:], np.diff(near_time), strict=True):
+        if step > STOP_SECONDS and _is_stop(speed, speed_after):
+            return None
+    return False
+
+
+def _is_stop(speed: float, speed_after: float) -> bool:
+    """Returns whether a change of the speed, m/s, is as large as that by an obstacle."""
+    return speed - speed_after > STOP_SPEED and speed_after < STOP_RATIO * speed

@@ -3,12 +3,13 @@
 import numpy as np
 from hover import changed, columns, evidence_of, pulses, with_pulses
 from instrumented import EVENT, instrumented, knocked, moving, rolled
-from pytest import mark
+from pytest import approx, mark
 from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.assessment.ending import ending_of
 from mavdem.assessment.instances import instances_of
 from mavdem.assessment.motion import motion_events
+from mavdem.assessment.motor_speeds import speed_statements
 from mavdem.assessment.motor_witnesses import with_motor_witnesses
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
@@ -77,6 +78,11 @@ def test_a_controller_that_reports_0_in_a_sound_hover_is_to_be_watched():
     assert ending is None
 
 
+def test_a_lost_motor_that_turns_in_the_wind_for_most_of_the_flight_stands_still():
+    events, _ = judged(with_speeds(instrumented(), speed_of_failing=100.0))
+    assert events[MotionEvent.MOTOR_STOOD_STILL].time == approx(EVENT, abs=0.2)
+
+
 def test_motors_that_all_turn_are_no_event():
     events, _ = judged(with_speeds(instrumented(), 5000.0))
     assert MotionEvent.MOTOR_STOOD_STILL not in events
@@ -91,6 +97,15 @@ def test_a_loss_of_thrust_has_the_speed_of_its_motor_for_or_against_it(speed, co
     loss = Fact(InFlight.MOTOR_LOST_THRUST, time=EVENT, subject="motor 2 (rear left)", boot=0)
     (witnessed,) = with_motor_witnesses(signals, [loss], ())
     assert codes(witnessed, side) == {code}
+
+
+def test_a_motor_that_its_command_slowed_did_not_slow_by_itself():
+    made = with_speeds(instrumented(), 1000.0)
+    outputs = pulses(made)
+    outputs[MOTOR, made.messages["SERVO_OUTPUT_RAW"]["time"] > EVENT] = 1000.0
+    signals = Signals(with_pulses(made, outputs), inputs="motors")
+    off = Fact(MotionEvent.MOTOR_OFF, time=EVENT, subject="motor 2 (rear left)", boot=0)
+    assert not speed_statements(signals, off)
 
 
 def test_a_loss_states_what_else_of_the_flight_agrees_with_it():

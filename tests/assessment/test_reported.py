@@ -1,5 +1,7 @@
 """What the autopilot reports, as facts, by made-up streams; of recorded flights the golden figures have them."""
 
+from dataclasses import replace
+
 import numpy as np
 from hover import Hover, changed, columns, with_texts
 from pytest import mark
@@ -195,6 +197,14 @@ def test_a_fix_is_not_lost_while_the_second_receiver_has_one():
     for fix_type, count in ((3, 0), (1, 1)):
         second = columns(TIMES + 0.1, fix_type=0 * TIMES + fix_type)
         assert len(events(changed(telemetry, "GPS2_RAW", **second), Reported.GPS_LOST)) == count
+
+
+def test_a_lost_fix_names_the_receiver_that_was_recorded():
+    messages = {name: table for name, table in FLOWN.messages.items() if name != "GPS_RAW_INT"}
+    second = columns(TIMES, fix_type=np.where(LOST, 1, 3))
+    telemetry = changed(replace(FLOWN, messages=messages), "GPS2_RAW", **second)
+    (lost,) = events(telemetry, Reported.GPS_LOST)
+    assert lost.figures["basis"] == ("GPS2_RAW",)
 
 
 @mark.parametrize("field", DETECTED)

@@ -102,3 +102,8 @@ def test_heights_at_rest_are_compared_before_and_after_the_flight():
 def test_a_flight_that_began_before_the_record_is_not_compared():
     signals = Signals(flight(5.0), inputs="motors")
     assert ground_heights(signals, 0, (-np.inf, LANDING)) is None
+
+
+def test_a_rest_long_before_the_flight_is_not_compared():
+    signals = Signals(flight(5.0), inputs="motors")
+    assert ground_heights(signals, 0, (TAKE_OFF + 40.0, LANDING)) is None
