@@ -31,6 +31,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.identifiability import Status
 from mavdem.facts.learnability import Reason
 from mavdem.facts.loops import Gains, Loops, Responses
 from mavdem.facts.margins import MarginsLight, TrackingLight
@@ -161,6 +162,10 @@ def test_the_worst_loop_of_a_flight_is_rated():
     log = read_log(LOGS / "ardupilot_wind5_steps.tlog")
     loops, _ = loops_of_axes(log, Signals(log.vehicles[0]))
     assert list(loops) == ["roll", "pitch", "yaw"] and isinstance(loops["pitch"], Fact)
+    # A vehicle whose control effectiveness is known: a doubtful one gives no gains.
+    plant = loops["roll"].plant
+    known = plant._replace(bias=0.0, status={**plant.status, "effect": Status.REPORTED})
+    loops["roll"] = replace(loops["roll"], plant=known, cautions=())
     tighter = loops["roll"].with_parameters({"ATC_RAT_RLL_P": 1.03 * loops["roll"].controller.p})
     loops["pitch"] = replace(tighter, axis="pitch")
     added = Fact(Repair.PARAMETERS_ADDED, count=1, path="my.param")
