@@ -132,83 +132,111 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
 def _decision_on_oscillation(
     observations: LoopObservations, oscillation: Oscillation
 ) -> LoopDecision:
-    """Returns the decision in a limit cycle: it must be stopped, and hides the margins of all axes.
+    """Returns the decision on an axis of a vehicle that is in a limit cycle.
+
+    The verdict is that the axis oscillates, or, if only other axes do, that its loops are not known: a limit cycle
+    moves the whole vehicle, and hides the margins of every axis. The action is the same for all axes: to lower the
+    gains that keep up the limit cycle. No gains are computed from a loop until they have been lowered.
 
     Args:
         observations: what the flight shows.
-        oscillation: the limit cycle of the axis that turns fastest, with those of other axes.
+        oscillation: the limit cycle of the axis with the largest body rates, which lists those of the other axes.
     """
     axis = observations.margins.axis
-    action = observations.gain_reduction
-    reason = Fact(MarginsLight.OSCILLATES, because=action, **oscillation.figures)
-    oscillating_axes = [cycle.axis for cycle in (oscillation, *oscillation.other_axes)]
-    verdict = LoopVerdict.OSCILLATES if axis in oscillating_axes else LoopVerdict.UNKNOWN
+    gain_reduction = observations.gain_reduction
+    # The sentence of this fact ends with the gains to lower, which it has under the name "because".
+    reason = Fact(MarginsLight.OSCILLATES, because=gain_reduction, **oscillation.figures)
+    oscillating_axes = [oscillation.axis]
+    for other_oscillation in oscillation.other_axes:
+        oscillating_axes.append(other_oscillation.axis)
+    if axis in oscillating_axes:
+        verdict = LoopVerdict.OSCILLATES
+    else:
+        verdict = LoopVerdict.UNKNOWN
+    # To lower gains at once is also the reason why `mavdem tune` must not compute others.
     doubts = observations.vehicle_doubts
-    if action is not None:
-        doubts = (*doubts, action)
-    return LoopDecision(axis, verdict, reason, action, doubts)
+    if gain_reduction is not None:
+        doubts = (*doubts, gain_reduction)
+    return LoopDecision(axis, verdict, reason, action=gain_reduction, doubts=doubts)
 
 
 def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
-    """Returns the decision on an axis whose margins are below the goal, or perhaps; None if they are not.
+    """Returns the decision on an axis whose margins are below the goal, or may be; None if neither is the case.
 
-    An injected signal measures the margins without a model, so that it outranks the identified loop. The identified
-    loop outranks the measured response, unless that resonates where the loop has its margins: then the loop is wrong.
-    "Perhaps" is the case of a loop whose estimate has the margins, but not enough of the models that fit the flight.
+    Margins come from three sources, in this order:
+
+    1. A signal that was injected into the loop measures them without a model.
+    2. The loop that was identified from the flight has them by its model. They are below the goal if those of the
+       estimate are, and may be if those of the estimate are not, but those of too many other models that fit are.
+    3. The response to the setpoint shows a resonance, which a loop with enough margin has not.
+
+    So the identified loop decides alone where it is below the goal. Where it is not, a resonance refutes it.
 
     Args:
         observations: what the flight shows.
     """
     margins = observations.margins
-    axis = margins.axis
-    facts = {fact.code: fact for fact in margins.facts}
-    loop_fact = facts.get(MarginsLight.LOOP_MARGINS)
-    injected = facts.get(MarginsLight.LOOP_MEASURED)
-    resonance = facts.get(MarginsLight.RESONATES)
-    is_measured_good = injected is not None and not injected.warns
+    facts_by_code = {fact.code: fact for fact in margins.facts}
+    injected = facts_by_code.get(MarginsLight.LOOP_MEASURED)
     if injected is not None and injected.warns:
         return _decision_by_measurement(observations, injected)
+    loop_fact = facts_by_code.get(MarginsLight.LOOP_MARGINS)
     if isinstance(margins.loop, Loop) and loop_fact is not None:
         if margin_rating(margins.loop).is_bad:
             return _decision_by_identified_loop(observations, margins.loop, loop_fact)
+    resonance = facts_by_code.get(MarginsLight.RESONATES)
     if resonance is not None:
         return _decision_by_measurement(observations, resonance)
-    if loop_fact is not None and loop_fact.warns and not is_measured_good:
-        action = _doublets(axis, loop_fact)
-        return LoopDecision(axis, LoopVerdict.UNKNOWN, loop_fact.replace(action=action), action)
+    # Without an injected signal, doubtful margins stay doubtful; with one, they were measured to suffice.
+    if loop_fact is not None and loop_fact.warns and injected is None:
+        action = _advice_to_fly_doublets(margins.axis, loop_fact)
+        reason = loop_fact.replace(action=action)
+        return LoopDecision(margins.axis, LoopVerdict.UNKNOWN, reason, action)
     return None
 
 
-def _decision_by_measurement(observations: LoopObservations, measured: Fact) -> LoopDecision:
+def _decision_by_measurement(
+    observations: LoopObservations, measurement_fact: Fact
+) -> LoopDecision:
     """Returns the decision on an axis whose margins were measured, without a model, to be below the goal.
+
+    The action is to lower P and D of the rate loop by a third. What was measured contradicts an identified loop that
+    has its margins, so that no gains are computed from that loop.
 
     Args:
         observations: what the flight shows.
-        measured: the fact of the measured margins, or of a measured resonance.
+        measurement_fact: the fact that states the measured margins, or the measured resonance.
     """
-    action = _lowered_gains(observations, "rate")
-    reason = measured.replace(action=action)
     axis = observations.margins.axis
-    # What was measured contradicts a loop that has its margins, so that no gains follow from that loop.
+    action = _advice_to_lower_gains(observations, "rate")
+    reason = measurement_fact.replace(action=action)
     return LoopDecision(axis, LoopVerdict.BELOW_GOAL, reason, action, doubts=(reason,))
 
 
 def _decision_by_identified_loop(
     observations: LoopObservations, loop: Loop, loop_fact: Fact
 ) -> LoopDecision:
-    """Returns the decision on an axis whose identified loop is below the margin goal.
+    """Returns the decision on an axis whose identified loop has margins below the goal.
+
+    The action is, as the first of these cases that applies:
+
+    1. Nothing speaks against gains that are computed from the loop: load those that `mavdem tune` advises.
+    2. The control effectiveness was probably estimated too low, because wind moved the axis more than the motors did:
+       fly doublets. From an effectiveness that is too low would follow gains that are too high.
+    3. Otherwise: do first what the first doubt on the loop asks for.
 
     Args:
         observations: what the flight shows.
         loop: the identified loop, which no measurement refutes.
-        loop_fact: the fact of its margins.
+        loop_fact: the fact that states its margins.
     """
     axis = observations.margins.axis
     doubts = reasons_for_no_gains(loop)
+    is_effectiveness_biased_low = loop.plant.bias < 0
     if not doubts:
         action = Fact(LoopActions.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
-    elif loop.plant.bias < 0:
-        action = _doublets(axis, loop_fact)
+    elif is_effectiveness_biased_low:
+        action = _advice_to_fly_doublets(axis, loop_fact)
     else:
         action = Fact(LoopActions.DO_FIRST, because=doubts[0])
     reason = loop_fact.replace(action=action)
@@ -231,7 +259,7 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
     if tracking.code is TrackingLight.RATE_FALLS_SHORT:
         return _decision_on_slow_rate(observations)
     if tracking.code is TrackingLight.OVERSHOOTS_SETPOINT:
-        action = _lowered_gains(observations, "attitude")
+        action = _advice_to_lower_gains(observations, "attitude")
     elif tracking.code is TrackingLight.AMPLIFIES_SETPOINT:
         action = Fact(LoopActions.FLY_DOUBLETS, axis=axis, is_biased=False)
     else:
@@ -247,33 +275,66 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
 def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
     """Returns the decision on an axis whose rate does not reach its setpoint in turns.
 
-    No gain helps where a motor is at a limit. Otherwise the rate loop is slow, and gains may rise as far as the margins
-    allow, if the loop is identified.
+    The cases are:
+
+    1. A motor was at a limit in the turns, so that no gain helps: ask for slower turns.
+    2. The loop is not identified: do first what identifies it.
+    3. Otherwise the rate loop is too slow: raise its gains as far as the margins allow, unless something speaks against
+       gains that are computed from the loop. Then do first what that asks for.
 
     Args:
         observations: what the flight shows.
     """
     axis = observations.margins.axis
     loop = observations.margins.loop
-    at_limit_share = observations.tracking.figures["at_limit_share"]
-    is_at_limit = at_limit_share is not None and at_limit_share > MIN_AT_LIMIT_SHARE
-    may_be_raised = isinstance(loop, Loop) and not is_at_limit
-    doubts: Facts = ()
-    if is_at_limit:
+    tracking = observations.tracking
+    at_limit_share = tracking.figures["at_limit_share"]
+    if at_limit_share is not None and at_limit_share > MIN_AT_LIMIT_SHARE:
         action = Fact(LoopActions.SLOWER_TURNS, axis=axis)
-    elif isinstance(loop, Loop):
-        doubts = reasons_for_no_gains(loop, more=True)
+        reason = tracking.replace(action=action)
+        return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts=(reason,))
+    if not isinstance(loop, Loop):
+        action = Fact(LoopActions.DO_FIRST, because=_reason_for_no_margins(observations))
+        reason = tracking.replace(action=action)
+        return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts=(reason,))
+    doubts = reasons_for_no_gains(loop, more=True)
+    if doubts:
+        action = Fact(LoopActions.DO_FIRST, because=doubts[0])
+    else:
         action = Fact(
             LoopActions.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments
         )
-        if doubts:
-            action = Fact(LoopActions.DO_FIRST, because=doubts[0])
-    else:
-        action = Fact(LoopActions.DO_FIRST, because=_reason_for_no_margins(observations))
-    reason = observations.tracking.replace(action=action)
-    if not may_be_raised:
-        doubts = (reason,)
-    return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts, may_be_raised)
+    reason = tracking.replace(action=action)
+    return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts, is_too_slow=True)
+
+
+def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
+    """Returns the decision on an axis with which nothing is known to be wrong.
+
+    If some source shows good margins, nothing is wrong. Otherwise it is not known, and the action is to do first what
+    the reason for that asks for, if it asks for anything.
+
+    Args:
+        observations: what the flight shows.
+    """
+    margins = observations.margins
+    good_facts = [fact for fact in margins.facts if fact.is_good]
+    if good_facts:
+        best_fact = good_facts[0]
+        doubts: Facts = ()
+        if best_fact.code is MarginsLight.LOOP_MEASURED:
+            # An injected signal moves the vehicle, so that no gains are computed from such a flight.
+            doubts = (best_fact,)
+        elif isinstance(margins.loop, Fact):
+            # The fact states why there is no loop from which gains could be computed.
+            doubts = (margins.loop,)
+        return LoopDecision(margins.axis, LoopVerdict.NOTHING_WRONG, best_fact, doubts=doubts)
+    reason = _reason_for_no_margins(observations)
+    action = None
+    if reason.remedy:
+        action = Fact(LoopActions.DO_FIRST, because=reason)
+    # The reason may be one for which an identified loop does not count, so that no gains are computed from that.
+    return LoopDecision(margins.axis, LoopVerdict.UNKNOWN, reason, action, doubts=(reason,))
 
 
 def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
@@ -301,24 +362,35 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
 def _reason_for_no_margins(observations: LoopObservations) -> Fact:
     """Returns why the margins of an axis are not known.
 
-    A peak of the spectrum comes first: its remedy allows for what was logged. How the axis is tracked stands for a
-    reason where no loop was looked for.
+    It is, as the first of these that exists: a fact about margins that does not suffice to know them, such as a peak in
+    the spectrum of the rate; why no loop was identified; or, where none was sought, how the axis follows its setpoint.
 
     Args:
         observations: what the flight shows.
     """
     margins = observations.margins
     if margins.facts:
+        # It comes before the reason for no loop, because its remedy takes into account what was logged.
         return margins.facts[0]
-    return margins.loop if isinstance(margins.loop, Fact) else observations.tracking
+    if isinstance(margins.loop, Fact):
+        return margins.loop
+    return observations.tracking
 
 
-def _doublets(axis: str, loop_fact: Fact) -> Fact:
-    """Returns the advice to fly doublets about an axis, whose margins are not known well enough."""
+def _advice_to_fly_doublets(axis: str, loop_fact: Fact) -> Fact:
+    """Returns the advice to fly doublets, so that the next log shows the margins of an axis better.
+
+    A doublet is a push of the stick to one side and at once to the other.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+        loop_fact: the fact that states the margins of the identified loop. Its figure ``is_biased`` is whether wind
+            biases them, which the advice then gives as its reason.
+    """
     return Fact(LoopActions.FLY_DOUBLETS, axis=axis, is_biased=loop_fact.figures["is_biased"])
 
 
-def _lowered_gains(observations: LoopObservations, loop_name: str) -> Fact:
+def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fact:
     """Returns the advice to lower the gains of one loop of an axis by a third.
 
     Args:
@@ -343,17 +415,27 @@ def _lowered_gains(observations: LoopObservations, loop_name: str) -> Fact:
 
 
 def common_action(actions: Sequence[Fact | None]) -> Fact | None:
-    """Returns one action for several axes: the changes of gains together, or else the first action.
+    """Returns one action for several axes, as one sentence.
+
+    The first action stands for all. Only if it is to lower gains by a third are the changes of the other axes with the
+    same action added to it.
 
     Args:
-        actions: of each axis; None where nothing is to be done.
+        actions: the action of each axis; None where nothing is to be done.
     """
     known_actions = [action for action in actions if action is not None]
     if not known_actions:
         return None
     first = known_actions[0]
-    same_kind = [action for action in known_actions if action.code is first.code]
-    if first.code is not LoopActions.LOWER_BY_A_THIRD or len(same_kind) == 1:
+    if first.code is not LoopActions.LOWER_BY_A_THIRD:
         return first
-    changes = [change for action in same_kind for change in action.figures["changes"]]
-    return first.replace(changes=changes, names=[action.figures["axis"] for action in same_kind])
+    changes = []
+    axes = []
+    for action in known_actions:
+        if action.code is LoopActions.LOWER_BY_A_THIRD:
+            changes += action.figures["changes"]
+            axes.append(action.figures["axis"])
+    # The sentence on one axis has no list of axes.
+    if len(axes) == 1:
+        return first
+    return first.replace(changes=changes, names=axes)
