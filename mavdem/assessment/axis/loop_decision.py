@@ -337,28 +337,6 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     return LoopDecision(margins.axis, LoopVerdict.UNKNOWN, reason, action, doubts=(reason,))
 
 
-def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
-    """Returns the decision on an axis with which nothing is known to be wrong.
-
-    Args:
-        observations: what the flight shows.
-    """
-    margins = observations.margins
-    for fact in margins.facts:
-        if fact.is_good:
-            # No gains follow from a flight with an injected signal, nor from a loop that was refuted.
-            doubts: Facts = ()
-            if fact.code is MarginsLight.LOOP_MEASURED:
-                doubts = (fact,)
-            elif isinstance(margins.loop, Fact):
-                doubts = (margins.loop,)
-            return LoopDecision(margins.axis, LoopVerdict.NOTHING_WRONG, fact, doubts=doubts)
-    reason = _reason_for_no_margins(observations)
-    action = Fact(LoopActions.DO_FIRST, because=reason) if reason.remedy else None
-    # The reason may be why an identified loop does not count: no gains follow from it.
-    return LoopDecision(margins.axis, LoopVerdict.UNKNOWN, reason, action, doubts=(reason,))
-
-
 def _reason_for_no_margins(observations: LoopObservations) -> Fact:
     """Returns why the margins of an axis are not known.
 

@@ -1,4 +1,4 @@
-"""Whether the body rate of an axis reaches the rate that is asked of it in long turns, and whether motors prevent it.
+"""Whether the body rate of an axis reaches its setpoint in long turns, and whether motors prevent it.
 
 A rate loop with too little gain, and motors without more torque about an axis, both leave the rate below its setpoint.
 The outputs of the motors tell the two apart.
@@ -52,6 +52,15 @@ class ReachedRate(NamedTuple):
         return self.share < MIN_REACHED_SHARE
 
 
+class _Turn(NamedTuple):
+    """One turn about an axis."""
+
+    segment: Segment
+    """The time of its setpoint."""
+    rates: ReachedRate
+    """Its largest rates, without the share of motors at a limit."""
+
+
 def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
     """Returns how much of its setpoint the rate reaches in turns about the axis of ``signals``.
 
@@ -70,29 +79,42 @@ def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
     rate, setpoint = signals.rate_and_setpoint
     if min(rate_between_outages(rate), rate_between_outages(setpoint)) < MIN_SLOW_MOTION_RATE:
         return None
+    turns = _turns(rate, setpoint, segments)
+    if not turns:
+        return None
+    turns.sort(key=lambda turn: turn.rates.share)
+    median_rates = turns[len(turns) // 2].rates
+    turn_segments = [turn.segment for turn in turns]
+    return median_rates._replace(at_limit_share=_at_limit_share(signals, turn_segments))
+
+
+def _turns(rate: TimeSeries, setpoint: TimeSeries, segments: Segments) -> list[_Turn]:
+    """Returns the turns of a flight about one axis, as :func:`reached_rate` defines them, with their largest rates.
+
+    Args:
+        rate: body rate, rad/s.
+        setpoint: setpoint of the body rate, rad/s.
+        segments: parts of the flight to judge.
+    """
     is_judged = np.zeros(len(setpoint.time), dtype=bool)
     for segment in segments:
         is_judged |= in_segments(setpoint, segment, slack=0)
     largest_setpoint = abs(setpoint.values[is_judged]).max(initial=0.0)
     if largest_setpoint < MIN_TURN_RATE:
-        return None
+        return []
     turns = []
-    turn_segments = []
-    for sign in (1.0, -1.0):
-        is_turning = is_judged & (sign * setpoint.values > largest_setpoint / 2)
-        for turn in _long_intervals(setpoint, is_turning):
-            extended_turn = Segment(turn.boot, turn.start, turn.end + RISE_SECONDS)
-            rates = sign * rate.values[in_segments(rate, extended_turn)]
+    for direction in (1.0, -1.0):
+        is_turning = is_judged & (direction * setpoint.values > largest_setpoint / 2)
+        for segment in _long_intervals(setpoint, is_turning):
+            segment_with_rise = Segment(segment.boot, segment.start, segment.end + RISE_SECONDS)
+            rates = direction * rate.values[in_segments(rate, segment_with_rise)]
             if not rates.size:
                 continue
-            setpoints = sign * setpoint.values[in_segments(setpoint, turn)]
-            turns.append(ReachedRate(setpoints.max(), max(rates.max(), 0.0), None))
-            turn_segments.append(turn)
-    if not turns:
-        return None
-    turns.sort(key=lambda turn: turn.share)
-    median_turn = turns[len(turns) // 2]
-    return median_turn._replace(at_limit_share=_at_limit_share(signals, turn_segments))
+            setpoints = direction * setpoint.values[in_segments(setpoint, segment)]
+            # A rate in the other direction reaches nothing of the setpoint.
+            largest_rate = max(rates.max(), 0.0)
+            turns.append(_Turn(segment, ReachedRate(setpoints.max(), largest_rate, None)))
+    return turns
 
 
 def _long_intervals(series: TimeSeries, rows: Flags) -> list[Segment]:
@@ -100,24 +122,34 @@ def _long_intervals(series: TimeSeries, rows: Flags) -> list[Segment]:
 
     Args:
         series: N samples.
-        rows: (N,) the selected samples.
+        rows: which samples are selected (N,).
     """
+    # With a row that is not selected at each end, every run of selected rows has a first row and an end.
     is_selected = np.concatenate([[False], rows, [False]])
     changes = np.flatnonzero(np.diff(is_selected))
     intervals = []
-    for first, end in changes.reshape(-1, 2):
-        last = end - 1
+    for first_row, end_row in changes.reshape(-1, 2):
+        last_row = end_row - 1
+        boot = int(series.boot[first_row])
+        start = series.time[first_row]
+        end = series.time[last_row]
         # The clock of another boot begins anew.
-        is_one_boot = series.boot[first] == series.boot[last]
-        if is_one_boot and series.time[last] - series.time[first] >= MIN_TURN_SECONDS:
-            intervals.append(
-                Segment(int(series.boot[first]), series.time[first], series.time[last])
-            )
+        is_one_boot = boot == series.boot[last_row]
+        if is_one_boot and end - start >= MIN_TURN_SECONDS:
+            intervals.append(Segment(boot, start, end))
     return intervals
 
 
 def _at_limit_share(signals: Signals, turns: list[Segment]) -> float | None:
-    """Returns the fraction of the motors' samples in some ``turns`` with a motor at a limit; None without samples."""
+    """Returns the fraction of the time of turns in which some motor is at its upper or lower limit.
+
+    Args:
+        signals: signals of the vehicle, with the outputs of its motors.
+        turns: times of the turns.
+
+    Returns:
+        Fraction of the samples of the motor outputs; None if there are no samples in the turns.
+    """
     motors = signals.motors
     if motors is None:
         return None

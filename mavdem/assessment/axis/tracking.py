@@ -124,16 +124,14 @@ def tracking_of_axes(signals: Signals, segments: Segments) -> NamedFacts:
 
 
 def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
-    """Judges how the axis of ``signals`` follows the setpoint of its angle.
+    """Judges how one axis follows the setpoint of its angle.
 
     A vehicle that follows well still follows late. So the angle is compared with the setpoint of each of the ``DELAYS``
-    before, and the delay with the least RMS difference is that of the vehicle; the difference is its error. The limits
-    of the error grow with the movement of the setpoint (``ANGLE_ERROR_LIMITS``). A small error is watched all the same
-    if the rate does not reach its setpoint in turns, or if a step overshoots by more than ``MAX_OVERSHOOT``. The step
-    response takes long to estimate, so that it is only measured if the response is large at some frequency.
+    before; the delay with the least RMS difference is that of the vehicle, and this difference is its error. A small
+    error is to be watched all the same where the response is doubtful (:func:`_tracking_rating`).
 
     Args:
-        signals: of the vehicle and axis.
+        signals: signals of the vehicle, for the axis to judge.
         segments: parts of the flight to judge.
 
     Returns:
@@ -177,7 +175,7 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     if movement > MIN_SETPOINT_DEVIATION:
         peak = _response_peak(setpoint, angle, angle_segments)
     turn = reached_rate(signals, segments)
-    rating = _rating(signals, angle_segments, limits.level(angle_error), turn, peak)
+    rating = _tracking_rating(signals, angle_segments, limits.level(angle_error), turn, peak)
     turn_figures: dict[str, Any] = {}
     if turn is not None:
         turn_figures = {
@@ -200,14 +198,18 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     )
 
 
-def _rating(
+def _tracking_rating(
     signals: Signals,
     segments: Segments,
     error_level: Level,
     turn: ReachedRate | None,
     peak: ResponsePeak | None,
 ) -> _TrackingRating:
-    """Returns what is wrong with the tracking of an axis, the most important first.
+    """Rates how an axis follows its setpoint, by the first of these that applies.
+
+    Its error is not small; its rate does not reach the setpoint in turns; a step overshoots by more than
+    ``MAX_OVERSHOOT``, or, where no step can be measured, the response is large at some frequency; or it follows well.
+    The step response takes long to estimate, so that it is measured only if the response is large at some frequency.
 
     Args:
         signals: of the vehicle and axis.
@@ -224,6 +226,7 @@ def _rating(
     if not is_amplified:
         return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD)
     response = attitude_step_response(signals, segments)
+    # A fact states why the flight shows no step response.
     if isinstance(response, Fact):
         return _TrackingRating(TrackingLight.AMPLIFIES_SETPOINT, Level.WATCH)
     overshoot = response.overshoot.value
@@ -233,24 +236,30 @@ def _rating(
 
 
 def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segments:
-    """Returns the parts of segments in which a vehicle does not turn to a heading that was set at once.
+    """Returns segments of flight without the turns to a new heading that was set in one jump.
+
+    In such a turn the heading is far from its setpoint, which is no error of the loops. A turn begins at a jump by more
+    than ``YAW_JUMP`` and ends when the slowest vehicle has the new heading.
 
     Args:
         setpoint: of yaw, rad, without jumps by a turn.
         segments: parts of the flight to judge.
     """
-    remaining = []
+    segments_without_turns = []
     for segment in segments:
-        rows = setpoint.boot == segment.boot
-        time = setpoint.time[rows]
-        jumps = np.abs(np.diff(setpoint.values[rows], append=setpoint.values[rows][-1:]))
-        steady = [(segment.start, segment.end)]
-        for row in np.flatnonzero(jumps > YAW_JUMP):
-            turn_seconds = jumps[row] / SLOWEST_TURN + TURN_MARGIN_SECONDS
+        is_of_boot = setpoint.boot == segment.boot
+        time = setpoint.time[is_of_boot]
+        yaw = setpoint.values[is_of_boot]
+        # The change from each sample to the next; after the last sample there is none.
+        changes = np.abs(np.diff(yaw, append=yaw[-1:]))
+        intervals = [(segment.start, segment.end)]
+        for row in np.flatnonzero(changes > YAW_JUMP):
+            turn_seconds = changes[row] / SLOWEST_TURN + TURN_MARGIN_SECONDS
             turn = (time[row], time[row] + turn_seconds)
-            steady = intersection(steady, complement([turn]))
-        remaining += [Segment(segment.boot, start, end) for start, end in steady]
-    return tuple(remaining)
+            intervals = intersection(intervals, complement([turn]))
+        for start, end in intervals:
+            segments_without_turns.append(Segment(segment.boot, start, end))
+    return tuple(segments_without_turns)
 
 
 def _yaw_movement(setpoint: TimeSeries, segments: Segments) -> float:
@@ -260,6 +269,7 @@ def _yaw_movement(setpoint: TimeSeries, segments: Segments) -> float:
         setpoint: of yaw, rad, without jumps by a turn.
         segments: parts of the flight to judge.
     """
+    # The one zero keeps the mean finite where no segment has a setpoint.
     changes = [np.zeros(1)]
     for segment in segments:
         rows = in_segments(setpoint, segment, slack=0)
@@ -295,7 +305,11 @@ def _rate_error(signals: Signals, segments: Segments) -> float | None:
 def _setpoint_errors(
     setpoint: TimeSeries, response: TimeSeries, segments: Segments, delays: Array
 ) -> SetpointErrors:
-    """Compares a response with the setpoint of some time before.
+    """Returns the errors of a response that follows its setpoint after some delay, for each of several delays.
+
+    Setpoint and response are compared at the samples of the slower one, and the other is interpolated; where both have
+    the same rate, the setpoint is. Between samples of the response interpolation averages, so that an oscillation at
+    half of its sampling rate would vanish.
 
     Args:
         setpoint: in the unit of the response.
@@ -303,12 +317,8 @@ def _setpoint_errors(
         segments: parts of the flight to compare.
         delays: (D,) s.
 
-    They are compared at the samples of the slower one, and the other is interpolated; where both have the same rate,
-    the setpoint is. Between samples of the response interpolation averages, so that an oscillation at half of its
-    sampling rate would vanish.
-
     Returns:
-        N setpoints in the segments, and the errors of the response after each delay.
+        N setpoints in the segments, and the errors of the response after each of the D delays.
     """
     setpoints = [np.zeros(0)]
     errors = [np.zeros((len(delays), 0))]
@@ -319,14 +329,10 @@ def _setpoint_errors(
         # One sample cannot be interpolated.
         if np.count_nonzero(response_rows) <= 1:
             continue
-        setpoint_times, setpoint_values = (
-            setpoint.time[setpoint_rows],
-            setpoint.values[setpoint_rows],
-        )
-        response_times, response_values = (
-            response.time[response_rows],
-            response.values[response_rows],
-        )
+        setpoint_times = setpoint.time[setpoint_rows]
+        setpoint_values = setpoint.values[setpoint_rows]
+        response_times = response.time[response_rows]
+        response_values = response.values[response_rows]
         if len(setpoint_times) >= len(response_times):
             # (D, N): for each delay the times of the setpoints that each response belongs to.
             earlier_times = response_times - delays[:, None]
@@ -347,6 +353,9 @@ def _response_peak(
 ) -> ResponsePeak | None:
     """Returns the largest response of the angle to its setpoint by frequency, from Welch spectra.
 
+    A frequency counts where the setpoint moves (``MIN_PEAK_DRIVER_SHARE``) and the angle is coherent with it
+    (``MIN_COMPARED_COHERENCE``). Elsewhere wind and noise decide the ratio.
+
     Args:
         setpoint: of the angle, rad.
         angle: the response, rad.
@@ -358,12 +367,13 @@ def _response_peak(
     estimate = welch_spectra((setpoint, angle), segments, 2 * WELCH_SECONDS, MIN_SLOW_MOTION_RATE)
     if estimate is None:
         return None
-    driver_power = np.where(estimate.frequency > 0, estimate.driver_power, 0.0)
-    is_shown = estimate.coherence >= MIN_COMPARED_COHERENCE
-    is_shown &= driver_power >= MIN_PEAK_DRIVER_SHARE * driver_power.max()
-    is_shown &= estimate.frequency > 0
-    if not is_shown.any():
+    is_above_zero = estimate.frequency > 0
+    setpoint_power = np.where(is_above_zero, estimate.driver_power, 0.0)
+    is_excited = setpoint_power >= MIN_PEAK_DRIVER_SHARE * setpoint_power.max()
+    is_coherent = estimate.coherence >= MIN_COMPARED_COHERENCE
+    counts = is_above_zero & is_excited & is_coherent
+    if not counts.any():
         return None
-    gains = np.where(is_shown, abs(estimate.response), 0.0)
+    gains = np.where(counts, abs(estimate.response), 0.0)
     highest = np.argmax(gains)
     return ResponsePeak(gains[highest], estimate.frequency[highest])

@@ -29,39 +29,61 @@ def margins_light(evidence: Evidence) -> Fact:
     if oscillation is not None:
         advice = evidence.gain_reduction
         return Fact(MarginsLight.OSCILLATES, because=advice, **oscillation.figures)
-    facts = [fact for axis in evidence.margins for fact in axis.facts]
-    # The ``share`` is the margin as a share of the one to have: of several with one level the smallest is named.
-    facts.sort(key=lambda fact: fact.figures.get("share", inf))
+    facts = _facts_by_margin(evidence)
     if facts:
         worst = worst_fact(facts)
         if worst.warns:
             return worst
     good_facts = [fact for fact in facts if fact.is_good]
-    # A dictionary keeps each name once, in order.
-    good_axes = dict.fromkeys(fact.figures["axis"] for fact in good_facts)
+    good_axes = []
+    for fact in good_facts:
+        axis = fact.figures["axis"]
+        if axis not in good_axes:
+            good_axes.append(axis)
     if any(axis in good_axes for axis in TILT_AXES):
+        # One sentence names the smallest of the good margins, and all axes that have good ones.
         return good_facts[0].replace(names=tuple(good_axes))
-    return _unknown(evidence)
+    return _unknown_margins(evidence)
 
 
-def _unknown(evidence: Evidence) -> Fact:
+def _facts_by_margin(evidence: Evidence) -> list[Fact]:
+    """Returns the facts on the margins of all axes, the smallest margin first.
+
+    So the axis with the smallest margin is named if several facts have one level. The figure ``share`` of a fact is the
+    margin over the one to have; a fact without it, such as that of a resonance, comes last.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
+    facts = list[Fact]()
+    for axis_margins in evidence.margins:
+        facts += axis_margins.facts
+    facts.sort(key=lambda fact: fact.figures.get("share", inf))
+    return facts
+
+
+def _unknown_margins(evidence: Evidence) -> Fact:
     """Returns the fact that the stability margins are not known, with the reason.
 
     Args:
         evidence: what the log shows of the vehicle.
 
     Returns:
-        A fact whose reason is why the first axis has no identified loop. Its figure ``rate`` is what is known all the
-        same: the highest frequency, Hz, up to which a measured response showed no resonance; None if none was measured.
+        A fact whose reason is why the first axis has no identified loop, or else why the log allows no model. Its
+        figure ``rate`` is what is known all the same: the highest frequency, Hz, up to which the measured response of
+        some axis has no resonance; None if there is no such response.
     """
-    refusals = [axis.loop for axis in evidence.margins if isinstance(axis.loop, Fact)]
-    because = refusals[0] if refusals else evidence.learnability.reason
-    frequencies = []
-    for axis in evidence.margins:
-        if axis.response is None:
-            continue
-        fact = resonance_fact(axis.response)
-        if fact.code is MarginsLight.NO_RESONANCE:
-            frequencies.append(fact.figures["rate"])
-    highest_frequency = max(frequencies, default=None)
-    return Fact(MarginsLight.MARGINS_UNKNOWN, because=because, rate=highest_frequency)
+    reasons = []
+    frequencies_without_resonance = []
+    for axis_margins in evidence.margins:
+        if isinstance(axis_margins.loop, Fact):
+            reasons.append(axis_margins.loop)
+        if axis_margins.response is not None:
+            response_fact = resonance_fact(axis_margins.response)
+            if response_fact.code is MarginsLight.NO_RESONANCE:
+                frequencies_without_resonance.append(response_fact.figures["rate"])
+    return Fact(
+        MarginsLight.MARGINS_UNKNOWN,
+        because=reasons[0] if reasons else evidence.learnability.reason,
+        rate=max(frequencies_without_resonance, default=None),
+    )
