@@ -36,6 +36,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.instances import InstanceState
 from mavdem.immutable import ImmutableResult
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE
 from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses.accelerometer import SELECTED_IMU, AccelerometerWitness
@@ -130,39 +131,23 @@ def _batteries(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _estimators(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the instances of the estimator with their largest innovation ratio over its limit, and which one flew."""
+    """Yields the instances of the estimator with their largest innovation ratio over its limit, and which one flew.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
     telemetry = evidence.signals.telemetry
-    failsafe_limit = failsafe_limit_of(telemetry)
-    columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
-    # Samples (N, 5) of each instance: its ratios and, of several instances, whether it flew.
-    series: dict[str, TimeSeries] = {}
-    if columns:
-        ratios_of_all = np.nan_to_num(float_columns(columns, INNOVATIONS))
-        table = np.column_stack([ratios_of_all, columns["is_primary"] > 0])
-        for number in np.unique(columns["instance"]).tolist():
-            name = instance_name(telemetry, int(number))
-            series[name] = clean_series(columns, table, columns["instance"] == number)
-    else:
-        single = innovation_ratios(telemetry)
-        if single is not None:
-            series["EKF"] = single
-    for name, ratios_of_instance in series.items():
-        if not len(ratios_of_instance.time):
+    has_instances = bool(telemetry.messages.get(INSTANCES_MESSAGE))
+    for name, samples in _estimator_samples(telemetry).items():
+        if not len(samples.time):
             continue
-        values = _values_in_flight(evidence, ratios_of_instance)
+        values = _values_in_flight(evidence, samples)
         ratios = values[:, : len(INNOVATIONS)]
-        used_share = float(values[:, -1].mean()) if columns else 1.0
+        # The only estimator flew all the time.
+        used_share = 1.0
+        if has_instances:
+            used_share = float(values[:, -1].mean())
         largest = ratios.max(axis=1) / INNOVATION_LIMIT
-        rejections = [
-            rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], failsafe_limit)
-            for flight in evidence.in_flight(ratios_of_instance)
-        ]
-        code = InstanceState.MEASURED
-        level = None
-        if any(rejection.is_doubted for rejection in rejections):
-            code = InstanceState.REJECTED
-            is_bad = any(rejection.is_bad for rejection in rejections)
-            level = Level.BAD if is_bad and used_share else None
         yield Instance(
             "estimator",
             name,
@@ -170,16 +155,57 @@ def _estimators(evidence: Evidence) -> Iterator[Instance]:
             "1",
             largest.min(),
             largest.max(),
-            Fact(code, level),
+            _estimator_state(evidence, samples, used_share),
             used_share,
         )
+
+
+def _estimator_samples(telemetry: Telemetry) -> dict[str, TimeSeries]:
+    """Returns the innovation ratios of each instance of the estimator, by its name.
+
+    Args:
+        telemetry: of the vehicle.
+
+    Returns:
+        Samples (N, k). The first columns are the ratios, in the order of ``INNOVATIONS``. Where the log distinguishes
+        instances, the last column is 1 while the instance flew, and else 0.
+    """
+    columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
+    if not columns:
+        ratios = innovation_ratios(telemetry)
+        return {} if ratios is None else {"EKF": ratios}
+    ratios_of_all = np.nan_to_num(float_columns(columns, INNOVATIONS))
+    table = np.column_stack([ratios_of_all, columns["is_primary"] > 0])
+    samples = {}
+    for number in np.unique(columns["instance"]).tolist():
+        name = instance_name(telemetry, int(number))
+        samples[name] = clean_series(columns, table, columns["instance"] == number)
+    return samples
+
+
+def _estimator_state(evidence: Evidence, samples: TimeSeries, used_share: float) -> Fact:
+    """Returns whether an instance of the estimator rejected measurements in flight; bad only if it flew at all.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        samples: its innovation ratios, as :func:`_estimator_samples` returns them.
+        used_share: share of the time in which it flew.
+    """
+    failsafe_limit = failsafe_limit_of(evidence.signals.telemetry)
+    rejections = []
+    for flight in evidence.in_flight(samples):
+        ratios = flight.values[:, : len(INNOVATIONS)]
+        rejections.append(rejection_in(flight.time, ratios, failsafe_limit))
+    if not any(rejection.is_doubted for rejection in rejections):
+        return Fact(InstanceState.MEASURED)
+    is_bad = any(rejection.is_bad for rejection in rejections)
+    return Fact(InstanceState.REJECTED, Level.BAD if is_bad and used_share else None)
 
 
 def _receivers(evidence: Evidence) -> Iterator[Instance]:
     """Yields the satellite receivers with their numbers of satellites, and whether they had a position fix.
 
-    A receiver that does not report the number of
-    satellites is listed by its type of fix.
+    A receiver that does not report the number of satellites is listed by its type of fix.
 
     Args:
         evidence: what the log shows of the vehicle.

@@ -146,28 +146,16 @@ def _saturation_loss(
     lasts = is_lost or end == inf or end - start >= RECOVERY_SECONDS
     if event.figures["duration"] < MIN_LIMIT_SECONDS or not lasts:
         return None
-    flights = flights_in_boot(signals, boot)
     scene = _scene_at(signals, boot, start)
     height = scene.height_at(start)
     if height is not None and height < MAX_GROUND_HEIGHT:
         return None
-    number = motors.geometry.names.index(event.subject)
-    commands = motors.range_fractions(boot)
-    rows = in_intervals(commands.time, [(start, end)])
-    is_in_flight = in_intervals(commands.time, flights)
-    is_before = is_in_flight & (commands.time < start - LASTING_SECONDS)
-    if not is_before.any():
-        return None
-    former_excess = np.quantile(_excess(commands.values[is_before], number), FORMER_QUANTILE)
-    at_limit, _ = samples_at_limits(commands.values[rows], motors.scale)
-    stands_out = most_limited_motors(motors.geometry.names, at_limit.sum(axis=0)) == (
-        event.subject,
-    )
-    excess = float(_excess(commands.values[rows], number).mean())
-    if not stands_out or excess < MIN_EXCESS or former_excess > MAX_FORMER_EXCESS:
+    excess = _outstanding_excess(signals, motors, event, (start, end))
+    if excess is None:
         return None
     sink_rate = scene.sink_rate((start, end)) or 0.0
-    leans = _leans_towards(signals, motors, number, boot, (start, end))
+    motor = motors.geometry.names.index(event.subject)
+    leans = _leans_towards(signals, motors, motor, boot, (start, end))
     if not leans and sink_rate < MIN_CLIMB_SPEED:
         return None
     return Fact(
@@ -179,6 +167,41 @@ def _saturation_loss(
         duration=event.figures["duration"],
         boot=boot,
     )
+
+
+def _outstanding_excess(
+    signals: Signals, motors: MotorOutputs, event: Fact, interval: Interval
+) -> float | None:
+    """Returns by how much the command of a motor at its limit exceeds those of the others, if that is conspicuous.
+
+    It is if this motor alone is at its limit most often, its command stands out from the others by ``MIN_EXCESS``, and
+    it was near them before.
+
+    Args:
+        signals: of the vehicle.
+        motors: its k motors.
+        event: that one of them was at its limit.
+        interval: start and end of the event, s since boot; the end may be infinite.
+
+    Returns:
+        Mean excess, as a share of the range; None if it is not conspicuous, or nothing was flown before.
+    """
+    boot = event.figures["boot"]
+    start, _ = interval
+    motor = motors.geometry.names.index(event.subject)
+    commands = motors.range_fractions(boot)
+    rows = in_intervals(commands.time, [interval])
+    is_in_flight = in_intervals(commands.time, flights_in_boot(signals, boot))
+    is_before = is_in_flight & (commands.time < start - LASTING_SECONDS)
+    if not is_before.any():
+        return None
+    former_excess = np.quantile(_excess(commands.values[is_before], motor), FORMER_QUANTILE)
+    excess = float(_excess(commands.values[rows], motor).mean())
+    at_limit, _ = samples_at_limits(commands.values[rows], motors.scale)
+    most_limited = most_limited_motors(motors.geometry.names, at_limit.sum(axis=0))
+    if most_limited != (event.subject,) or excess < MIN_EXCESS or former_excess > MAX_FORMER_EXCESS:
+        return None
+    return excess
 
 
 def _scene_at(signals: Signals, boot: int, time: float) -> Scene:

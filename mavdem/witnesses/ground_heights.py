@@ -11,6 +11,7 @@ from math import inf, isfinite
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import Intervals, in_intervals, intersection
 from mavdem.dataset.phases import series_of_boot
@@ -75,24 +76,35 @@ def ground_heights(signals: Signals, boot: int, flight: Interval) -> GroundHeigh
     before, after = _rests_around(rest_intervals(signals, boot), flight)
     if before is None or after is None:
         return None
-    readings = [_inside(barometer, rest) for rest in (before, after)]
-    fixes = [_inside(position, rest) for rest in (before, after)]
-    if min(len(part.time) for part in readings) < MIN_SAMPLES or not all(
-        len(part.time) for part in fixes
-    ):
+    heights_before = _values_in(barometer, before)
+    heights_after = _values_in(barometer, after)
+    positions_before = _values_in(position, before)
+    positions_after = _values_in(position, after)
+    if min(len(heights_before), len(heights_after)) < MIN_SAMPLES:
         return None
-    height_before, height_after = (part.values.mean() for part in readings)
-    position_before, position_after = (np.median(part.values, axis=0) for part in fixes)
-    latitude, longitude, altitude = position_after - position_before
-    east_share = np.cos(np.radians(position_before[0]))
+    if not len(positions_before) or not len(positions_after):
+        return None
+    take_off = np.median(positions_before, axis=0)
+    landing = np.median(positions_after, axis=0)
+    _, _, altitude_change = landing - take_off
     return GroundHeights(
-        barometer_change=float(height_after - height_before),
-        barometer_scatter=float(max(part.values.std() for part in readings)),
-        satellite_change=float(altitude),
-        distance=float(
-            EARTH_RADIUS * np.hypot(np.radians(latitude), east_share * np.radians(longitude))
-        ),
+        barometer_change=float(heights_after.mean() - heights_before.mean()),
+        barometer_scatter=float(max(heights_before.std(), heights_after.std())),
+        satellite_change=float(altitude_change),
+        distance=_horizontal_distance(take_off, landing),
     )
+
+
+def _horizontal_distance(start: Array, end: Array) -> float:
+    """Returns the horizontal distance between two near places, m, on a sphere that is flat between them.
+
+    Args:
+        start, end: latitude and longitude, degrees, and altitude, m (3,).
+    """
+    latitude_change, longitude_change, _ = np.radians(end - start)
+    # Meridians converge towards the poles, so that a degree of longitude is shorter there.
+    east = np.cos(np.radians(start[0])) * longitude_change
+    return float(EARTH_RADIUS * np.hypot(latitude_change, east))
 
 
 @cached_per_vehicle()
@@ -144,6 +156,6 @@ def _long_enough(rests: Intervals) -> Intervals:
     return [(start, end) for start, end in rests if end - start >= MIN_REST_SECONDS]
 
 
-def _inside(series: TimeSeries, interval: Interval) -> TimeSeries:
-    """Returns the samples of a series in an interval, s since boot."""
-    return series.select(in_intervals(series.time, [interval]))
+def _values_in(series: TimeSeries, interval: Interval) -> Array:
+    """Returns the values of a series in an interval, s since boot."""
+    return series.values[in_intervals(series.time, [interval])]
