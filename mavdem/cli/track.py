@@ -16,11 +16,12 @@ from mavdem.extras import missing_extra_fact
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.difference import BaselineDifferences, baseline_differences
 from mavdem.fleet.flights import summary
+from mavdem.fleet.row import FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import read_rows
 from mavdem.fleet.tracking import TrackedLogs, track
 from mavdem.fleet.workers import JobLimits, WorkerPool
-from mavdem.report.blocks import Sentence
+from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.fleet import fleet_blocks
 from mavdem.report.numbers import counted
@@ -32,6 +33,9 @@ MAX_LIMIT = 1_000_000
 
 More is no limit, so that a mistyped number is refused.
 """
+
+BlocksByVehicle = dict[str, Blocks]
+"""What changed since the baseline, as sentences, by the vehicle's name."""
 
 
 @click.command("track")
@@ -126,7 +130,7 @@ def track_command(
     differences: BaselineDifferences = {}
     if tracked.healthy:
         differences = baseline_differences(rows, tracked.healthy)
-    blocks_by_vehicle = {}
+    blocks_by_vehicle: BlocksByVehicle = {}
     for vehicle, (latest_flight, difference) in differences.items():
         blocks_by_vehicle[vehicle] = baseline_blocks(latest_flight, difference)
     index = write_fleet_pages(out, rows, blocks_by_vehicle)
@@ -135,14 +139,7 @@ def track_command(
     if as_json:
         print_json(track_document(out, index, tracked, counts, differences))
     else:
-        without_flight = len({row.file for row in rows if not row.has_flight})
-        print_to_stdout(
-            f"{counted(tracked.logs, 'log')}, {tracked.read} of them read now; {without_flight} in the table without a"
-            " flight; copies count once.\n"
-        )
-        print_blocks(fleet_blocks(rows))
-        for vehicle, blocks in blocks_by_vehicle.items():
-            print_blocks([Sentence("", f"{vehicle}:"), *blocks])
+        _print_fleet(tracked, rows, blocks_by_vehicle)
         _report_index_and_table(out, index)
     if tracked.problems:
         context.exit(EXIT_ERROR)
@@ -179,6 +176,26 @@ def _track_with_progress(
         # Each log is stored as soon as it was read, so nothing is lost.
         print_to_stderr("What was read is kept: the same command continues.")
         raise
+
+
+def _print_fleet(
+    tracked: TrackedLogs, rows: FlightRows, blocks_by_vehicle: BlocksByVehicle
+) -> None:
+    """Prints the number of logs, the table of the fleet's vehicles, and what changed since each one's baseline.
+
+    Args:
+        tracked: What this run read.
+        rows: All rows of the fleet's table.
+        blocks_by_vehicle: Differences from the baseline to the latest flight, by the vehicle's name.
+    """
+    without_flight = len({row.file for row in rows if not row.has_flight})
+    print_to_stdout(
+        f"{counted(tracked.logs, 'log')}, {tracked.read} of them read now; {without_flight} in the table without a"
+        " flight; copies count once.\n"
+    )
+    print_blocks(fleet_blocks(rows))
+    for vehicle, blocks in blocks_by_vehicle.items():
+        print_blocks([Sentence("", f"{vehicle}:"), *blocks])
 
 
 def _report_index_and_table(folder: Path, index: Path) -> None:

@@ -41,7 +41,7 @@ LOGARITHMIC_KINDS = SHARE, EFFECT, MEAN_EFFECT
 """Kinds of quantities that are compared by their logarithm."""
 
 MAX_RELATIVE_HALF_WIDTH = 0.5
-"""Largest half width of the interval of a share or an effect, relative to it.
+"""Largest half width of the interval of a share or an effect, relative to it: a choice.
 
 With a wider interval the error of its logarithm is not nearly normal.
 """
@@ -94,36 +94,39 @@ def flight_estimates(flight: AxisRows) -> dict[Quantity, Estimate]:
         shares = motor_log_estimates(row.trim_share, row.trim_share_interval)
         estimates |= relative_to_median_motor(SHARE, shares)
 
-        if row.damping_status == Status.REPORTED:
-            if row.damping is not None and row.damping_interval is not None:
-                sd = row.damping_interval / HALF_WIDTH_PER_SD
-                estimates[Quantity(DAMPING, axis=axis)] = Estimate(row.damping, sd)
-        if row.lag_status == Status.REPORTED:
-            if row.lag is not None and row.lag_interval is not None:
-                sd = row.lag_interval / HALF_WIDTH_PER_SD
-                estimates[Quantity(LAG, axis=axis)] = Estimate(row.lag, sd)
-
-        margins = {
-            PHASE_MARGIN: (row.phase_margin, row.phase_margin_interval),
-            GAIN_MARGIN: (row.gain_margin, row.gain_margin_interval),
+        axis_estimates = {
+            PHASE_MARGIN: estimate_from_interval(row.phase_margin, row.phase_margin_interval),
+            GAIN_MARGIN: estimate_from_interval(row.gain_margin, row.gain_margin_interval),
         }
-        for kind, (margin, half_width) in margins.items():
-            # A loop that no gain makes unstable has an infinite margin, with which nothing can be compared.
-            if margin is not None and half_width is not None and isfinite(margin + half_width):
-                sd = half_width / HALF_WIDTH_PER_SD
-                estimates[Quantity(kind, axis=axis)] = Estimate(margin, sd)
+        if row.damping_status == Status.REPORTED:
+            axis_estimates[DAMPING] = estimate_from_interval(row.damping, row.damping_interval)
+        if row.lag_status == Status.REPORTED:
+            axis_estimates[LAG] = estimate_from_interval(row.lag, row.lag_interval)
+        for kind, estimate in axis_estimates.items():
+            if estimate is not None:
+                estimates[Quantity(kind, axis=axis)] = estimate
 
         effects = motor_log_estimates(row.effect, row.effect_interval)
         if effects and row.effect_status == Status.REPORTED:
             estimates[Quantity(MEAN_EFFECT, axis=axis)] = mean_estimate(effects.values())
             # A model may have the controller's demand as its input in place of the motors.
             if len(row.motors or ()) == len(row.effect or ()):
-                for quantity, estimate in relative_to_median_motor(EFFECT, effects).items():
-                    effects_by_axis.setdefault(quantity, []).append(estimate)
+                for quantity, effect in relative_to_median_motor(EFFECT, effects).items():
+                    effects_by_axis.setdefault(quantity, []).append(effect)
     # A motor that weakens loses the same factor of its effect about every axis. So the axes give one estimate.
-    for quantity, axis_estimates in effects_by_axis.items():
-        estimates[quantity] = mean_estimate(axis_estimates)
+    for quantity, effects_of_axes in effects_by_axis.items():
+        estimates[quantity] = mean_estimate(effects_of_axes)
     return estimates
+
+
+def estimate_from_interval(value: float | None, half_width: float | None) -> Estimate | None:
+    """Returns an estimate by its value and the half width of its 90 % interval; None where one is unknown or infinite.
+
+    A loop that no gain makes unstable has an infinite margin, with which nothing can be compared.
+    """
+    if value is None or half_width is None or not isfinite(value + half_width):
+        return None
+    return Estimate(value, half_width / HALF_WIDTH_PER_SD)
 
 
 def mean_estimate(estimates: Iterable[Estimate]) -> Estimate:

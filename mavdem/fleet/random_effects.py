@@ -66,7 +66,7 @@ EQUIVALENCE_LIMITS = {
 }
 """Largest difference of a quantity that is called the same, in the units of ``SD_BETWEEN_FLIGHTS``.
 
-The whole interval of the difference must lie within it (an equivalence test).
+The whole interval of the difference must lie within it (an equivalence test). The limits are choices.
 """
 
 
@@ -89,7 +89,7 @@ class QuantityChange(NamedTuple):
     """Half width of the 90 % interval of the difference."""
 
     p: float
-    """Probability of a difference as large if nothing changed."""
+    """Probability of a difference as large if nothing changed (two-sided p-value)."""
 
     allowance: float
     """Standard deviation of what other conditions of flight may do to it, which is in the half width."""
@@ -207,12 +207,13 @@ def with_outcomes(changes: Sequence[QuantityChange]) -> list[QuantityChange]:
         The changes with their outcomes, in the order of kinds, motors and axes.
     """
     changes_with_outcomes = []
-    by_p = sorted(changes, key=lambda change: change.p)
+    changes_by_p_value = sorted(changes, key=lambda change: change.p)
+    # The largest count whose last p-value passes its threshold counts, also if a smaller count fails.
     changed_count = 0
-    for count, change in enumerate(by_p, start=1):
-        if change.p <= count / len(by_p) * SIGNIFICANCE:
+    for count, change in enumerate(changes_by_p_value, start=1):
+        if change.p <= count / len(changes) * SIGNIFICANCE:
             changed_count = count
-    for rank, change in enumerate(by_p):
+    for rank, change in enumerate(changes_by_p_value):
         equivalence_limit = EQUIVALENCE_LIMITS[change.quantity.kind]
         if rank < changed_count:
             outcome = QuantityOutcome.CHANGED

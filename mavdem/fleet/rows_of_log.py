@@ -32,7 +32,7 @@ MODEL = "model.json"
 """File with the learned model, in the folder that ``mavdem learn`` writes."""
 
 PAGE_KEY_LETTERS = 16
-"""Letters of the hash of a log's content that name the pages of its flights."""
+"""Letters of the hash of a log's content that name the pages of its flights: 64 bits, so that no two logs share one."""
 
 
 def rows_of_log(path: Path, key: str = "", make_page: MakePage | None = None) -> LogRows:
@@ -75,10 +75,11 @@ def rows_of_log(path: Path, key: str = "", make_page: MakePage | None = None) ->
                 )
             )
             continue
+        # All rows of a vehicle are of the same flight, so the first tells whether there is one to show.
         if vehicle_rows[0].has_flight and make_page is not None:
-            name = f"{key[:PAGE_KEY_LETTERS]}-{telemetry.system}-{telemetry.component}.html"
-            pages[name] = make_page(path.name, assessment)
-            vehicle_rows = [replace(row, page=f"{PAGES}/{name}") for row in vehicle_rows]
+            page_name = f"{key[:PAGE_KEY_LETTERS]}-{telemetry.system}-{telemetry.component}.html"
+            pages[page_name] = make_page(path.name, assessment)
+            vehicle_rows = [replace(row, page=f"{PAGES}/{page_name}") for row in vehicle_rows]
         rows += vehicle_rows
     if not rows:
         rows = [FlightRow.without_flight(str(path), Fact(Reading.NO_VEHICLE))]

@@ -65,6 +65,7 @@ class GainAdviser:
             self._begin(vehicle)
         if self._pending is None:
             return ()
+        # In flight nothing waits for the other process; only the end of a session does.
         if not is_at_end and not self._pending.done():
             return ()
         self.facts = self._result(self._pending)
@@ -172,7 +173,7 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
 
 
 def _new_stem(recording: Path, endings: list[str]) -> str:
-    """The path for the files of one advice, without their endings; earlier advice is never overwritten.
+    """Returns the path for the files of one advice, without their endings; earlier advice is never overwritten.
 
     Args:
         recording: path of the recording. Its ending is replaced by ``.gains``.

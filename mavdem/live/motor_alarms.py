@@ -81,15 +81,16 @@ class MotorAlarms:
         """
         if self._watch is None or not self._watch.weak_motors:
             return None
-        shares = np.ones(len(inputs))
-        share_errors = np.zeros(len(inputs))
+        # With these fractions of their commands, sound motors would give the same thrust: 1 for a sound motor.
+        command_fractions = np.ones(len(inputs))
+        fraction_half_widths = np.zeros(len(inputs))
         for motor, alarm in self._watch.weak_motors.items():
-            # With this fraction of its command a sound motor would give the same thrust; the second number is the 90 %
-            # half width of the fraction.
-            shares[motor], share_errors[motor] = alarm.sound_command_fraction
-        above_low = inputs - range_low
+            command_fractions[motor], fraction_half_widths[motor] = alarm.sound_command_fraction
+        above_range_low = inputs - range_low
         return WeakenedMotors(
-            self.change_time, range_low + shares * above_low, share_errors * above_low
+            self.change_time,
+            range_low + command_fractions * above_range_low,
+            fraction_half_widths * above_range_low,
         )
 
     def add_sample(
@@ -123,7 +124,7 @@ class MotorAlarms:
             self.latest.append(change)
             if change.motor is not None:
                 self.change_time = change.since
-                # A recovery is shown where no motor is weak any more.
+                # Where no motor is weak any more, the change is a recovery, which is shown in the place of alarms.
                 weak_motors = list(self._watch.weak_motors.values()) or [change]
                 self.active = tuple(alarm.event for alarm in weak_motors)
             facts.append(change.event)

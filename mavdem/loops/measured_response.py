@@ -74,18 +74,19 @@ def measured_rate_response(
     Returns:
         The comparison; ``None`` where the record has no rate setpoint, or too few windows.
     """
-    # The demand is the least-squares fit of the inputs that it moves.
-    demand = record.inputs @ outputs_per_demand / (outputs_per_demand @ outputs_per_demand)
     setpoints = _setpoints_by_name(record)
     rate_setpoint = setpoints.get(f"{controller.axis} rate setpoint")
     if rate_setpoint is None:
         return None
+    # A record has no demand, so it is estimated from the inputs that it moves, by least squares.
+    demand = record.inputs @ outputs_per_demand / (outputs_per_demand @ outputs_per_demand)
     # Rows of each piece: rate setpoint, rate, demand and, where they are needed, angle setpoint and angle.
     signals = [rate_setpoint, record.outputs[:, rate_column(record)], demand]
     angle_setpoint = None
     if controller.is_ardupilot:
         angle_setpoint = setpoints.get(f"{controller.axis} setpoint")
     if angle_setpoint is not None:
+        # The angle is the first output of a record.
         signals += [angle_setpoint, record.outputs[:, 0]]
     # Two versions of the pieces: with the rate setpoint as logged, and with the attitude controller's correction.
     as_logged = []
@@ -104,7 +105,9 @@ def measured_rate_response(
     for pieces in (as_logged, with_correction):
         spectra = welch_spectra_of_pieces(1 / record.dt, pieces, 2 * WELCH_SECONDS)
         if spectra is not None:
-            comparisons.append(_compared(spectra, record.dt, controller, frequency, closed))
+            comparisons.append(
+                _comparison_with_prediction(spectra, record.dt, controller, frequency, closed)
+            )
     return max(comparisons, key=lambda comparison: comparison.fit, default=None)
 
 
@@ -138,7 +141,7 @@ def _finite_pieces(signals: Array, record: Record) -> list[Array]:
     ]
 
 
-def _compared(
+def _comparison_with_prediction(
     spectra: WelchSpectra, dt: float, controller: Controller, frequency: Array, closed: Complex
 ) -> MeasuredResponse:
     """Compares one measured response of the rate to its setpoint with the predicted one.
@@ -156,19 +159,15 @@ def _compared(
         closed: predicted response from setpoint to rate (F,).
     """
     measured_frequency = spectra.frequency
-    coherence = spectra.coherence
-    # Negated, so that a coherence of NaN counts as incoherent.
-    is_incoherent = ~(coherence >= MIN_COMPARED_COHERENCE)
-    is_incoherent &= measured_frequency > MIN_COMPARED_FREQUENCY
-    incoherent_frequencies = measured_frequency[is_incoherent].tolist()
-    highest = min([*incoherent_frequencies, frequency[-1], measured_frequency[-1]])
+    highest_predicted = frequency[-1]
+    highest = min(_first_incoherent_frequency(spectra), highest_predicted)
     is_in_band = measured_frequency >= MIN_COMPARED_FREQUENCY
     is_in_band &= measured_frequency < highest
     rate_index = 1
     rate_power = spectra.power[rate_index, rate_index].real
     predicted = np.interp(measured_frequency, frequency, closed)
     prediction_error = np.abs(spectra.response - predicted) ** 2 * spectra.driver_power
-    unexplained = (1 - coherence) * rate_power
+    unexplained = (1 - spectra.coherence) * rate_power
     # The NRMSE is the root of the error's power over that of the rate.
     fit = agreement = 0.0
     if is_in_band.any():
@@ -177,20 +176,51 @@ def _compared(
         fit = 100 * (1 - (total_error[is_in_band].sum() / power) ** 0.5)
         agreement = 100 * (1 - (prediction_error[is_in_band].sum() / power) ** 0.5)
     controller_gain = _controller_gain(spectra, dt, controller)
-    # Only the first reason is given. With other gains than those of the parameters, the prediction is of another loop,
-    # and nothing else matters.
-    reason = None
+    return MeasuredResponse(
+        band=(MIN_COMPARED_FREQUENCY, highest),
+        fit=fit,
+        agreement=agreement,
+        controller_gain=controller_gain,
+        reason=_reason_of_disagreement(controller_gain, highest, agreement),
+    )
+
+
+def _first_incoherent_frequency(spectra: WelchSpectra) -> float:
+    """Returns the lowest frequency, Hz, at which setpoint and rate are not coherent enough to be compared.
+
+    Frequencies up to ``MIN_COMPARED_FREQUENCY`` are not judged. Where all others are coherent, it is the highest
+    frequency of the spectra.
+    """
+    # A comparison with NaN is false, so a coherence of NaN counts as incoherent.
+    is_coherent = spectra.coherence >= MIN_COMPARED_COHERENCE
+    is_judged = spectra.frequency > MIN_COMPARED_FREQUENCY
+    incoherent_frequencies = spectra.frequency[is_judged & ~is_coherent]
+    return float(incoherent_frequencies.min(initial=spectra.frequency[-1]))
+
+
+def _reason_of_disagreement(
+    controller_gain: float, highest_frequency: float, agreement: float
+) -> Fact | None:
+    """Returns the first reason why the measured response is not the predicted one; None where they agree.
+
+    With other gains than those of the parameters, the prediction is of another loop, and nothing else matters. In a
+    narrow band there is too little to compare.
+
+    Args:
+        controller_gain: gain of the logged demand over the one that the parameters give; NaN where it is not known.
+        highest_frequency: upper end of the compared band, Hz.
+        agreement: fit of the prediction to what the setpoint explains of the rate, %.
+    """
+    # A gain of NaN fails this comparison, and is no reason.
     if abs(np.log(controller_gain)) > MAX_LOG_GAIN_ERROR:
-        reason = Fact(Responses.CONTROLLER_GAIN_DIFFERS, ratio=controller_gain)
-    elif highest < MIN_COMPARED_BAND:
-        reason = Fact(Responses.RESPONSE_UNEXPLAINED, rate=highest)
-    elif agreement < MIN_RESPONSE_FIT:
+        return Fact(Responses.CONTROLLER_GAIN_DIFFERS, ratio=controller_gain)
+    if highest_frequency < MIN_COMPARED_BAND:
+        return Fact(Responses.RESPONSE_UNEXPLAINED, rate=highest_frequency)
+    if agreement < MIN_RESPONSE_FIT:
         share = agreement / 100
         needed = MIN_RESPONSE_FIT / 100
-        reason = Fact(Responses.RESPONSE_DISAGREES, share=share, needed=needed)
-    return MeasuredResponse(
-        (MIN_COMPARED_FREQUENCY, highest), fit, agreement, controller_gain, reason
-    )
+        return Fact(Responses.RESPONSE_DISAGREES, share=share, needed=needed)
+    return None
 
 
 def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -> float:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, Flags
+from mavdem.arrays import Array, Flags, Indices
 from mavdem.confidence import Interval, half_width
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dem.engine.linalg import one_thread
@@ -46,7 +46,7 @@ from mavdem.plant.sampled_plant import sampled_plant
 from mavdem.plant.windows import rate_column
 
 STEP_EDGE_SECONDS = 2.0
-"""Time on either side of a step within which its sharpness is measured, s."""
+"""Time on either side of a step within which its sharpness is measured, s: a choice."""
 
 MIN_STEP_VARIANCE_SHARE = 0.5
 """Least share of the torque's variance that a step explains.
@@ -55,10 +55,13 @@ No wind of 105 simulated flights reached both this and ``MIN_STEP_SHARPNESS``.
 """
 
 MIN_WIND_SECONDS = 10.0
-"""Least duration of flight with sound motors from which the strength of the wind torque is told, s: a choice."""
+"""Least duration of flight with sound motors from which the strength of the wind torque is estimated, s: a choice."""
 
 MIN_STEP_SHARPNESS = 0.75
-"""Least change of the level within ``STEP_EDGE_SECONDS`` on either side of a step, relative to the step's size."""
+"""Least change of the level within ``STEP_EDGE_SECONDS`` on either side of a step, relative to the step's size.
+
+See ``MIN_STEP_VARIANCE_SHARE`` for where it comes from.
+"""
 
 
 class WindSpectrum(NamedTuple):
@@ -174,10 +177,12 @@ def estimate_wind_torque(
     if not has_wind:
         # All of the flight is judged, so that there are figures; the reason says that they are not of the wind.
         is_wind = np.ones(len(torque), bool)
-    # Samples at which a new part begins.
-    cuts = record.sample_indices(changes)
-    cuts = sorted({*cuts, *(1 + np.flatnonzero(np.diff(is_wind))).tolist()})
+    # A new part begins where the vehicle changed, and where a motor lost or regained thrust.
+    cuts = sorted(
+        {*record.sample_indices(changes), *_first_samples_after_changes(is_wind).tolist()}
+    )
     step = None
+    # A course with gaps has levels that the gaps separate already, so no step is sought in it.
     if is_wind.all():
         step = _step(_without_part_means(torque, cuts), record.dt)
     if step is not None:
@@ -196,16 +201,8 @@ def estimate_wind_torque(
         theta,
         physical.covariance,
     )
-    resolved = has_wind and errors.unscaled_variance < MAX_ERROR_SHARE * power
-    reason = None
-    if not has_wind:
-        reason = Fact(NoPhysical.MOTOR_WEAK_THROUGHOUT)
-    elif not resolved:
-        reason = Fact(
-            NoPhysical.WIND_TORQUE_NOT_RESOLVED,
-            torque_error=np.sqrt(errors.unscaled_variance),
-            torque_sd=np.sqrt(power),
-        )
+    reason = _reason_against_wind(has_wind, errors.unscaled_variance, power)
+    resolved = reason is None
     # Errors of the parameters are the same at all samples, so they do not average out in the mean.
     mean_gradient = gradient[:, is_wind].mean(axis=1)
     mean_variance = (
@@ -230,6 +227,31 @@ def estimate_wind_torque(
         reason=reason,
         left_out=left_out,
     )
+
+
+def _reason_against_wind(has_wind: bool, error_variance: float, power: float) -> Fact | None:
+    """Returns why an estimated torque is not to be taken for that of the wind; None where it is.
+
+    Args:
+        has_wind: whether there is enough flight with sound motors.
+        error_variance: variance of the torque's errors, without those of its scale, (rad/s²)².
+        power: mean square of the torque about its means, (rad/s²)².
+    """
+    if not has_wind:
+        return Fact(NoPhysical.MOTOR_WEAK_THROUGHOUT)
+    if error_variance < MAX_ERROR_SHARE * power:
+        return None
+    return Fact(
+        NoPhysical.WIND_TORQUE_NOT_RESOLVED,
+        torque_error=np.sqrt(error_variance),
+        torque_sd=np.sqrt(power),
+    )
+
+
+def _first_samples_after_changes(flags: Flags) -> Indices:
+    """Returns the indices of the samples at which flags (T,) differ from those of the sample before."""
+    last_samples_before = np.flatnonzero(np.diff(flags))
+    return last_samples_before + 1
 
 
 def _samples_in(record: Record, intervals: Sequence[Interval]) -> Flags:
@@ -351,7 +373,7 @@ def _step(torque: Array, dt: float) -> tuple[int, float] | None:
     if not len(candidates):
         return None
     # With mean 0, N samples, and the sum S of the n samples before, the split explains S² N / (n (N − n)) of the sum of
-    # squares.
+    # squares. The sum of the n samples before a candidate n is the cumulative sum at n - 1.
     sums_before = np.cumsum(torque)[candidates - 1]
     explained = sums_before**2 * count / (candidates * (count - candidates))
     sample = int(candidates[np.argmax(explained)])
@@ -360,7 +382,8 @@ def _step(torque: Array, dt: float) -> tuple[int, float] | None:
     just_before = torque[sample - edge : sample].mean()
     just_after = torque[sample : sample + edge].mean()
     sharpness = (just_after - just_before) / size
-    is_large = explained.max() > MIN_STEP_VARIANCE_SHARE * (torque @ torque)
+    sum_of_squares = torque @ torque
+    is_large = explained.max() > MIN_STEP_VARIANCE_SHARE * sum_of_squares
     if is_large and sharpness > MIN_STEP_SHARPNESS:
         return sample, size
     return None
@@ -463,9 +486,10 @@ def _spectrum(torque: Array, is_wind: Flags, record: Record, physical: Physical)
     # Importing scipy.signal takes half a second.
     from scipy.signal import detrend, welch
 
-    cuts = np.union1d(record.segment_starts[1:], 1 + np.flatnonzero(np.diff(is_wind)))
+    cuts = np.union1d(record.segment_starts[1:], _first_samples_after_changes(is_wind))
     parts = []
     for part, part_is_wind in zip(np.split(torque, cuts), np.split(is_wind, cuts), strict=True):
+        # A part is of the wind from its first to its last sample, or not at all.
         if part_is_wind[0]:
             parts.append(part)
     length = min(round(SPECTRUM_SECONDS / record.dt), max(map(len, parts)))

@@ -28,7 +28,7 @@ from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_
 from mavdem.report.templates import render_section
 
 MIN_WHOLE_PERCENT = 3.0
-"""Half width, %, from which on a relative change is shown without decimals."""
+"""Half width, %, from which on a relative change is shown without decimals, which would mean nothing: a choice."""
 
 
 class ShownQuantity(NamedTuple):

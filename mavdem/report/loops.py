@@ -45,7 +45,10 @@ ADVICE_TO_TUNE = (LoopActions.LOAD_ADVISED_GAINS, LoopActions.RAISE_AS_ADVISED)
 """What to do about loops by running ``mavdem tune``, which the report of that command does not repeat."""
 
 MAX_CROSSOVER_FRACTION = 0.15
-"""Highest crossover, as a fraction of the log's rate, up to which delay and time constant are known well enough."""
+"""Highest crossover, as a fraction of the log's rate, up to which delay and time constant are known well enough.
+
+At this fraction a period of the crossover has seven samples. A choice.
+"""
 
 
 def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
@@ -63,16 +66,13 @@ def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
     for axis, advice in tuning.axes.items():
         decision = tuning.judgement.loop_decisions.get(axis)
         if isinstance(advice, Fact):
-            facts = [advice]
+            conclusion = advice
+            facts = [conclusion]
         else:
-            facts = [*_rating_as_decided(advice, decision), advice.sentence]
+            conclusion = advice.sentence
+            facts = [*_rating_as_decided(advice, decision), conclusion]
         sentences = [str(fact) for fact in facts]
-        remedies = [facts[-1].remedy]
-        # What tune itself advises is not repeated as the advice to run it.
-        if decision is not None and decision.action is not None:
-            if decision.action.code not in ADVICE_TO_TUNE:
-                remedies.append(decision.action.advised)
-        for remedy in remedies:
+        for remedy in [conclusion.remedy, *_remedies_besides_tuning(decision)]:
             if remedy not in given_remedies and remedy not in " ".join(sentences):
                 given_remedies.add(remedy)
                 sentences.append(remedy)
@@ -81,7 +81,7 @@ def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
             if is_full:
                 blocks += [*_margin_blocks(advice), *gain_blocks(advice)]
             else:
-                # The table of gains and what they are for.
+                # The first two blocks are the table of gains and what they are for.
                 blocks += gain_blocks(advice)[:2]
     if not is_full:
         blocks += gain_limits(tuning.axes)
@@ -89,6 +89,17 @@ def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
         isinstance(advice, Advice) and bool(advice.gains) for advice in tuning.axes.values()
     )
     return [*blocks, *render_section("loop_not_checked", named=has_gains and is_full)]
+
+
+def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
+    """Returns what to do about the loops of an axis, unless it is to run ``mavdem tune``, which made this report.
+
+    Args:
+        decision: on the loops of the axis; None where there is none.
+    """
+    if decision is None or decision.action is None or decision.action.code in ADVICE_TO_TUNE:
+        return []
+    return [decision.action.advised]
 
 
 def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
