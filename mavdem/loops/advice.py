@@ -234,7 +234,7 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
 
 
 def _step_down(loop: Loop) -> GainStep:
-    """Returns gains that are lower by one step, of the weaker of the two loops; none where the log has none of them.
+    """Returns gains that are lower by one step, of the weaker of the two loops.
 
     Args:
         loop: the loops with the logged gains, one of which surely lacks margin.
@@ -242,8 +242,7 @@ def _step_down(loop: Loop) -> GainStep:
     target = MARGIN_TARGETS["sharp"]
     stage = Stage.RATE if margin_scores(target, loop.rate)[0] < 1 else Stage.ANGLE
     gains = lowered_gains(loop, stage)
-    flights = 1 if gains else 0
-    return GainStep(stage, gains, gains, flights, ())
+    return GainStep(stage, gains, gains, 1, ())
 
 
 def _refusals(loop: Loop, may_change: bool) -> Facts:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -53,7 +54,7 @@ def gyro_noise(loop: Loop) -> GyroNoise:
 
     Below about the crossover the rate is motion of the vehicle. So noise counts from ``MIN_NOISE_CROSSOVER_RATIO``
     times the crossover on. Where the log does not reach an octave beyond that, white noise of density 1 is assumed, up
-    to the highest frequency of the loop: with it, the noise of two controllers can still be compared.
+    to the highest frequency of the loop and over an octave at least: with it, two controllers can be compared.
 
     Args:
         loop: the loops with the logged gains; its record has the measured rate.
@@ -63,11 +64,14 @@ def gyro_noise(loop: Loop) -> GyroNoise:
 
     record = loop.record
     highest = MAX_FREQUENCY_RATIO / record.dt
-    lowest = max(MIN_NOISE_CROSSOVER_RATIO * loop.rate.crossover, MIN_NOISE_FREQUENCY)
+    lowest = MIN_NOISE_FREQUENCY
+    # The crossover is NaN where the gain of the loop is below 1 everywhere.
+    if isfinite(loop.rate.crossover):
+        lowest = max(MIN_NOISE_CROSSOVER_RATIO * loop.rate.crossover, lowest)
     reaches_an_octave = 2 * lowest < highest
     if not reaches_an_octave:
         loop_highest = MAX_FREQUENCY_RATIO / loop.controller.loop_period
-        # The noise of a fast loop begins at half of its highest frequency at the latest, so that an octave remains.
+        # A loop with a high crossover has less than an octave above it.
         lowest = min(lowest, loop_highest / 2)
         assumed_frequency = np.linspace(lowest, loop_highest)
         return GyroNoise(assumed_frequency, np.ones(len(assumed_frequency)), is_measured=False)
