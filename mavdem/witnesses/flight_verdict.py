@@ -18,7 +18,13 @@ from mavdem.facts.witnesses import Witness
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.witnesses.height import height_witnesses, windowed_mean
 from mavdem.witnesses.rotation import rotation_witness
-from mavdem.witnesses.statements import contradicting_statement, supporting_statement
+from mavdem.witnesses.statements import (
+    MIN_SUPPORT,
+    contradicting_statement,
+    contradicting_statements,
+    supporting_statement,
+    supporting_statements,
+)
 
 MIN_RISE = 1.0
 """Rise, m, of the height that speaks for a flight. Prop wash lifts the barometer by as much, so it is not enough."""
@@ -70,50 +76,66 @@ def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
     powered = powered_intervals(signals, boot)
     if not powered:
         return FlightVerdict(None, ())
-    support = []
-    objections = []
-    is_certain = False
-
-    # Height: by the barometer or, without a usable one, by the estimate, which may drift.
+    # The height is that of the barometer or, without a usable one, of the estimate, which may drift.
     barometer = height_witnesses(signals, boot).barometer
     height = barometer if barometer is not None else series_of_boot(signals.height, boot)
     source = "barometer" if barometer is not None else "estimate"
     rise = None if height is None else _rise(height, powered)
-    if rise is not None:
-        if rise > MIN_RISE:
-            support.append(supporting_statement(Witness.ROSE, source=source, height=rise))
-            is_certain = rise > MIN_CERTAIN_RISE
-        elif rise < MAX_LEVEL_RISE:
-            objections.append(
-                contradicting_statement(Witness.STAYED_LEVEL, source=source, height=rise)
-            )
-    is_level = bool(objections) and barometer is not None
-
-    # Attitude and motion.
-    rotation = rotation_witness(signals, boot)
-    if rotation is not None:
-        if rotation.answers is True:
-            support.append(
-                supporting_statement(Witness.ATTITUDE_ANSWERED, correlation=rotation.correlation)
-            )
-        elif rotation.answers is False:
-            error = rotation.median_error
-            objections.append(contradicting_statement(Witness.ATTITUDE_IGNORED, angle=error))
-        if rotation.is_held:
-            objections.append(
-                contradicting_statement(Witness.DID_NOT_ROTATE, body_rate=rotation.largest_rate)
-            )
-
+    statements = (*_rise_statements(rise, source), *_rotation_statements(signals, boot))
+    support = supporting_statements(statements)
+    objections = contradicting_statements(statements)
     witnesses = (*support, *objections)
+
+    is_certain = rise is not None and rise > MIN_CERTAIN_RISE
     # An estimate may rise on a bench: two sensors that contradict it outvote it.
-    is_outvoted = barometer is None and len(objections) >= 2
+    is_outvoted = barometer is None and len(objections) >= MIN_SUPPORT
     if is_certain and not is_outvoted:
         return FlightVerdict(True, witnesses)
-    if len(objections) >= 2:
+    if len(objections) >= MIN_SUPPORT:
         return FlightVerdict(False, witnesses)
-    if len(support) >= 2 and not is_level:
+    barometer_stayed_level = barometer is not None and rise is not None and rise < MAX_LEVEL_RISE
+    if len(support) >= MIN_SUPPORT and not barometer_stayed_level:
         return FlightVerdict(True, witnesses)
     return FlightVerdict(None, witnesses)
+
+
+def _rise_statements(rise: float | None, source: str) -> Facts:
+    """Returns what the rise of the vehicle says of a flight; nothing if it is not known, or neither large nor small.
+
+    Args:
+        rise: height gained under power, m; None if it is not known.
+        source: "barometer" or "estimate".
+    """
+    if rise is None:
+        return ()
+    if rise > MIN_RISE:
+        return (supporting_statement(Witness.ROSE, source=source, height=rise),)
+    if rise < MAX_LEVEL_RISE:
+        return (contradicting_statement(Witness.STAYED_LEVEL, source=source, height=rise),)
+    return ()
+
+
+def _rotation_statements(signals: Signals, boot: int) -> Facts:
+    """Returns what roll, pitch and the body rates say of a flight.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+    """
+    rotation = rotation_witness(signals, boot)
+    if rotation is None:
+        return ()
+    statements = []
+    if rotation.answers is True:
+        correlation = rotation.correlation
+        statements.append(supporting_statement(Witness.ATTITUDE_ANSWERED, correlation=correlation))
+    elif rotation.answers is False:
+        error = rotation.median_error
+        statements.append(contradicting_statement(Witness.ATTITUDE_IGNORED, angle=error))
+    if rotation.is_held:
+        rate = rotation.largest_rate
+        statements.append(contradicting_statement(Witness.DID_NOT_ROTATE, body_rate=rate))
+    return tuple(statements)
 
 
 def powered_intervals(signals: Signals, boot: int) -> Intervals:
