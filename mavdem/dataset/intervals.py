@@ -100,10 +100,10 @@ def union(first: Intervals, second: Intervals) -> Intervals:
 
 
 def complement(intervals: Intervals) -> Intervals:
-    """Returns all times that are not in a set of intervals.
+    """Returns all times that are in none of several intervals.
 
     Args:
-        intervals: intervals (start, end) in s, ascending and without overlap; ends may be infinite.
+        intervals: intervals (start, end) in s, by their start; they may overlap, and ends may be infinite.
 
     Returns:
         The gaps between them, from minus infinity before the first to infinity after the last.
@@ -113,7 +113,7 @@ def complement(intervals: Intervals) -> Intervals:
     for start, end in intervals:
         if previous_end < start:
             gaps.append((previous_end, start))
-        previous_end = end
+        previous_end = max(previous_end, end)
     if previous_end < inf:
         gaps.append((previous_end, inf))
     return gaps

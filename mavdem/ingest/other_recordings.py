@@ -7,13 +7,14 @@ two chains that cannot be of one vehicle the one with fewer messages is left out
 later one is no boot that came after the first.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, Integers
+from mavdem.arrays import Array, Flags, Integers
 from mavdem.ingest.mavlink.clocks import (
     MAX_LATE_SECONDS,
     MAX_RESTART_TIME,
@@ -41,8 +42,11 @@ COMPARED_BYTES = 256
 MAX_COMPARED_BLOCKS = 100
 """Number of blocks up to which repeated ones are sought: a choice that bounds the time for hostile files."""
 
-MAX_RUNS = 5000
-"""Number of runs of messages up to which blocks are sought: a choice that bounds the time for hostile files."""
+MAX_RUNS = 1000
+"""Number of runs of messages up to which blocks are sought: a choice that bounds the time for hostile files.
+
+Each run is compared with all others, which takes some seconds for so many.
+"""
 
 MAX_UTC_DIFFERENCE = 60.0
 """Difference, s, by which the UTC of one boot may disagree within a log: leap seconds, and fixes that are late.
@@ -221,6 +225,21 @@ def blocks_of_other_recordings(
         start = int(positions[run.first])
         blocks.append(LeftOutBlock(start, end, run.end_time - run.start_time))
     return blocks
+
+
+def outside_blocks(blocks: Sequence[LeftOutBlock], positions: StreamPositions) -> Flags:
+    """Flags the messages of a file that lie in none of its left-out blocks.
+
+    Args:
+        blocks: At least one block, in the order of the file.
+        positions: Offset (n,) of each message, in any order.
+    """
+    starts = np.array([block.start for block in blocks])
+    ends = np.array([block.end for block in blocks])
+    # Of the blocks that begin at or before a message only the last one can hold it, since blocks do not overlap.
+    row = np.searchsorted(starts, positions, side="right") - 1
+    is_inside = (row >= 0) & (positions < ends[row])
+    return ~is_inside
 
 
 def _importance(chain: _Chain) -> int:

@@ -232,7 +232,9 @@ def _motor_of_change(
     squares = change**2 / variance
     tilt_only = float((squares * (1 - model.tilt_axes)).sum())
     yaw_only = float((squares * model.tilt_axes).sum())
-    smallest_rival = min(*np.delete(misfits, motor).tolist(), tilt_only, yaw_only)
+    rivals = [tilt_only, yaw_only]
+    rivals.extend(np.delete(misfits, motor).tolist())
+    smallest_rival = min(rivals)
     log_odds = float((smallest_rival - misfits[motor]) / 2)
     work_rise = rises[motor] / model.own_rise_ratios[motor]
     is_explained = misfits[motor] <= MAX_MISFIT and log_odds >= STRONG_EVIDENCE_NATS

@@ -9,6 +9,7 @@ from pytest import approx, mark
 
 from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.log import read_dataflash
+from mavdem.ingest.other_recordings import END_OF_FILE, LeftOutBlock, outside_blocks
 
 STEP = 0.02
 
@@ -185,3 +186,13 @@ def test_a_reboot_while_nothing_was_received_is_one():
 def test_a_reboot_to_near_zero_is_one_in_a_stream():
     vehicle = stream_vehicle(stream_part(0.0, 400.0, 440.0), stream_part(45.0, 3.0, 40.0))
     assert boots_and_codes(vehicle) == (2, [Repair.LOG_OF_SEVERAL_BOOTS])
+
+
+def test_messages_outside_of_many_blocks_are_found_at_their_limits():
+    blocks = [
+        LeftOutBlock(10, 20, 1.0),
+        LeftOutBlock(20, 30, 1.0),
+        LeftOutBlock(50, END_OF_FILE, 1.0),
+    ]
+    positions = np.array([60, 0, 10, 19, 20, 29, 30, 49, 50])
+    assert positions[outside_blocks(blocks, positions)].tolist() == [0, 30, 49]

@@ -187,8 +187,7 @@ def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
     resonance = facts_by_code.get(MarginsLight.RESONATES)
     if resonance is not None:
         return _decision_by_measurement(observations, resonance)
-    # Without an injected signal, doubtful margins stay doubtful; with one, they were measured to suffice.
-    if loop_fact is not None and loop_fact.warns and injected is None:
+    if loop_fact is not None and loop_fact.warns:
         action = _advice_to_fly_doublets(margins.axis, loop_fact)
         reason = loop_fact.replace(action=action)
         return LoopDecision(margins.axis, LoopVerdict.UNKNOWN, reason, action)

@@ -252,12 +252,12 @@ def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segment
         yaw = setpoint.values[is_of_boot]
         # The change from each sample to the next; after the last sample there is none.
         changes = np.abs(np.diff(yaw, append=yaw[-1:]))
-        intervals = [(segment.start, segment.end)]
-        for row in np.flatnonzero(changes > YAW_JUMP):
-            turn_seconds = changes[row] / SLOWEST_TURN + TURN_MARGIN_SECONDS
-            turn = (time[row], time[row] + turn_seconds)
-            intervals = intersection(intervals, complement([turn]))
-        for start, end in intervals:
+        is_jump = changes > YAW_JUMP
+        turn_starts = time[is_jump]
+        turn_ends = turn_starts + changes[is_jump] / SLOWEST_TURN + TURN_MARGIN_SECONDS
+        # Turns overlap where the heading is set anew during a turn.
+        turns = list(zip(turn_starts.tolist(), turn_ends.tolist(), strict=True))
+        for start, end in intersection([(segment.start, segment.end)], complement(turns)):
             segments_without_turns.append(Segment(segment.boot, start, end))
     return tuple(segments_without_turns)
 

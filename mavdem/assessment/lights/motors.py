@@ -27,6 +27,9 @@ MAX_HOVER_COMMAND = 0.8
 MIN_HEADROOM = 0.1
 """Share of the motors' range to be left for gusts at the 99th percentile of the output; less is to be watched."""
 
+MIN_TOGETHER_SHARE = 0.5
+"""Share of the samples with a motor at its limit above which the motors count as limited together: most of them."""
+
 
 def motors_light(evidence: Evidence) -> Fact:
     """Returns the worst of what a log shows of its motors.
@@ -108,7 +111,8 @@ def _is_limited_together(evidence: Evidence, hover: HoverFigures) -> bool:
     if not limited_rows.any():
         return False
     mean_commands = commands[limited_rows].mean(axis=1)
-    return bool((mean_commands >= SPENT_THRUST_SHARE * motors.scale.stop).mean() > 0.5)
+    limited_together = mean_commands >= SPENT_THRUST_SHARE * motors.scale.stop
+    return bool(limited_together.mean() > MIN_TOGETHER_SHARE)
 
 
 def _motor_names(evidence: Evidence) -> tuple[str, ...]:

@@ -44,6 +44,7 @@ from mavdem.ingest.other_recordings import (
     BootTimesInUtc,
     StampedMessages,
     blocks_of_other_recordings,
+    outside_blocks,
 )
 from mavdem.ingest.telemetry import (
     Columns,
@@ -310,9 +311,7 @@ def _without_old_blocks(
     def decode(name: str) -> MessageTable:
         """Decodes the messages of one name outside of the blocks."""
         table = recording.decode(name)
-        is_kept = np.ones(len(table.position), dtype=np.bool_)
-        for block in blocks:
-            is_kept &= (table.position < block.start) | (table.position >= block.end)
+        is_kept = outside_blocks(blocks, table.position)
         columns = {field: values[is_kept] for field, values in table.columns.items()}
         return table._replace(position=table.position[is_kept], columns=columns)
 

@@ -45,6 +45,7 @@ from mavdem.ingest.other_recordings import (
     LeftOutBlock,
     StampedMessages,
     blocks_of_other_recordings,
+    outside_blocks,
 )
 from mavdem.ingest.telemetry import (
     Columns,
@@ -420,7 +421,7 @@ def _messages(stream: FrameStream, frames_of_messages: OffsetsByMessage) -> tupl
         kept_stamps = []
         count = 0
         for stamps in message_stamps:
-            is_kept = _is_outside(blocks, stamps.positions)
+            is_kept = outside_blocks(blocks, stamps.positions)
             count += int(np.count_nonzero(~is_kept))
             fields = selected_rows(decoded.pop(stamps.message), is_kept)
             if is_kept.any():
@@ -474,14 +475,6 @@ def _selected_stamps(message_stamps: MessageStamps, selection: Flags) -> Message
         positions=message_stamps.positions[selection],
         stamps=None if stamps is None else stamps[selection],
     )
-
-
-def _is_outside(blocks: Sequence[LeftOutBlock], positions: NDArray[np.integer]) -> Flags:
-    """Flags offsets (n,) that lie in no block."""
-    flags = np.ones(len(positions), dtype=np.bool_)
-    for block in blocks:
-        flags &= (positions < block.start) | (positions >= block.end)
-    return flags
 
 
 def _message_stamps(
