@@ -152,13 +152,8 @@ def quantity_change(
         The change, not yet tested together with others.
     """
     states = [StateEstimates.from_estimates(before), StateEstimates.from_estimates(after)]
-    # τ² combines the assumption, which counts as PRIOR_FREEDOM flights, with the scatter that the flights show: the
-    # squares of both, over the degrees of freedom of both.
-    observed_freedom = sum(state.values.size - 1 for state in states)
-    between_freedom = PRIOR_FREEDOM + observed_freedom
-    observed_squares = sum(state.excess_squares for state in states)
-    prior_squares = PRIOR_FREEDOM * SD_BETWEEN_FLIGHTS[quantity.kind] ** 2
-    variance_between = (prior_squares + max(observed_squares, 0.0)) / between_freedom
+    between_freedom = PRIOR_FREEDOM + sum(state.values.size - 1 for state in states)
+    variance_between = variance_between_flights(quantity.kind, states, between_freedom)
 
     # The variance of the difference is the sum of those of both means. It is split into the two parts that come from τ²
     # and from within the flights, since these are known with different degrees of freedom.
@@ -172,6 +167,7 @@ def quantity_change(
         variance += float(1 / total_weight)
         variance_from_between += float(((weights / total_weight) ** 2).sum() * variance_between)
     variance_from_within = variance - variance_from_between
+    # The degrees of freedom of a sum of two variances, by Welch and Satterthwaite.
     freedom = variance**2 / (
         variance_from_between**2 / between_freedom + variance_from_within**2 / INTERVAL_FREEDOM
     )
@@ -189,6 +185,23 @@ def quantity_change(
     # The difference of logarithms is the logarithm of the ratio; its interval is linearized at the estimate.
     ratio = exp(difference)
     return QuantityChange(quantity, None, None, ratio - 1, ratio * half_width, p, allowance)
+
+
+def variance_between_flights(kind: str, states: Sequence[StateEstimates], freedom: int) -> float:
+    """Estimates the variance τ² of a quantity between flights of one state, from an assumption and from the flights.
+
+    The assumption ``SD_BETWEEN_FLIGHTS`` counts as ``PRIOR_FREEDOM`` flights. Its sum of squares and that of the
+    observed scatter of the flights are added, and divided by the degrees of freedom of both.
+
+    Args:
+        kind: kind of the quantity, such as ``DAMPING``.
+        states: its estimates in the flights of each state.
+        freedom: degrees of freedom of the assumption and of the flights together.
+    """
+    prior_squares = PRIOR_FREEDOM * SD_BETWEEN_FLIGHTS[kind] ** 2
+    # Flights that differ less than their errors by chance do not lower the assumed variance.
+    observed_squares = max(sum(state.excess_squares for state in states), 0.0)
+    return (prior_squares + observed_squares) / freedom
 
 
 def with_outcomes(changes: Sequence[QuantityChange]) -> list[QuantityChange]:

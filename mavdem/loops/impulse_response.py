@@ -31,7 +31,7 @@ MAX_WINDOWS = 300
 FIT_PASSES = 4
 """Number of times that noise, weights of windows and instrument are estimated from the last fit: a choice."""
 AUTOREGRESSION_ORDER = 12
-"""Order of the autoregression that whitens residuals."""
+"""Order of the autoregression that whitens residuals: a choice."""
 MAX_WINDOW_WEIGHT_RATIO = 1e3
 """Largest ratio of the residuals' standard deviations of two windows.
 
@@ -121,10 +121,12 @@ def response_knots(taps: int, steps_per_sample: int) -> Array:
         steps_per_sample: number of steps into which a sample is divided.
     """
     last = taps * steps_per_sample
-    knots = [0]
-    while knots[-1] < last:
-        spacing = max(1, round(NODE_SPACING_RATIO * knots[-1]))
-        knots.append(min(knots[-1] + spacing, last))
+    lag = 0
+    knots = [lag]
+    while lag < last:
+        spacing = max(1, round(NODE_SPACING_RATIO * lag))
+        lag = min(lag + spacing, last)
+        knots.append(lag)
     return np.array(knots) / steps_per_sample
 
 
@@ -247,17 +249,19 @@ def _hat_convolutions(windows: Array, knots: Array) -> Array:
     Returns:
         For each of the last B samples of a window, the convolutions with K hats (W, B, K).
     """
-    before = windows[:, :-1]
+    # Between a sample and the next, with the time t in samples, the signal is sample + slope · t. Its integral and its
+    # double integral from the window's beginning are polynomials of degree 2 and 3 there, and all three continue.
+    sample = windows[:, :-1]
     slope = np.diff(windows, axis=1)
     zeros = np.zeros((len(windows), 1))
-    integral = np.hstack([zeros, np.cumsum(before + slope / 2, axis=1)])[:, :-1]
-    increments = integral + before / 2 + slope / 6
+    integral = np.hstack([zeros, np.cumsum(sample + slope / 2, axis=1)])[:, :-1]
+    increments = integral + sample / 2 + slope / 6
     double_integral = np.hstack([zeros, np.cumsum(increments, axis=1)])
     taps = int(knots[-1])
     size = windows.shape[1]
     delayed = []
     for lag in knots.tolist():
-        # The time of a delayed sample is a sample and a part of the next interval.
+        # The time of a delayed sample is a whole sample and a part of the interval after it.
         whole_samples = ceil(lag)
         part = whole_samples - lag
         rows = slice(taps - whole_samples, size - whole_samples)
@@ -266,7 +270,7 @@ def _hat_convolutions(windows: Array, knots: Array) -> Array:
             value = (
                 value
                 + part * integral[:, rows]
-                + part**2 / 2 * before[:, rows]
+                + part**2 / 2 * sample[:, rows]
                 + part**3 / 6 * slope[:, rows]
             )
         delayed.append(value)
@@ -366,7 +370,7 @@ def _whitening_filter(residuals: Array) -> Array:
         residuals: residuals of all windows (W, B), which share one filter.
 
     Returns:
-        Coefficients (P,), that of the latest sample first.
+        Coefficients (P,), that of the latest sample first; P is the order of the autoregression plus 2.
     """
     differences = np.diff(residuals, axis=1)
     size = differences.shape[1]
@@ -376,8 +380,9 @@ def _whitening_filter(residuals: Array) -> Array:
     ]
     autocovariance[0] *= 1 + WHITE_NOISE_SHARE
     coefficients = solve_toeplitz(autocovariance[:-1], autocovariance[1:])
-    prediction_error = np.append(1.0, -coefficients)
-    return np.convolve(prediction_error, [1.0, -1.0])
+    prediction_error_filter = np.append(1.0, -coefficients)
+    difference_filter = [1.0, -1.0]
+    return np.convolve(prediction_error_filter, difference_filter)
 
 
 def _regularised_estimate(

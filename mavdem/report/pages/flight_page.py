@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
-from math import inf, nan
+from math import ceil, inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -474,7 +474,7 @@ def _parameters_chapter(telemetry: Telemetry) -> Chapter:
         blocks.append(Table(["changed in flight", "from", "to"], changes))
     rows = _control_parameter_rows(telemetry.parameters)
     # Two tables side by side take half of the height.
-    half = -(-len(rows) // 2)
+    half = ceil(len(rows) / 2)
     for part in (rows[:half], rows[half:]):
         if part:
             blocks.append(Table(["parameter", *AXIS_COLUMNS.values()], part))
