@@ -29,7 +29,7 @@ from mavdem.loops.axis_loops import (
     margin_scores,
     parameters_changed_in_flight,
 )
-from mavdem.loops.controllers import controller_from_parameters
+from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.demand_noise import DemandNoise, demand_noise
 from mavdem.loops.gain_design import (
     EFFECTIVENESS_FACTORS,
@@ -234,15 +234,19 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
 
 
 def _step_down(loop: Loop) -> GainStep:
-    """Returns gains that are lower by one step, of the weaker of the two loops.
+    """Returns the step to lower gains of the weaker of the two loops, which needs no model of the plant.
+
+    They are those of the rate loop if it lacks the least margins ("sharp"), else that of the attitude loop.
 
     Args:
         loop: the loops with the logged gains, one of which surely lacks margin.
     """
     target = MARGIN_TARGETS["sharp"]
-    stage = Stage.RATE if margin_scores(target, loop.rate)[0] < 1 else Stage.ANGLE
+    # Row 0 is the estimated plant.
+    lacks_rate_margin = margin_scores(target, loop.rate)[0] < 1
+    stage = Stage.RATE if lacks_rate_margin else Stage.ANGLE
     gains = lowered_gains(loop, stage)
-    return GainStep(stage, gains, gains, 1, ())
+    return GainStep(stage, gains, design=gains, flights=1, notes=())
 
 
 def _refusals(loop: Loop, may_change: bool) -> Facts:
@@ -260,13 +264,7 @@ def _refusals(loop: Loop, may_change: bool) -> Facts:
     changed = parameters_changed_in_flight(record, loop.controller)
     if changed:
         return (Fact(Gains.GAINS_CHANGED, names=sorted(changed)),)
-    limited_share = 0.0
-    # Where the range of the inputs is known, they are scaled from 0 to 1.
-    if len(record.input_range) == 2:
-        low, high = record.input_range
-        limited_share = loop.controller.outputs_at_limit(
-            (record.inputs - low) / (high - low)
-        ).mean()
+    limited_share = _share_at_limit(loop)
     if limited_share > MIN_AT_LIMIT_SHARE:
         return (Fact(Gains.MOTOR_AT_LIMIT, share=limited_share),)
     # Row 0 is the estimated plant.
@@ -279,19 +277,42 @@ def _refusals(loop: Loop, may_change: bool) -> Facts:
     return _doubts_on_effectiveness(loop)
 
 
+def _share_at_limit(loop: Loop) -> float:
+    """Returns the fraction of a flight with a motor at a limit; 0 if the range of the inputs is not known.
+
+    Args:
+        loop: rate and attitude loop of one axis, whose record has the inputs.
+    """
+    record = loop.record
+    if len(record.input_range) != 2:
+        return 0.0
+    lowest, highest = record.input_range
+    range_fractions = (record.inputs - lowest) / (highest - lowest)
+    return float(loop.controller.outputs_at_limit(range_fractions).mean())
+
+
 def _doubts_on_effectiveness(loop: Loop) -> Facts:
     """Returns why the control effectiveness of a loop must not decide on gains; empty where it may.
 
     Gains are in inverse proportion to it, so that a biased one gives wrong gains.
+
+    Args:
+        loop: rate and attitude loop of one axis.
     """
-    biased = tuple(caution for caution in loop.cautions if caution.code is Loops.EFFECT_BIASED)
-    if biased or loop.plant.status["effect"] is Status.REPORTED:
-        return biased
+    bias_cautions = [caution for caution in loop.cautions if caution.code is Loops.EFFECT_BIASED]
+    if bias_cautions:
+        return tuple(bias_cautions)
+    if loop.plant.status["effect"] is Status.REPORTED:
+        return ()
     return (Fact(Loops.EFFECT_BIASED, because=loop.plant.reasons["effect"]),)
 
 
 def _surely_lacks_margins(loop: Loop) -> bool:
-    """Returns whether a loop lacks even the margins of "sharp" with nearly all models of the flight."""
+    """Returns whether a loop lacks even the least margins, those of "sharp", with 90 % of the models of the flight.
+
+    Args:
+        loop: rate and attitude loop of one axis, with draws of the plant.
+    """
     return loop.share_meeting(MARGIN_TARGETS["sharp"]) <= 1 - CONFIDENCE_LEVEL
 
 
@@ -317,24 +338,34 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
         with suppress(NotLearnable):
             # Only gains are of interest, so the mixer of one motor stands for any.
             controller = controller_from_parameters(parameters, cycle.axis, (1.0,))
-            # A frequency that is not known is taken for a high one.
-            angular_frequency = 2 * np.pi * (cycle.frequency or np.inf)
-            corner_frequencies = {
-                "angle_gain": controller.angle_gain,
-                # Without P, all of the response comes from the integral.
-                "i": controller.i / controller.p if controller.p else np.inf,
-            }
-            lagging_gains = [
-                gain
-                for gain, corner in corner_frequencies.items()
-                if corner > angular_frequency / 2
-            ]
-            for gain in lagging_gains or ("p", "d"):
-                name = controller.parameter_names[gain]
+            for field in _gains_behind_oscillation(controller, cycle.frequency):
+                name = controller.parameter_names[field]
                 value = parameters[name]
+                # A gain of 0 is switched off.
                 if value:
                     changes.append((name, value, GAIN_REDUCTION * value))
     return Fact(Gains.LOWER_GAINS, changes=changes, **oscillation.figures)
+
+
+def _gains_behind_oscillation(controller: Controller, frequency: float | None) -> Sequence[str]:
+    """Returns the gains that most likely keep up a limit cycle, by the names of the controller's fields.
+
+    They are those of :func:`gain_reduction_advice`: attitude gain and I as far as their corner frequencies are above
+    half of the oscillation's frequency, and P and D if neither is.
+
+    Args:
+        controller: the controller of the axis.
+        frequency: frequency of the oscillation, Hz; one that is not known (None) is taken for a high one.
+    """
+    angular_frequency = 2 * np.pi * (frequency or np.inf)
+    # Without P, all of the response comes from the integral.
+    integral_corner = controller.i / controller.p if controller.p else np.inf
+    lagging_gains = []
+    if controller.angle_gain > angular_frequency / 2:
+        lagging_gains.append("angle_gain")
+    if integral_corner > angular_frequency / 2:
+        lagging_gains.append("i")
+    return lagging_gains or ["p", "d"]
 
 
 def reasons_for_no_gains(loop: Loop, tune: str = "default", *, more: bool = False) -> Facts:

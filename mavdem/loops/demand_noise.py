@@ -14,11 +14,14 @@ from mavdem.loops.controllers import Controller
 from mavdem.loops.margins import MAX_FREQUENCY_RATIO, controller_response
 
 MIN_NOISE_CROSSOVER_RATIO = 3.0
-"""Lowest frequency at which the gyro shows noise and no motion, relative to the crossover."""
+"""Lowest frequency at which the gyro shows noise and no motion, relative to the crossover of the rate loop: a choice.
+
+Well above the crossover the loop has hardly any gain, so that the vehicle does not follow commands.
+"""
 MIN_NOISE_FREQUENCY = 10.0
-"""Lowest such frequency of slow loops, Hz."""
+"""Lowest such frequency of slow loops, Hz: a choice, above the motion that wind causes."""
 NOISE_WINDOW = 256
-"""Largest number of samples in a window of the noise's spectrum."""
+"""Largest number of samples in a window of the noise's spectrum: a choice between resolution and scatter."""
 
 
 class DemandNoise(NamedTuple):
