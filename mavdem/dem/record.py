@@ -241,27 +241,6 @@ class Record:
         cuts = self.segment_starts[1:]
         return list(zip(np.split(self.inputs, cuts), np.split(self.outputs, cuts), strict=True))
 
-    def sample_indices(self, times: Sequence[float]) -> list[int]:
-        """Finds the samples at given times, at which the segments are to be cut, such as those of a damage in flight.
-
-        Args:
-            times: Times on the flight's clock, s.
-
-        Returns:
-            Indices of the samples next to these times, in the record, sorted, each once. Times outside of all segments
-            are left out, and so are a segment's first samples, where there is nothing to cut. Without a clock there are
-            none.
-        """
-        indices = set()
-        # Without a clock there are no start times, and so no segments here.
-        segments = list(zip(self.begins, self.segment_starts.tolist(), self.lengths, strict=False))
-        for time in times:
-            for start_time, first_sample, length in segments:
-                step = round((time - start_time) / self.dt)
-                if 0 < step < length:
-                    indices.add(first_sample + step)
-        return sorted(indices)
-
     @property
     def longest_segment(self) -> int:
         """Number of samples of the longest segment."""

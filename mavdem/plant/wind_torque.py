@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags, Indices
-from mavdem.confidence import Interval, half_width
-from mavdem.dataset.intervals import in_intervals
+from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.record import Record
 from mavdem.facts import Fact
@@ -141,8 +140,8 @@ class _TorqueErrors(NamedTuple):
 def estimate_wind_torque(
     physical: Physical,
     record: Record,
-    changes: Sequence[float] = (),
-    weak_motor_intervals: Sequence[Interval] = (),
+    changes: Sequence[int] = (),
+    has_weak_motor: Flags | None = None,
 ) -> WindTorque:
     """Estimates the course of the wind torque in a recorded flight, its strength, spectrum and gusts.
 
@@ -154,9 +153,9 @@ def estimate_wind_torque(
     Args:
         physical: physical parameters of the axis.
         record: inputs and outputs.
-        changes: times on the record's clock, s, at which the vehicle changed, for example by a motor's loss of thrust.
-        weak_motor_intervals: intervals on that clock, s, in which a motor had lost thrust; they may overlap. They have
-            no wind torque, and no gusts begin in them.
+        changes: samples of the record at which the vehicle changed, for example by a motor's loss of thrust.
+        has_weak_motor: whether a motor had lost thrust at each sample (T,); such samples have no wind torque, and no
+            gusts begin there. None where no motor had.
 
     Raises:
         numpy.linalg.LinAlgError: there is no steady-state filter for these parameters.
@@ -171,16 +170,14 @@ def estimate_wind_torque(
         torque, smoother_variance = _smoothed_torque(theta, physical, record, column)
         gradient = parameter_gradient(torque_at, theta, torque)
 
-    is_wind = ~_samples_in(record, weak_motor_intervals)
+    is_wind = np.ones(len(torque), bool) if has_weak_motor is None else ~has_weak_motor
     left_out = float(np.sum(~is_wind) * record.dt)
     has_wind = is_wind.sum() * record.dt >= MIN_WIND_SECONDS
     if not has_wind:
         # All of the flight is judged, so that there are figures; the reason says that they are not of the wind.
         is_wind = np.ones(len(torque), bool)
     # A new part begins where the vehicle changed, and where a motor lost or regained thrust.
-    cuts = sorted(
-        {*record.sample_indices(changes), *_first_samples_after_changes(is_wind).tolist()}
-    )
+    cuts = sorted({*changes, *_first_samples_after_changes(is_wind).tolist()})
     step = None
     # A course with gaps has levels that the gaps separate already, so no step is sought in it.
     if is_wind.all():
@@ -252,17 +249,6 @@ def _first_samples_after_changes(flags: Flags) -> Indices:
     """Returns the indices of the samples at which flags (T,) differ from those of the sample before."""
     last_samples_before = np.flatnonzero(np.diff(flags))
     return last_samples_before + 1
-
-
-def _samples_in(record: Record, intervals: Sequence[Interval]) -> Flags:
-    """Returns whether samples lie in intervals of the record's clock (T,); none do in a record without a clock."""
-    is_inside = np.zeros(len(record.inputs), bool)
-    segments = zip(record.begins, record.segment_starts.tolist(), record.lengths, strict=False)
-    for start_time, first_sample, length in segments:
-        time = start_time + record.dt * np.arange(float(length))
-        for interval in intervals:
-            is_inside[first_sample : first_sample + length] |= in_intervals(time, [interval])
-    return is_inside
 
 
 def resolved_wind_torque(

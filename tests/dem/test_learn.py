@@ -235,8 +235,6 @@ def test_windows_and_folds_are_of_single_segments():
         1,
         4,
     )
-    apart = replace(record, begins=(5.0, 7.0, 9.0))
-    assert apart.sample_indices([9.01, 5.0, 7.02, 7.9, 5.01]) == [1, 5, 8]
     # Folds are parts of equal length, in pieces of one segment.
     parts = cross_validation_folds([100, 7, 60], 4)
     assert [sum(stop - start for _, start, stop in part) for part in parts] == [41, 42, 42, 42]

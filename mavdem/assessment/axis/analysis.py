@@ -17,6 +17,7 @@ from mavdem.assessment.axis.figures import (
     AxisFigures,
     LogAnalysis,
     figures_of_axis,
+    motor_changes,
     physical_parameters,
 )
 from mavdem.assessment.axis.findings import with_oscillation_torque_marked
@@ -269,7 +270,7 @@ def _with_physical_parameters(
         learned: the model.
         signals: signals of the vehicle, for the axis of the model.
         flights: the flights that the model was trained on.
-        analysis: analysis of the vehicle, for the times at which a motor changed, s.
+        analysis: analysis of the vehicle, for the changes of its motors in flight.
         axis_figures: figures of the axis from an earlier analysis; None without one.
         is_slow: whether the model is one of the slow motion.
     """
@@ -282,11 +283,10 @@ def _with_physical_parameters(
     if not is_slow:
         learned = learned.with_physical(physical_parameters(signals, flights))
     # The wind torque that comes with the parameters assumes that no motor changed during the flight.
-    change_times = analysis.motor_change_times
-    if change_times and learned.physical is not None and learned.wind_torque is not None:
-        torque = estimate_wind_torque(
-            learned.physical, learned.record, change_times, analysis.weak_motor_intervals
-        )
+    changes = motor_changes(analysis.alarms, flights)
+    has_changed = bool(changes.samples) or changes.has_weak_motor.any()
+    if has_changed and learned.physical is not None and learned.wind_torque is not None:
+        torque = estimate_wind_torque(learned.physical, learned.record, *changes)
         learned = learned.with_wind_torque(torque)
     return learned
 
@@ -303,13 +303,10 @@ def _with_other_axes(
         progress: shows the share of the axes that are done.
     """
     figures_by_axis = {**analysis.figures_by_axis}
-    change_times = analysis.motor_change_times
     with progress("Estimating the physical parameters") as show_share:
         for axis in AXES[1:]:
             axis_signals = signals.for_axis(axis, signals.inputs)
-            figures_by_axis[axis] = figures_of_axis(
-                axis_signals, log.components, change_times, analysis.weak_motor_intervals
-            )
+            figures_by_axis[axis] = figures_of_axis(axis_signals, log.components, analysis.alarms)
             show_share(len(figures_by_axis) / len(AXES))
     return replace(analysis, axes=ReadOnlyDict(figures_by_axis))
 

@@ -10,7 +10,9 @@ from functools import cached_property
 from math import inf
 from typing import NamedTuple
 
-from mavdem.arrays import Array
+import numpy as np
+
+from mavdem.arrays import Array, Flags
 from mavdem.assessment.axis.findings import Findings, findings_of
 from mavdem.assessment.axis.gains import parts_with_one_gain_set
 from mavdem.assessment.condition import Condition
@@ -19,6 +21,7 @@ from mavdem.assessment.tier import Tier
 from mavdem.confidence import Interval
 from mavdem.containers import JsonValues
 from mavdem.dataset.flights import usable_segments
+from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.learnability import Learnability
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned
@@ -36,7 +39,7 @@ from mavdem.experiments.truth import TruthComparison
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.facts.identifiability import Status
-from mavdem.flight import Flights
+from mavdem.flight import Flights, boot_number
 from mavdem.ingest import Component
 from mavdem.loops.identification import identify_plant_in_loop
 from mavdem.motors.motor_changes import MAX_ONSET_ERROR, MotorAlarm, alarm_figures
@@ -63,6 +66,62 @@ class AxisFigures(NamedTuple):
     def resolved_wind(self) -> WindTorque | None:
         """The wind torque, if it is larger than its errors and the motors' effectiveness is identifiable."""
         return resolved_wind_torque(self.wind, self.physical)
+
+
+class MotorChanges(NamedTuple):
+    """Where in T samples of flight the motors changed, and with them the vehicle."""
+
+    samples: list[int]
+    """Samples at which a motor lost thrust or recovered, ascending."""
+    has_weak_motor: Flags
+    """Whether a motor had lost thrust (T,): what it lacked is not the wind's torque."""
+
+
+def motor_changes(alarms: Sequence[MotorAlarm], flights: Flights) -> MotorChanges:
+    """Finds the samples of flights at which motors changed; alarms of other boots do not concern a flight.
+
+    A loss lasts until the same motor recovers. It begins and ends ``MAX_ONSET_ERROR`` earlier and later than it was
+    detected, since the detection knows its times no better.
+
+    Args:
+        alarms: on the motors, each with the boot on whose clock its times are.
+        flights: flights with T samples in all, one after another.
+    """
+    samples = []
+    flags = []
+    first_sample = 0
+    for flight in flights:
+        flight_alarms = [alarm for alarm in alarms if alarm.boot == boot_number(flight)]
+        for alarm in flight_alarms:
+            sample = round((alarm.since - flight.time[0]) / flight.dt)
+            # At the first sample of a flight there is nothing to cut.
+            if alarm.motor is not None and 0 < sample < len(flight):
+                samples.append(first_sample + sample)
+        has_weak_motor = np.zeros(len(flight), bool)
+        for interval in _weak_motor_intervals(flight_alarms):
+            has_weak_motor |= in_intervals(flight.time, [interval])
+        flags.append(has_weak_motor)
+        first_sample += len(flight)
+    return MotorChanges(sorted(set(samples)), np.concatenate(flags))
+
+
+def _weak_motor_intervals(alarms: Sequence[MotorAlarm]) -> list[Interval]:
+    """Returns when a motor had lost thrust, s on the clock of the boot; the intervals may overlap.
+
+    Args:
+        alarms: of one boot.
+    """
+    intervals = []
+    for loss in alarms:
+        if not loss.is_weak:
+            continue
+        end_time = inf
+        for alarm in alarms:
+            is_recovery = alarm.motor == loss.motor and alarm.size == 0
+            if is_recovery and alarm.since > loss.since:
+                end_time = min(end_time, alarm.since)
+        intervals.append((loss.since - MAX_ONSET_ERROR, end_time + MAX_ONSET_ERROR))
+    return intervals
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,30 +176,6 @@ class LogAnalysis:
         if self.learnability.learnable:
             return "full"
         return None if self.learned is None else "slow motion"
-
-    @property
-    def motor_change_times(self) -> list[float]:
-        """When a motor changed in flight, and so the vehicle, s on the boot clock."""
-        return [alarm.since for alarm in self.alarms if alarm.motor is not None]
-
-    @property
-    def weak_motor_intervals(self) -> list[Interval]:
-        """Intervals in which a motor had lost thrust, s on the boot clock: what it lacked is not the wind's torque.
-
-        A loss lasts until the same motor recovers. It begins and ends ``MAX_ONSET_ERROR`` earlier and later than it was
-        detected, since the detection knows its times no better.
-        """
-        intervals = []
-        for loss in self.alarms:
-            if not loss.is_weak:
-                continue
-            end_time = inf
-            for alarm in self.alarms:
-                is_recovery = (alarm.boot, alarm.motor, alarm.size) == (loss.boot, loss.motor, 0.0)
-                if is_recovery and alarm.since > loss.since:
-                    end_time = min(end_time, alarm.since)
-            intervals.append((loss.since - MAX_ONSET_ERROR, end_time + MAX_ONSET_ERROR))
-        return intervals
 
     @cached_property
     def findings(self) -> Findings:
@@ -326,8 +361,7 @@ def physical_parameters(signals: Signals, flights: Flights) -> Physical | NotIde
 def figures_of_axis(
     signals: Signals,
     components: tuple[Component, ...],
-    change_times: Sequence[float],
-    weak_motor_intervals: Sequence[Interval],
+    alarms: Sequence[MotorAlarm],
 ) -> AxisFigures:
     """Estimates physical parameters and wind torque of the axis of ``signals``, without learning a model.
 
@@ -336,8 +370,8 @@ def figures_of_axis(
     Args:
         signals: of the vehicle and axis.
         components: all components of the log, for the advice on rates where the log has too little.
-        change_times: when a motor changed, s on the boot clock; the wind torque is estimated anew after each.
-        weak_motor_intervals: intervals in which a motor had lost thrust, s; they have no wind torque.
+        alarms: changes of the motors in flight; the wind torque is estimated anew after each, and there is none while a
+            motor had lost thrust.
 
     Returns:
         The figures; without parameters they have the ``reason`` why there are none.
@@ -350,7 +384,7 @@ def figures_of_axis(
     if isinstance(parameters, NotIdentifiable):
         return AxisFigures(flights, None, None, parameters.reason)
     try:
-        wind_torque = estimate_wind_torque(parameters, record, change_times, weak_motor_intervals)
+        wind_torque = estimate_wind_torque(parameters, record, *motor_changes(alarms, flights))
     except ValueError:
         # NumPy's LinAlgError is a ValueError.
         wind_torque = None
