@@ -118,11 +118,21 @@ def _legend_name(side: str, name: str, review: Review) -> str:
 
 
 def _table_chapter(title: str, header: str, rows: list[list[str]]) -> Chapter:
-    """Returns a chapter with a table of both sides, without rows of which nothing is known."""
-    known = [row for row in rows if any(cell != UNKNOWN_FIGURE for cell in row[1:])]
-    if not known:
+    """Returns a chapter with a table of both sides, without rows of which nothing is known.
+
+    Args:
+        title: title of the chapter.
+        header: header of the first column, which names the figures.
+        rows: the name of a figure and its cells for A and B.
+    """
+    known_rows = []
+    for row in rows:
+        # The first cell is the name.
+        if any(cell != UNKNOWN_FIGURE for cell in row[1:]):
+            known_rows.append(row)
+    if not known_rows:
         return Chapter(title)
-    return Chapter(title, [Table([header, *SIDE_COLOURS], known)])
+    return Chapter(title, [Table([header, *SIDE_COLOURS], known_rows)])
 
 
 def _chart_group(chart: Chart) -> list[Group]:
@@ -165,10 +175,11 @@ def _main_difference(
         The sentences of the template "difference_first", each as a headline.
     """
     vehicles = [value_at(review, "identity.name") or UNKNOWN for review in sides.values()]
+    # A gain that was 0 has no relative change.
     gains = [
         parameter
         for parameter in parameters
-        if CONTROL_PARAMETERS.match(parameter.name) and parameter.before
+        if CONTROL_PARAMETERS.match(parameter.name) and parameter.before != 0
     ]
     surest = surest_change(difference)
     margin_changes = [

@@ -326,7 +326,8 @@ def _loops_chapter(assessment: Assessment, evidence: Evidence, advice: AdviceByA
     blocks += gain_limits(advice)
     if not loops:
         return Chapter("Control loops", [*decisions, *blocks])
-    columns = [loop_charts(variants) for variants in loops_by_axis.values()]
+    # Each axis has a column of charts, in which the loop now and the loop with advised gains are drawn together.
+    columns = [loop_charts(axis_loops) for axis_loops in loops_by_axis.values()]
     text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
     groups = [Group(tuple(columns), text), *gain_trial_groups(evidence, advice).values()]
     # What to do comes before the figures.
@@ -417,6 +418,7 @@ def _spectrum_groups(
     yield Group.side_by_side([spectrum_chart(noise, loop, sensor)])
     if is_full:
         charts = [*spectrogram_charts(spectrum)]
+        # The first spectrogram is over time; a second one, over throttle, has no place for events.
         if timeline is not None:
             charts[0] = timeline.marked(charts[0])._replace(spans=())
         yield Group.side_by_side(charts, "The stronger the blue, the higher the power.")
