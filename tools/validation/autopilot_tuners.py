@@ -56,10 +56,14 @@ class TunedGains(NamedTuple):
 
 
 def _logged_gains(loop: Loop) -> TunedGains:
-    """Returns the gains of a loop."""
+    """Returns the gains of a loop before it is tuned."""
     parameters = loop.controller.parameters
     names = loop.controller.parameter_names
-    return TunedGains(*(parameters[names[field]] for field in ("p", "d", "angle_gain")))
+    return TunedGains(
+        p=parameters[names["p"]],
+        d=parameters[names["d"]],
+        angle_gain=parameters[names["angle_gain"]],
+    )
 
 
 def parameters_of(loop: Loop, gains: TunedGains, integral_ratio: float | None = None) -> Parameters:

@@ -128,15 +128,9 @@ def tuned(
             decision = decisions.get(axis)
             loop_doubts = vehicle_doubts if decision is None else decision.doubts
             is_too_slow = decision is not None and decision.is_too_slow
-            asks_more = more or is_too_slow
-            advice = advise(loop, margins, loop_doubts, more=asks_more)
-            if is_too_slow and not more and advice.stage is Stage.ANGLE:
-                # A higher angle gain only asks more of a rate loop that is too slow.
-                asks_more = False
-                advice = advise(loop, margins, loop_doubts)
-            # Without refusals the gains are advised anew, for the loop with the notch in it.
-            if notch_parameters and not advice.refusals:
-                advice = advise(loop.with_parameters(notch_parameters), margins, more=asks_more)
+            advice = _advice_on_loop(
+                loop, margins, loop_doubts, notch_parameters, more=more, is_too_slow=is_too_slow
+            )
             advice_by_axis[axis] = advice
             advice_on_loops.append(advice)
             continue
@@ -160,6 +154,37 @@ def tuned(
         judgement = replace(judgement, next_step=next_step)
     set_notch = notch_parameters if parameters else {}
     return freeze(Tuning(advice_by_axis, advice_on_loops, parameters, set_notch, notch, judgement))
+
+
+def _advice_on_loop(
+    loop: Loop,
+    margins: str,
+    doubts: Facts,
+    notch_parameters: Parameters,
+    *,
+    more: bool,
+    is_too_slow: bool,
+) -> Advice:
+    """Returns the advice on the gains of one identified loop, with a notch filter if one is to be set.
+
+    Args:
+        loop: rate and attitude loop of the axis.
+        margins: name of the margins to have, in ``MARGIN_TARGETS``.
+        doubts: why gains must not be computed from the loop; empty if they may be.
+        notch_parameters: parameters that set the notch filter; empty without one.
+        more: whether to raise gains of a loop that has enough margin.
+        is_too_slow: whether the axis is too slow, so that the rate loop's gains are raised even without ``more``.
+    """
+    raises_gains = more or is_too_slow
+    advice = advise(loop, margins, doubts, more=raises_gains)
+    if is_too_slow and not more and advice.stage is Stage.ANGLE:
+        # A higher angle gain only asks more of a rate loop that is too slow.
+        raises_gains = False
+        advice = advise(loop, margins, doubts)
+    # The notch costs phase, so that gains which may be advised at all are advised anew for the loop with it.
+    if notch_parameters and not advice.refusals:
+        advice = advise(loop.with_parameters(notch_parameters), margins, more=raises_gains)
+    return advice
 
 
 def _gains_come_next(headline: Fact) -> bool:
