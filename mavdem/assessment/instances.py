@@ -388,7 +388,7 @@ def _speed_controllers(evidence: Evidence) -> Iterator[Instance]:
     standstills = {}
     for event in evidence.warnings_in_flight([MotionEvent.MOTOR_STOOD_STILL]):
         standstills[event.figures["name"]] = event
-    for controller in speed_controllers(evidence.signals.telemetry):
+    for controller in speed_controllers(evidence.signals):
         speeds = _values_in_flight(evidence, controller.speed)
         state = _measured_state(speeds)
         errors = _errors_in_flight(evidence, controller)

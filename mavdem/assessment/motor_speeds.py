@@ -72,7 +72,7 @@ def standing_motors(
     motors = scene.signals.motors
     if motors is None or scene.boot not in motors.boot:
         return
-    for controller in speed_controllers(scene.signals.telemetry):
+    for controller in speed_controllers(scene.signals):
         motor = controller.motor_index(motors.geometry)
         speed = series_of_boot(controller.speed, scene.boot)
         if motor is not None and speed is not None:
@@ -277,7 +277,7 @@ def speed_statements(signals: Signals, loss: Fact) -> Facts:
     boot = loss.figures["boot"]
     motor = motors.geometry.names.index(loss.subject)
     end = loss.time + 2 * RECOVERY_SECONDS if loss.until is None else loss.until
-    for controller in speed_controllers(signals.telemetry):
+    for controller in speed_controllers(signals):
         speed = series_of_boot(controller.speed, boot)
         if speed is None or controller.motor_index(motors.geometry) != motor:
             continue

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.arrays import Array, Flags
+from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.motors import MotorGeometry
 from mavdem.ingest.telemetry import Columns, Telemetry, rows_by_value, selected_rows
 
@@ -59,14 +61,16 @@ class SpeedController:
         return numbers.index(wanted) if wanted in numbers else None
 
 
-def speed_controllers(telemetry: Telemetry) -> tuple[SpeedController, ...]:
+@cached_per_vehicle()
+def speed_controllers(signals: Signals) -> tuple[SpeedController, ...]:
     """Returns the speed controllers that report the speed of a motor, by number.
 
     The first kind of message that has any speed counts. A log that has ESC from the autopilot has no other.
 
     Args:
-        telemetry: messages of the vehicle.
+        signals: signals of the vehicle.
     """
+    telemetry = signals.telemetry
     for controllers in (_logged(telemetry), _of_status(telemetry), _of_telemetry(telemetry)):
         found = tuple(controllers)
         if found:

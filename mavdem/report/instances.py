@@ -9,7 +9,10 @@ from mavdem.report.numbers import rounded
 from mavdem.report.templates import without_full_stop
 
 HEADER = ["instance", "used", "quantity", "range in flight", "state"]
-"""Header of the table."""
+"""Header of the table of a vehicle that flew."""
+
+HEADER_WITHOUT_FLIGHT = ["instance", "used", "quantity", "range", "state"]
+"""Header where there was no flight: ranges are those of the whole log."""
 
 NO_BREAK_SPACE = "\N{NO-BREAK SPACE}"
 """Space at which no line ends."""
@@ -18,11 +21,12 @@ SHOWN_DIGITS = 3
 """Significant digits of the range: those of a battery's voltage."""
 
 
-def instance_table(instances: Sequence[Instance]) -> Table:
+def instance_table(instances: Sequence[Instance], has_flown: bool) -> Table:
     """Returns a table with a row for each instance: whether it is used, its range in flight, and its state.
 
     Args:
         instances: at least one, in the order of the rows.
+        has_flown: whether the vehicle flew; otherwise the ranges are those of the whole log.
     """
     rows = []
     for instance in instances:
@@ -39,7 +43,8 @@ def instance_table(instances: Sequence[Instance]) -> Table:
                 state,
             ]
         )
-    return Table(HEADER, rows, words=True)
+    header = HEADER if has_flown else HEADER_WITHOUT_FLIGHT
+    return Table(header, rows, words=True)
 
 
 def _range_text(instance: Instance) -> str:

@@ -108,10 +108,13 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
 def instance_blocks(assessment: Assessment) -> Blocks:
     """Returns the tables of what can be trusted, and of every instance, as far as a vehicle was judged."""
     blocks: Blocks = []
-    if assessment.evidence is not None and assessment.evidence.trust:
-        blocks.append(trust_table(assessment.evidence.trust))
+    evidence = assessment.evidence
+    if evidence is None:
+        return blocks
+    if evidence.trust:
+        blocks.append(trust_table(evidence.trust))
     if assessment.instances:
-        blocks.append(instance_table(assessment.instances))
+        blocks.append(instance_table(assessment.instances, evidence.has_flown))
     return blocks
 
 

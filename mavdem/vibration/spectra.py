@@ -398,7 +398,7 @@ def _motor_speed(signals: Signals) -> TimeSeries | None:
         Speeds in order of time, turns per second; ``None`` where the log has no messages of ESCs.
     """
     parts = []
-    for controller in speed_controllers(signals.telemetry):
+    for controller in speed_controllers(signals):
         parts.append(controller.speed.select(controller.speed.values > 0))
     if not parts:
         return None

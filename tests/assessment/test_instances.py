@@ -99,12 +99,18 @@ def test_the_share_of_an_estimator_counts_the_flight_alone():
 
 def test_the_table_has_a_row_for_each_instance():
     instances = instances_of(evidence_of(Signals(with_sensors())))
-    table = instance_table(instances)
+    table = instance_table(instances, has_flown=True)
     assert [row[0] for row in table.rows] == [instance.name for instance in instances]
     rows = {row[0]: row for row in table.rows}
     assert rows["barometer 1"][1] == "no" and rows["barometer 2"][1] == "yes"
     assert rows["barometer 2"][3].replace("\N{NO-BREAK SPACE}", " ") == "99.0 to 101 m"
     assert rows["GPS 2"][4].level == "watch"
+
+
+def test_ranges_of_a_log_without_flight_are_not_called_ranges_in_flight():
+    instances = instances_of(evidence_of(Signals(with_sensors())))
+    assert "range in flight" in instance_table(instances, has_flown=True).header
+    assert "range" in instance_table(instances, has_flown=False).header
 
 
 def test_further_sensors_of_a_dataflash_log_have_messages_of_their_own(tmp_path, monkeypatch):

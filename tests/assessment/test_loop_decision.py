@@ -189,6 +189,9 @@ def test_a_vehicle_that_must_be_repaired_keeps_its_verdict_and_gets_no_gains():
     decision = decided(made_up(2.5), doubts=(crashed,))
     assert decision.verdict is LoopVerdict.BELOW_GOAL and decision.doubts == (crashed,)
     assert decision.action.figures["because"] == crashed
+    sound_axis = decided(made_up(), doubts=(crashed,))
+    assert (sound_axis.verdict, sound_axis.action) == (LoopVerdict.NOTHING_WRONG, None)
+    assert sound_axis.doubts == (crashed,)
 
 
 def test_gains_of_several_axes_are_lowered_in_one_sentence():

@@ -107,7 +107,8 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
     4. The axis follows its setpoint badly although its loops have their margins, or these are not known.
     5. Nothing is wrong, or what is wrong is not known, and what shows it.
 
-    A vehicle that must be repaired keeps its verdict, but the repair comes before any change of gains.
+    A vehicle that must be repaired keeps its verdict, and no gains are computed. The repair takes the place of what was
+    to be done about an axis; an axis with which nothing is to be done has no action.
 
     Args:
         observations: what the flight shows.
@@ -125,7 +126,9 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
     doubts = observations.vehicle_doubts
     if not doubts:
         return decision
-    action = Fact(LoopActions.DO_FIRST, because=doubts[0])
+    action = None
+    if decision.action is not None:
+        action = Fact(LoopActions.DO_FIRST, because=doubts[0])
     return LoopDecision(decision.axis, decision.verdict, decision.reason, action, doubts)
 
 

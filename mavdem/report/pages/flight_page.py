@@ -208,7 +208,7 @@ def _flight_chapters(
     if evidence.trust:
         yield Chapter("What can be trusted", [trust_table(evidence.trust)])
     if assessment.instances:
-        table = instance_table(assessment.instances)
+        table = instance_table(assessment.instances, evidence.has_flown)
         yield Chapter("Every battery, estimator, sensor and output", [table])
     yield _parameters_chapter(evidence.signals.telemetry)
 
