@@ -19,7 +19,7 @@ from mavdem.assessment.assess import without_flight_advice
 from mavdem.assessment.axis.loops import loops_of_axes
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.responses import responses_of
-from mavdem.assessment.axis.tracking import ANGLE_ERROR_LIMITS
+from mavdem.assessment.axis.tracking import ANGLE_ERROR_LIMITS, MAX_RESPONSE_PEAK, ResponsePeak
 from mavdem.assessment.judgement import judge
 from mavdem.assessment.lights.margins import margins_light
 from mavdem.assessment.lights.motors import motors_light
@@ -266,6 +266,13 @@ def test_a_resonance_without_a_step_response_is_not_called_overshoot():
     assert (light.code, light.level) == (TrackingLight.AMPLIFIES_SETPOINT, "watch")
     assert light.figures["overshoot"] is None
     assert light.sentence == "Roll moves 2 times as far as its setpoint at 1.2 Hz."
+
+
+def test_a_large_response_is_sure_only_with_enough_coherence_or_windows():
+    unsure = ResponsePeak(ratio=1.53, frequency=0.75, coherence=0.84, windows=11)
+    assert unsure.lowest_ratio < MAX_RESPONSE_PEAK
+    assert unsure._replace(coherence=1.0).lowest_ratio == 1.53
+    assert unsure._replace(windows=5000).lowest_ratio > MAX_RESPONSE_PEAK
 
 
 def turning(turn_rate, asked_rate, outputs=None):

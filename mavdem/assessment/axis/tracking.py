@@ -11,7 +11,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.axis.reached_rate import ReachedRate, reached_rate
 from mavdem.assessment.limits import Limits
-from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
+from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS, coverage_factor
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.intervals import complement, intersection
 from mavdem.dataset.segments import Segment, Segments, in_segments
@@ -100,6 +100,20 @@ class ResponsePeak(NamedTuple):
     """Amplitude of the angle over that of the setpoint."""
     frequency: float
     """Where it is, Hz."""
+    coherence: float
+    """Coherence of angle and setpoint there, from ``MIN_COMPARED_COHERENCE`` to 1."""
+    windows: int
+    """Number of windows from which the spectra were averaged."""
+
+    @property
+    def lowest_ratio(self) -> float:
+        """Lower end of the 90 % interval of the ratio.
+
+        The relative standard error of a measured response is √((1 − γ²) / (2 n γ²)), with the coherence γ² and n
+        windows (J. S. Bendat and A. G. Piersol, Random Data).
+        """
+        variance = (1 - self.coherence) / (2 * self.windows * self.coherence)
+        return float(self.ratio * (1 - coverage_factor() * np.sqrt(variance)))
 
 
 class _TrackingRating(NamedTuple):
@@ -208,8 +222,9 @@ def _tracking_rating(
     """Rates how an axis follows its setpoint, by the first of these that applies.
 
     Its error is not small; its rate does not reach the setpoint in turns; a step overshoots by more than
-    ``MAX_OVERSHOOT``, or, where no step can be measured, the response is large at some frequency; or it follows well.
-    The step response takes long to estimate, so that it is measured only if the response is large at some frequency.
+    ``MAX_OVERSHOOT``, or, where no step can be measured, the response is surely large at some frequency; or it follows
+    well. The step response takes long to estimate, so that it is measured only if the response is large at some
+    frequency.
 
     Args:
         signals: of the vehicle and axis.
@@ -222,13 +237,15 @@ def _tracking_rating(
         return _TrackingRating(TrackingLight.MISSES_SETPOINT, error_level)
     if turn is not None and turn.falls_short:
         return _TrackingRating(TrackingLight.RATE_FALLS_SHORT, Level.WATCH)
-    is_amplified = peak is not None and peak.ratio > MAX_RESPONSE_PEAK
-    if not is_amplified:
+    if peak is None or peak.ratio <= MAX_RESPONSE_PEAK:
         return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD)
     response = attitude_step_response(signals, segments)
     # A fact states why the flight shows no step response.
     if isinstance(response, Fact):
-        return _TrackingRating(TrackingLight.AMPLIFIES_SETPOINT, Level.WATCH)
+        # Without a step response the peak alone decides, so that it must surely be too large.
+        if peak.lowest_ratio > MAX_RESPONSE_PEAK:
+            return _TrackingRating(TrackingLight.AMPLIFIES_SETPOINT, Level.WATCH)
+        return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD)
     overshoot = response.overshoot.value
     if overshoot > MAX_OVERSHOOT:
         return _TrackingRating(TrackingLight.OVERSHOOTS_SETPOINT, Level.WATCH, overshoot)
@@ -376,4 +393,9 @@ def _response_peak(
         return None
     gains = np.where(counts, abs(estimate.response), 0.0)
     highest = np.argmax(gains)
-    return ResponsePeak(gains[highest], estimate.frequency[highest])
+    return ResponsePeak(
+        ratio=gains[highest],
+        frequency=estimate.frequency[highest],
+        coherence=estimate.coherence[highest],
+        windows=estimate.windows,
+    )
