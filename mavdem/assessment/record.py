@@ -224,12 +224,18 @@ class Assessment:
 
     @cached_property
     def log_contents(self) -> JsonValues:
-        """What the log holds, by the keys of its inventory, with the judgement of the vehicle that was assessed."""
+        """The inventory of the log as JSON values, which `mavdem info --json` prints.
+
+        It lists all vehicles with their messages and instances. The first one is the vehicle that was assessed: its
+        entry also has headline, next step, lights, events and the model. A log without a judged vehicle has the plain
+        inventory.
+        """
         if self.analysis is None or self.evidence is None:
             return inventory(self.log)
-        contents = inventory(self.log, [self.contents])
-        contents["vehicles"][0] |= self.judgement_values | {"model": self.analysis.model}
-        return contents
+        log_inventory = inventory(self.log, [self.contents])
+        assessed_vehicle = log_inventory["vehicles"][0]
+        assessed_vehicle |= self.judgement_values | {"model": self.analysis.model}
+        return log_inventory
 
     @property
     def judgement_values(self) -> JsonValues:

@@ -29,27 +29,30 @@ class StatusReport:
     """What waits for its analysis."""
 
     silence: SilenceMonitor
-    """When something came last."""
+    """Knows when the last message came."""
 
     latencies: LatencyMeter
-    """How late estimates come."""
+    """Measures the time from a message's arrival to its estimate."""
 
     learning: FlightLearning
-    """What learns."""
+    """Learns models from the rows of free flight."""
 
     judging: ModelJudging
-    """What the model is good for."""
+    """Judges the latest model by its predictions."""
 
     time_account: TimeAccount
-    """What time was spent on."""
+    """The account of the session's time."""
 
     @property
     def status(self) -> SessionStatus:
-        """The status as of now: that of the stream, completed by what the session knows.
+        """The present status of the session, for screen, log file and display.
 
-        A stream has no clock of its own and does not notice a silence. Where the link is silent, rates therefore become
-        0, and nothing counts as watched any more. The obstacle is the most basic one: silence, then what rows lack,
-        then what learning lacks.
+        It is the status of the stream with the model's findings, delays and predictions added. The stream advances
+        with its messages only and does not notice when none come. On a silent link its last rates are therefore
+        replaced by 0, and each watchdog is reported as not watching.
+
+        ``obstacle`` is the first reason why there is no new model: the link is silent, no rows can be made of the
+        messages, or the flight does not allow learning.
         """
         status = self.stream.status()
         silence = self._silence_fact()

@@ -78,6 +78,9 @@ BENCH_RUN_SECONDS = 12.0
 BENCH_STICK_TILT = radians(12)
 """Roll and pitch that the pilot asks for on a bench, rad; a choice."""
 
+BENCH_ROLL_PERIOD, BENCH_PITCH_PERIOD = 3.1, 4.3
+"""Periods of the roll and the pitch stick on a bench, s: without a common multiple in a run; choices."""
+
 
 @dataclass
 class Pilot:
@@ -236,18 +239,26 @@ class Pilot:
         )
 
     def _run_on_bench(self, bench: BenchRun, time: float, estimate: State) -> ControlOutput:
-        """Raises the throttle from idle and lowers it again, and moves the sticks of roll and pitch meanwhile."""
+        """Raises the throttle from idle and lowers it again, and moves the sticks of roll and pitch meanwhile.
+
+        The vehicle is tied down, so the controller answers setpoints that the attitude cannot follow.
+
+        Args:
+            bench: the bench run, with the highest throttle.
+            time: since the beginning of the flight, s.
+            estimate: the estimated state.
+        """
         self.mode = "stabilize"
         phase = time % BENCH_RUN_SECONDS / BENCH_RUN_SECONDS
         self.throttle_stick = max(bench.throttle * sin(pi * phase) ** 2, 0.0)
         if self.throttle_stick <= IDLE_COMMAND:
             return self.idle()
-        full_thrust = self.body.rotors * self.body.thrust_at(
+        stick_thrust = self.body.rotors * self.body.thrust_at(
             self.body.rotor_speed(self.throttle_stick * self.body.full_command)
         )
         _, _, yaw = euler_angles(estimate.attitude)
-        roll = BENCH_STICK_TILT * sin(2 * pi * time / 3.1)
-        pitch = BENCH_STICK_TILT * sin(2 * pi * time / 4.3)
+        roll = BENCH_STICK_TILT * sin(2 * pi * time / BENCH_ROLL_PERIOD)
+        pitch = BENCH_STICK_TILT * sin(2 * pi * time / BENCH_PITCH_PERIOD)
         return self.controller.attitude_control(
-            estimate, (roll, pitch, yaw), NO_ROTATION, full_thrust, True
+            estimate, (roll, pitch, yaw), NO_ROTATION, stick_thrust, True
         )

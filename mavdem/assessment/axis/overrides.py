@@ -94,10 +94,13 @@ def _oscillation_override(oscillation: Oscillation) -> Fact:
 
 
 def _loss_override(loss: Fact) -> Fact:
-    """Returns the override of a motor that lost thrust in flight, with the lost share as its figure ``loss``.
+    """Returns the fact that a motor lost thrust in flight, which outranks what the axis's loops would say.
 
     Args:
-        loss: the fact of the motor, from :func:`mavdem.motors.motor_changes.thrust_losses`. It stays as the cause.
+        loss: the loss of one motor, from :func:`mavdem.motors.motor_changes.thrust_losses`; it is stated as the reason.
+
+    Returns:
+        A fact with the time, level and motor of the loss, and the lost share of thrust, 0 to 1, as ``loss``.
     """
     return Fact(
         Override.MOTORS,
