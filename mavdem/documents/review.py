@@ -166,7 +166,7 @@ class Axis(Document):
     tracking: OptionalFact
     """how angle and rate follow their setpoints: RMS errors (rad, rad/s), delay (s), overshoot, reached rate"""
     decision: OptionalFact
-    """what is wrong with its loops, and as remedy what to do about it; null without a flight"""
+    """the fault of its loops, and as remedy what to do about it; null without a flight"""
 
 
 class Review(Document):

@@ -23,7 +23,6 @@ from mavdem.facts.event import Event
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
-from mavdem.loops.limit_cycles import Oscillation
 from mavdem.report.charts.timeline import live_timeline, timeline_of
 from mavdem.report.pages.flight_page import flight_page, log_page
 from mavdem.report.pages.page import render_document
@@ -112,15 +111,6 @@ def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_owned(flig
     )
     assert Balanced(plain).seen == seen and again == flight
     assert "@import" not in flight and "default-src 'none'" in flight
-
-
-@mark.slow
-def test_a_vehicle_that_oscillates_is_advised_on_its_page_as_by_tune(analysed):
-    evidence = analysed.evidence
-    swinging = Oscillation("pitch", 5.0, 40.0, 0.0, False, 20.0)
-    found = replace(evidence, condition=replace(evidence.condition, oscillation=swinging))
-    text = log_page("", replace(analysed, evidence=found), inventory(analysed.log))
-    assert "ATC_RAT_PIT_D from 0.004 to 0.002667" in text
 
 
 ZOOM = """(async () => {
