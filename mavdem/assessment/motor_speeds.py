@@ -7,6 +7,7 @@ make up for it, or the autopilot reports the motor. Where a motor lost thrust bu
 
 from bisect import insort
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,8 +51,19 @@ MIN_COMMAND_RISE = 0.1
 MIN_SPEED_CHANGE = 0.1
 """Change of a motor's speed, relative to the usual one, that counts; the battery's voltage changes it by less."""
 
+
 REPORTS_OF_MOTOR = (Reported.MOTOR_FAILED, Reported.THRUST_LOST)
 """Reports of the autopilot on one motor."""
+
+
+class SamplesAround(NamedTuple):
+    """Samples of a motor's command or speed before a loss and from its beginning on."""
+
+    before: Array
+    """(N,) of twice ``RECOVERY_SECONDS`` before."""
+
+    after: Array
+    """(M,) from the beginning on."""
 
 
 def standing_motors(
@@ -191,9 +203,7 @@ def _command_statements(command: TimeSeries, interval: Interval) -> Facts:
     Returns:
         One statement; none without a command in the interval, or in twice ``RECOVERY_SECONDS`` before it.
     """
-    start, _ = interval
-    after = command.values[in_intervals(command.time, [interval])]
-    before = command.values[in_intervals(command.time, [(start - 2 * RECOVERY_SECONDS, start)])]
+    before, after = samples_around(command.time, command.values, interval)
     if not len(after) or not len(before):
         return ()
     usual = float(np.median(before))
@@ -281,9 +291,7 @@ def speed_statements(signals: Signals, loss: Fact) -> Facts:
         speed = series_of_boot(controller.speed, boot)
         if speed is None or controller.motor_index(motors.geometry) != motor:
             continue
-        start = loss.time - 2 * RECOVERY_SECONDS
-        before = speed.values[in_intervals(speed.time, [(start, loss.time)])]
-        after = speed.values[in_intervals(speed.time, [(loss.time, end)])]
+        before, after = samples_around(speed.time, speed.values, (loss.time, end))
         if len(before) < MIN_USUAL_SAMPLES or len(after) < MIN_USUAL_SAMPLES:
             continue
         usual, later = float(np.median(before)), float(np.median(after))
@@ -291,30 +299,40 @@ def speed_statements(signals: Signals, loss: Fact) -> Facts:
             continue
         speeds = {"name": controller.name, "rotation": later, "rotation_before": usual}
         if later < (1 - MIN_SPEED_CHANGE) * usual:
-            if _command_fell(motors, boot, motor, (start, loss.time), (loss.time, end)):
+            if _command_fell(motors, boot, motor, (loss.time, end)):
                 return ()
             return (supporting_statement(Witness.MOTOR_SLOWED, **speeds),)
         return (contradicting_statement(Witness.MOTOR_TURNED, **speeds),)
     return ()
 
 
-def _command_fell(
-    motors: MotorOutputs, boot: int, motor: int, before: Interval, after: Interval
-) -> bool:
-    """Returns whether the median command of a motor fell from one interval to the next, by ``MIN_SPEED_CHANGE``.
+def samples_around(time: Array, values: Array, interval: Interval) -> SamplesAround:
+    """Returns the samples in twice ``RECOVERY_SECONDS`` before an interval, and those in it; either may be empty.
+
+    Args:
+        time: of the samples (N,), s since boot.
+        values: command or speed of a motor (N,).
+        interval: start and end of the loss, s since boot.
+    """
+    start, _ = interval
+    return SamplesAround(
+        before=values[in_intervals(time, [(start - 2 * RECOVERY_SECONDS, start)])],
+        after=values[in_intervals(time, [interval])],
+    )
+
+
+def _command_fell(motors: MotorOutputs, boot: int, motor: int, interval: Interval) -> bool:
+    """Returns whether the median command of a motor fell at a loss of thrust, by ``MIN_SPEED_CHANGE``.
 
     Args:
         motors: all motors.
         boot: number of the boot.
         motor: index of the motor.
-        before: start and end of the first interval, s since boot.
-        after: the same of the second one.
+        interval: start and end of the loss, s since boot.
     """
     commands = motors.range_fractions(boot)
-    command = commands.values[:, motor]
-    commands_before = command[in_intervals(commands.time, [before])]
-    commands_after = command[in_intervals(commands.time, [after])]
-    if not len(commands_before) or not len(commands_after):
+    before, after = samples_around(commands.time, commands.values[:, motor], interval)
+    if not len(before) or not len(after):
         return False
-    usual, later = np.median(commands_before), np.median(commands_after)
+    usual, later = np.median(before), np.median(after)
     return bool(later < (1 - MIN_SPEED_CHANGE) * usual)

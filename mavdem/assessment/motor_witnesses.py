@@ -13,6 +13,7 @@ from mavdem.assessment.motor_speeds import (
     MIN_COMMAND_RISE,
     MIN_LEAN_ERROR,
     reports_on_motor,
+    samples_around,
     speed_statements,
 )
 from mavdem.confidence import Interval
@@ -81,9 +82,7 @@ def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Fac
         return (supporting_statement(Witness.COMMAND_ABOVE_OTHERS, share=excess),)
     commands = motors.range_fractions(loss.figures["boot"])
     command = commands.values[:, motors.geometry.names.index(loss.subject)]
-    start = interval[0] - 2 * RECOVERY_SECONDS
-    before = command[in_intervals(commands.time, [(start, interval[0])])]
-    after = command[in_intervals(commands.time, [interval])]
+    before, after = samples_around(commands.time, command, interval)
     if not len(before) or not len(after):
         return ()
     usual, later = float(np.median(before)), float(np.median(after))

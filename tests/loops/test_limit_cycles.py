@@ -16,13 +16,18 @@ def found(rate, command, hertz=100.0, offset=0.0, pitch=0.0):
     """Of a hover with a roll rate (N,), deg/s, and a roll command (N,), µs, that are functions of time, s."""
     telemetry = HOVER.telemetry(attitude_time=hertz, motor_time=hertz)
     time = HOVER.stamps(hertz)
-    outputs = 1500.0 + np.outer(X_QUAD, command(time))
-    outputs[0] += offset
-    limited = np.where(pulses(telemetry) > 1000, outputs.clip(1150.0, 1990.0), 1000.0)
-    telemetry = with_pulses(telemetry, limited)
+    telemetry = with_limited_outputs(telemetry, X_QUAD, command(time), offset)
     roll_rate = np.radians(rate(time))
     turning = changed(telemetry, "ATTITUDE", rollspeed=roll_rate, pitchspeed=pitch * roll_rate)
     return condition_of(Signals(turning)).oscillation
+
+
+def with_limited_outputs(telemetry, signs, command, offset=0.0):
+    """A flight whose motors follow a command (N,), µs, with these signs, within limits; the first has an offset, µs."""
+    outputs = 1500.0 + np.outer(signs, command)
+    outputs[0] += offset
+    limited = np.where(pulses(telemetry) > 1000, outputs.clip(1150.0, 1990.0), 1000.0)
+    return with_pulses(telemetry, limited)
 
 
 def swinging(hertz, size):
@@ -62,12 +67,10 @@ YAW_QUAD = np.array([1.0, 1.0, -1.0, -1.0])
 
 
 def test_yaw_oscillates_like_the_other_axes():
-    telemetry = HOVER.telemetry()
     time = HOVER.stamps(100.0)
-    outputs = 1500.0 + np.outer(YAW_QUAD, swinging(6.0, 900.0)(time))
-    limited = np.where(pulses(telemetry) > 1000, outputs.clip(1150.0, 1990.0), 1000.0)
     yaw_rate = np.radians(swinging(6.0, 60.0)(time))
-    turning = changed(with_pulses(telemetry, limited), "ATTITUDE", yawspeed=yaw_rate)
+    limited = with_limited_outputs(HOVER.telemetry(), YAW_QUAD, swinging(6.0, 900.0)(time))
+    turning = changed(limited, "ATTITUDE", yawspeed=yaw_rate)
     condition = condition_of(Signals(turning))
     assert condition.oscillation.axis == "yaw" and not condition.oscillation.other_axes
     assert condition.oscillation.frequency == approx(6.0, abs=0.25)
@@ -75,14 +78,10 @@ def test_yaw_oscillates_like_the_other_axes():
 
 
 def test_a_yaw_that_a_rolling_vehicle_shakes_does_not_oscillate_by_itself():
-    telemetry = HOVER.telemetry()
     time = HOVER.stamps(100.0)
-    outputs = 1500.0 + np.outer(X_QUAD, swinging(7.0, 900.0)(time))
-    limited = np.where(pulses(telemetry) > 1000, outputs.clip(1150.0, 1990.0), 1000.0)
     roll_rate = np.radians(swinging(7.0, 85.0)(time))
-    turning = changed(
-        with_pulses(telemetry, limited), "ATTITUDE", rollspeed=roll_rate, yawspeed=0.2 * roll_rate
-    )
+    limited = with_limited_outputs(HOVER.telemetry(), X_QUAD, swinging(7.0, 900.0)(time))
+    turning = changed(limited, "ATTITUDE", rollspeed=roll_rate, yawspeed=0.2 * roll_rate)
     condition = condition_of(Signals(turning))
     assert (condition.oscillation.axis, condition.oscillation.other_axes) == ("roll", ())
 
