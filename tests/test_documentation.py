@@ -108,9 +108,10 @@ def test_every_file_that_is_named_is_there():
     assert not missing
 
 
-def test_all_pages_can_be_read_in_two_hours():
-    pages = [text for page, text in PAGES.items() if page != "CONTRIBUTING.md"]
-    assert sum(len(text.split()) for text in pages) <= 32_000
+def test_the_written_pages_can_be_read_in_under_two_hours():
+    # The pages of the reference are made from the code and looked up, not read through.
+    written = [text for page, text in PAGES.items() if not page.startswith("docs/reference/")]
+    assert sum(len(text.split()) for text in written) <= 25_000
 
 
 def test_the_goals_of_tune_are_those_of_its_page():
