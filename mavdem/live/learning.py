@@ -17,7 +17,6 @@ from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.live.gusts import GustDetector
 from mavdem.live.history import horizon_steps
 from mavdem.live.rows import AlignedRow, RowFormat
-from mavdem.plant.online_wind_torque import WeakenedMotors
 
 MAX_MODELS = 16
 """Models that are kept: several times the seconds that a landing withdraws, so that one from before is among them."""
@@ -147,14 +146,14 @@ class FlightLearning:
             self.learner.fits_physical = fits_physical
             self.learner.refits = refits or self.learner.learned is None
 
-    def learn_row(self, row: AlignedRow, weakened_motors: WeakenedMotors | None) -> Estimate | None:
+    def learn_row(self, row: AlignedRow, weak_since: float | None) -> Estimate | None:
         """Updates the learner with a row of free flight, and keeps its model if that is new.
 
         A row that the learner refuses, for example with values that are not finite, is reported and skipped.
 
         Args:
             row: the row.
-            weakened_motors: what weak motors do with its inputs; None where no motor is weak.
+            weak_since: time since which a motor has lost thrust, s of the boot clock; None where all are sound.
 
         Returns:
             The learner's estimate; None where it cannot use the row.
@@ -165,7 +164,7 @@ class FlightLearning:
         learner.follows_torque = row.is_settled
         estimate = None
         try:
-            estimate = learner.update(row.time, row.outputs, row.inputs, weakened_motors)
+            estimate = learner.update(row.time, row.outputs, row.inputs, weak_since)
         except ValueError as error:
             self._log(failure_fact(Session.SAMPLE_SKIPPED, error))
         self._keep_model(row, learner.learned)

@@ -3,9 +3,6 @@
 from collections import deque
 from math import nan
 
-import numpy as np
-
-from mavdem.arrays import Array
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.facts import Fact, Facts
 from mavdem.facts.session import Session
@@ -13,7 +10,6 @@ from mavdem.facts.watch import Watch
 from mavdem.live.recent_messages import MAX_EVENTS
 from mavdem.motors.loss_detection import MAX_GAP, REFERENCE_SECONDS, MotorLossDetector
 from mavdem.motors.motor_changes import MotorAlarm
-from mavdem.plant.online_wind_torque import WeakenedMotors
 
 
 class MotorAlarms:
@@ -65,33 +61,12 @@ class MotorAlarms:
             return Fact(Watch.REFERENCE_SHORT, duration=REFERENCE_SECONDS)
         return None
 
-    def weakened_motors(self, inputs: Array, range_low: float) -> WeakenedMotors | None:
-        """Returns the commands with which sound motors would give the thrust that weak ones give with ``inputs``.
-
-        Without this correction the wind torque would contain the torque that a weak motor fails to give. The thrust of
-        a motor grows from the lower end of its range, so a weak motor's command above that end is scaled.
-
-        Args:
-            inputs: (r,) motor outputs in the unit of the stream.
-            range_low: lower end of their range, at which a motor gives no thrust.
-
-        Returns:
-            Equivalent commands (r,) and their 90 % half widths (r,), in the unit of the stream, and since when they
-            hold; None where no motor is weak.
-        """
+    @property
+    def weak_since(self) -> float | None:
+        """Time of the latest change of a motor, s of the boot clock, while one is weak; None while all are sound."""
         if self._watch is None or not self._watch.weak_motors:
             return None
-        # With these fractions of their commands, sound motors would give the same thrust: 1 for a sound motor.
-        command_fractions = np.ones(len(inputs))
-        fraction_half_widths = np.zeros(len(inputs))
-        for motor, alarm in self._watch.weak_motors.items():
-            command_fractions[motor], fraction_half_widths[motor] = alarm.sound_command_fraction
-        above_range_low = inputs - range_low
-        return WeakenedMotors(
-            self.change_time,
-            range_low + command_fractions * above_range_low,
-            fraction_half_widths * above_range_low,
-        )
+        return self.change_time
 
     def add_sample(
         self, time: float, boot: int, motors: MotorOutputs, commands: list[float], heading: float

@@ -203,9 +203,8 @@ class LiveSession:
         learning.is_free = row.is_free
         estimate: Estimate | None = None
         if row.is_free and Task.ESTIMATES not in self.backlog.postponed:
-            # With a weak motor the commands no longer say what torque the motors give; this corrects them.
-            weakened = self.stream.motor_alarms.weakened_motors(row.inputs, row_format.scale.low)
-            estimate = learning.learn_row(row, weakened)
+            # While a motor is weak, the torque that the others balance is not the wind's.
+            estimate = learning.learn_row(row, self.stream.motor_alarms.weak_since)
         self._latencies.add(clock.monotonic() - arrival_time)
         learning.count_row(estimate)
         wind = self.stream.wind.latest

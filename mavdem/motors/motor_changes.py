@@ -32,15 +32,6 @@ MAX_ONSET_ERROR = 2.0
 """Largest error of the time at which a detected loss began, s: ``MotorAlarm.since`` is known to a second or two."""
 
 
-class CommandFraction(NamedTuple):
-    """Fraction of its command by which a sound motor would give the thrust of a weak one."""
-
-    value: float
-    """The fraction, 0 to 1."""
-    half_width: float
-    """Half width of its 90 % interval."""
-
-
 class MotorAlarm(NamedTuple):
     """A lasting change of the motors' balance in flight, which is an alarm where a motor lost thrust."""
 
@@ -70,21 +61,6 @@ class MotorAlarm(NamedTuple):
     def is_weak(self) -> bool:
         """Whether a motor gives less thrust than when it was sound."""
         return self.motor is not None and self.size > 0
-
-    @property
-    def sound_command_fraction(self) -> CommandFraction:
-        """The fraction of a weak motor's command by which a sound motor would give its thrust.
-
-        A motor that lost the fraction l of its thrust needs the command of a sound one with 1 − l of the thrust: where
-        thrust goes with the power n of the command, that is (1 − l)^(1/n) of its command. The interval of the loss was
-        made with these powers, so the fraction hardly depends on them.
-        """
-        # The lower end of the loss is for the smallest exponent, the upper end for the largest.
-        smallest_loss, largest_loss = self.loss
-        smallest_exponent, largest_exponent = THRUST_EXPONENTS
-        highest = (1 - smallest_loss) ** (1 / smallest_exponent)
-        lowest = (1 - largest_loss) ** (1 / largest_exponent)
-        return CommandFraction((highest + lowest) / 2, abs(highest - lowest) / 2)
 
     @property
     def fact(self) -> Fact:

@@ -3,6 +3,9 @@
 The physical parameters are fitted from time to time to the samples of the last minute, in the learner's executor. In
 between, the smoother of recorded flights runs over the latest samples whenever a block of them is complete. The
 estimates for the samples of that block, each ``DELAY_SECONDS`` old, are then returned with the samples of the next one.
+
+While a motor has lost thrust there is no estimate, as in recorded flights: what the other motors then balance is the
+thrust that it lacks, and not wind.
 """
 
 from collections import deque
@@ -49,19 +52,6 @@ FILTER_SECONDS = 1.0
 
 NO_TORQUE = (np.nan, np.nan)
 """Torque and half width where there is no estimate."""
-
-
-class WeakenedMotors(NamedTuple):
-    """Motors that have lost thrust, described by the commands with which sound motors would give the same thrust."""
-
-    start_time: float
-    """Time since which the motors are weak, s on the stream's clock."""
-
-    inputs: Array
-    """Commands (r,) for sound motors that give the thrust of the weakened ones."""
-
-    band: Array
-    """Half widths (r,) of the 90 % intervals of these commands."""
 
 
 class WindTorqueSmoother(NamedTuple):
@@ -221,37 +211,35 @@ class OnlineWindTorque:
         self._blocks: deque[MemoryBlock] = deque(maxlen=max(1, memory_blocks))
         # Torques with half widths that the samples of the next block will return.
         self._upcoming = deque[Interval]()
-        # Inputs of sound motors, since the last gap or change of a motor.
+        # Inputs since the last gap or change of a motor.
         self._smoothed_samples = round(FILTER_SECONDS / memory.dt) + self._delay_samples
         self._inputs: deque[Array] = deque(maxlen=self._smoothed_samples)
-        self._weakened: WeakenedMotors | None = None
+        self._weak_since: float | None = None
         self._pending: Future[WindTorqueSmoother] | None = None
         # Number of samples of sound motors so far, and that at which the next fit is due.
         self._sample_count = 0
         self._next_fit = round(FIRST_FIT_SECONDS / self._dt)
 
-    def update(self, inputs: Array, weak: WeakenedMotors | None = None) -> Interval:
+    def update(self, inputs: Array, weak_since: float | None = None) -> Interval:
         """Takes the inputs of the next sample, and returns the wind torque ``delay`` seconds before it.
 
-        The physical parameters are those of sound motors. So samples of weakened motors are smoothed with the commands
-        that would give sound motors the same thrust, and no parameters are fitted to them.
+        While a motor is weak there is no estimate, and the samples since its loss of thrust are fitted to nothing.
 
         Args:
             inputs: inputs of the sample (r,).
-            weak: the weakened motors; ``None`` if all are sound.
+            weak_since: time since which a motor has lost thrust, s on the stream's clock; ``None`` if all are sound.
 
         Returns:
             Torque and half width of its 90 % band, rad/s²; NaN without an estimate.
         """
-        if _start_time(self._weakened) != _start_time(weak):
+        if self._weak_since != weak_since:
             self.end_segment()
-        self._weakened = weak
-        if weak is None:
-            self._sample_count += 1
-            self._inputs.append(inputs)
-        else:
-            self.drop_blocks_since(weak.start_time)
-            self._inputs.append(weak.inputs)
+        self._weak_since = weak_since
+        if weak_since is not None:
+            self.drop_blocks_since(weak_since)
+            return NO_TORQUE
+        self._sample_count += 1
+        self._inputs.append(inputs)
         if not self._upcoming:
             return NO_TORQUE
         return self._upcoming.popleft()
@@ -349,16 +337,5 @@ class OnlineWindTorque:
         # The sample that is ``delay`` old now, and those after it, which will be as old when their estimates are
         # returned: one for each sample of the next block.
         torques = torques[-self._delay_samples :][: self._memory.block_size]
-        # The loss of thrust of a weakened motor is uncertain, which adds to the band, in squares.
-        if self._weakened is not None:
-            weakness_band = np.linalg.norm(smoother.physical.effect * self._weakened.band)
-            torques[:, 1] = np.hypot(torques[:, 1], weakness_band)
         for torque, band in torques:
             self._upcoming.append((float(torque), float(band)))
-
-
-def _start_time(weakened: WeakenedMotors | None) -> float | None:
-    """Returns the time since which motors are weakened, s; ``None`` if none are."""
-    if weakened is None:
-        return None
-    return weakened.start_time

@@ -1,7 +1,6 @@
 """A motor that weakens in flight: the live path says which, and a log of the same stream says the same."""
 
 from dataclasses import dataclass
-from unittest.mock import Mock
 
 import numpy as np
 from hover import Hover
@@ -154,10 +153,9 @@ def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
         assert len(motor_alarms(Signals(offline([frame for _, frame in frames])))) == 0
 
 
-def test_what_a_weak_motor_does_is_the_share_that_a_sound_one_would_need():
-    alarms = MotorAlarms()
-    alarms.change_time = 5.0
-    alarms._watch = Mock(weak_motors={1: Mock(sound_command_fraction=(0.8, 0.1))})
-    changed, does, errors = alarms.weakened_motors(np.array([1500.0, 1600.0]), 1000.0)
-    assert changed == 5.0
-    assert_allclose((does, errors), ([1500.0, 1480.0], [0.0, 60.0]))
+def test_a_motor_is_weak_since_its_loss():
+    made = replay(hovering(rise=150.0))
+    alarms = made.stream.motor_alarms
+    (change,) = alarms.latest
+    assert alarms.weak_since == change.since
+    assert MotorAlarms().weak_since is None

@@ -24,7 +24,6 @@ from mavdem.plant.online_wind_torque import (
     DELAY_SECONDS,
     FILTER_SECONDS,
     OnlineWindTorque,
-    WeakenedMotors,
     fit_wind_torque_smoother,
 )
 from mavdem.plant.parameters import Physical, combined_with_earlier_flight
@@ -209,17 +208,15 @@ def online_wind(executor=None, prior=None):
     return OnlineWindTorque(memory, executor, prior), memory
 
 
-def followed(online, memory, flight, weak=None):
-    """(T, 2) what each update returns; inputs of sound motors that did as ``weak`` ones, by 2 more or less."""
+def followed(online, memory, flight, weak_since=None):
+    """(T, 2) what each update returns; from ``weak_since``, s, on a motor is weak, which is known 2 s later."""
     found = np.empty((len(flight), 2))
     for k, (time, inputs, outputs) in enumerate(
         zip(flight.time, flight.inputs, flight.outputs, strict=True)
     ):
         closed = memory.add(inputs, outputs, time)
-        sound = (
-            None if weak is None else WeakenedMotors(flight.time[0], weak[k], 2.0 * np.eye(4)[0])
-        )
-        found[k] = online.update(inputs, sound)
+        is_known = weak_since is not None and time >= weak_since + 2
+        found[k] = online.update(inputs, weak_since if is_known else None)
         if closed:
             online.add(memory.blocks[-1])
     return found
@@ -293,7 +290,7 @@ def test_an_earlier_flight_counts_by_its_precision():
 
 @mark.slow
 def test_with_a_prior_the_torque_band_in_calm_hover_is_as_wide_as_steering_makes_it():
-    """Without wind: what is drawn is error. A motor that is known to be weak adds what its loss is unsure by."""
+    """Without wind: what is drawn is error."""
     calm = in_closed_loop(1, steering=0.0, samples=900, wind=0.0)
     steering = in_closed_loop(2, steering=1.0, wind=0.0)
     assert np.isnan(followed(*online_wind(), calm)).all()
@@ -314,13 +311,19 @@ def test_with_a_prior_the_torque_band_in_calm_hover_is_as_wide_as_steering_makes
             and not detect_gusts(torque, band, record_of(len(torque))).gusts
         )
     assert np.median(doublets[:, 1]) > 3 * np.median(hover[:, 1])
-    of = online.smoother
-    told = replace(steering, inputs=steering.inputs * [1.25, 1, 1, 1])
-    for weak, (least, most) in ((steering.inputs, (0.85, 1.0)), (told.inputs, (0.0, 0.2))):
-        torque, band = followed(online, memory, told, weak)[BEGINS + 1 :].T
-        assert least <= np.mean(abs(torque) <= band) <= most
-        assert band.min() > 2 * abs(of.physical.effect[0])
-    assert online.smoother is of, "nothing is fitted to weak motors"
+
+
+def test_while_a_motor_is_weak_there_is_no_wind_torque_and_nothing_is_fitted():
+    online, memory = online_wind()
+    online.smoother = smoother = identified(fit_wind_torque_smoother(Record.from_flights(CALM)))
+    online._next_fit = len(CALM) - 1
+    weak_since = CALM.time[600]
+    torque = followed(online, memory, CALM, weak_since)[:, 0]
+    known_sample = 600 + round(2 / CALM.dt)
+    assert np.isfinite(torque[500:known_sample]).all()
+    assert np.isnan(torque[known_sample:]).all()
+    assert online.smoother is smoother
+    assert all(block.end_time < weak_since for block in list(online._blocks)[:-1])
 
 
 def test_a_fit_that_fails_leaves_the_last_one():

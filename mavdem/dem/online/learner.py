@@ -40,7 +40,6 @@ from mavdem.facts import Fact
 from mavdem.facts.online import Online
 
 if TYPE_CHECKING:
-    from mavdem.plant.online_wind_torque import WeakenedMotors
     from mavdem.plant.parameters import Physical
 
 MEMORY_BLOCK_SECONDS = 0.1
@@ -203,7 +202,7 @@ class OnlineLearner:
         time: float,
         outputs: ArrayLike,
         inputs: ArrayLike,
-        weak: WeakenedMotors | None = None,
+        weak_since: float | None = None,
     ) -> Estimate:
         """Takes the next sample and returns the estimates as of this sample.
 
@@ -221,7 +220,8 @@ class OnlineLearner:
             time: Time of the sample, s.
             outputs: Measured motion, (m,): angle (rad) and rate (rad/s).
             inputs: Motor outputs, (r,), in the unit of the stream.
-            weak: Motors that have lost thrust, and since when: the wind torque then follows from their actual thrust.
+            weak_since: Time since which a motor has lost thrust, s; None if all are sound. While one has, no wind torque is
+                estimated: what the other motors balance is not wind.
 
         Returns:
             The estimates, by the model that was learned before this sample.
@@ -241,7 +241,9 @@ class OnlineLearner:
         # Then come the estimates, by what was learned before this sample.
         wind_torque, wind_torque_band = np.nan, np.nan
         if self.follows_torque:
-            wind_torque, wind_torque_band = self._wind_torque.update(sample.inputs, weak)
+            wind_torque, wind_torque_band = self._wind_torque.update(
+                sample.inputs, weak_since
+            )
         smoother = self._wind_torque.smoother
         estimate = self._estimate(sample)._replace(
             wind_torque=wind_torque,
