@@ -220,8 +220,8 @@ class OnlineLearner:
             time: Time of the sample, s.
             outputs: Measured motion, (m,): angle (rad) and rate (rad/s).
             inputs: Motor outputs, (r,), in the unit of the stream.
-            weak_since: Time since which a motor has lost thrust, s; None if all are sound. While one has, no wind torque is
-                estimated: what the other motors balance is not wind.
+            weak_since: Time since which a motor has lost thrust, s; None if all are sound. While one has, there is no wind
+                torque: what the other motors balance then is not wind.
 
         Returns:
             The estimates, by the model that was learned before this sample.
