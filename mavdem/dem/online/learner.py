@@ -220,8 +220,8 @@ class OnlineLearner:
             time: Time of the sample, s.
             outputs: Measured motion, (m,): angle (rad) and rate (rad/s).
             inputs: Motor outputs, (r,), in the unit of the stream.
-            weak_since: Time since which a motor has lost thrust, s; None if all are sound. While one has, there is no wind
-                torque: what the other motors balance then is not wind.
+            weak_since: Time since which a motor has lost thrust, s; None if all are sound. While one has, there is no
+                wind torque: what the other motors balance then is not wind.
 
         Returns:
             The estimates, by the model that was learned before this sample.
@@ -241,9 +241,7 @@ class OnlineLearner:
         # Then come the estimates, by what was learned before this sample.
         wind_torque, wind_torque_band = np.nan, np.nan
         if self.follows_torque:
-            wind_torque, wind_torque_band = self._wind_torque.update(
-                sample.inputs, weak_since
-            )
+            wind_torque, wind_torque_band = self._wind_torque.update(sample.inputs, weak_since)
         smoother = self._wind_torque.smoother
         estimate = self._estimate(sample)._replace(
             wind_torque=wind_torque,
