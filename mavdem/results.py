@@ -36,7 +36,11 @@ RECORDING_FILE = "flight.rrd"
 CHANNELS_FILE = "flight.mcap"
 """Name of the file with the flight and the model's forecasts as channels for Foxglove and PlotJuggler."""
 
-RESULT_FILES = (MODEL_FILE, REPORT_FILE, PAGE_FILE, RECORDING_FILE, CHANNELS_FILE)
+RECORDINGS = (RECORDING_FILE, CHANNELS_FILE)
+"""Names of the files that are written only when they are asked for: most users never open them, and writing both took
+as long as everything else that is done for a log of one minute."""
+
+RESULT_FILES = (MODEL_FILE, REPORT_FILE, PAGE_FILE, *RECORDINGS)
 """Names of all files that the results of a log may consist of."""
 
 INDEX_FILE = "index.html"
@@ -46,19 +50,27 @@ PAGE_TOP_LENGTH = 1 << 16
 """Characters at the beginning of a flight's page that are searched for its headline; pages can be much longer."""
 
 
-def result_files(assessment: Assessment) -> Names:
-    """Returns the names of the ``RESULT_FILES`` that can be written for an assessment, before any is written.
+def result_files(assessment: Assessment, recordings: Names = ()) -> Names:
+    """Returns the names of the ``RESULT_FILES`` that are to be written for an assessment, before any is written.
 
-    Without a model there are only the document and the page; without the package ``rerun`` there is no recording.
+    Without a model there are only the document and the page.
+
+    Args:
+        assessment: The assessment.
+        recordings: Those of the ``RECORDINGS`` that are asked for.
     """
     if assessment.model is None:
         return (REPORT_FILE, PAGE_FILE)
-    has_rerun = not missing_modules("view")
-    return tuple(name for name in RESULT_FILES if has_rerun or name != RECORDING_FILE)
+    return (MODEL_FILE, REPORT_FILE, PAGE_FILE, *recordings)
+
+
+def possible_recordings() -> Names:
+    """Returns those of the ``RECORDINGS`` that can be written here; flight.rrd needs the package ``rerun``."""
+    return (CHANNELS_FILE,) if missing_modules("view") else RECORDINGS
 
 
 def write_result_files(paths: Mapping[str, Path], document: str, assessment: Assessment) -> None:
-    """Writes the result files of an assessment: document and page always, with a model also that and its recordings.
+    """Writes the result files of an assessment: document and page always, with a model also that and recordings.
 
     Args:
         paths: Path to write to, for each name that :func:`result_files` returns.
@@ -75,13 +87,14 @@ def write_result_files(paths: Mapping[str, Path], document: str, assessment: Ass
     paths[MODEL_FILE].write_text(analysis.learned.to_json() + "\n")
     if RECORDING_FILE in paths:
         write_dashboard(paths[RECORDING_FILE], assessment)
-    write_channels(
-        paths[CHANNELS_FILE],
-        analysis.flights,
-        analysis.learned,
-        analysis.held_out,
-        assessment.wind_of_model,
-    )
+    if CHANNELS_FILE in paths:
+        write_channels(
+            paths[CHANNELS_FILE],
+            analysis.flights,
+            analysis.learned,
+            analysis.held_out,
+            assessment.wind_of_model,
+        )
 
 
 def write_dashboard(target: Target, assessment: Assessment) -> None:

@@ -122,14 +122,14 @@ FLOWN = "flown.tlog"
 TIMES = re.compile(r"(fly)?\.took|learn\.seconds")  # that the machine takes
 TICK = 0.06  # s from one look at a link to the next
 OPTIONS = {
-    "review": ["--out", "out"],
+    "review": ["--out", "out", "--rrd"],
     "track": ["--out", "fleet", "--jobs", "1"],
     "diff": ["--out", "diff"],
     "tune": ["--axis", "all", "--out", "tuned"],
     "convert": ["flight.csv"],
     "fly": ["--duration", "60", "--out", FLOWN, "--rrd", "flown.rrd"],
     "live": ["--request-rate", "100", "--rrd", "live.rrd", "--record", "live.mcap"],
-    "learn": ["--truth", "flown.truth.npz", "--out", "learnt"],
+    "learn": ["--truth", "flown.truth.npz", "--out", "learnt", "--rrd"],
     "twin": [f"--out=twin.{ending}" for ending in ("toml", "json", "params", "sdf")],
 }
 

@@ -74,7 +74,7 @@ def alike(now, before):
 def learned_pictures():
     """What the pictures of a learned flight show."""
     assert main(["fly", "iris_identification_wind", "--out", "flight.tlog"]) == 0
-    assert main(["learn", "flight.tlog"]) == 0
+    assert main(["learn", "flight.tlog", "--rrd"]) == 0
     return {
         "dashboard": recording_words("flight/flight.rrd"),
         "browser": page_words(Path("flight/report.html")),

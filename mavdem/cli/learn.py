@@ -12,7 +12,9 @@ from mavdem.assessment.record import Assessment
 from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.options import (
     file_option,
+    mcap_option,
     model_options,
+    rrd_option,
     source_options,
     start_option,
     verbose_option,
@@ -20,20 +22,26 @@ from mavdem.cli.options import (
 )
 from mavdem.cli.output import print_json, print_screen, progress, report_error, report_parts
 from mavdem.cli.output_files import check_output_folder
-from mavdem.cli.result_folders import default_result_folder, write_results
+from mavdem.cli.result_folders import (
+    chosen_recordings,
+    default_result_folder,
+    write_results,
+)
 from mavdem.cli.sources import read_source
-from mavdem.cli.streams import print_to_stderr
+from mavdem.cli.streams import escape_unprintable, print_to_stdout
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
 from mavdem.documents.flight import report_document
 from mavdem.experiments.window import Length
-from mavdem.extras import missing_extra_fact
-from mavdem.report.blocks import Blocks, Sentence
+from mavdem.report.blocks import Blocks
 from mavdem.report.review import review_title
 from mavdem.report.screen import analysis_blocks, detail_blocks, flight_title
-from mavdem.results import PAGE_FILE, RECORDING_FILE, RESULT_FILES
+from mavdem.results import PAGE_FILE, RESULT_FILES
+
+PAGE_LINES = 1
+"""Lines of the screen that are left for the path of the page, which is printed when the page is written."""
 
 
 @click.command("learn")
@@ -42,6 +50,8 @@ from mavdem.results import PAGE_FILE, RECORDING_FILE, RESULT_FILES
     "Axis to model; all: a model of roll, and the physical parameters of roll, pitch and yaw.",
 )
 @file_option("--out", "Folder for the results. [default: named after the log]")
+@rrd_option
+@mcap_option
 @model_options
 @window_options(
     "the whole settled flight",
@@ -60,6 +70,8 @@ def learn_command(
     inputs: str | None,
     as_json: bool,
     out: Path | None,
+    rrd: bool,
+    mcap: bool,
     settings: Settings,
     train: Length | None,
     test: Length | None,
@@ -84,7 +96,8 @@ def learn_command(
     The folder --out receives:
       report.html  all of it with pictures, in one file to mail
       report.json  the figures; model.json the model
-      flight.rrd   the plots for `rerun`; flight.mcap the series for Foxglove or PlotJuggler
+      flight.rrd   with --rrd: the plots for `rerun`, which `mavdem open` shows at once
+      flight.mcap  with --mcap: the series for Foxglove or PlotJuggler
 
     The paper's protocol instead, one model tested once: --train trains on so much from --start on, and forecasts the
     --test after it.
@@ -97,6 +110,7 @@ def learn_command(
       mavdem learn flight.tlog --train 7s --preset paper --order 2
       mavdem learn simulated.tlog --truth simulated.truth.npz
     """
+    recordings = chosen_recordings(rrd, mcap)
     folder = out or default_result_folder(source)
     if not no_files:
         check_output_folder(folder, RESULT_FILES, source)
@@ -114,34 +128,30 @@ def learn_command(
         # There is no flight that files or a screen could show.
         raise assessment.refusal
     seconds = perf_counter() - start_time
+    # The screen comes first: drawing the page takes time.
+    if not as_json:
+        _print_assessment(assessment, verbose)
     document = report_document(assessment) | {"source": source, "seconds": round(seconds, 3)}
     if not has_model:
         refusal = assessment.refusal
         document["error"] = {"reason": refusal.reason, "remedy": refusal.remedy}
     if not no_files:
-        write_results(folder, document, assessment)
-        missing_recording = missing_extra_fact(
-            "view", f"{RECORDING_FILE} was not written, since it"
-        )
-        if has_model and missing_recording is not None:
-            print_to_stderr(missing_recording)
+        write_results(folder, document, assessment, recordings)
     if as_json:
         print_json(document)
         if not has_model:
             report_error(assessment.refusal.fact, as_json=False)
-    else:
-        page = Sentence(f"{folder / PAGE_FILE} (took {seconds:.1f} s)", "Page:")
-        _print_assessment(assessment, None if no_files else page, verbose)
+    elif not no_files:
+        print_to_stdout(f"Page: {escape_unprintable(folder / PAGE_FILE)} (took {seconds:.1f} s)")
     if not has_model:
         raise click.exceptions.Exit(EXIT_UNSUPPORTED)
 
 
-def _print_assessment(assessment: Assessment, page: Sentence | None, verbose: bool) -> None:
+def _print_assessment(assessment: Assessment, verbose: bool) -> None:
     """Prints the screen of a flight: with a model its grades, otherwise why there is none.
 
     Args:
         assessment: The assessment, with an analysis.
-        page: Where the page is; None if no files were written.
         verbose: Whether to print all figures, and how the model was learned.
     """
     analysis = assessment.analysis
@@ -154,6 +164,4 @@ def _print_assessment(assessment: Assessment, page: Sentence | None, verbose: bo
         details = detail_blocks(analysis.learned)
     parts = report_parts(analysis_blocks(assessment))
     conclusion = [parts.headline, parts.next_step]
-    if page is not None:
-        conclusion.append(page)
-    print_screen(title, parts.body, details, conclusion, verbose)
+    print_screen(title, parts.body, details, conclusion, verbose, reserved_lines=PAGE_LINES)

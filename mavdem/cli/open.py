@@ -50,7 +50,7 @@ def open_command(
     """
     require_extra("view", "`mavdem open`")
     # The command is `mavdem learn` with the same options, after which the dashboard that it has written is shown.
-    args = []
+    args = ["--rrd"]
     for option, value in {"--axis": axis, "--vehicle": vehicle, "--inputs": inputs}.items():
         if value is not None:
             args += [option, value]

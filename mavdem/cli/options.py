@@ -103,6 +103,20 @@ verbose_option = click.option(
 )
 """Decorator for ``verbose``: whether a screen may have more than ``SCREEN_LINES`` lines."""
 
+rrd_option = click.option(
+    "--rrd",
+    is_flag=True,
+    help="Also write flight.rrd, the plots for `rerun`, if a model can be learned.",
+)
+"""Decorator for ``rrd``: whether the recording for the Rerun Viewer is written, which takes a second and more."""
+
+mcap_option = click.option(
+    "--mcap",
+    is_flag=True,
+    help="Also write flight.mcap, the series for Foxglove or PlotJuggler, if a model can be learned.",
+)
+"""Decorator for ``mcap``: whether the recording for Foxglove and PlotJuggler is written."""
+
 params_option = file_option(
     "--params",
     "Parameters that the log lacks: a file of QGroundControl (.params) or Mission Planner (.param).",

@@ -78,6 +78,7 @@ def print_screen(
     details: Iterable[Block],
     conclusion: Iterable[Block],
     verbose: bool,
+    reserved_lines: int = 0,
 ) -> None:
     """Prints the result of a command with the conclusion last, where the user looks when the text has scrolled.
 
@@ -90,6 +91,7 @@ def print_screen(
         details: Further blocks that only ``verbose`` shows, after the summary.
         conclusion: Headline, next step and the like; always complete.
         verbose: Whether to print all blocks at full length.
+        reserved_lines: Lines of the screen that stay free for what the command prints afterwards.
     """
     title_blocks: list[Block] = [] if title is None else [title]
     if verbose:
@@ -101,9 +103,10 @@ def print_screen(
     conclusion_lines = []
     for block in conclusion:
         conclusion_lines += _block_lines(block)
+    available_lines = SCREEN_LINES - reserved_lines - len(conclusion_lines)
     for block in summary:
         block_lines = _block_lines(block, one_line_rows=True)
-        if len(lines) + len(block_lines) + len(conclusion_lines) < SCREEN_LINES:
+        if len(lines) + len(block_lines) < available_lines:
             lines += block_lines
     print_to_stdout("\n".join([*lines, *conclusion_lines]))
 

@@ -8,8 +8,16 @@ from pathlib import Path
 from mavdem.assessment import Assessment
 from mavdem.cli.output import json_text, progress
 from mavdem.cli.output_files import replaced_files
-from mavdem.containers import JsonValues
-from mavdem.results import REPORT_FILE, RESULT_FILES, result_files, write_result_files
+from mavdem.containers import JsonValues, Names
+from mavdem.extras import require_extra
+from mavdem.results import (
+    CHANNELS_FILE,
+    RECORDING_FILE,
+    REPORT_FILE,
+    RESULT_FILES,
+    result_files,
+    write_result_files,
+)
 
 
 def default_result_folder(source: str) -> Path:
@@ -66,7 +74,24 @@ def _is_available(document_path: Path, sources: Mapping[str, str]) -> bool:
     return True
 
 
-def write_results(folder: Path, document: JsonValues, assessment: Assessment) -> None:
+def chosen_recordings(rrd: bool, mcap: bool) -> Names:
+    """Returns the names of the recordings that --rrd and --mcap ask for.
+
+    Raises:
+        MissingExtra: --rrd asks for a recording that needs a package which is not installed.
+    """
+    names = []
+    if rrd:
+        require_extra("view", RECORDING_FILE)
+        names.append(RECORDING_FILE)
+    if mcap:
+        names.append(CHANNELS_FILE)
+    return tuple(names)
+
+
+def write_results(
+    folder: Path, document: JsonValues, assessment: Assessment, recordings: Names
+) -> None:
     """Draws and writes the result files of an assessment, and shows progress on standard error.
 
     Result files of an earlier run that this assessment does not have are removed.
@@ -75,11 +100,12 @@ def write_results(folder: Path, document: JsonValues, assessment: Assessment) ->
         folder: Folder of the files.
         document: Document of the results, which receives the files' paths under its key "files".
         assessment: The assessment.
+        recordings: Names of the recordings that are asked for.
 
     Raises:
         Unreadable: A file cannot be written; then none is replaced.
     """
-    names = result_files(assessment)
+    names = result_files(assessment, recordings)
     document["files"] = {name: str(folder / name) for name in names}
     with (
         progress("Drawing and writing the files", measured=False),

@@ -9,13 +9,19 @@ from mavdem.assessment.assess import assess
 from mavdem.cli.options import (
     file_option,
     json_option,
+    mcap_option,
     params_option,
+    rrd_option,
     sources_argument,
     vehicle_option,
 )
 from mavdem.cli.output import print_blocks, print_json, progress
 from mavdem.cli.output_files import check_output_folder
-from mavdem.cli.result_folders import default_result_folder, write_results
+from mavdem.cli.result_folders import (
+    chosen_recordings,
+    default_result_folder,
+    write_results,
+)
 from mavdem.cli.sources import read_sources
 from mavdem.cli.streams import escape_unprintable, print_to_stdout
 from mavdem.documents.review import review_document
@@ -29,6 +35,8 @@ from mavdem.results import PAGE_FILE, RESULT_FILES
 @vehicle_option
 @params_option
 @file_option("--out", "Folder for the results. [default: named after the log]")
+@rrd_option
+@mcap_option
 @json_option
 @click.option("--verbose", is_flag=True, help="Also print what `mavdem learn` does.")
 def review_command(
@@ -36,6 +44,8 @@ def review_command(
     vehicle: str | None,
     params: Path | None,
     out: Path | None,
+    rrd: bool,
+    mcap: bool,
     as_json: bool,
     verbose: bool,
 ) -> None:
@@ -47,7 +57,8 @@ def review_command(
     tracking, margins of the control loops, power, estimator, wind, log.
 
     The folder --out receives report.html, all of it with pictures in one file to mail, and report.json; where a model
-    can be learned also model.json, flight.rrd for `rerun` and flight.mcap for Foxglove.
+    can be learned also model.json. --rrd and --mcap add flight.rrd for `rerun` and flight.mcap for Foxglove and
+    PlotJuggler.
 
     Exit code: 0 for every log that could be read.
 
@@ -55,21 +66,25 @@ def review_command(
     Examples:
       mavdem review flight.tlog
       mavdem flight.bin --params vehicle.param --out results
+      mavdem flight.ulg --rrd --mcap
       mavdem 00000042.BIN 00000043.BIN
     """
+    recordings = chosen_recordings(rrd, mcap)
     folder = out or default_result_folder(sources[0])
     check_output_folder(folder, RESULT_FILES, *sources, params)
     start_time = perf_counter()
     log = read_sources(sources, params)
     assessment = assess(log, vehicle, progress=progress)
+    # The screen comes first: drawing the page takes as long again.
+    if not as_json:
+        if verbose:
+            print_blocks([*analysis_blocks(assessment), *instance_blocks(assessment)])
+        for line in review_screen(assessment).splitlines():
+            print_to_stdout(escape_unprintable(line))
     document = review_document(assessment)
-    write_results(folder, document, assessment)
+    write_results(folder, document, assessment, recordings)
     if as_json:
         print_json(document)
         return
     seconds = perf_counter() - start_time
-    if verbose:
-        print_blocks([*analysis_blocks(assessment), *instance_blocks(assessment)])
-    for line in review_screen(assessment).splitlines():
-        print_to_stdout(escape_unprintable(line))
     print_to_stdout(f"Page: {escape_unprintable(folder / PAGE_FILE)} (took {seconds:.1f} s)")

@@ -34,7 +34,7 @@ from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Log
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.pages.flight_page import review_page
-from mavdem.results import PAGE_FILE, result_files, write_result_files
+from mavdem.results import PAGE_FILE, possible_recordings, result_files, write_result_files
 from mavdem.serve.index import columns_of_flight
 from mavdem.serve.stored_files import PROGRESS, RESULTS
 
@@ -157,7 +157,7 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> None:
         folder: the folder.
     """
     assessment = vehicles[0].assessment
-    names = result_files(assessment)
+    names = result_files(assessment, possible_recordings())
     files = {name: name for name in names}
     for vehicle in vehicles[1:]:
         first_row = vehicle.rows[0]

@@ -26,7 +26,7 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     assert run("fly", tmp_path / "legs.toml", "--duration", "62", "--out", log) == 0
     learnt = tmp_path / "learnt"
     found = wind(log)
-    assert run("learn", log, "--out", learnt, "--train", "5s", "--test", "25") == 0
+    assert run("learn", log, "--out", learnt, "--mcap", "--train", "5s", "--test", "25") == 0
     said = capsys.readouterr().out
     (low, high) = found.speed_interval
     assert (
