@@ -1,13 +1,13 @@
-"""PX4's own logs (.ulg): topics as ``pyulog`` reads them, on the boot clock, as MAVLink's messages.
+"""PX4's own logs (.ulg): topics on the boot clock, as MAVLink's messages.
 
-Damage is left out by ``ulog_records`` before pyulog reads the file. There are no checksums: a flipped value stays.
-``px4_topics`` translates the topics.
+Damage is left out by ``ulog_records``. There are no checksums: a flipped value stays. ``ulog_topics`` decodes the data,
+pyulog the rest, and ``px4_translation`` translates the topics.
 Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
 """
 
 import io
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import redirect_stdout
 from math import isfinite
 from typing import NamedTuple
@@ -22,7 +22,7 @@ from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.clocks import outlier_stamps
-from mavdem.ingest.px4_topics import TOPIC_FIELDS, Topics
+from mavdem.ingest.px4_topics import Topics
 from mavdem.ingest.px4_translation import attitude_repairs, messages_of_topics
 from mavdem.ingest.telemetry import (
     Columns,
@@ -34,7 +34,8 @@ from mavdem.ingest.telemetry import (
     repair_facts,
     selected_rows,
 )
-from mavdem.ingest.ulog_records import MICROSECONDS, RecordLoss, SoundRecords, sound_records
+from mavdem.ingest.ulog_records import MICROSECONDS, RecordLoss, sound_records
+from mavdem.ingest.ulog_topics import LoggedTopic, parse_records
 from mavdem.ingest.vocabulary import version_text
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
 
@@ -75,7 +76,8 @@ def read_ulog(path: PathName) -> Log:
         raise Unreadable(Source.FORMAT_UNKNOWN, path=source, name="ulog")
     records = sound_records(content)
     loss = records.loss
-    log = _parsed(records, source)
+    parsed = parse_records(records)
+    log = _parsed_by_pyulog(parsed.other_content, source)
     initial_settings, changed_settings = _parameter_settings(log)
     settings = [*initial_settings, *changed_settings]
     parameters = {setting.name: setting.value for setting in settings if isfinite(setting.value)}
@@ -84,11 +86,12 @@ def read_ulog(path: PathName) -> Log:
         for setting in initial_settings
         if isfinite(setting.value) and setting.value != parameters[setting.name]
     }
-    topics, outlier_count = _topics(log)
+    start = log.start_timestamp / MICROSECONDS
+    topics, outlier_count = _topics(parsed.topics, start)
     translation = messages_of_topics(topics, parameters)
     messages = translation.messages
     if not messages:
-        topic_names = sorted({topic.name for topic in log.data_list})
+        topic_names = sorted({topic.name for topic in parsed.topics})
         raise Unreadable(
             Source.ULOG_WITHOUT_FLIGHT, path=source, names=topic_names, damaged=loss.lost_bytes > 0
         )
@@ -114,8 +117,7 @@ def read_ulog(path: PathName) -> Log:
         board=str(information.get("sys_uuid", "")).lower(),
         hardware=str(information.get("ver_hw", "")),
     )
-    data_messages = sum(len(next(iter(topic.data.values()))) for topic in log.data_list)
-    frames = data_messages + len(log.logged_messages)
+    frames = parsed.data_records + len(log.logged_messages)
     return log_of_vehicles((telemetry,), frames, bytes_skipped=0)
 
 
@@ -164,8 +166,12 @@ def _mavlink_id(parameters: Parameters, name: str) -> int:
     return int(value) if 1 <= value <= MAX_ID else DEFAULT_ID
 
 
-def _parsed(records: SoundRecords, source: str) -> ULog:
-    """Parses the sound records of a file with pyulog.
+def _parsed_by_pyulog(content: bytes, source: str) -> ULog:
+    """Parses with pyulog what is no data in a file.
+
+    Args:
+        content: A ULog file of these records.
+        source: Path of the log, for the error.
 
     Raises:
         Unreadable: The file is of a later version of the format, or its definitions are damaged or malicious.
@@ -173,7 +179,7 @@ def _parsed(records: SoundRecords, source: str) -> ULog:
     try:
         # The library prints what is damaged.
         with redirect_stdout(io.StringIO()):
-            return ULog(io.BytesIO(records.content))
+            return ULog(io.BytesIO(content))
     except ULogIncompatibleFlagException:
         raise Unreadable(Source.ULOG_OF_LATER_FORMAT, path=source) from None
     except Exception:
@@ -199,7 +205,7 @@ def _parameter_settings(
     return initial, changed
 
 
-def _topics(log: ULog) -> tuple[Topics, int]:
+def _topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple[Topics, int]:
     """Returns the topics that mavdem reads, sorted by time and without messages whose stamps are far from all others.
 
     A topic is a kind of message of PX4, such as ``vehicle_attitude``; it has several instances where, say, a vehicle
@@ -207,16 +213,20 @@ def _topics(log: ULog) -> tuple[Topics, int]:
     message, with its stamp, which may be long past. It is kept, since it says what held at the start, and is dated
     to the start of the log.
 
+    Args:
+        logged_topics: The data records of each subscription.
+        start: When logging began, s since boot.
+
     Returns:
         The topics by name and number of the instance, each with ``time``, s since boot; and the number of messages
         that were left out.
     """
     subscriptions: dict[tuple[str, int], list[Columns]] = {}
-    for topic in log.data_list:
-        stamps = topic.data.get("timestamp", np.zeros(0))
-        if topic.name in TOPIC_FIELDS and stamps.dtype == np.uint64:
+    for topic in logged_topics:
+        stamps = topic.columns.get("timestamp", np.zeros(0))
+        if stamps.dtype == np.uint64:
             # A topic that was subscribed to twice continues under another number.
-            subscriptions.setdefault((topic.name, topic.multi_id), []).append(topic.data)
+            subscriptions.setdefault((topic.name, topic.instance), []).append(topic.columns)
     topics: dict[str, dict[int, Columns]] = {}
     outlier_count = 0
     for (name, instance), parts in subscriptions.items():
@@ -225,12 +235,14 @@ def _topics(log: ULog) -> tuple[Topics, int]:
         # The first message is no outlier, however long past.
         is_outlier[:1] = False
         outlier_count += int(np.count_nonzero(is_outlier))
-        fields = selected_rows(fields, ~is_outlier)
-        fields = selected_rows(fields, np.argsort(fields["timestamp"], kind="stable"))
+        if is_outlier.any():
+            fields = selected_rows(fields, ~is_outlier)
+        if np.any(fields["timestamp"][1:] < fields["timestamp"][:-1]):
+            fields = selected_rows(fields, np.argsort(fields["timestamp"], kind="stable"))
         time = fields["timestamp"] / MICROSECONDS
         # Its stamp is moved to the start of the log, but not beyond the second message.
         second_time = time[1:2].min(initial=np.inf)
-        time[0] = np.clip(log.start_timestamp / MICROSECONDS, time[0], second_time)
+        time[0] = np.clip(start, time[0], second_time)
         topics.setdefault(name, {})[instance] = fields | {"time": time}
     return topics, outlier_count
 

@@ -12,7 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from mavdem.ingest.telemetry import MAX_FIELDS
 
@@ -46,20 +48,23 @@ MAX_TEXT_BYTES = 1000
 TEXT_LEVELS = b"01234567"
 """Levels of texts, as characters: those of syslog."""
 
-NUMBER_BYTES = {
-    "int8_t": 1,
-    "uint8_t": 1,
-    "bool": 1,
-    "char": 1,
-    "int16_t": 2,
-    "uint16_t": 2,
-    "int32_t": 4,
-    "uint32_t": 4,
-    "float": 4,
-    "int64_t": 8,
-    "uint64_t": 8,
-    "double": 8,
+NUMBER_TYPES: dict[str, np.dtype[Any]] = {
+    "int8_t": np.dtype("<i1"),
+    "uint8_t": np.dtype("<u1"),
+    "bool": np.dtype("<i1"),
+    "char": np.dtype("<i1"),
+    "int16_t": np.dtype("<i2"),
+    "uint16_t": np.dtype("<u2"),
+    "int32_t": np.dtype("<i4"),
+    "uint32_t": np.dtype("<u4"),
+    "float": np.dtype("<f4"),
+    "int64_t": np.dtype("<i8"),
+    "uint64_t": np.dtype("<u8"),
+    "double": np.dtype("<f8"),
 }
+"""How a number is stored, by its type: little-endian. Flags and characters are read as integers, as pyulog does."""
+
+NUMBER_BYTES = {kind: stored.itemsize for kind, stored in NUMBER_TYPES.items()}
 """Number of bytes of a number, by its type."""
 
 FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)")
@@ -104,10 +109,25 @@ class _Field(NamedTuple):
     """Its name."""
 
 
+class NumberField(NamedTuple):
+    """A number in the data records of a topic."""
+
+    name: str
+    """Its name, such as ``q[0]`` for an element of an array, or ``current.lat`` in a message within the message."""
+    kind: str
+    """Its type, a key of ``NUMBER_TYPES``."""
+    offset: int
+    """Number of bytes before it, without the header of the record."""
+
+
 @dataclass(frozen=True)
 class TopicLayout:
     """What the data records of one subscription look like, without their header and the subscription's number."""
 
+    name: str
+    """Name of the topic."""
+    fields: tuple[NumberField, ...]
+    """Its numbers in the order of the file, without the padding at the end."""
     min_bytes: int
     """Number of bytes of all fields but the padding at the end, which PX4 does not write."""
     max_bytes: int
@@ -134,9 +154,12 @@ class RecordDefinitions:
 
     Attributes:
         content: The file.
-        topics: Layout of the data records of each subscription, by its number.
+        topics: Layout of the data records of each subscription, by its number, in the order of the file.
+        instances: Number of the topic's instance that each subscription follows, by the subscription's number.
         data_lengths: Length of a whole data record by its first five bytes. These are the same in all records of a
-            subscription, so that one look-up is all that a sound record costs.
+            subscription.
+        lengths_by_number: The length that the header of a data record gives, by the number of its subscription
+            (65536,); 0 where there is no such subscription.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -147,8 +170,12 @@ class RecordDefinitions:
         """
         self.content = content
         self.topics: dict[int, TopicLayout] = {}
+        self.instances: dict[int, int] = {}
         self.data_lengths: dict[bytes, int] = {}
+        self.lengths_by_number = np.zeros(1 << 16, dtype=np.int64)
         self._formats: dict[str, Sequence[_Field]] = {}
+        # Layouts of messages by name: each is asked for when a subscription is compared, and when it is learned.
+        self._layouts: dict[str, TopicLayout | None] = {}
         self._record_start: re.Pattern[bytes] | None = None
 
     def header(self, position: int) -> RecordHeader:
@@ -230,7 +257,7 @@ class RecordDefinitions:
         if int.from_bytes(body[1:3], "little") in self.topics:
             # Parsers would begin the topic anew and lose what came before.
             return Fit.UNUSED
-        return Fit.UNKNOWN if self._topic_of_format(name.decode()) is None else Fit.SOUND
+        return Fit.UNKNOWN if self._layout(name.decode()) is None else Fit.SOUND
 
     def learn(self, position: int) -> None:
         """Enters a sound record that defines a message, or subscribes to one."""
@@ -241,17 +268,26 @@ class RecordDefinitions:
             parsed = _parsed_format(body)
             if parsed is not None:
                 self._formats[parsed.name] = parsed.fields
+                self._layouts.clear()
         elif kind == SUBSCRIPTION:
             number = int.from_bytes(body[1:3], "little")
-            topic = self._topic_of_format(body[3:].decode())
+            topic = self._layout(body[3:].decode())
             if topic is not None:
                 self.topics[number] = topic
+                self.instances[number] = body[0]
                 self._record_start = None
                 if topic.stamp_offset is not None:
                     data_header = DATA_HEADER.pack(topic.min_bytes + 2, DATA, number)
                     self.data_lengths[data_header] = DATA_HEADER.size + topic.min_bytes
+                    self.lengths_by_number[number] = topic.min_bytes + 2
 
-    def _topic_of_format(self, name: str) -> TopicLayout | None:
+    def _layout(self, name: str) -> TopicLayout | None:
+        """Returns what the data records of a message look like, or None (see ``_layout_of_format``)."""
+        if name not in self._layouts:
+            self._layouts[name] = self._layout_of_format(name)
+        return self._layouts[name]
+
+    def _layout_of_format(self, name: str) -> TopicLayout | None:
         """Returns what the data records of a message look like.
 
         Returns:
@@ -260,22 +296,24 @@ class RecordDefinitions:
         """
         if name not in self._formats or not self._is_of_usual_size(name):
             return None
-        fields = self._numbers(name)
-        if fields is None or len({field.name for field in fields}) < len(fields):
+        numbers = self._numbers(name)
+        if numbers is None or len({number.name for number in numbers}) < len(numbers):
             return None
-        max_bytes = sum(NUMBER_BYTES[field.kind] for field in fields)
-        while fields and fields[-1].name.startswith("_padding"):
-            fields.pop()
+        max_bytes = sum(NUMBER_BYTES[number.kind] for number in numbers)
+        while numbers and numbers[-1].name.startswith("_padding"):
+            numbers.pop()
+        fields = []
         stamp_offset = None
         offset = 0
-        for field in fields:
+        for number in numbers:
             # Parsers read eight bytes, whatever the type of the time stamp is.
-            if field.name == "timestamp":
+            if number.name == "timestamp":
                 stamp_offset = offset
-            offset += NUMBER_BYTES[field.kind]
+            fields.append(NumberField(number.name, number.kind, offset))
+            offset += NUMBER_BYTES[number.kind]
         if stamp_offset is not None and stamp_offset + STAMP.size > offset:
             stamp_offset = None
-        return TopicLayout(offset, max_bytes, stamp_offset)
+        return TopicLayout(name, tuple(fields), offset, max_bytes, stamp_offset)
 
     def _is_of_usual_size(self, name: str) -> bool:
         """Returns whether a message has at most ``MAX_FIELDS`` numbers, so that memory suffices to decode it.

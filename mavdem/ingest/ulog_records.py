@@ -10,9 +10,12 @@ Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
 
 import re
 import struct
-from collections import deque
-from collections.abc import Sequence
+from array import array
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mavdem.ingest.ulog_definitions import (
     DATA,
@@ -23,10 +26,17 @@ from mavdem.ingest.ulog_definitions import (
     SYNC,
     Fit,
     RecordDefinitions,
+    TopicLayout,
 )
 
 FILE_HEADER_BYTES = 16
 """Number of bytes before the first record: the magic, the version of the format and the time of the start."""
+
+STRETCH_BYTES = 1 << 18
+"""Number of bytes of the file that are searched for data records at once: a choice.
+
+A stretch is searched anew where the file subscribes to another topic, which it does some hundred times.
+"""
 
 MICROSECONDS = 1e6
 """Microseconds in a second."""
@@ -72,6 +82,12 @@ class SoundRecords(NamedTuple):
     """The file; if nothing was to be left out, the very one that was given."""
     loss: RecordLoss
     """What was lost by damage."""
+    offsets: NDArray[np.int64]
+    """Where the records begin in ``content``, ascending, without the record of flags that may come first."""
+    topics: Mapping[int, TopicLayout]
+    """Layout of the data records of each subscription, by its number, in the order of the file."""
+    instances: Mapping[int, int]
+    """Number of the topic's instance that each subscription follows, by the subscription's number."""
 
 
 def sound_records(content: bytes) -> SoundRecords:
@@ -89,7 +105,77 @@ def sound_records(content: bytes) -> SoundRecords:
     """
     scan = _RecordScan(content)
     scan.run()
-    return SoundRecords(scan.sound_content(), scan.loss)
+    definitions = scan.definitions
+    return SoundRecords(
+        scan.sound_content(),
+        scan.loss,
+        scan.sound_offsets(),
+        definitions.topics,
+        definitions.instances,
+    )
+
+
+class _DataRuns:
+    """Runs of data records that follow each other without anything between, found for a stretch of the file at once.
+
+    The header of a data record is five bytes: its length, the letter D, and the number of a subscription, which has one
+    length. So the bytes that may begin a data record are found by comparing arrays; those that only look so lie within
+    a record, and no run leads to them.
+    """
+
+    def __init__(self, content: bytes, definitions: RecordDefinitions) -> None:
+        """Begins without any stretch.
+
+        Args:
+            content: The file.
+            definitions: The definitions that were read so far; more may be learned.
+        """
+        self._bytes = np.frombuffer(content, dtype=np.uint8)
+        self._definitions = definitions
+        # The present stretch of the file, and the number of subscriptions that were known when it was searched.
+        self._stretch = slice(0, 0)
+        self._known_subscriptions = 0
+        # Offsets (N,) of what looks like a data record, where each ends, and the row of the last record of its run.
+        self._starts = self._ends = self._last_rows = np.zeros(0, dtype=np.int64)
+
+    def run_at(self, position: int, end: int) -> NDArray[np.int64]:
+        """Returns the offsets of the data records that follow each other from an offset on.
+
+        Args:
+            position: Offset of the first record.
+            end: Offset behind which no record begins.
+
+        Returns:
+            The offsets (R,), as far as the present stretch goes; none if no data record begins at ``position``. The
+            last record may go beyond ``end``.
+        """
+        is_searched = self._stretch.start <= position < self._stretch.stop <= end
+        if not is_searched or self._known_subscriptions != len(self._definitions.data_lengths):
+            self._search(slice(position, min(position + STRETCH_BYTES, end)))
+        row = int(np.searchsorted(self._starts, position))
+        if row == len(self._starts) or self._starts[row] != position:
+            return self._starts[:0]
+        return self._starts[row : self._last_rows[row] + 1]
+
+    def _search(self, stretch: slice) -> None:
+        """Finds what looks like the beginning of a data record in a stretch of the file."""
+        self._stretch = stretch
+        self._known_subscriptions = len(self._definitions.data_lengths)
+        content = self._bytes
+        letters = content[stretch.start + 2 : stretch.stop + 2]
+        starts = np.flatnonzero(letters == DATA) + stretch.start
+        starts = starts[starts + DATA_HEADER.size <= len(content)]
+        lengths = content[starts] + 256 * content[starts + 1].astype(np.int64)
+        numbers = content[starts + 3] + 256 * content[starts + 4].astype(np.int64)
+        is_data = (lengths > 0) & (self._definitions.lengths_by_number[numbers] == lengths)
+        self._starts = starts[is_data]
+        self._ends = self._starts + HEADER.size + lengths[is_data]
+        run_ends = np.ones(len(self._starts), dtype=np.bool_)
+        run_ends[:-1] = self._ends[:-1] != self._starts[1:]
+        rows_of_run_ends = np.flatnonzero(run_ends)
+        # Row of a record to number of the run that it belongs to.
+        runs: NDArray[np.int64] = np.cumsum(run_ends) - run_ends
+        self._last_rows = rows_of_run_ends[runs]
 
 
 class _RecordScan:
@@ -98,6 +184,7 @@ class _RecordScan:
     Attributes:
         content: The file.
         loss: What was lost by damage so far.
+        definitions: The definitions that were read so far.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -110,7 +197,10 @@ class _RecordScan:
         self.loss = RecordLoss()
         # Parts of the file that are kept, each from a first byte to the one behind the last.
         self._kept: list[slice] = [slice(0, FILE_HEADER_BYTES)]
-        self._definitions = RecordDefinitions(content)
+        # Offsets in the file of the records that are kept: 64-bit numbers, of which a long log has millions.
+        self._offsets = array("q")
+        self.definitions = RecordDefinitions(content)
+        self._data_runs = _DataRuns(content, self.definitions)
         self._flags = b""
 
     def run(self) -> None:
@@ -140,6 +230,17 @@ class _RecordScan:
         # The first piece is the header of the file, which the flags follow.
         pieces.insert(1, flags)
         return b"".join(pieces)
+
+    def sound_offsets(self) -> NDArray[np.int64]:
+        """Returns where the records that are kept begin in ``sound_content()``, ascending."""
+        offsets = np.array(self._offsets, dtype=np.int64)
+        kept_starts = np.array([part.start for part in self._kept])
+        kept_stops = np.array([part.stop for part in self._kept])
+        # The flags lie between the first two parts, and are written anew with the same length.
+        omitted_bytes = np.zeros(len(self._kept), dtype=np.int64)
+        omitted_bytes[1:] = np.cumsum(kept_starts[1:] - kept_stops[:-1]) - len(self._flags)
+        part = np.searchsorted(kept_starts, offsets, side="right") - 1
+        return offsets - omitted_bytes[part]
 
     def _appended_offsets(self, first_record: int) -> list[int]:
         """Returns where data was appended to the file, as after a crash of the system, ascending.
@@ -187,38 +288,41 @@ class _RecordScan:
             end: Offset at which the part ends, or another one was appended.
         """
         content = self.content
-        data_lengths = self._definitions.data_lengths
-        # Offsets of the latest records of the present run of sound records.
-        recent: deque[int] = deque(maxlen=RECORDS_OF_CHAIN)
+        offsets = self._offsets
+        # The present run of sound records: its first byte, and the number of records before it.
         run_start = position = start
+        records_before_run = len(offsets)
         while position < end:
-            # This loop runs once for each data record of the file.
-            length = data_lengths.get(content[position : position + DATA_HEADER.size])
-            if length is not None:
-                recent.append(position)
-                position += length
-                continue
-            fit = self._definitions.fit(position, end)
-            next_position = self._definitions.next_position(position)
+            if self.definitions.header(position).kind == DATA:
+                data_run = self._data_runs.run_at(position, end)
+                if len(data_run):
+                    offsets.frombytes(data_run.tobytes())
+                    position = self.definitions.next_position(offsets[-1])
+                    continue
+            fit = self.definitions.fit(position, end)
+            next_position = self.definitions.next_position(position)
             if fit is Fit.UNKNOWN and not self._is_whole_unknown_record(position, end):
                 fit = Fit.DAMAGED
             if fit is Fit.SOUND:
-                self._definitions.learn(position)
-                recent.append(position)
+                self.definitions.learn(position)
+                offsets.append(position)
                 position = next_position
                 continue
             omitted = slice(position, next_position)
             if fit is Fit.DAMAGED:
+                recent = offsets[max(records_before_run, len(offsets) - RECORDS_OF_CHAIN) :]
                 omitted = self._damaged_place(position, end, recent)
             elif fit is Fit.UNKNOWN and content[position + 2] == DATA:
                 # What the file says of this subscription was lost by damage before.
                 self._add_loss(0, omitted.stop - omitted.start, 0.0)
+            while len(offsets) > records_before_run and offsets[-1] >= omitted.start:
+                offsets.pop()
             self._kept.append(slice(run_start, omitted.start))
             run_start = position = omitted.stop
-            recent.clear()
-        if position > end and recent:
+            records_before_run = len(offsets)
+        if position > end and len(offsets) > records_before_run:
             # The last record is cut off.
-            position = recent[-1]
+            position = offsets.pop()
         self._kept.append(slice(run_start, position))
 
     def _is_chain(self, position: int, end: int, *, may_begin_unknown: bool = False) -> bool:
@@ -236,10 +340,10 @@ class _RecordScan:
         while fitting_records < RECORDS_OF_CHAIN:
             if position >= end:
                 return fitting_records > 0 or may_begin_unknown
-            if self._definitions.next_position(position) > end or end - position < HEADER.size:
+            if self.definitions.next_position(position) > end or end - position < HEADER.size:
                 data_header = self.content[position : position + DATA_HEADER.size]
-                return fitting_records > 0 or data_header in self._definitions.data_lengths
-            fit = self._definitions.fit(position, end)
+                return fitting_records > 0 or data_header in self.definitions.data_lengths
+            fit = self.definitions.fit(position, end)
             if fit is Fit.DAMAGED:
                 return False
             if fit is Fit.UNKNOWN:
@@ -247,11 +351,11 @@ class _RecordScan:
                 is_first = fitting_records == 0
                 if unknown_records > MAX_UNKNOWN_RECORDS or (is_first and not may_begin_unknown):
                     return False
-            elif self._definitions.header(position).kind == SYNC:
+            elif self.definitions.header(position).kind == SYNC:
                 return True
             else:
                 fitting_records += 1
-            position = self._definitions.next_position(position)
+            position = self.definitions.next_position(position)
         return True
 
     def _is_whole_unknown_record(self, position: int, end: int) -> bool:
@@ -263,17 +367,17 @@ class _RecordScan:
             position: Offset of the record.
             end: Offset at which the part of the file ends.
         """
-        next_position = self._definitions.next_position(position)
+        next_position = self.definitions.next_position(position)
         if not self._is_chain(next_position, end, may_begin_unknown=True):
             return False
-        inside = self._definitions.record_start_pattern().finditer(
+        inside = self.definitions.record_start_pattern().finditer(
             self.content, position + 1, next_position
         )
         return not any(self._is_chain(start.start(), end) for start in inside)
 
     def _next_chain(self, start: int, end: int) -> int:
         """Returns the first offset from ``start`` on at which a chain of records begins; ``end`` without any."""
-        for record_start in self._definitions.record_start_pattern().finditer(
+        for record_start in self.definitions.record_start_pattern().finditer(
             self.content, start, end
         ):
             position = record_start.start()
@@ -297,12 +401,12 @@ class _RecordScan:
             What is left out.
         """
         start = position
-        has_data_before = bool(recent) and self._definitions.header(recent[-1]).kind == DATA
+        has_data_before = bool(recent) and self.definitions.header(recent[-1]).kind == DATA
         if has_data_before:
             start = recent[-1]
         next_chain = self._next_chain(start + 1, end)
-        next_position = self._definitions.next_position(position)
-        is_followed = next_position < end and self._definitions.fit(next_position, end) is Fit.SOUND
+        next_position = self.definitions.next_position(position)
+        is_followed = next_position < end and self.definitions.fit(next_position, end) is Fit.SOUND
         if is_followed and next_position <= next_chain:
             # The length is right; what the record contains is wrong.
             next_chain = next_position
@@ -322,7 +426,7 @@ class _RecordScan:
         if end - position < HEADER.size:
             return True
         is_type = TYPE_BYTES.match(self.content, position + HEADER.size - 1) is not None
-        return is_type and self._definitions.next_position(position) > end
+        return is_type and self.definitions.next_position(position) > end
 
     def _is_unwritten(self, position: int, end: int) -> bool:
         """Returns whether nothing but zeros, or nothing but ones, follows: what a card holds where nobody wrote."""
@@ -337,11 +441,11 @@ class _RecordScan:
             next_chain: Offset at which the next record begins.
         """
         length = next_chain - position
-        if position + HEADER.size + self._definitions.header(position).length == next_chain:
+        if position + HEADER.size + self.definitions.header(position).length == next_chain:
             return True
         number = self.content[position + HEADER.size : position + DATA_HEADER.size]
         data_header = HEADER.pack((length - HEADER.size) % (1 << 16), DATA) + number
-        return self._definitions.data_lengths.get(data_header) == length
+        return self.definitions.data_lengths.get(data_header) == length
 
     def _data_offsets(self, position: int, end: int) -> list[int]:
         """Returns the offsets of the first data records from an offset on.
@@ -357,12 +461,12 @@ class _RecordScan:
         """
         offsets: list[int] = []
         while position < end and len(offsets) < RECORDS_OF_CHAIN:
-            fit = self._definitions.fit(position, end)
+            fit = self.definitions.fit(position, end)
             if fit is Fit.DAMAGED:
                 break
-            if fit is Fit.SOUND and self._definitions.header(position).kind == DATA:
+            if fit is Fit.SOUND and self.definitions.header(position).kind == DATA:
                 offsets.append(position)
-            position = self._definitions.next_position(position)
+            position = self.definitions.next_position(position)
         return offsets
 
     def _seconds_between(self, before: Sequence[int], after: Sequence[int]) -> float:
@@ -391,11 +495,11 @@ class _RecordScan:
         stamps = []
         for offset in offsets:
             body_start = offset + DATA_HEADER.size
-            length = self._definitions.data_lengths.get(self.content[offset:body_start])
+            length = self.definitions.data_lengths.get(self.content[offset:body_start])
             if length is None:
                 continue
             number = int.from_bytes(self.content[offset + HEADER.size : body_start], "little")
-            stamp_offset = self._definitions.topics[number].stamp_offset
+            stamp_offset = self.definitions.topics[number].stamp_offset
             if stamp_offset is not None and offset + length <= len(self.content):
                 stamp_start = body_start + stamp_offset
                 stamp_bytes = self.content[stamp_start : stamp_start + STAMP.size]

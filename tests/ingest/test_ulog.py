@@ -9,6 +9,7 @@ from pytest import approx, mark
 from pyulog import ULog
 from recorded_flights import shared
 from refusals import unreadable
+from scipy.spatial.transform import Rotation, Slerp
 from ulog_files import (
     HEADER,
     OFF,
@@ -32,7 +33,7 @@ from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest import contents as files
 from mavdem.ingest import read_log
 from mavdem.ingest.flight_modes import mode_name
-from mavdem.ingest.px4_messages import attitude_target_messages
+from mavdem.ingest.px4_messages import attitude_target_messages, interpolated_rotations
 from mavdem.ingest.telemetry import rate_without_gaps
 from mavdem.ingest.vocabulary import Injection, euler_angles
 
@@ -91,6 +92,18 @@ def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path):
     messages = vehicle_in(tmp_path, *pieces).messages["ATTITUDE_QUATERNION"]
     assert_allclose(messages["time"], 20 + 0.5 * np.arange(20))
     assert_allclose(messages["rollspeed"], 0.5 * np.arange(20), atol=1e-6)
+
+
+def test_rotations_are_interpolated_as_by_scipy():
+    generator = np.random.default_rng(7)
+    time = np.cumsum(generator.uniform(0.01, 0.1, 50))
+    quaternions = generator.normal(size=(50, 4))
+    query_time = np.append(generator.uniform(time[0], time[-1], 300), time)
+    next_rows = np.clip(np.searchsorted(time, query_time), 1, 49)
+    ours = interpolated_rotations(query_time, time, quaternions, next_rows)
+    slerp = Slerp(time, Rotation.from_quat(quaternions, scalar_first=True))
+    theirs = slerp(query_time).as_quat(scalar_first=True)
+    assert_allclose(ours, theirs * np.sign(np.sum(ours * theirs, axis=1))[:, None], atol=1e-12)
 
 
 def test_stamps_that_repeat_have_no_rate():

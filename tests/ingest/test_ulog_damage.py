@@ -89,6 +89,16 @@ def test_a_topic_without_time_stamp_does_not_end_the_log(tmp_path):
     assert vehicle.repairs == ()
 
 
+def test_values_that_look_like_the_header_of_a_record_are_values(tmp_path):
+    header = UNMARKED[ATTITUDES[0]][:5]
+    row = ATTITUDES[50]
+    record = UNMARKED[row]
+    disguised = record[:21] + header + record[26:]
+    records = sound_records(log(*UNMARKED[:row], disguised, *UNMARKED[row + 1 :]))
+    assert len(records.offsets) == len(sound_records(log(*UNMARKED)).offsets)
+    assert records.loss == RecordLoss()
+
+
 def is_within_record(start):
     """Whether 64 bytes from an offset on are values of one record."""
     ends = len(log()) + np.cumsum([len(piece) for piece in UNMARKED])
