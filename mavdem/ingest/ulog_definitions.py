@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mavdem.ingest.record_runs import PossibleRecords
 from mavdem.ingest.telemetry import MAX_FIELDS
 
 HEADER = struct.Struct("<HB")
@@ -280,6 +281,27 @@ class RecordDefinitions:
                     data_header = DATA_HEADER.pack(topic.min_bytes + 2, DATA, number)
                     self.data_lengths[data_header] = DATA_HEADER.size + topic.min_bytes
                     self.lengths_by_number[number] = topic.min_bytes + 2
+
+    def possible_data_records(self, first: int, stop: int) -> PossibleRecords:
+        """Finds what looks like data records of the present subscriptions.
+
+        The header of a data record is five bytes: its length, the letter D, and the number of a subscription, all of
+        whose records have one length.
+
+        Args:
+            first: Offset from which on the records begin.
+            stop: Offset before which they begin; they may end behind it.
+        """
+        content = np.frombuffer(self.content, dtype=np.uint8)
+        letter_offset = HEADER.size - 1
+        letters = content[first + letter_offset : stop + letter_offset]
+        starts = np.flatnonzero(letters == DATA) + first
+        starts = starts[starts + DATA_HEADER.size <= len(content)]
+        lengths = content[starts] + 256 * content[starts + 1].astype(np.int64)
+        numbers = content[starts + 3] + 256 * content[starts + 4].astype(np.int64)
+        is_data = (lengths > 0) & (self.lengths_by_number[numbers] == lengths)
+        starts = starts[is_data]
+        return PossibleRecords(starts, starts + HEADER.size + lengths[is_data])
 
     def _layout(self, name: str) -> TopicLayout | None:
         """Returns what the data records of a message look like, or None (see ``_layout_of_format``)."""

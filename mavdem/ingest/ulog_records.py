@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mavdem.ingest.record_runs import Offsets, RecordRuns
 from mavdem.ingest.ulog_definitions import (
     DATA,
     DATA_HEADER,
@@ -31,12 +31,6 @@ from mavdem.ingest.ulog_definitions import (
 
 FILE_HEADER_BYTES = 16
 """Number of bytes before the first record: the magic, the version of the format and the time of the start."""
-
-STRETCH_BYTES = 1 << 18
-"""Number of bytes of the file that are searched for data records at once: a choice.
-
-A stretch is searched anew where the file subscribes to another topic, which it does some hundred times.
-"""
 
 MICROSECONDS = 1e6
 """Microseconds in a second."""
@@ -82,7 +76,7 @@ class SoundRecords(NamedTuple):
     """The file; if nothing was to be left out, the very one that was given."""
     loss: RecordLoss
     """What was lost by damage."""
-    offsets: NDArray[np.int64]
+    offsets: Offsets
     """Where the records begin in ``content``, ascending, without the record of flags that may come first."""
     topics: Mapping[int, TopicLayout]
     """Layout of the data records of each subscription, by its number, in the order of the file."""
@@ -115,69 +109,6 @@ def sound_records(content: bytes) -> SoundRecords:
     )
 
 
-class _DataRuns:
-    """Runs of data records that follow each other without anything between, found for a stretch of the file at once.
-
-    The header of a data record is five bytes: its length, the letter D, and the number of a subscription, which has one
-    length. So the bytes that may begin a data record are found by comparing arrays; those that only look so lie within
-    a record, and no run leads to them.
-    """
-
-    def __init__(self, content: bytes, definitions: RecordDefinitions) -> None:
-        """Begins without any stretch.
-
-        Args:
-            content: The file.
-            definitions: The definitions that were read so far; more may be learned.
-        """
-        self._bytes = np.frombuffer(content, dtype=np.uint8)
-        self._definitions = definitions
-        # The present stretch of the file, and the number of subscriptions that were known when it was searched.
-        self._stretch = slice(0, 0)
-        self._known_subscriptions = 0
-        # Offsets (N,) of what looks like a data record, where each ends, and the row of the last record of its run.
-        self._starts = self._ends = self._last_rows = np.zeros(0, dtype=np.int64)
-
-    def run_at(self, position: int, end: int) -> NDArray[np.int64]:
-        """Returns the offsets of the data records that follow each other from an offset on.
-
-        Args:
-            position: Offset of the first record.
-            end: Offset behind which no record begins.
-
-        Returns:
-            The offsets (R,), as far as the present stretch goes; none if no data record begins at ``position``. The
-            last record may go beyond ``end``.
-        """
-        is_searched = self._stretch.start <= position < self._stretch.stop <= end
-        if not is_searched or self._known_subscriptions != len(self._definitions.data_lengths):
-            self._search(slice(position, min(position + STRETCH_BYTES, end)))
-        row = int(np.searchsorted(self._starts, position))
-        if row == len(self._starts) or self._starts[row] != position:
-            return self._starts[:0]
-        return self._starts[row : self._last_rows[row] + 1]
-
-    def _search(self, stretch: slice) -> None:
-        """Finds what looks like the beginning of a data record in a stretch of the file."""
-        self._stretch = stretch
-        self._known_subscriptions = len(self._definitions.data_lengths)
-        content = self._bytes
-        letters = content[stretch.start + 2 : stretch.stop + 2]
-        starts = np.flatnonzero(letters == DATA) + stretch.start
-        starts = starts[starts + DATA_HEADER.size <= len(content)]
-        lengths = content[starts] + 256 * content[starts + 1].astype(np.int64)
-        numbers = content[starts + 3] + 256 * content[starts + 4].astype(np.int64)
-        is_data = (lengths > 0) & (self._definitions.lengths_by_number[numbers] == lengths)
-        self._starts = starts[is_data]
-        self._ends = self._starts + HEADER.size + lengths[is_data]
-        run_ends = np.ones(len(self._starts), dtype=np.bool_)
-        run_ends[:-1] = self._ends[:-1] != self._starts[1:]
-        rows_of_run_ends = np.flatnonzero(run_ends)
-        # Row of a record to number of the run that it belongs to.
-        runs: NDArray[np.int64] = np.cumsum(run_ends) - run_ends
-        self._last_rows = rows_of_run_ends[runs]
-
-
 class _RecordScan:
     """One pass over a ULog file that finds its records.
 
@@ -200,7 +131,7 @@ class _RecordScan:
         # Offsets in the file of the records that are kept: 64-bit numbers, of which a long log has millions.
         self._offsets = array("q")
         self.definitions = RecordDefinitions(content)
-        self._data_runs = _DataRuns(content, self.definitions)
+        self._data_runs = RecordRuns(self.definitions.possible_data_records)
         self._flags = b""
 
     def run(self) -> None:
@@ -231,7 +162,7 @@ class _RecordScan:
         pieces.insert(1, flags)
         return b"".join(pieces)
 
-    def sound_offsets(self) -> NDArray[np.int64]:
+    def sound_offsets(self) -> Offsets:
         """Returns where the records that are kept begin in ``sound_content()``, ascending."""
         offsets = np.array(self._offsets, dtype=np.int64)
         kept_starts = np.array([part.start for part in self._kept])
@@ -295,9 +226,9 @@ class _RecordScan:
         while position < end:
             if self.definitions.header(position).kind == DATA:
                 data_run = self._data_runs.run_at(position, end)
-                if len(data_run):
-                    offsets.frombytes(data_run.tobytes())
-                    position = self.definitions.next_position(offsets[-1])
+                if data_run is not None:
+                    offsets.frombytes(data_run.starts.tobytes())
+                    position = data_run.end
                     continue
             fit = self.definitions.fit(position, end)
             next_position = self.definitions.next_position(position)
@@ -305,6 +236,7 @@ class _RecordScan:
                 fit = Fit.DAMAGED
             if fit is Fit.SOUND:
                 self.definitions.learn(position)
+                self._data_runs.forget_stretch()
                 offsets.append(position)
                 position = next_position
                 continue

@@ -12,6 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from mavdem.ingest.px4_topics import TOPIC_FIELDS
+from mavdem.ingest.record_runs import Offsets
 from mavdem.ingest.telemetry import Columns, rows_by_value
 from mavdem.ingest.ulog_definitions import (
     DATA,
@@ -23,9 +24,6 @@ from mavdem.ingest.ulog_definitions import (
     TopicLayout,
 )
 from mavdem.ingest.ulog_records import SoundRecords
-
-Offsets = NDArray[np.int64]
-"""Where records begin in a file, bytes."""
 
 RECORDS_TO_DATE_BY = 100
 """Number of data records before a parameter whose latest stamp dates it: a choice.

@@ -23,6 +23,7 @@ from mavdem.arrays import Integers
 from mavdem.containers import Names
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
+from mavdem.ingest.record_runs import PossibleRecords, RecordRuns
 from mavdem.ingest.telemetry import Columns, repair_facts, rows_by_value
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
 
@@ -224,8 +225,7 @@ def read_binary(content: bytes) -> DataflashRecording:
     """
     scan = _MessageScan(content)
     scan.run()
-    # Padded, so that the last message may be decoded with any definition.
-    data = np.pad(np.frombuffer(content, dtype=np.uint8), (0, MAX_MESSAGE_BYTES))
+    data = np.frombuffer(content, dtype=np.uint8)
     starts = np.array(scan.starts, dtype=np.int64)
     definition_of_name = {}
     starts_of_name = {}
@@ -293,36 +293,59 @@ class _MessageScan:
         for message_id, definition in self.definitions.items():
             is_shared = message_id in self.sharing_definitions
             self._lengths[message_id] = SHARED_ID if is_shared else definition.length
+        # Of definitions and of messages that share an id more than the header must be looked at.
+        self._lengths_by_header = np.array(self._lengths)
+        self._lengths_by_header[self._lengths_by_header == SHARED_ID] = 0
+        self._lengths_by_header[FORMAT_ID] = 0
+        self._runs = RecordRuns(self._possible_messages)
 
     def run(self) -> None:
         """Finds all messages, up to an FMT that contradicts the one before it: there another log was appended.
 
         From message to message the length in the definition says where the next header must be. Where none is, or its
-        id has no definition, the search goes on byte by byte. This loop runs once per message of the log, so that
-        attributes are put into local variables before it.
+        id has no definition, the search goes on byte by byte.
         """
-        content = self.content
-        lengths = self._lengths
-        starts = self.starts
-        size = len(content)
+        size = len(self.content)
         offset = 0
-        first, second = MARKER
         while offset <= size - HEADER_BYTES:
-            if content[offset] == first and content[offset + 1] == second:
-                message_id = content[offset + 2]
-                length = lengths[message_id]
-                if message_id == FORMAT_ID and self._is_of_another_log(offset):
-                    return
-                if length == SHARED_ID:
-                    length = self._definition_of_message(offset).length
-                if length and offset + length <= size:
-                    starts.append(offset)
-                    self.message_bytes += length
-                    offset += length
-                else:
-                    offset = self._next_header(offset + 1)
-            else:
+            if not self.content.startswith(MARKER, offset):
                 offset = self._offset_after_damage(offset)
+                continue
+            run = self._runs.run_at(offset, size)
+            if run is not None:
+                self.starts.frombytes(run.starts.tobytes())
+                self.message_bytes += run.end - offset
+                offset = run.end
+                continue
+            message_id = self.content[offset + ID_BYTE]
+            if message_id == FORMAT_ID and self._is_of_another_log(offset):
+                return
+            length = self._lengths[message_id]
+            if length == SHARED_ID:
+                length = self._definition_of_message(offset).length
+            if length and offset + length <= size:
+                self.starts.append(offset)
+                self.message_bytes += length
+                offset += length
+            else:
+                offset = self._next_header(offset + 1)
+
+    def _possible_messages(self, first: int, stop: int) -> PossibleRecords:
+        """Finds what looks like whole messages of an id with one length.
+
+        Args:
+            first: Offset from which on the messages begin.
+            stop: Offset before which they begin; they may end behind it.
+        """
+        content = np.frombuffer(self.content, dtype=np.uint8)
+        last_start = min(stop, len(content) - HEADER_BYTES + 1)
+        first_byte, second_byte = MARKER
+        starts = np.flatnonzero(content[first:last_start] == first_byte) + first
+        starts = starts[content[starts + 1] == second_byte]
+        lengths = self._lengths_by_header[content[starts + ID_BYTE]]
+        ends = starts + lengths
+        is_message = (lengths > 0) & (ends <= len(content))
+        return PossibleRecords(starts[is_message], ends[is_message])
 
     def starts_by_definition(
         self, message_id: int, starts: Integers
@@ -465,7 +488,7 @@ def _decoded(
     """Decodes the messages of one name, all at once: their bytes are gathered into one structured array.
 
     Args:
-        data: The log (B,), with ``MAX_MESSAGE_BYTES`` bytes more at its end.
+        data: The log (B,).
         definition: The definition of the messages.
         starts: Offset (N,) of each message.
 

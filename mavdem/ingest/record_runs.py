@@ -1,0 +1,86 @@
+"""Records of a file that follow each other without a gap, found for a stretch of the file at once.
+
+A log is a chain: the length of a record says where the next one begins. Following it record by record costs more than
+decoding all of them. Here every place that looks like the beginning of a record is found by comparing arrays, and those
+are linked of which one begins where another ends. Places that only look so, within a record, are linked to nothing
+that leads to them.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Offsets = NDArray[np.int64]
+"""Where records begin in a file, bytes."""
+
+STRETCH_BYTES = 1 << 18
+"""Number of bytes of the file that are searched at once: a choice.
+
+Its arrays fit into the cache of a processor. A stretch is searched anew after a definition in it.
+"""
+
+
+class PossibleRecords(NamedTuple):
+    """What looks like N records in a stretch of a file."""
+
+    starts: Offsets
+    """Where each begins (N,), ascending."""
+    ends: Offsets
+    """Where each ends (N,) by its length."""
+
+
+class RecordRun(NamedTuple):
+    """Records that follow each other without a gap."""
+
+    starts: Offsets
+    """Where each begins (R,)."""
+    end: int
+    """Where the last one ends."""
+
+
+class RecordRuns:
+    """Finds runs of records, stretch by stretch."""
+
+    def __init__(self, find_records: Callable[[int, int], PossibleRecords]) -> None:
+        """Begins without any stretch.
+
+        Args:
+            find_records: Function that returns what looks like records that begin from a first offset on and before
+                another one.
+        """
+        self._find_records = find_records
+        self._stretch = slice(0, 0)
+        self._starts = self._ends = self._last_rows = np.zeros(0, dtype=np.int64)
+
+    def run_at(self, position: int, end: int) -> RecordRun | None:
+        """Returns the records that follow each other from an offset on, as far as a stretch goes.
+
+        Args:
+            position: Offset of the first record.
+            end: Offset from which on no record begins.
+
+        Returns:
+            The run; None if no record begins at ``position``. The last record may go beyond ``end``.
+        """
+        if not self._stretch.start <= position < self._stretch.stop <= end:
+            self._search(slice(position, min(position + STRETCH_BYTES, end)))
+        row = int(np.searchsorted(self._starts, position))
+        if row == len(self._starts) or self._starts[row] != position:
+            return None
+        last_row = int(self._last_rows[row])
+        return RecordRun(self._starts[row : last_row + 1], int(self._ends[last_row]))
+
+    def forget_stretch(self) -> None:
+        """Has the file searched anew, since what looks like a record has changed with a definition."""
+        self._stretch = slice(0, 0)
+
+    def _search(self, stretch: slice) -> None:
+        """Finds the possible records of a stretch, and the last row of the run that each belongs to."""
+        self._stretch = stretch
+        self._starts, self._ends = self._find_records(stretch.start, stretch.stop)
+        ends_run = np.ones(len(self._starts), dtype=np.bool_)
+        ends_run[:-1] = self._ends[:-1] != self._starts[1:]
+        run_of_row: Offsets = np.cumsum(ends_run) - ends_run
+        self._last_rows = np.flatnonzero(ends_run)[run_of_row]
