@@ -33,7 +33,9 @@ MIN_UPRIGHT_COSINE = 0.5
 """Smallest cosine of the tilt by which the vertical thrust is divided: 60° of tilt."""
 
 
-def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> Array:
+def replayed(
+    scenario: Scenario, dt: float, setpoints: Array, torque: Array, *, is_estimated: bool = True
+) -> Array:
     """Simulates how a vehicle follows setpoints of roll and pitch under a torque of the wind.
 
     The vehicle begins at rest in hover and flies by its autopilot's attitude and rate control. A slow control of
@@ -45,9 +47,11 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
         setpoints: (T, 3, 2) for roll, pitch and yaw: the angle, rad, and the body rate to add to that which the error
             of the angle asks for, rad/s. The angle of yaw is not used: the heading is not held.
         torque: (T, 3) torque of the wind by the moments of inertia, rad/s².
+        is_estimated: Whether the motion is the autopilot's estimate, with the noise of its sensors, as a log has it;
+            else it is the true one.
 
     Returns:
-        (T, 3, 2) angles of roll, pitch and yaw, rad, and body rates, rad/s, as the autopilot estimates them.
+        (T, 3, 2) angles of roll, pitch and yaw, rad, and body rates, rad/s.
 
     Raises:
         ValueError: The vehicle tumbles.
@@ -64,14 +68,17 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
     cycle_times = np.arange(cycles, dtype=np.float64) * cycle / dt
     inputs = _inputs_by_cycle(cycle_times, setpoints, torque, airframe_body.inertia)
     state = State(rotors=(airframe_body.hover_speed,) * airframe_body.rotors)
-    estimates = []
+    motion = []
     for row in inputs.tolist():
         roll_setpoint, pitch_setpoint, _, p, q, r, roll_moment, pitch_moment, yaw_moment = row
         # The autopilot sees the state through its sensors, and the rates behind the gyro's filters.
         estimate = estimator.estimate(state._replace(rates=gyro.filtered_rates))
         angles = euler_angles(estimate.attitude)
         roll, pitch, yaw = angles
-        estimates.append((angles, estimate.rates))
+        if is_estimated:
+            motion.append((angles, estimate.rates))
+        else:
+            motion.append((euler_angles(state.attitude), state.rates))
         # A vehicle that sinks or is too low gets more thrust, and a tilted one more still to lift as much.
         _, _, sink_speed = state.velocity
         _, _, depth = state.position
@@ -87,11 +94,11 @@ def replayed(scenario: Scenario, dt: float, setpoints: Array, torque: Array) -> 
         state = gyro.advance(body, state, settled_speeds, air, steps)
         if tumbles(state):
             raise ValueError("the vehicle is out of control: it needs other gains")
-    # Each sample gets the estimate of the cycle that begins at it or next; the tolerance keeps rounding out.
+    # Each sample gets the motion at the cycle that begins at it or next; the tolerance keeps rounding out.
     samples = np.arange(len(torque))
-    rows = np.searchsorted(cycle_times, samples - SAMPLE_TOLERANCE).clip(max=len(estimates) - 1)
-    # Each estimate is (angles, rates) of three axes, (2, 3): the axes come first in the result.
-    return np.array(estimates)[rows].mT
+    rows = np.searchsorted(cycle_times, samples - SAMPLE_TOLERANCE).clip(max=len(motion) - 1)
+    # Each motion is (angles, rates) of three axes, (2, 3): the axes come first in the result.
+    return np.array(motion)[rows].mT
 
 
 def _inputs_by_cycle(

@@ -56,7 +56,6 @@ class Gains(Code):
     KEEP_GAINS = "keep_gains"
     SET_GAINS = "set_gains"
     STEP_TOWARDS_MARGINS = "step_towards_margins"
-    STEP_DOWN = "step_down"
     RATIO_UNUSUAL = "ratio_unusual"
     ANGLE_FOLLOWS = "angle_follows"
     NO_GAINS_ADVISED = "no_gains_advised"

@@ -423,23 +423,6 @@ def logged_gains(loop: Loop) -> dict[str, float]:
     return gains
 
 
-def lowered_gains(loop: Loop, stage: Stage) -> dict[str, float]:
-    """Returns the gains of a stage lowered by one step, which needs no model of the plant.
-
-    Args:
-        loop: the loops with the logged gains.
-        stage: which gains to lower.
-    """
-    names = loop.controller.parameter_names
-    fields = ("p", "i", "d") if stage is Stage.RATE else ("angle_gain",)
-    gains = logged_gains(loop)
-    return {
-        names[field]: round_gain(gains[names[field]] / MAX_GAIN_STEP)
-        for field in fields
-        if names[field] in gains
-    }
-
-
 def scores_of_models(scores: Array) -> Array:
     """Returns the score of each model (M,): the least at all of the ``EFFECTIVENESS_FACTORS``.
 

@@ -97,8 +97,14 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
         changes = [(name, value, record.parameters[name]) for name, value in earlier_values.items()]
         cautions.append(Fact(Loops.PARAMETERS_CHANGED, changes=changes))
     else:
+        # A plant without the gyro's filters was identified in closed loop, with the gain of the controller.
         measured = measured_rate_response(
-            record, controller, per_demand, rate.frequency, rate.closed[0]
+            record,
+            controller,
+            per_demand,
+            rate.frequency,
+            rate.closed[0],
+            is_controller_identified=not plant.filtered,
         )
     return replace(loop, cautions=(*cautions, *controller.cautions), measured=measured)
 

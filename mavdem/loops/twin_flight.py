@@ -177,7 +177,12 @@ def compare_twin_with_flight(twin: Twin, loops: LoopsByAxis) -> dict[str, dict[s
 
 
 def fly_twin(
-    twin: Twin, loops: LoopsByAxis, segments: Mapping[str, ReplaySegment], seed: int = 0
+    twin: Twin,
+    loops: LoopsByAxis,
+    segments: Mapping[str, ReplaySegment],
+    seed: int = 0,
+    *,
+    is_estimated: bool = True,
 ) -> Array:
     """Flies the twin on the setpoints of a recorded flight, in random wind torque with the spectra of that flight.
 
@@ -188,6 +193,8 @@ def fly_twin(
         loops: identified loops by axis, with the spectra of the wind torque.
         segments: setpoints by axis, "roll" among them, at T samples each.
         seed: seed of the wind and of the sensors' noise.
+        is_estimated: whether the motion is the autopilot's estimate, with the noise of its sensors, as a log has it;
+            else it is the true one.
 
     Returns:
         Angles, rad, and rates, rad/s, of roll, pitch and yaw (T, 3, 2).
@@ -204,12 +211,16 @@ def fly_twin(
         setpoints[:, column] = segment.setpoints
         torque[:, column] = wind_torque_realisation(loops[axis], samples, rng)
     try:
-        return _simulated(twin, loops["roll"].record.dt, setpoints, torque, seed)
+        return _simulated(
+            twin, loops["roll"].record.dt, setpoints, torque, seed, is_estimated=is_estimated
+        )
     except ValueError as error:
         raise NotLearnable(Twins.CANNOT_FLY, because=error) from None
 
 
-def _simulated(twin: Twin, dt: float, setpoints: Array, torque: Array, seed: int) -> Array:
+def _simulated(
+    twin: Twin, dt: float, setpoints: Array, torque: Array, seed: int, *, is_estimated: bool
+) -> Array:
     """Flies the twin in the simulator (``sitl_scenarios.replay.replayed``).
 
     The twin is passed as the text of the vehicle file that users get, so that this flight is the one that they would
@@ -221,6 +232,7 @@ def _simulated(twin: Twin, dt: float, setpoints: Array, torque: Array, seed: int
         setpoints: setpoints of angle, rad, and rate, rad/s, of roll, pitch and yaw (T, 3, 2).
         torque: wind torque per moment of inertia about the three axes (T, 3), rad/s².
         seed: seed of the sensors' noise.
+        is_estimated: whether the motion is the autopilot's estimate, and not the true one.
 
     Returns:
         Angles, rad, and rates, rad/s (T, 3, 2).
@@ -233,7 +245,8 @@ def _simulated(twin: Twin, dt: float, setpoints: Array, torque: Array, seed: int
     from sitl_scenarios.replay import replayed
 
     vehicle = tomllib.loads(vehicle_text(twin, ".toml", ""))
-    return replayed(scenario_of({**vehicle, "seed": seed}), dt, setpoints, torque)
+    scenario = scenario_of({**vehicle, "seed": seed})
+    return replayed(scenario, dt, setpoints, torque, is_estimated=is_estimated)
 
 
 def wind_torque_realisation(loop: Loop, samples: int, rng: np.random.Generator) -> Array:

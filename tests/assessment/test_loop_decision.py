@@ -78,13 +78,13 @@ def test_a_loop_below_the_goal_gets_advised_gains_whatever_it_does_in_flight(tra
     assert decision.reason.remedy == decision.fact.remedy == decision.action.sentence
 
 
-def test_a_loop_below_the_goal_of_doubtful_effectiveness_is_flown_first():
+def test_a_loop_below_the_goal_of_a_biased_effectiveness_gets_advised_gains():
     loop = made_up(2.1)
-    doubt = Fact(Loops.EFFECT_BIASED, because=NOT_STEERED)
-    biased = replace(loop, plant=loop.plant._replace(bias=-0.5), cautions=(doubt,))
+    caution = Fact(Loops.EFFECT_BIASED, because=NOT_STEERED)
+    biased = replace(loop, plant=loop.plant._replace(bias=-0.15), cautions=(caution,))
     decision = decided(biased)
-    assert (decision.verdict, decision.doubts) == (LoopVerdict.BELOW_GOAL, (doubt,))
-    assert decision.action.code is LoopActions.FLY_DOUBLETS
+    assert (decision.verdict, decision.doubts) == (LoopVerdict.BELOW_GOAL, ())
+    assert decision.action.code is LoopActions.LOAD_ADVISED_GAINS
 
 
 def test_a_loop_that_meets_the_goal_only_in_many_models_is_flown_first():

@@ -248,9 +248,10 @@ def test_an_axis_that_is_too_slow_gets_more_gain_with_a_notch_too():
     assert tuning.notch_parameters
 
 
-def test_no_notch_is_set_where_the_effectiveness_is_biased():
-    biased = replace(made_up(2.5), cautions=(Fact(Loops.EFFECT_BIASED),))
-    tuning = tuned_by({"roll": biased}, filters=True)
+def test_no_notch_is_set_where_no_gains_are_advised():
+    loop = made_up(2.5)
+    retuned = replace(loop, record=replace(loop.record, earlier={"MC_ROLLRATE_P": 0.1}))
+    tuning = tuned_by({"roll": retuned}, filters=True)
     assert tuning.refusal and not tuning.parameters and not tuning.files(HOVER.telemetry())
 
 

@@ -220,12 +220,8 @@ def _decision_by_identified_loop(
 ) -> LoopDecision:
     """Returns the decision on an axis whose identified loop has margins below the goal.
 
-    The action is, as the first of these cases that applies:
-
-    1. Nothing speaks against gains that are computed from the loop: load those that `mavdem tune` advises.
-    2. The control effectiveness was probably estimated too low, because wind moved the axis more than the motors did:
-       fly doublets. From an effectiveness that is too low would follow gains that are too high.
-    3. Otherwise: do first what the first doubt on the loop asks for.
+    If nothing speaks against gains that are computed from the loop, the action is to load those that `mavdem tune`
+    advises; otherwise, to do first what the first doubt on the loop asks for.
 
     Args:
         observations: what the flight shows.
@@ -234,13 +230,10 @@ def _decision_by_identified_loop(
     """
     axis = observations.margins.axis
     doubts = reasons_for_no_gains(loop)
-    is_effectiveness_biased_low = loop.plant.bias < 0
-    if not doubts:
-        action = Fact(LoopActions.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
-    elif is_effectiveness_biased_low:
-        action = _advice_to_fly_doublets(axis, loop_fact)
-    else:
+    if doubts:
         action = Fact(LoopActions.DO_FIRST, because=doubts[0])
+    else:
+        action = Fact(LoopActions.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
     reason = loop_fact.replace(action=action)
     return LoopDecision(axis, LoopVerdict.BELOW_GOAL, reason, action, doubts)
 
@@ -299,7 +292,7 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
         action = Fact(LoopActions.DO_FIRST, because=_reason_for_no_margins(observations))
         reason = tracking.replace(action=action)
         return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts=(reason,))
-    doubts = reasons_for_no_gains(loop, more=True)
+    doubts = reasons_for_no_gains(loop)
     if doubts:
         action = Fact(LoopActions.DO_FIRST, because=doubts[0])
     else:

@@ -1,6 +1,7 @@
 """Measured closed-loop responses of rate and attitude of each axis, compared with those that the loops predict."""
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from mavdem.arrays import Array
 from mavdem.assessment.evidence import EXCITATION_MODES, Evidence
 from mavdem.dataset.axes import AXES
 from mavdem.facts import Fact, Facts
+from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.margins import Complex, OpenLoop
 from mavdem.loops.step_response import (
@@ -33,6 +35,8 @@ class LoopResponse(NamedTuple):
     """Predicted gain at the frequencies of the measured one; None without a stable identified loop."""
     compared: Fact | None = None
     """Whether the two agree, or which of them is doubted; None without one of them."""
+    has_feedforward: bool = False
+    """Whether the autopilot adds the derivative of the attitude's setpoint to the setpoint of the rate."""
 
     @property
     def facts(self) -> Facts:
@@ -44,6 +48,15 @@ class LoopResponse(NamedTuple):
 
 Responses = Mapping[str, Mapping[str, LoopResponse]]
 """Responses by axis, and then by loop: "rate" or "attitude"."""
+
+StepsByLoop = Mapping[str, Mapping[str, Array]]
+"""Step responses by axis, and then by loop, at the times of the measured ones."""
+
+NO_RESPONSES: Responses = MappingProxyType({})
+"""What a flight has of which no response was measured."""
+
+NO_STEPS: StepsByLoop = MappingProxyType({})
+"""What a flight has whose gains are kept."""
 
 
 def responses_of(evidence: Evidence) -> Responses:
@@ -63,18 +76,56 @@ def responses_of(evidence: Evidence) -> Responses:
     for axis in AXES:
         signals = evidence.signals.for_axis(axis)
         loop = evidence.loops.get(axis)
+        has_feedforward = bool(signals.telemetry.parameters.get(RATE_FEEDFORWARD_PARAMETER))
         rate = rate_step_response(signals, segments)
         attitude = attitude_step_response(signals, segments)
         if isinstance(loop, Loop):
-            has_feedforward = bool(signals.telemetry.parameters.get(RATE_FEEDFORWARD_PARAMETER))
             attitude_prediction = predicted_attitude_response(loop, has_feedforward)
-            responses[axis] = {
-                "rate": _compared_response(rate, loop, loop.rate, loop.rate.closed[0]),
-                "attitude": _compared_response(attitude, loop, loop.attitude, attitude_prediction),
-            }
+            rate_response = _compared_response(rate, loop, loop.rate, loop.rate.closed[0])
+            attitude_response = _compared_response(
+                attitude, loop, loop.attitude, attitude_prediction
+            )
         else:
-            responses[axis] = {"rate": LoopResponse(rate), "attitude": LoopResponse(attitude)}
+            rate_response = LoopResponse(rate)
+            attitude_response = LoopResponse(attitude)
+        responses[axis] = {
+            "rate": rate_response,
+            "attitude": attitude_response._replace(has_feedforward=has_feedforward),
+        }
     return responses
+
+
+def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsByLoop:
+    """Predicts the step responses with the advised gains, at the times of the measured responses.
+
+    They belong beside the measured ones, so that an attitude has the feedforward that the autopilot adds.
+
+    Args:
+        responses: the measured responses.
+        advice_by_axis: advice on each axis, or why there is none.
+
+    Returns:
+        By axis and loop, the response to a step of 1 at the times of the measured one; only where gains change, and a
+        response was measured.
+    """
+    steps = dict[str, dict[str, Array]]()
+    for axis, loops in responses.items():
+        advice = advice_by_axis.get(axis)
+        if not isinstance(advice, Advice) or not advice.parameters:
+            continue
+        after = advice.after
+        steps[axis] = {}
+        for loop_name, response in loops.items():
+            if not isinstance(response.measured, StepResponse):
+                continue
+            # Row 0 is the estimated plant.
+            closed_loop = after.rate.closed[0]
+            if loop_name == "attitude":
+                closed_loop = predicted_attitude_response(after, response.has_feedforward)
+            steps[axis][loop_name] = step_from_frequency_response(
+                after.rate.frequency, closed_loop, response.measured.time
+            )
+    return steps
 
 
 def predicted_attitude_response(loop: Loop, has_feedforward: bool) -> Complex:

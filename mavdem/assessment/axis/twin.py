@@ -1,5 +1,6 @@
 """Twin of an assessed vehicle: a simulation with the identified plant, and its flight with other gains."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -23,12 +24,16 @@ from mavdem.loops.twin_flight import (
 from mavdem.motors.hover import hover_of
 from mavdem.wind_velocity.vehicle_drag import Drag
 
-REPLAY_SECONDS = 40.0
-"""Duration of the flight that the twin repeats to compare gains, s: the pilot who has just landed waits for it."""
+REPLAY_SECONDS = 12.0
+"""Duration of the part of the recorded flight that the twin repeats to compare gains, s: a choice.
 
+It takes a second or two of processor time, and the pilot who has just landed waits for it.
+"""
+WIND_SECONDS = 10.0
+"""Duration of the hover in wind with which the twin compares gains, s: a choice.
 
-WIND_SECONDS = 20.0
-"""Duration of the hover in wind with which the twin compares gains, s."""
+Both sets of gains meet the same wind and noise, so that this is long enough to tell them apart.
+"""
 
 
 class AssessedTwin(NamedTuple):
@@ -109,6 +114,8 @@ class GainTrial(NamedTuple):
 def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) -> GainTrial | Fact:
     """Flies the twin with the present gains and with others, on the same setpoints, in the same wind and noise.
 
+    The part of the recorded flight that is repeated is the one in which the setpoints move most.
+
     Args:
         evidence: of the vehicle.
         gains: to set, by the autopilot's names.
@@ -122,8 +129,8 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
     if not recorded_segments:
         return GainTrial({}, {})
     dt = loops["roll"].record.dt
-    replayed_samples = slice(round(REPLAY_SECONDS / dt))
-    hover_samples = slice(round(WIND_SECONDS / dt))
+    replayed_samples = _samples_of_most_movement(recorded_segments, dt)
+    hover_samples = slice(round((SETTLING_SECONDS + WIND_SECONDS) / dt))
     replayed = dict[str, ReplaySegment]()
     hover = dict[str, ReplaySegment]()
     for axis, recorded in recorded_segments.items():
@@ -138,6 +145,34 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
         return GainTrial(tracking, _compared_motions(twins, loops, hover) if in_wind else {})
     except NotLearnable as error:
         return error.fact
+
+
+def _samples_of_most_movement(segments: Mapping[str, ReplaySegment], dt: float) -> slice:
+    """Returns the samples of a recorded flight that are repeated: those in which the setpoints of angles move most.
+
+    They last ``REPLAY_SECONDS``, after ``SETTLING_SECONDS`` in which the twin settles. Windows that begin at each full
+    second are compared by the variance of their setpoints, added over roll and pitch.
+
+    Args:
+        segments: recorded setpoints of the same T samples by axis.
+        dt: time between samples, s.
+
+    Returns:
+        The samples, as rows of the segments; all of a flight that is shorter.
+    """
+    # Column 0 of the setpoints is the angle; the setpoint of yaw's angle is 0.
+    angle_setpoints = np.array([segment.setpoints[:, 0] for segment in segments.values()])
+    length = round((SETTLING_SECONDS + REPLAY_SECONDS) / dt)
+    settling_length = round(SETTLING_SECONDS / dt)
+    last_start = max(angle_setpoints.shape[1] - length, 0)
+
+    def movement(start: int) -> float:
+        """Returns the variance of the setpoints in the window that begins at a sample, without its settling."""
+        window = angle_setpoints[:, start + settling_length : start + length]
+        return float(window.var(axis=1).sum())
+
+    start = max(range(0, last_start + 1, round(1 / dt)), key=movement)
+    return slice(start, start + length)
 
 
 def _compared_motions(
@@ -156,7 +191,10 @@ def _compared_motions(
     dt = loops["roll"].record.dt
     # The beginning, in which the twin settles, is flown but left out.
     settled_samples = slice(round(SETTLING_SECONDS / dt), None)
-    present_flight, advised_flight = (fly_twin(twin, loops, segments) for twin in twins)
+    # True angles show what gains do to the vehicle; the noise of an estimated angle would hide it in calm air.
+    present_flight, advised_flight = (
+        fly_twin(twin, loops, segments, is_estimated=False) for twin in twins
+    )
     motions = {}
     for axis in TILT_AXES:
         if axis in segments:

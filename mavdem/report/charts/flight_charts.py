@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.axis.responses import LoopResponse, Responses
+from mavdem.assessment.axis.responses import NO_STEPS, LoopResponse, Responses, StepsByLoop
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop
 from mavdem.loops.filters import gyro_response
@@ -81,11 +81,15 @@ SENSITIVITY_LEVELS = 1.0, MARGIN_TARGETS["default"].ms
 """Horizontal lines of a sensitivity |S|: 1, as without a loop, and the largest one that is allowed."""
 
 
-def step_charts(responses: Responses) -> tuple[Charts, ...]:
+def step_charts(responses: Responses, advised: StepsByLoop = NO_STEPS) -> tuple[Charts, ...]:
     """Returns charts of the closed-loop responses, measured and predicted: a column for each axis.
 
     A column has the step responses of rate and angle, and the gain |T| of the rate loop. Axes without a measured
     response have no column.
+
+    Args:
+        responses: by axis and loop.
+        advised: predicted step responses with the advised gains, by axis and loop.
     """
     columns = []
     for axis, loops in responses.items():
@@ -93,13 +97,16 @@ def step_charts(responses: Responses) -> tuple[Charts, ...]:
         for loop_name, response in loops.items():
             if isinstance(response.measured, StepResponse):
                 title = f"{axis.capitalize()} {loop_name}"
-                charts += _response_charts(title, response, response.measured)
+                advised_step = advised.get(axis, {}).get(loop_name)
+                charts += _response_charts(title, response, response.measured, advised_step)
         if charts:
             columns.append(tuple(charts))
     return tuple(columns)
 
 
-def _response_charts(title: str, response: LoopResponse, measured: StepResponse) -> Iterator[Chart]:
+def _response_charts(
+    title: str, response: LoopResponse, measured: StepResponse, advised_step: Array | None
+) -> Iterator[Chart]:
     """Yields the chart of a step response and, for a rate loop, that of its gain |T| over frequency.
 
     T is the closed-loop response from setpoint to motion. What was measured has a 90 % band; what the identified loop
@@ -109,6 +116,8 @@ def _response_charts(title: str, response: LoopResponse, measured: StepResponse)
         title: axis and loop, such as "Roll rate".
         response: the response with its prediction, if the loop is identified.
         measured: the measured response, with its 90 % band.
+        advised_step: predicted response to a step with the advised gains, at the times of the measured one; None where
+            the gains are kept.
     """
     steps = [Line.with_band("measured", MEASURED, measured.time, measured.step, measured.step_half)]
     # On the logarithmic axis the lower end of the band must stay above zero.
@@ -121,6 +130,8 @@ def _response_charts(title: str, response: LoopResponse, measured: StepResponse)
         )
         steps.append(predicted_step)
         gains.append(predicted_step._replace(x=measured.frequency, y=response.predicted_gain))
+    if advised_step is not None:
+        steps.append(Line("advised gains", PHYSICAL, measured.time, advised_step))
     yield Chart(f"{title}: step", TIME_AFTER_STEP, STEP_RESPONSE, tuple(steps), (1.0,))
     if measured.loop == "rate":
         yield Chart(f"{title}: |T|", FREQUENCY, CLOSED_LOOP_GAIN, tuple(gains), (1.0,))

@@ -5,37 +5,38 @@ from collections.abc import Mapping
 import numpy as np
 
 from mavdem.arrays import Flags
+from mavdem.assessment.axis.responses import NO_RESPONSES, Responses
 from mavdem.assessment.axis.twin import GainTrial, TwinMotion, try_gains
 from mavdem.assessment.evidence import Evidence
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.step_response import step_from_frequency_response
+from mavdem.loops.step_response import StepResponse, step_from_frequency_response
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
-from mavdem.report.palette import COMMAND, PHYSICAL, PREDICTED
+from mavdem.report.palette import PHYSICAL, PREDICTED, TRUTH
 
 STEP_SECONDS = {"rate": 0.6, "attitude": 2.0}
 """Duration of the step responses that are drawn, s, by the loop: a choice, in which usual loops settle."""
 STEP_POINTS = 200
 """Points of a step response that are drawn: a choice, enough for a smooth line."""
-TRACKING_SECONDS = 8.0
-"""Longest part of the twin's flight on recorded setpoints that is drawn, s: a choice.
-
-It is the part in which the setpoint moves most.
-"""
 HOVER_SECONDS = 4.0
 """Part of the twin's hover in wind that is drawn, s: a choice."""
 GAIN_COLOURS = {"now": PREDICTED, "advised": PHYSICAL}
-"""Colours of what the gains that flew do, and of what the advised ones would."""
+"""Colours of what the gains that flew do, and of what the advised ones would, as in all charts of loops."""
 TRIAL_TIME = Axis("time (s)")
 """Time since the twin's flight began."""
 CAPTION = (
-    "Blue: with the gains that flew; green: with the advised ones. Steps by the identified loops; the rest is flown by "
-    "the twin, on the recorded setpoints and in a hover, in wind of the recorded spectrum."
+    "Blue: with the gains that flew; green: with the advised ones. The twin, a simulation by the identified loops, "
+    "flies the recorded setpoints, and hovers, both in wind and gyro noise of the recorded spectra: the error of its "
+    "angle is larger than the lean by wind alone."
 )
-"""What stands below the charts."""
+"""What stands below the charts of the twin."""
+STEP_CAPTION = "Steps by the identified loops. "
+"""What stands before the caption where there are steps."""
 
 
-def gain_trial_groups(evidence: Evidence, advice_by_axis: AdviceByAxis) -> dict[str, Group]:
+def gain_trial_groups(
+    evidence: Evidence, advice_by_axis: AdviceByAxis, responses: Responses = NO_RESPONSES
+) -> dict[str, Group]:
     """Returns charts of each axis with new gains: what they would do, over the same with the gains that flew.
 
     Each axis has the step responses of its loops, computed from the identified plant, and the motion of the twin, which
@@ -45,9 +46,10 @@ def gain_trial_groups(evidence: Evidence, advice_by_axis: AdviceByAxis) -> dict[
     Args:
         evidence: what the log shows of the vehicle.
         advice_by_axis: advice on each axis, or why there is none.
+        responses: measured responses, beside which the page shows the steps with the advised gains already.
 
     Returns:
-        A group of charts for each axis whose gains change.
+        A group of charts for each axis whose gains change; none where there is nothing to draw.
     """
     advice_on_changes = dict[str, Advice]()
     new_gains = dict[str, float]()
@@ -61,11 +63,19 @@ def gain_trial_groups(evidence: Evidence, advice_by_axis: AdviceByAxis) -> dict[
     groups = {}
     for axis, advice in advice_on_changes.items():
         loops = {"now": advice.before, "advised": advice.after}
-        charts = [_step_chart(loops, loop_name) for loop_name in STEP_SECONDS]
+        charts = []
+        for loop_name in STEP_SECONDS:
+            response = responses.get(axis, {}).get(loop_name)
+            if response is None or not isinstance(response.measured, StepResponse):
+                charts.append(_step_chart(loops, loop_name))
+        caption = STEP_CAPTION + CAPTION if charts else CAPTION
         # Instead of flights there may be a fact, which states why the twin cannot fly.
         if isinstance(trial, GainTrial):
             charts += _twin_charts(axis, trial)
-        groups[axis] = Group.side_by_side(charts, CAPTION)
+        if charts:
+            # Charts stand in rows of two, so that four leave no gap.
+            columns = (tuple(charts[::2]), tuple(charts[1::2]))
+            groups[axis] = Group(tuple(column for column in columns if column), caption)
     return groups
 
 
@@ -80,12 +90,14 @@ def _twin_charts(axis: str, trial: GainTrial) -> list[Chart]:
     tracking_motion = trial.tracking.get(axis)
     if tracking_motion is not None:
         title = f"{axis.capitalize()} of the twin"
-        is_drawn = _samples_of_most_movement(tracking_motion)
+        is_drawn = np.ones(len(tracking_motion.time), bool)
         charts.append(_motion_chart(title, tracking_motion, is_drawn))
     hover_motion = trial.wind.get(axis)
     if hover_motion is not None:
         is_drawn = hover_motion.time < HOVER_SECONDS
-        charts.append(_motion_chart(f"{axis.capitalize()} in wind", hover_motion, is_drawn))
+        charts.append(
+            _motion_chart(f"{axis.capitalize()} of the twin in a hover", hover_motion, is_drawn)
+        )
     return charts
 
 
@@ -111,24 +123,6 @@ def _step_chart(loops: Mapping[str, Loop], loop_name: str) -> Chart:
     return Chart(title, TIME_AFTER_STEP, Axis("share of the step"), tuple(lines), (1.0,))
 
 
-def _samples_of_most_movement(motion: TwinMotion) -> Flags:
-    """Returns which samples of a motion lie in the ``TRACKING_SECONDS`` in which the setpoint moves most.
-
-    Windows that begin at each full second are compared by the standard deviation of their setpoint.
-
-    Args:
-        motion: the whole motion, T samples.
-
-    Returns:
-        Flags (T,).
-    """
-    last_start = max(motion.time[-1] - TRACKING_SECONDS, 0.0)
-    windows = []
-    for start in np.arange(0.0, last_start + 1.0):
-        windows.append((motion.time >= start) & (motion.time < start + TRACKING_SECONDS))
-    return max(windows, key=lambda is_in_window: float(np.std(motion.setpoint[is_in_window])))
-
-
 def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
     """Returns the chart of an angle of the twin, degrees, with both sets of gains and the setpoint.
 
@@ -143,7 +137,7 @@ def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
     # In a hover the setpoint is 0 throughout, which needs no line.
     if np.any(motion.setpoint):
         setpoint = np.degrees(motion.setpoint[is_drawn])
-        lines.append(Line("setpoint", COMMAND, time, setpoint, style=LineStyle.DASHES))
+        lines.append(Line("setpoint", TRUTH, time, setpoint, style=LineStyle.DASHES))
     lines.append(Line("now", GAIN_COLOURS["now"], time, np.degrees(motion.present[is_drawn])))
     advised = np.degrees(motion.advised[is_drawn])
     lines.append(Line("advised", GAIN_COLOURS["advised"], time, advised))

@@ -14,7 +14,7 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.findings import findings_of
 from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopVerdict
-from mavdem.assessment.axis.responses import Responses
+from mavdem.assessment.axis.responses import NO_STEPS, Responses, StepsByLoop, advised_steps
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.containers import JsonValues
@@ -199,8 +199,9 @@ def _flight_chapters(
         return
     if timeline is not None:
         yield _axes_chapter(assessment, timeline)
-    yield responses_chapter(assessment.responses)
-    yield _loops_chapter(assessment, evidence, assessment.advised_gains if is_full else {})
+    advice = assessment.advised_gains if is_full else {}
+    yield responses_chapter(assessment.responses, advised_steps(assessment.responses, advice))
+    yield _loops_chapter(assessment, evidence, advice)
     yield _gyro_chapter(assessment, timeline, is_full)
     yield _other_sensors_chapter(assessment.noise, timeline, is_full)
     yield _motors_chapter(analysis, evidence)
@@ -243,12 +244,13 @@ def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
         yield Table(["tracking", *TRACKING_FIGURES.values()], rows)
 
 
-def responses_chapter(responses: Responses) -> Chapter:
+def responses_chapter(responses: Responses, advised: StepsByLoop = NO_STEPS) -> Chapter:
     """Returns the chapter of step responses: their figures, doubts about them, and charts of measured and predicted.
 
     Args:
         responses: by axis and loop, the measured response or the fact why there is none, and the prediction. Loops
             without a response for the same reason share one sentence; a prediction that does not agree gives a caution.
+        advised: predicted step responses with the advised gains, by axis and loop.
     """
     rows = []
     doubts = Blocks()
@@ -271,10 +273,14 @@ def responses_chapter(responses: Responses) -> Chapter:
     blocks += doubts
     for refusal, names in names_by_refusal.items():
         blocks.append(Sentence(str(refusal.replace(subject=listed(names)))))
-    columns = step_charts(responses)
+    columns = step_charts(responses, advised)
     if not columns:
         return Chapter("Step response", blocks)
     text = "Grey: measured, with its 90 % band. Blue, where the loop is identified: predicted."
+    if advised:
+        text += " Green: predicted with the advised gains."
+    if any(loops["attitude"].has_feedforward for loops in responses.values()):
+        text += " Attitudes follow their setpoint with ArduPilot's feedforward (ATC_RATE_FF_ENAB), as flown."
     return Chapter("Step response", blocks, [Group(columns, text)])
 
 
@@ -329,7 +335,8 @@ def _loops_chapter(assessment: Assessment, evidence: Evidence, advice: AdviceByA
     # Each axis has a column of charts, in which the loop now and the loop with advised gains are drawn together.
     columns = [loop_charts(axis_loops) for axis_loops in loops_by_axis.values()]
     text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
-    groups = [Group(tuple(columns), text), *gain_trial_groups(evidence, advice).values()]
+    trials = gain_trial_groups(evidence, advice, assessment.responses)
+    groups = [Group(tuple(columns), text), *trials.values()]
     # What to do comes before the figures.
     return Chapter("Control loops", [*decisions, *margin_tables(loops), *blocks], groups)
 
