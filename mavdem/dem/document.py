@@ -17,7 +17,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.model import ModelFile
 
-VERSION = 1
+VERSION = 2
 """Version of the document's schema; documents of later versions are refused."""
 
 UNITS = {"record.dt": "s", "settings.horizon": "s"}

@@ -48,7 +48,10 @@ class Fit:
     """The generative model with its priors."""
 
     ascent: CoordinateAscent
-    """The iterations of DEM. After a simulation-error fit, the posterior is that of the fitted θ."""
+    """The iterations of DEM, with the posterior at the maximum of F̄."""
+
+    posterior: Posterior
+    """The posterior of the final θ: that of DEM or, after a simulation-error fit, the one given its θ."""
 
     gain: Array
     """(n, m) gain of the Kalman filter with DEM's own parameters and noises."""
@@ -83,7 +86,7 @@ def fit(record: Record, settings: CompleteSettings) -> Fit:
     # DEM carries no state from sample to sample; a Kalman filter with its parameters and noises does.
     gain = _kalman_gain(model, ascent.posterior, _noise_smoothness(settings, record.dt), record.dt)
     predictor = predictor_from_theta(ascent.posterior.theta, model.sizes, gain, record.dt)
-    return Fit(settings, scaling, model, ascent, gain, predictor)
+    return Fit(settings, scaling, model, ascent, ascent.posterior, gain, predictor)
 
 
 def _noise_smoothness(settings: CompleteSettings, dt: float) -> float:

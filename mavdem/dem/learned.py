@@ -16,6 +16,7 @@ from mavdem.arrays import Array, Flags, Indices
 from mavdem.confidence import CONFIDENCE_LEVEL, half_width
 from mavdem.dem.document import from_text, to_text
 from mavdem.dem.engine.ascent import FreeEnergy, Learning
+from mavdem.dem.engine.free_energy import SampleFreeEnergy, Term
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE, may_overflow
 from mavdem.dem.engine.model import LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
@@ -86,7 +87,7 @@ class Learned(ImmutableResult, ForecasterBase):
         known: (k,) which parameters the prior fixes: that a rate is the derivative of its angle, that C = [I 0].
         free_energy: Free energy action F̄ by iteration, with its named terms, in nats.
         free_energy_of_samples: (T′,) F(t) of the samples at :attr:`window_center_samples`, in nats: how well each
-            sample agrees with the model.
+            sample agrees with DEM's model. Their sum is F̄ of the last iteration.
         learning: Parameters and hyperparameters by iteration.
         converged: Whether the last fit converged; if not, its parameters may still change with more iterations.
         record: The training data, physical.
@@ -96,6 +97,8 @@ class Learned(ImmutableResult, ForecasterBase):
         state_map: Map from generalized data [ỹ; η̃] to posterior means [x̃; ṽ], in the engine's units.
         theta: Posterior mean of θ in the engine's units.
         simulation_fit: The simulation-error fit of θ, in the engine's units; ``None`` where there was none.
+        sample_free_energy: F(t) and its terms as a function of generalized data, in the engine's units; ``None`` in
+            models that were written to a file before it was kept.
 
     Raises:
         ValueError: From every method, for arguments of another shape or not finite, fewer steps than 1, or a level that
@@ -117,6 +120,7 @@ class Learned(ImmutableResult, ForecasterBase):
     state_map: Array
     theta: Array
     simulation_fit: SimulationFit | None
+    sample_free_energy: SampleFreeEnergy | None = None
 
     def __repr__(self) -> str:
         n, r = self.model.B.shape
@@ -451,6 +455,21 @@ class Learned(ImmutableResult, ForecasterBase):
             window_count = max(0, length - window + 1)
             centers.append(start + window // 2 + np.arange(window_count))
         return np.concatenate(centers)
+
+    def free_energy_terms_of_samples(self) -> dict[str, Array]:
+        """Returns the terms of F(t), of which :attr:`free_energy_of_samples` is the sum.
+
+        Those of the priors and entropies of θ and λ, the complexity of the model, are shared evenly by the samples.
+
+        Returns:
+            (T′,) of each term by its name, nats, at the samples :attr:`window_center_samples`. The sums over the samples
+            are the terms of F̄ in the last iteration of :attr:`free_energy`; that of the mean field is zero. Empty for a
+            model without :attr:`sample_free_energy`.
+        """
+        if self.sample_free_energy is None:
+            return {}
+        data = np.concatenate(generalized_data(self.settings, self.scaling, self.record))
+        return dict(zip(Term, self.sample_free_energy.terms(data).T, strict=True))
 
     def process_noise(self) -> tuple[Indices, Array]:
         """Estimates the process noise w = x′ − A x − B v: the wind and everything else outside the model.

@@ -73,24 +73,6 @@ def learn(train: TrainingData, settings: Settings | None = None) -> Learned:
         ValueError: There are too few samples, values that are not finite, or channels that do not vary, which the
             message names; or no model can forecast the data.
     """
-    return learn_with_fit(train, settings)[0]
-
-
-def learn_with_fit(train: TrainingData, settings: Settings | None = None) -> tuple[Learned, Fit]:
-    """Learns a model as :func:`learn` does, and returns also the fit that it was made from.
-
-    The fit, in the engine's scaled units, is needed to evaluate the free energy of further samples.
-
-    Args:
-        train: A ``Flight`` or a list of its segments: inputs (T, r), outputs (T, m) and dt, s, as for :func:`learn`.
-        settings: Settings of the fit; ``Settings()`` where there are none.
-
-    Returns:
-        The model and the fit.
-
-    Raises:
-        ValueError: The data are wrong or too few, or support no model, as for :func:`learn`.
-    """
     with one_thread():
         record, settings = prepared_training(train, settings)
         try:
@@ -100,7 +82,7 @@ def learn_with_fit(train: TrainingData, settings: Settings | None = None) -> tup
         # Refinement changes the parameters, not the data or their units.
         segments = generalized_data(settings, fitted.scaling, record)
         refined_fit = _refined_by_simulation(fitted, record)
-        return _learned_from_fit(refined_fit, record, np.concatenate(segments)), refined_fit
+        return _learned_from_fit(refined_fit, record, np.concatenate(segments))
 
 
 def learn_forecasts(train: TrainingData, settings: Settings | None) -> JointModel | Learned:
@@ -251,7 +233,7 @@ def _refined_by_simulation(fitted: Fit, record: Record) -> Fit:
         return fitted
     return replace(
         fitted,
-        ascent=replace(ascent, posterior=posterior),
+        posterior=posterior,
         predictor=predictor,
         simulation_fit=refined,
     )
@@ -278,21 +260,22 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
     scale = scaling.parameter_scale(order)
     # Where simulations have refined θ, their posterior holds, and theirs is the last search.
     precision = fit.model.prior.theta_precision
-    covariance = ascent.posterior.theta_covariance
+    covariance = fit.posterior.theta_covariance
     converged = ascent.converged
     if fit.simulation_fit is not None:
         covariance = fit.simulation_fit.theta_covariance(inverse(precision))
         converged = fit.simulation_fit.converged
     covariance = covariance * np.outer(scale, scale)
+    # F(t) is the share of a sample in the F̄ that DEM has reached, before simulations refined θ.
+    sample_free_energy = SampleFreeEnergy.from_posterior(ascent.posterior)
     return Learned(
         settings=fit.settings,
-        model=scaling.physical_model(ascent.posterior.theta, order),
+        model=scaling.physical_model(fit.posterior.theta, order),
         theta_covariance=covariance[np.ix_(vehicle_parameters, vehicle_parameters)],
         known=np.diag(precision)[vehicle_parameters] >= KINEMATIC_PRECISION,
         free_energy=ascent.free_energy,
-        free_energy_of_samples=SampleFreeEnergy.from_posterior(ascent.posterior).evaluate(
-            data, data @ ascent.posterior.state_map.T
-        ),
+        free_energy_of_samples=sample_free_energy.evaluate(data),
+        sample_free_energy=sample_free_energy,
         learning=replace(
             ascent.learning,
             theta=(ascent.learning.theta * scale)[:, vehicle_parameters].copy(),
@@ -303,8 +286,8 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
         cautions=tuple(_cautions(fit, record)),
         scaling=scaling,
         predictor=fit.predictor,
-        state_map=ascent.posterior.state_map,
-        theta=ascent.posterior.theta,
+        state_map=fit.posterior.state_map,
+        theta=fit.posterior.theta,
         simulation_fit=fit.simulation_fit,
     )
 
@@ -321,7 +304,7 @@ def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
     if unit_error is not None and fit.settings.prior == "regulated":
         yield unit_error
     # The largest real part of the eigenvalues, 1/s: its inverse is the time in which a mode grows by the factor e.
-    abscissa = fit.scaling.physical_model(fit.ascent.posterior.theta, fit.model.n).spectral_abscissa
+    abscissa = fit.scaling.physical_model(fit.posterior.theta, fit.model.n).spectral_abscissa
     if abscissa > 0:
         yield Fact(ModelCaution.MODEL_GROWS, growth_time=1 / abscissa)
     if fit.simulation_fit is None:

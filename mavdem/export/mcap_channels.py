@@ -26,6 +26,7 @@ def write_channels(
 
     - ``flight/outputs`` and ``flight/inputs``: what was measured;
     - with ``learned``: ``learned/one_step``; ``learned/process_noise``, per second; ``learned/free_energy``, F(t);
+      ``learned/free_energy_terms``, its terms; ``learned/free_energy_action``, its sum up to each sample, nats;
       ``learned/command``, the motors' difference; and where it is known ``learned/wind_torque``, rad/s², with the half
       width of its band;
     - with ``held_out``: ``held_out/measured``, ``held_out/forecast``, ``held_out/residual`` and ``held_out/band``, the

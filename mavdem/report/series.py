@@ -29,7 +29,13 @@ PROCESS_NOISE = "learned/process_noise"
 """Process noise w of DEM, for each state."""
 
 FREE_ENERGY = "learned/free_energy"
-"""Free energy F(t) of each sample, nats."""
+"""Free energy F(t) of each sample, nats: its share in the free energy action F̄."""
+
+FREE_ENERGY_TERMS = "learned/free_energy_terms"
+"""Terms of F(t) of each sample, nats: the columns are the names of ``mavdem.dem.engine.free_energy.Term``."""
+
+FREE_ENERGY_ACTION = "learned/free_energy_action"
+"""Sum of F(t) from the first sample to each sample, nats: at the last sample it is the F̄ that is reported."""
 
 COMMAND = "learned/command"
 """Command of the axis."""
@@ -111,12 +117,18 @@ def _model_series(
         learned: the model. Its process noise and free energy exist at some of the samples only.
     """
     samples, noise = learned.process_noise()
-    energy = learned.free_energy_of_samples[:, None]
+    energy = learned.free_energy_of_samples
+    terms = learned.free_energy_terms_of_samples()
     command = AxisCommand.of(learned)
     commands = command.series(learned.record.inputs)[:, None]
     yield ONE_STEP, Series(time, outputs, learned.one_step())
     yield PROCESS_NOISE, Series(time[samples], state_names(outputs, learned), noise)
-    yield FREE_ENERGY, Series(time[samples], ("free_energy",), energy)
+    yield FREE_ENERGY, Series(time[samples], ("free_energy",), energy[:, None])
+    if terms:
+        values = np.stack(list(terms.values()), axis=1)
+        yield FREE_ENERGY_TERMS, Series(time[samples], tuple(terms), values)
+    action = np.cumsum(energy)[:, None]
+    yield FREE_ENERGY_ACTION, Series(time[samples], ("free_energy_action",), action)
     yield COMMAND, Series(time, (command.name,), commands)
     wind = learned.resolved_wind_torque
     if wind is not None:

@@ -11,6 +11,7 @@ from mavdem.arrays import Array
 from mavdem.confidence import Interval
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dem import Estimate
+from mavdem.dem.engine.free_energy import Term
 from mavdem.live.display import DisplayRow
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.samples import MAX_SAMPLES
@@ -24,6 +25,7 @@ from mavdem.report.palette import (
     MEASURED,
     PREDICTED,
     TRUTH,
+    distinct,
 )
 from mavdem.view.live_content import Channels, live_blueprint
 from mavdem.view.plots import CLIP_SPANS, Lines, colour_on_dark
@@ -33,6 +35,13 @@ WIND_INTERVAL_OPACITY = 0.5
 
 MARK_SECONDS = 1e-3
 """s before an alarm at which the line of its mark breaks."""
+
+
+TERM_NAMES = tuple(term.value for term in Term)
+"""Lines of the terms of F(t)."""
+
+TERM_COLOURS = tuple(distinct(number) for number in range(len(TERM_NAMES)))
+"""Colours of these lines."""
 
 
 class Sample(NamedTuple):
@@ -324,19 +333,28 @@ class LiveWriter:
         )
 
     def _draw_free_energy(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
-        """Draws the free energy F(t) of the samples, nats, and their surprise.
+        """Draws the free energy F(t) of the samples with its terms, nats, their surprise, and F̄ of each learning run.
 
-        Both are known only when the window of samples around a time is complete, so they are drawn at its centre,
-        ``estimate.seen``. A constant line at 1 shows the surprise of the worst of twenty samples.
+        F(t) is known only when the window of samples around a time is complete, so it is drawn at its centre,
+        ``estimate.seen``. F̄ of a model is drawn at the last sample that it was learned from. A constant line at 1 shows
+        the surprise of the worst of twenty samples.
         """
         energies = []
+        terms = []
+        actions = []
         surprises = []
         for row, estimate in estimates:
             if np.isfinite(estimate.seen):
                 time = estimate.seen + row.timeline_offset
                 energies.append(Sample(0, time, [estimate.free_energy]))
+                if estimate.free_energy_terms is not None:
+                    terms.append(Sample(0, time, estimate.free_energy_terms))
+                end_time = estimate.until + row.timeline_offset
+                actions.append(Sample(0, end_time, [estimate.free_energy_action]))
                 # The first value is the constant line.
                 surprises.append(Sample(0, time, [1.0, estimate.surprise]))
         self._draw(Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)), energies)
+        self._draw(Lines("free_energy_terms", TERM_NAMES, TERM_COLOURS), terms)
+        self._draw(Lines("free_energy_action", ("F̄",), (PREDICTED,)), actions)
         lines = Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED))
         self._draw(lines, surprises)

@@ -15,7 +15,6 @@ from simulated import SIGNS, simulated
 import mavdem
 from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem.engine.linalg import one_thread
-from mavdem.dem.learning import learn_with_fit
 from mavdem.dem.online import learner
 from mavdem.dem.online.anomaly_marks import (
     MEAN_SECONDS_BETWEEN_FALSE_MARKS,
@@ -118,7 +117,7 @@ def test_a_vehicle_that_stood_still_is_learnt_from_soon_after_it_moves():
 
 @mark.slow
 def test_of_many_samples_it_learns_less_often(monkeypatch):
-    tracker = FreeEnergyMonitor.from_fit(*learn_with_fit(WINDY[:300], COMPLETE), 3.0)
+    tracker = FreeEnergyMonitor.from_model(mavdem.learn(WINDY[:300], COMPLETE), 3.0)
     learns = Mock(return_value=tracker)
     monkeypatch.setattr(learner, "_learn_and_monitor", learns)
     monkeypatch.setattr(learner, "FULL_RATE_SAMPLES", 400)
@@ -270,16 +269,24 @@ def test_predictions_meet_their_own_sample():
         assert_array_equal(ahead.errors.latest[:, 0], errors)
 
 
-def test_a_new_model_brings_the_past_of_its_own_free_energy():
+def test_the_stream_has_the_terms_of_the_flight_and_a_new_model_its_own_past():
     """Its level shifts by nats from one model to the next, which is no change of the vehicle."""
     flight = simulated(samples=300, wind=0.5)
     memory = SampleMemory(DT, 10, 30)
-    tracker = FreeEnergyMonitor.from_fit(*learn_with_fit(flight), 3.0)
-    energies = []
+    learned = mavdem.learn(flight)
+    monitor = FreeEnergyMonitor.from_model(learned, 3.0)
+    streamed = []
     for row in zip(flight.inputs, flight.outputs, flight.time, strict=True):
         memory.add(*row)
-        energies.append(tracker.evaluate(memory))
-    assert_allclose(tracker.past_values, energies[tracker.learned.settings.window - 1 :], rtol=1e-9)
+        streamed.append(monitor.terms(memory))
+    # The first samples have no whole window.
+    edge = learned.settings.window - 1
+    assert all(terms is None for terms in streamed[:edge])
+    terms = np.array(streamed[edge:])
+    expected = np.stack(list(learned.free_energy_terms_of_samples().values()), axis=1)
+    assert_allclose(terms, expected, rtol=1e-6, atol=1e-9)
+    assert_allclose(monitor.past_values, terms.sum(axis=1), rtol=1e-9)
+    assert monitor.free_energy_action == approx(terms.sum(), rel=1e-9)
 
 
 def test_surprise_is_in_units_of_the_lowest_twentieth():

@@ -35,7 +35,7 @@ def test_case_a_ends_near_theirs_and_nearer_the_truth():
     assert np.linalg.norm(posteriors[-1].theta - truth) < np.linalg.norm(published - truth)
     assert posteriors[-1].lambda_[0] == approx(theirs["h"].ravel()[0], abs=0.1)
     free_energies = [
-        SampleFreeEnergy.from_posterior(posterior).action(samples, samples @ posterior.state_map.T)
+        SampleFreeEnergy.from_posterior(posterior).evaluate(samples).sum()
         for posterior in posteriors
     ]
     assert (np.diff(free_energies) >= 0).all()

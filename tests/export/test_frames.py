@@ -9,7 +9,7 @@ import numpy as np
 from mcap.reader import make_reader
 from numpy.testing import assert_allclose, assert_array_equal
 from partial_records import partial_record
-from pytest import fixture, mark, raises, warns
+from pytest import approx, fixture, mark, raises, warns
 from recorded_flights import FLIGHT
 from refusals import prose, refused
 from simulated import simulated
@@ -163,6 +163,10 @@ def test_what_was_learned_stands_beside_it(tmp_path, result):
         assert np.allclose(series[topic][0], time, atol=1e-9), topic
         assert np.array_equal(np.column_stack(list(series[topic][1].values())), values), topic
     assert_array_equal(series["held_out/measured"][0], test.time)
+    action = series["learned/free_energy_action"][1]["free_energy_action"]
+    assert action[-1] == approx(learned.free_energy[-1])
+    terms = series["learned/free_energy_terms"][1]
+    assert sum(np.sum(values) for values in terms.values()) == approx(action[-1])
     with raises(ValueError, match="300 samples"):
         write_channels(tmp_path / "other.mcap", [train[:299]], learned)
     assert [path.name for path in tmp_path.iterdir()] == ["flight.mcap"]

@@ -2,14 +2,16 @@
 
 It is the one definition of F̄ that the D, E and M steps maximise, an approximation of the log evidence of the model.
 
-F(t) is the free energy of one sample, and F̄, the free energy action, its sum over all samples with the priors counted
-once. Every gradient and curvature of the steps is tested against finite differences of this definition.
+F(t) is the free energy of one sample, and F̄, the free energy action, its sum over the training samples: learning, the
+results of a flight and the online learner all take F(t) from :class:`SampleFreeEnergy`. Every gradient and curvature of the steps is tested against finite differences of this definition.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -56,99 +58,154 @@ class Posterior(NamedTuple):
         return self.moments.joint_map[self.model.hidden_columns]
 
 
-class SampleFreeEnergy(NamedTuple):
-    """The free energy F(t) of one sample as a function of its data and its states X, at a fixed posterior of θ and λ.
+class Term(StrEnum):
+    """Names of the terms of the free energy, as results and documents report them.
 
-    F(t) = U + W + H, Eq. ``free_E``: internal energy, mean-field terms and entropy. It is a constant less half the
-    weighted squares of the sample's errors and of its states. W is the expectation of the curvature, ½ tr(Σ U_ϑϑ), with
-    the ½ that Eq. ``F_bar_MF`` has and Eq. ``free_E`` has lost. Constants in 2π are left out. The terms of θ and λ are
-    the same at every sample: each F(t) contains them, F̄ only once.
+    All but the last are the terms of F̄ᵒ, Eq. ``F_action_opt``.
     """
 
-    constant: float
-    """F(t), nats, of a sample whose errors and states are zero."""
+    NOISE_ENTROPY = "noise entropy"
+    STATE_AND_INPUT_ENTROPY = "state and input entropy"
+    PARAMETER_ENTROPY = "parameter entropy"
+    HYPERPARAMETER_ENTROPY = "hyperparameter entropy"
+    PREDICTION_ERROR_OF_OUTPUTS = "prediction error of outputs"
+    PREDICTION_ERROR_OF_INPUTS = "prediction error of inputs"
+    PREDICTION_ERROR_OF_STATES = "prediction error of states"
+    PREDICTION_ERROR_OF_PARAMETERS = "prediction error of parameters"
+    PREDICTION_ERROR_OF_HYPERPARAMETERS = "prediction error of hyperparameters"
 
-    parameter_terms: float
-    """The part of ``constant`` that the priors and entropies of θ and λ make up, nats."""
+    MEAN_FIELD = "mean field"
+    """What the uncertainty of states, parameters and noises adds to one sample's expected squared errors.
+
+    It is counted from its mean over the training samples, so that it sums to zero over these.
+    """
+
+
+SAMPLE_TERMS = (
+    Term.PREDICTION_ERROR_OF_OUTPUTS,
+    Term.PREDICTION_ERROR_OF_INPUTS,
+    Term.PREDICTION_ERROR_OF_STATES,
+    Term.MEAN_FIELD,
+)
+"""The terms that differ from sample to sample; all others are the same at every sample of a model."""
+
+
+SAMPLE_TERM_COLUMNS = [list(Term).index(term) for term in SAMPLE_TERMS]
+"""Columns of the ``SAMPLE_TERMS`` among all terms."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampleFreeEnergy:
+    """The free energy F(t) of one sample, as a function of its data and its states, at a fixed posterior of θ and λ.
+
+    F(t) is the share of one sample in the free energy action F̄: summed over the training samples it is F̄. Its terms
+    have the names of those of F̄, and each sums to that of F̄.
+
+    - The squared errors of outputs, inputs and states, the noise entropy, and the entropy of states and inputs belong
+      to the sample.
+    - The priors and entropies of θ and λ, the complexity of the model, belong to the training data as a whole. Every
+      sample has an equal share, one T-th for T training samples.
+    - The mean-field term W is the expectation of the curvature, ½ tr(Σ U_ϑϑ), with the ½ that Eq. ``F_bar_MF`` has and
+      Eq. ``free_E`` has lost. Half the number of estimated quantities, the constant in the entropy of a Gaussian, is
+      counted with it: so the term sums to zero where all covariances are optimal, as in F̄ᵒ of Eq. ``F_action_opt``.
+
+    Constants in 2π are left out.
+    """
+
+    constants: Array
+    """(10,) the terms of a sample without errors and with zero states, nats, in the order of ``Term``."""
 
     error_operator: Array
     """E with the errors ε̃ = E [ỹ; η̃; X]."""
 
     error_precision: Array
-    """Precision of ε̃, including the uncertainty of λ."""
+    """(dim ε̃, dim ε̃) precision Π̃ of the errors, at the mean of λ."""
+
+    error_weights: Array
+    """(dim ε̃, 4) weights that sum the weighted squares of the errors to the ``SAMPLE_TERMS``."""
 
     mean_field_curvature: Array
     """(dim X, dim X) penalty of the states, which the uncertainty of θ makes."""
 
+    state_map: Array
+    """(dim X, dim [ỹ; η̃]) map from the data of a sample to the posterior means of its states."""
+
     @classmethod
     def from_posterior(cls, posterior: Posterior) -> SampleFreeEnergy:
-        """Returns F(t) as a function of the sample, under the posterior of θ and λ.
+        """Returns F(t) as a function of the sample, under the posterior of the training data.
 
         Args:
-            posterior: the posterior. The means of its states play no part, since they are arguments of F(t); their
-                covariance counts.
+            posterior: the posterior. Its statistics say how many samples share the complexity.
         """
         model = posterior.model
-        theta = posterior.theta
-        lambda_ = posterior.lambda_
-        prior = model.prior
-        # The mean-field terms of λ and of θ are quadratic in the errors and in the states of a sample.
-        error_precision = model.error_precision(
-            expected_noise_precisions(lambda_, posterior.lambda_covariance)
-        )
-        mean_field_curvature = model.mean_field_curvature_in_states(
-            np.exp(lambda_), posterior.theta_covariance
-        )
-        # ½ (ln|P| + ln|Σ| − δᵀ P δ − tr(Σ P)) for θ and for λ, δ being the deviation from the prior mean: the prior,
-        # the entropy, and the mean-field term of the prior.
-        parameter_terms = 0.5 * float(
-            sum(model.log_det_prior_precisions)
-            + logdet(posterior.theta_covariance)
-            + logdet(posterior.lambda_covariance)
-            - sum(prior.squared_errors(theta, lambda_))
-            - np.sum(posterior.theta_covariance * prior.theta_precision)
-            - np.sum(posterior.lambda_covariance * prior.lambda_precision)
-        )
-        # The normalisation of the noises, and the mean-field term and entropy of the states.
-        sample_terms = 0.5 * float(
-            model.log_det_error_precision(lambda_)
-            + np.sum(posterior.state_covariance * state_curvature(posterior))
-            + logdet(posterior.state_covariance)
-        )
+        T = posterior.samples.sample_count
+        totals = _terms_without_errors(posterior)
+        totals[Term.MEAN_FIELD] = _mean_field_without_errors(posterior)
+        noise_precisions = np.exp(posterior.lambda_)
+        # The uncertainty of λ adds this share to the weight of the errors of each noise. Errors that λ leaves alone have
+        # the index −1, which picks the 0 appended at the end.
+        expected_precisions = expected_noise_precisions(posterior.lambda_, posterior.lambda_covariance)
+        added_share = np.append(expected_precisions / noise_precisions - 1.0, 0.0)
+        rows = _rows_by_term(model)
+        error_weights = np.zeros((len(model.noise_of_error), len(SAMPLE_TERMS)))
+        for column, term in enumerate(SAMPLE_TERMS):
+            if term is Term.MEAN_FIELD:
+                error_weights[:, column] = added_share[model.noise_of_error]
+            else:
+                error_weights[rows[term], column] = 1.0
         return cls(
-            constant=parameter_terms + sample_terms,
-            parameter_terms=parameter_terms,
-            error_operator=model.error_operator(theta),
-            error_precision=error_precision,
-            mean_field_curvature=mean_field_curvature,
+            constants=np.array([totals.get(term, 0.0) / T for term in Term]),
+            error_operator=model.error_operator(posterior.theta),
+            error_precision=model.error_precision(noise_precisions),
+            error_weights=error_weights,
+            mean_field_curvature=model.mean_field_curvature_in_states(
+                noise_precisions, posterior.theta_covariance
+            ),
+            state_map=posterior.state_map,
         )
 
-    def evaluate(self, data: Array, states: Array) -> Array:
-        """Computes the free energy F(t) of each sample: a constant less half the weighted squares of errors and states.
+    def terms(self, data: Array, states: Array | None = None) -> Array:
+        """Computes the terms of F(t) of each sample.
 
         Args:
             data: (T, dim [ỹ; η̃]) generalized data.
-            states: (T, dim X) means of the states.
+            states: (T, dim X) means of the states; those of the posterior unless given.
+
+        Returns:
+            (T, 10) terms in the order of ``Term``, nats, which sum to F(t).
+        """
+        if states is None:
+            states = data @ self.state_map.T
+            errors = data @ self._error_map.T
+        else:
+            errors = np.hstack([data, states]) @ self.error_operator.T
+        # ε̃ᵀ Π̃ ε̃ by the entries of ε̃, which are then summed by term.
+        squares = (errors @ self.error_precision * errors) @ self.error_weights
+        squares[:, SAMPLE_TERMS.index(Term.MEAN_FIELD)] += np.sum(
+            states @ self.mean_field_curvature * states, axis=1
+        )
+        terms = np.empty((len(data), len(self.constants)))
+        terms[:] = self.constants
+        terms[:, SAMPLE_TERM_COLUMNS] -= 0.5 * squares
+        return terms
+
+    @cached_property
+    def _error_map(self) -> Array:
+        """(dim ε̃, dim [ỹ; η̃]) map from the data of a sample to its errors, at the posterior means of the states."""
+        data_map = np.eye(self.state_map.shape[1])
+        return self.error_operator @ np.vstack([data_map, self.state_map])
+
+    def evaluate(self, data: Array, states: Array | None = None) -> Array:
+        """Computes the free energy F(t) of each sample, the sum of its terms.
+
+        Args:
+            data: (T, dim [ỹ; η̃]) generalized data.
+            states: (T, dim X) means of the states; those of the posterior unless given.
 
         Returns:
             F(t), (T,), nats.
         """
-        errors = np.hstack([data, states]) @ self.error_operator.T
-        squares = np.sum(errors @ self.error_precision * errors, axis=1) + np.sum(
-            states @ self.mean_field_curvature * states, axis=1
-        )
-        return self.constant - 0.5 * squares
-
-    def action(self, data: Array, states: Array) -> float:
-        """Returns F̄, nats: the sum of F(t) over all samples, with the terms of θ and λ counted once.
-
-        Every F(t) contains these terms, so that T − 1 of them are taken off the sum.
-
-        Args:
-            data: (T, dim [ỹ; η̃]) generalized data.
-            states: (T, dim X) means of the states.
-        """
-        return self.evaluate(data, states).sum() - (len(data) - 1) * self.parameter_terms
+        return self.terms(data, states).sum(axis=1)
 
 
 def expected_noise_precisions(lambda_: Array, lambda_covariance: Array) -> Array:
@@ -199,50 +256,69 @@ def lambda_curvature(posterior: Posterior) -> Array:
     return -error_curvature - posterior.model.prior.lambda_precision
 
 
-class Term(StrEnum):
-    """Names of the terms of F̄ᵒ, Eq. ``F_action_opt``, as results and documents report them."""
-
-    NOISE_ENTROPY = "noise entropy"
-    STATE_AND_INPUT_ENTROPY = "state and input entropy"
-    PARAMETER_ENTROPY = "parameter entropy"
-    HYPERPARAMETER_ENTROPY = "hyperparameter entropy"
-    PREDICTION_ERROR_OF_OUTPUTS = "prediction error of outputs"
-    PREDICTION_ERROR_OF_INPUTS = "prediction error of inputs"
-    PREDICTION_ERROR_OF_STATES = "prediction error of states"
-    PREDICTION_ERROR_OF_PARAMETERS = "prediction error of parameters"
-    PREDICTION_ERROR_OF_HYPERPARAMETERS = "prediction error of hyperparameters"
-
-
 def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
     """Returns the terms of F̄ᵒ by name, nats, Eq. ``F_action_opt``: F̄ at optimal covariances.
 
-    The sum of the terms is F̄ᵒ. It is :meth:`SampleFreeEnergy.action` plus half the number of all estimated quantities,
-    T · dim X + dim θ + dim λ: at optimal covariances the mean-field terms are constants, which the paper drops.
+    Each is the sum over the training samples of the term of :class:`SampleFreeEnergy` of the same name, computed from
+    the second moments of the data. The mean-field term is zero at optimal covariances, and is left out.
 
     Args:
         posterior: a posterior whose covariances are the inverses of the negative curvatures, as
             ``steps.with_optimal_covariances`` makes them.
     """
     model = posterior.model
-    log_det_theta_prior, log_det_lambda_prior = model.log_det_prior_precisions
-    theta_error, lambda_error = model.prior.squared_errors(posterior.theta, posterior.lambda_)
-    T = posterior.samples.sample_count
     # Π̃ times Σ ε̃ε̃ᵀ, entry by entry: the sum over the block of one kind of errors is their Σ ε̃ᵀ Π̃ ε̃.
     weighted_squares = model.error_precision(
         np.exp(posterior.lambda_)
     ) * posterior.moments.error_moments(posterior.theta)
-    output_rows, input_rows, state_rows, _ = model.error_rows
-    # The error of a prior of x, which comes after those of the states, counts among them.
-    state_rows = slice(state_rows.start, None)
+    terms = _terms_without_errors(posterior)
+    for term, rows in _rows_by_term(model).items():
+        terms[term] = -0.5 * weighted_squares[rows, rows].sum()
+    return {term: terms[term] for term in Term if term is not Term.MEAN_FIELD}
+
+
+def _rows_by_term(model: GenerativeModel) -> Mapping[Term, slice]:
+    """Returns the rows of the prediction errors ε̃ that each term sums the weighted squares of.
+
+    The error of a prior of x, which comes after those of the states, counts among them.
+    """
+    rows = model.error_rows
+    return {
+        Term.PREDICTION_ERROR_OF_OUTPUTS: rows.outputs,
+        Term.PREDICTION_ERROR_OF_INPUTS: rows.inputs,
+        Term.PREDICTION_ERROR_OF_STATES: slice(rows.states.start, None),
+    }
+
+
+def _terms_without_errors(posterior: Posterior) -> dict[Term, float]:
+    """Returns the terms of F̄ that do not depend on the errors of samples, nats, summed over the training data."""
+    model = posterior.model
+    log_det_theta_prior, log_det_lambda_prior = model.log_det_prior_precisions
+    theta_error, lambda_error = model.prior.squared_errors(posterior.theta, posterior.lambda_)
+    T = posterior.samples.sample_count
     return {
         Term.NOISE_ENTROPY: 0.5 * T * model.log_det_error_precision(posterior.lambda_),
         Term.STATE_AND_INPUT_ENTROPY: 0.5 * T * logdet(posterior.state_covariance),
         Term.PARAMETER_ENTROPY: 0.5 * (logdet(posterior.theta_covariance) + log_det_theta_prior),
         Term.HYPERPARAMETER_ENTROPY: 0.5
         * (logdet(posterior.lambda_covariance) + log_det_lambda_prior),
-        Term.PREDICTION_ERROR_OF_OUTPUTS: -0.5 * weighted_squares[output_rows, output_rows].sum(),
-        Term.PREDICTION_ERROR_OF_INPUTS: -0.5 * weighted_squares[input_rows, input_rows].sum(),
-        Term.PREDICTION_ERROR_OF_STATES: -0.5 * weighted_squares[state_rows, state_rows].sum(),
         Term.PREDICTION_ERROR_OF_PARAMETERS: -0.5 * theta_error,
         Term.PREDICTION_ERROR_OF_HYPERPARAMETERS: -0.5 * lambda_error,
     }
+
+
+def _mean_field_without_errors(posterior: Posterior) -> float:
+    """Returns the mean-field term of F̄ at zero errors and states, nats, summed over the training data.
+
+    It is ½ (tr(Σˣ U_XX) + dim X) of each sample, and ½ (dim ϑ − tr(Σ^ϑ P^ϑ)) of ϑ = θ and λ, whose other mean-field
+    terms are quadratic in the errors and in the states.
+    """
+    prior = posterior.model.prior
+    state_term = np.sum(posterior.state_covariance * state_curvature(posterior)) + len(
+        posterior.state_covariance
+    )
+    theta_term = len(posterior.theta) - np.sum(posterior.theta_covariance * prior.theta_precision)
+    lambda_term = len(posterior.lambda_) - np.sum(
+        posterior.lambda_covariance * prior.lambda_precision
+    )
+    return 0.5 * float(posterior.samples.sample_count * state_term + theta_term + lambda_term)

@@ -531,6 +531,11 @@ class GenerativeModel:
         noise_of_error[rows.states] = np.tile(self.state_groups, self.q + 1)
         return PrecisionStructure(precision, noise_of_error)
 
+    @property
+    def noise_of_error(self) -> Indices:
+        """Index in λ of the noise of each prediction error, (dim ε̃,); −1 for errors whose precision λ leaves alone."""
+        return self._precision_structure.noise_of_error
+
     def log_det_error_precision(self, lambda_: Array) -> float:
         """Returns ln|Π̃| for log noise precisions λ (g,)."""
         return float(self._log_det_at_zero + self.log_det_gradient @ lambda_)

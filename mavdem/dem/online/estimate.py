@@ -32,8 +32,11 @@ class Estimate(NamedTuple):
         ahead_ratio: (H, m) squared error of ``ahead``, averaged over about 10 s, relative to that of the better of two
             trivial predictions: the last sample held, and the mean so far. NaN before errors are known.
         seen: Time that ``free_energy`` and ``surprise`` belong to, s: the centre of the latest embedding window.
-        free_energy: F(t) without the prior and entropy terms of θ and λ, which are the same at every sample and change
-            only with the model.
+        free_energy: F(t), nats, by the current model: the same function whose sum over the model's training samples is
+            ``free_energy_action``.
+        free_energy_terms: (10,) terms of F(t), nats, in the order of ``mavdem.dem.engine.free_energy.Term``; ``None``
+            where there is no F(t).
+        free_energy_action: F̄ of the current model, nats: that of the learning run on the samples up to ``until``.
         surprise: Standardised drop of F(t) below the median of its last 10 s. The unit is the distance of its 5 %
             quantile: above 1 in about one of 20 samples without a change, tens to thousands with a failing motor.
         model: The current model.
@@ -57,6 +60,8 @@ class Estimate(NamedTuple):
     ahead_ratio: Array
     seen: float = np.nan
     free_energy: float = np.nan
+    free_energy_terms: Array | None = None
+    free_energy_action: float = np.nan
     surprise: float = np.nan
     model: LinearModel | None = None
     until: float = np.nan

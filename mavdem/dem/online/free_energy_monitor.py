@@ -16,7 +16,6 @@ from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.dem.engine.free_energy import SampleFreeEnergy
 from mavdem.dem.engine.generative import taylor_weights
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
-from mavdem.dem.fitting import Fit
 from mavdem.dem.learned import Learned
 from mavdem.dem.online.memory import SampleMemory
 
@@ -42,8 +41,8 @@ class FreeEnergyMonitor(NamedTuple):
     Attributes:
         learned: The model.
         end_time: Time of the last sample that it was learned from, s.
-        free_energy: Free energy of a sample as a function of data and states.
-        past_values: F(t) of the latest training samples, up to ``SURPRISE_SECONDS``, without its terms of θ and λ.
+        free_energy: Free energy F(t) of a sample as a function of its data.
+        past_values: F(t) of the latest training samples, up to ``SURPRISE_SECONDS``.
         output_weights: (p + 1, window) weights that give the derivatives of the outputs at the centre of a window.
         input_weights: (d + 1, window) weights that give those of the inputs.
     """
@@ -56,51 +55,53 @@ class FreeEnergyMonitor(NamedTuple):
     input_weights: Array
 
     @classmethod
-    def from_fit(cls, learned: Learned, fit: Fit, end_time: float) -> FreeEnergyMonitor:
+    def from_model(cls, learned: Learned, end_time: float) -> FreeEnergyMonitor:
         """Returns the monitor of a learned model, with F(t) of its latest training samples as the past.
 
         Args:
-            learned: The model.
-            fit: The fit that it was made from.
+            learned: The model, as ``learn`` returns it.
             end_time: Time of the last sample that it was learned from, s.
         """
-        free_energy = SampleFreeEnergy.from_posterior(fit.ascent.posterior)
-        latest_values = learned.free_energy_of_samples[-round(SURPRISE_SECONDS / learned.dt) :]
+        assert learned.sample_free_energy is not None
         settings = learned.settings
         center = settings.window // 2
         return cls(
             learned=learned,
             end_time=end_time,
-            free_energy=free_energy,
-            past_values=latest_values - free_energy.parameter_terms,
+            free_energy=learned.sample_free_energy,
+            past_values=learned.free_energy_of_samples[-round(SURPRISE_SECONDS / learned.dt) :],
             output_weights=taylor_weights(settings.p, learned.dt, settings.window, center),
             input_weights=taylor_weights(settings.d, learned.dt, settings.window, center),
         )
 
-    def evaluate(self, memory: SampleMemory) -> float:
+    @property
+    def free_energy_action(self) -> float:
+        """F̄ of the model, nats: the sum of F(t) over its training samples."""
+        return float(self.learned.free_energy[-1])
+
+    def terms(self, memory: SampleMemory) -> Array | None:
         """Computes how well the latest samples agree with the model: F(t) at the centre of their embedding window.
 
-        The samples of the window give the derivatives of outputs and inputs, as in the fit; the states are the linear
-        map of these that DEM has found.
+        The samples of the window give the derivatives of outputs and inputs, as in the fit. F(t) is the same function
+        as for the training samples, the equal share of the model's complexity included.
 
         Args:
             memory: Memory with the latest samples.
 
         Returns:
-            F(t) without its terms of θ and λ, nats; NaN where the last gap is too near for a whole window.
+            (10,) terms of F(t), nats, in the order of ``mavdem.dem.engine.free_energy.Term``, which sum to F(t); None
+            where the last gap is too near for a whole window.
         """
         window = self.learned.settings.window
         inputs, outputs = memory.latest_samples(window)
         if len(outputs) < window:
-            return np.nan
+            return None
         scaling = self.learned.scaling
         output_derivatives = self.output_weights @ scaling.scale_outputs(outputs)
         input_derivatives = self.input_weights @ scaling.scale_inputs(inputs)
         # One row of generalized data [ỹ; η̃], order after order, as the fit had them.
         data = np.concatenate([output_derivatives.ravel(), input_derivatives.ravel()])
-        states = self.learned.state_map @ data
-        value = float(self.free_energy.evaluate(data[None], states[None])[0])
-        return value - self.free_energy.parameter_terms
+        return self.free_energy.terms(data[None])[0]
 
 
 class Surprise:

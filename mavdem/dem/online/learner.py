@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from mavdem.arrays import Array
 from mavdem.dem.forecast.joint import known_axis_mixer
 from mavdem.dem.learned import Learned
-from mavdem.dem.learning import MIN_SAMPLES, learn, learn_with_fit
+from mavdem.dem.learning import MIN_SAMPLES, learn
 from mavdem.dem.online.anomaly_marks import AnomalyMarks
 from mavdem.dem.online.error_bands import ErrorBands
 from mavdem.dem.online.estimate import Estimate
@@ -100,10 +100,10 @@ def _learn_and_monitor(record: Record, settings: Settings, end_time: float) -> F
     Raises:
         ValueError: The samples do not support a model.
     """
-    learned, fit = learn_with_fit(record, settings)
+    learned = learn(record, settings)
     # The joint model is computed when it is first used: it is used here, so that samples do not wait for it later.
     learned.joint  # noqa: B018
-    return FreeEnergyMonitor.from_fit(learned, fit, end_time)
+    return FreeEnergyMonitor.from_model(learned, end_time)
 
 
 class OnlineLearner:
@@ -388,9 +388,11 @@ class OnlineLearner:
         monitor = self._monitor
         if monitor is None:
             return estimate
-        free_energy = monitor.evaluate(self._memory)
+        terms = monitor.terms(self._memory)
+        free_energy = np.nan
         surprise = np.nan
-        if np.isfinite(free_energy):
+        if terms is not None:
+            free_energy = float(terms.sum())
             surprise = self._surprise.add(free_energy)
         # The free energy belongs to the centre of the embedding window, which ends with this sample.
         window = monitor.learned.settings.window
@@ -398,6 +400,8 @@ class OnlineLearner:
         return estimate._replace(
             seen=sample.time - samples_since_center * self._dt,
             free_energy=free_energy,
+            free_energy_terms=terms,
+            free_energy_action=monitor.free_energy_action,
             surprise=surprise,
             model=monitor.learned.model,
             until=monitor.end_time,
