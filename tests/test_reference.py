@@ -49,6 +49,8 @@ def test_a_model_begins_with_its_versions_and_is_read_without_them():
     assert {name: document.pop(name) for name in expected} == expected
     assert mavdem.Learned.from_json(json.dumps(document)).to_json() == text
     with raises(ValueError, match="of a later version of mavdem"):
-        mavdem.Learned.from_json(text.replace(f'"schema_version": {VERSION}', f'"schema_version": {VERSION + 1}'))
+        mavdem.Learned.from_json(
+            text.replace(f'"schema_version": {VERSION}', f'"schema_version": {VERSION + 1}')
+        )
     with raises(ValueError, match="of an earlier version of mavdem, learn anew"):
         mavdem.Learned.from_json('{"settings": {"noise_groups": null}}')

@@ -462,9 +462,9 @@ class Learned(ImmutableResult, ForecasterBase):
         Those of the priors and entropies of θ and λ, the complexity of the model, are shared evenly by the samples.
 
         Returns:
-            (T′,) of each term by its name, nats, at the samples :attr:`window_center_samples`. The sums over the samples
-            are the terms of F̄ in the last iteration of :attr:`free_energy`; that of the mean field is zero. Empty for a
-            model without :attr:`sample_free_energy`.
+            (T′,) of each term by its name, nats, at the samples :attr:`window_center_samples`. The sums over the
+            samples are the terms of F̄ in the last iteration of :attr:`free_energy`; that of the mean field is zero.
+            Empty for a model without :attr:`sample_free_energy`.
         """
         if self.sample_free_energy is None:
             return {}

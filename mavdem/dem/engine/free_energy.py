@@ -3,7 +3,8 @@
 It is the one definition of F̄ that the D, E and M steps maximise, an approximation of the log evidence of the model.
 
 F(t) is the free energy of one sample, and F̄, the free energy action, its sum over the training samples: learning, the
-results of a flight and the online learner all take F(t) from :class:`SampleFreeEnergy`. Every gradient and curvature of the steps is tested against finite differences of this definition.
+results of a flight and the online learner all take F(t) from :class:`SampleFreeEnergy`. Every gradient and curvature of
+the steps is tested against finite differences of this definition.
 """
 
 from __future__ import annotations
@@ -142,9 +143,11 @@ class SampleFreeEnergy:
         totals = _terms_without_errors(posterior)
         totals[Term.MEAN_FIELD] = _mean_field_without_errors(posterior)
         noise_precisions = np.exp(posterior.lambda_)
-        # The uncertainty of λ adds this share to the weight of the errors of each noise. Errors that λ leaves alone have
-        # the index −1, which picks the 0 appended at the end.
-        expected_precisions = expected_noise_precisions(posterior.lambda_, posterior.lambda_covariance)
+        # The uncertainty of λ adds this share to the weight of the errors of each noise. Errors that λ leaves alone
+        # have the index −1, which picks the 0 appended at the end.
+        expected_precisions = expected_noise_precisions(
+            posterior.lambda_, posterior.lambda_covariance
+        )
         added_share = np.append(expected_precisions / noise_precisions - 1.0, 0.0)
         rows = _rows_by_term(model)
         error_weights = np.zeros((len(model.noise_of_error), len(SAMPLE_TERMS)))
