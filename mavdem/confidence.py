@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# These are the quantile functions of scipy.stats, which itself takes half a second to import.
-from scipy.special import ndtri, stdtrit
+# These are the functions behind scipy.stats, which itself takes half a second to import.
+from scipy.special import gammaln, ndtri, stdtrit
 
 Interval = tuple[float, float]
 """Lower and upper end of an interval, in the unit of the figure."""
@@ -75,3 +75,19 @@ def half_width(
         ValueError: The level is no probability between 0 and 1.
     """
     return coverage_factor(level, freedom) * np.sqrt(variance)
+
+
+def student_t_log_density(values: NDArray[np.float64], freedom: float) -> NDArray[np.float64]:
+    """Returns the logarithms of the density of Student's t distribution.
+
+    Args:
+        values: where the density is asked for.
+        freedom: degrees of freedom, finite.
+    """
+    log_normalization = (
+        gammaln((freedom + 1) / 2) - gammaln(freedom / 2) - np.log(freedom * np.pi) / 2
+    )
+    log_density: NDArray[np.float64] = log_normalization - (freedom + 1) / 2 * np.log1p(
+        values**2 / freedom
+    )
+    return log_density

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, Flags, Integers
+from mavdem.arrays import Array, Flags, Integers, cumulative_integral
 from mavdem.dataset.axes import AXES, MAX_ANGLE, MAX_BODY_RATE
 from mavdem.dataset.time_series import (
     TimeSeries,
@@ -250,9 +250,6 @@ def _integrated_rates(sent: Attitude, tuning: TimeSeries) -> _IntegratedRates:
     Returns:
         Angle and its derivative at the N stamps of the body rate, each boot by itself.
     """
-    # SciPy's integration takes half a second to import, and few logs need it.
-    from scipy.integrate import cumulative_trapezoid
-
     rate = tuning.values[:, 0]
     angle = np.full_like(rate, np.nan)
     euler_rate = rate.copy()
@@ -263,7 +260,7 @@ def _integrated_rates(sent: Attitude, tuning: TimeSeries) -> _IntegratedRates:
         if not np.any(is_covered):
             continue
         time = tuning.time[is_covered]
-        integral = cumulative_trapezoid(rate[is_covered], time, initial=0)
+        integral = cumulative_integral(rate[is_covered], np.diff(time))
         drift = sent.angle[rows] - np.interp(sent_time, time, integral)
         angle[is_covered] = integral + np.interp(time, sent_time, drift)
         is_in_span = (sent_time >= time[0]) & (sent_time <= time[-1])

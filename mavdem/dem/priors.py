@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mavdem.arrays import Array, ArrayPair, Indices
+from mavdem.arrays import Array, ArrayPair, Indices, cumulative_integral
 from mavdem.dem.engine.model import pack
 from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings, Gaussian
@@ -52,13 +52,10 @@ def derivative_pairs(record: Record) -> DerivativePairs:
     Returns:
         Pairs (i, j) of columns, output j being the derivative of output i; none where all segments are too short.
     """
-    # Imported here, since it takes half a second.
-    from scipy.integrate import cumulative_trapezoid
-
     span = max(1, round(RATE_INTEGRATION_SPAN / record.dt))
     changes_of_segments = []
     for _, outputs in record.segments:
-        integrals = cumulative_trapezoid(outputs, dx=record.dt, axis=0, initial=0)
+        integrals = cumulative_integral(outputs, np.full(len(outputs) - 1, record.dt))
         signals = np.stack([outputs, integrals])
         changes_of_segments.append(signals[:, span:] - signals[:, :-span])
     # (T', m) each: changes of the outputs, and of their integrals, over one span.

@@ -16,6 +16,7 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags
 from mavdem.containers import Numbers
+from mavdem.dem.engine.model import scalar_recursion
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import Controllers
@@ -316,12 +317,11 @@ def _rotor_speed_error(speed_commands: Array, step: float) -> Array:
     Returns:
         Command less speed (T, r), in the unit of the commands.
     """
-    # Importing scipy.signal takes half a second.
-    from scipy.signal import lfilter
-
     decay = np.exp(-step / TYPICAL_ROTOR_LAG)
-    # The initial condition is that of a filter at rest at the first command.
-    speeds, _ = lfilter(
-        [0.0, 1 - decay], [1.0, -decay], speed_commands, axis=0, zi=speed_commands[:1]
-    )
+    # The rotors are at rest at the first command.
+    speeds = speed_commands.copy()
+    for rotor in range(speeds.shape[1]):
+        previous_commands = speed_commands[:-1, rotor]
+        first_speed = speed_commands[0, rotor]
+        speeds[1:, rotor] = scalar_recursion(decay, (1 - decay) * previous_commands, first_speed)
     return speed_commands - speeds

@@ -12,6 +12,7 @@ from mavdem.arrays import Array
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.controllers import Controller
 from mavdem.loops.margins import MAX_FREQUENCY_RATIO, controller_response
+from mavdem.plant.power_density import power_density
 
 MIN_NOISE_CROSSOVER_RATIO = 3.0
 """Lowest frequency at which the gyro shows noise and no motion, relative to the crossover of the rate loop: a choice.
@@ -62,9 +63,6 @@ def gyro_noise(loop: Loop) -> GyroNoise:
     Args:
         loop: the loops with the logged gains; its record has the measured rate.
     """
-    # Importing scipy.signal takes half a second.
-    from scipy.signal import welch
-
     record = loop.record
     highest = MAX_FREQUENCY_RATIO / record.dt
     lowest = MIN_NOISE_FREQUENCY
@@ -81,7 +79,7 @@ def gyro_noise(loop: Loop) -> GyroNoise:
     # The last output of an axis is its body rate, rad/s.
     rate = record.outputs[:, -1]
     window = min(NOISE_WINDOW, len(record))
-    frequency, density = welch(rate, 1 / record.dt, nperseg=window)
+    frequency, density = power_density(rate, 1 / record.dt, window)
     is_noise = (frequency >= lowest) & (frequency <= highest)
     return GyroNoise(frequency[is_noise], density[is_noise], is_measured=True)
 

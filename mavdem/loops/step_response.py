@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.random import default_rng
-from scipy.signal import resample_poly
 
 from mavdem.arrays import Array
 from mavdem.confidence import INTERVAL_QUANTILES, Interval, coverage_factor
@@ -303,6 +302,9 @@ def _measured_step_response(
         return setpoint_moves_too_little
     decimation = _decimation(sampling_rate, min_rate, spectra)
     if decimation > 1:
+        # Importing scipy.signal takes half a second.
+        from scipy.signal import resample_poly
+
         # Both ends are continued by the line through them, so that the filter makes no step there.
         pieces = [resample_poly(piece, 1, decimation, axis=1, padtype="line") for piece in pieces]
     impulse_response = estimate_impulse_response(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import INTERVAL_QUANTILES
+from mavdem.confidence import INTERVAL_QUANTILES, student_t_log_density
 from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
 from mavdem.immutable import ImmutableResult
 from mavdem.motors.deviation import Deviation
@@ -199,10 +199,7 @@ class ChangeHypotheses:
         spread[load_rows, YAW] = spread[load_rows, ROLL] * deviation.lean
         scale = np.hypot(deviation.scale, spread)
         standard_scores = (deviation.change - self.change) / scale
-        # SciPy's distributions take half a second to import.
-        from scipy.stats import t as student_t
-
-        log_densities = student_t.logpdf(standard_scores, deviation.freedom) - np.log(scale)
+        log_densities = student_t_log_density(standard_scores, deviation.freedom) - np.log(scale)
         log_likelihood = log_densities.sum(axis=1)
         is_misfit = (abs(standard_scores[motor_rows]) > MAX_MISFIT).any(axis=1)
         log_likelihood[motor_rows][is_misfit] = -np.inf

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.confidence import student_t_log_density
 from mavdem.motors.change_hypotheses import PERSISTENCE, student_t_mixture
 from mavdem.motors.deviation import PRIOR_BALANCE_FREEDOM
 from mavdem.motors.healthy_flights import MIN_HEALTHY_FLIGHTS, HealthFigures, HealthFlights
@@ -75,10 +76,7 @@ def effort_change(
     # Row 0 is "no change", of standard deviation 0; the others are the components of the mixture.
     change_sds = np.append(0.0, mixture.standard_deviations)
     scale = np.sqrt(variance + change_sds**2)
-    # SciPy's distributions take half a second to import.
-    from scipy.stats import t as student_t
-
-    likelihood = student_t.pdf(log_change / scale, freedom)
+    likelihood = np.exp(student_t_log_density(log_change / scale, freedom))
     posterior = prior * likelihood / scale
     posterior /= posterior.sum()
     return EffortChange(np.expm1(log_change), 1 - posterior[0], posterior)

@@ -41,6 +41,7 @@ from mavdem.plant.parameters import (
     parameter_vector,
     wind_torque_density,
 )
+from mavdem.plant.power_density import power_density
 from mavdem.plant.sampled_plant import sampled_plant
 from mavdem.plant.windows import rate_column
 
@@ -455,8 +456,7 @@ def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None
 def _spectrum(torque: Array, is_wind: Flags, record: Record, physical: Physical) -> WindSpectrum:
     """Estimates the spectral density of the wind torque by Welch's method, for comparison with the model's.
 
-    Periodograms of windows that overlap by half, each less its linear trend, are averaged (P. D. Welch, IEEE
-    Transactions on Audio and Electroacoustics 15(2), 1967). Windows last ``SPECTRUM_SECONDS``, or as long as the
+    Each window is taken less its linear trend. Windows last ``SPECTRUM_SECONDS``, or as long as the
     longest part; shorter parts are left out, and the others weighted by their number of windows. A part is a segment,
     or what remains of one without the samples that are not of the wind.
 
@@ -469,9 +469,6 @@ def _spectrum(torque: Array, is_wind: Flags, record: Record, physical: Physical)
     Returns:
         One-sided densities of the estimate and of the model, (rad/s²)²/Hz.
     """
-    # Importing scipy.signal takes half a second.
-    from scipy.signal import detrend, welch
-
     cuts = np.union1d(record.segment_starts[1:], _first_samples_after_changes(is_wind))
     parts = []
     for part, part_is_wind in zip(np.split(torque, cuts), np.split(is_wind, cuts), strict=True):
@@ -484,7 +481,7 @@ def _spectrum(torque: Array, is_wind: Flags, record: Record, physical: Physical)
     for part in parts:
         if len(part) < length:
             continue
-        frequency, density = welch(part, 1 / record.dt, nperseg=length, detrend=detrend)
+        frequency, density = power_density(part, 1 / record.dt, length, without_trend=True)
         densities.append(density)
         # Windows begin every half length.
         window_counts.append(2 * len(part) // length - 1)

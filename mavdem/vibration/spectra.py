@@ -294,15 +294,15 @@ def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectr
         The spectrum; ``None`` where the samples are slower than ``MIN_SAMPLING_RATE``, or there are fewer than
         ``MIN_WINDOWS`` windows.
     """
-    # Importing scipy.signal takes half a second.
-    from scipy.signal import spectrogram
-
     series = samples.series
     steps = np.diff(series.time)
     usual_step = np.median(steps[steps > 0]) if np.any(steps > 0) else np.inf
     duration = len(series.time) * usual_step
     if usual_step > 1 / MIN_SAMPLING_RATE or duration < WINDOW_SECONDS / 2:
         return None
+    # Importing scipy.signal takes half a second, and few logs have fast samples.
+    from scipy.signal import spectrogram
+
     # The number of samples of a window is the nearest power of two, for the fast Fourier transform.
     window_octaves = np.log2(WINDOW_SECONDS / usual_step)
     size = int(2 ** np.round(window_octaves))

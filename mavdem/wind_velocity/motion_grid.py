@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
-from scipy.spatial.transform import Rotation
 
 from mavdem.arrays import Array, Flags, Indices, as_real_array
 from mavdem.errors import NotLearnable
@@ -188,6 +187,9 @@ def motion_grid(
         The motion at the boundaries between adjacent steps, each a mean over the step before and the step after it.
         Those far from any with samples are left out.
     """
+    # Importing scipy.spatial takes a tenth of a second.
+    from scipy.spatial.transform import Rotation
+
     rotation = Rotation.from_euler("ZYX", attitude[:, ::-1]).as_matrix()
     # Columns of the matrix are the body axes in north, east and down.
     body_x, body_y, body_z = np.transpose(rotation, (2, 1, 0))

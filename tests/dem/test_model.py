@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pytest import MonkeyPatch, approx, mark, raises
 from random_models import positive_definite, seeds
 from scipy.linalg import expm, solve_discrete_are
-from scipy.signal import cont2discrete
+from scipy.signal import cont2discrete, lfilter
 from scipy.special import factorial
 from scipy.stats import multivariate_normal
 from textbook_filter import TextbookFilter
@@ -22,7 +22,14 @@ from mavdem.dem.engine.generative import (
 )
 from mavdem.dem.engine.kalman import LinearGaussianModel, smooth_states, steady_state_gain
 from mavdem.dem.engine.linalg import inverse, logdet, normal_draws, solve
-from mavdem.dem.engine.model import MAX_MODE_CONDITION, discretize, linear_recursion, pack, unpack
+from mavdem.dem.engine.model import (
+    MAX_MODE_CONDITION,
+    discretize,
+    linear_recursion,
+    pack,
+    scalar_recursion,
+    unpack,
+)
 from mavdem.dem.engine.state_space import filter_gain
 
 
@@ -249,6 +256,13 @@ def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radi
         if t:
             assert_allclose(states.lag_one_covariances[t - 1], covariances[t, :, t - 1], atol=1e-7)
     assert states.log_likelihood == approx(log_likelihood, rel=1e-7, abs=1e-6)
+
+
+@mark.parametrize("factor", [0.9, -1.01, 0.9 + 0.1j])
+def test_a_scalar_recursion_is_a_recursive_filter_of_first_order(factor):
+    forcing = default_rng(0).standard_normal(50) * type(factor)(1)
+    expected, _ = lfilter([1.0], [1.0, -factor], forcing, zi=[factor * 0.5])
+    assert_allclose(scalar_recursion(factor, forcing, 0.5), expected, rtol=1e-12)
 
 
 @mark.parametrize("noise", [1.0, 1e-4, 1e-8])

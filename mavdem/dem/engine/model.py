@@ -6,6 +6,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
+from scipy.linalg.blas import dtbsv, ztbsv
 
 from mavdem.arrays import Array
 
@@ -136,9 +137,8 @@ At this number, 7e7, the transformation to the eigenvectors loses half of the di
 def linear_recursion(F: Array, forcing: Array, x0: Array) -> Array:
     """Runs the recursion x_t = F x_{t−1} + g_t over all samples, vectorized over time.
 
-    With F = V Λ V⁻¹ the coordinates V⁻¹ x follow one scalar recursion for each eigenvalue, and SciPy runs such a
-    recursion over all samples at once, as a first-order recursive filter. Where the eigenvectors are too ill
-    conditioned, as of a defective F, the recursion runs sample by sample.
+    With F = V Λ V⁻¹ the coordinates V⁻¹ x follow one scalar recursion for each eigenvalue, which runs over all samples
+    at once. Where the eigenvectors are too ill conditioned, as of a defective F, the recursion runs sample by sample.
 
     Args:
         F: (n, n) state transition matrix.
@@ -148,9 +148,6 @@ def linear_recursion(F: Array, forcing: Array, x0: Array) -> Array:
     Returns:
         States x₁ … x_T, (T, n).
     """
-    # Imported here, since it takes half a second.
-    from scipy.signal import lfilter
-
     if not forcing.size:
         return np.empty_like(forcing)
     eigenvalues, V = np.linalg.eig(F)
@@ -171,7 +168,29 @@ def linear_recursion(F: Array, forcing: Array, x0: Array) -> Array:
     for eigenvalue, start, terms in zip(
         eigenvalues[is_used], modes_at_start, forcing_of_modes, strict=True
     ):
-        # The filter computes x_t = λ x_{t−1} + g_t; its initial condition is λ x₀, the part of x₁ that x₀ makes.
-        mode, _ = lfilter([1.0], [1.0, -eigenvalue], terms, zi=[eigenvalue * start])
-        modes.append(mode)
+        modes.append(scalar_recursion(eigenvalue, terms, start))
     return (np.array(modes).T @ (multiplicity * V[:, is_used]).T).real
+
+
+def scalar_recursion(factor: complex, forcing: NDArray[Scalar], start: complex) -> NDArray[Scalar]:
+    """Runs the recursion x_t = λ x_{t−1} + g_t over all samples at once.
+
+    It is a triangular system of equations with two diagonals, x_t − λ x_{t−1} = g_t, which BLAS solves (``tbsv``).
+    ``scipy.signal.lfilter`` does the same, but takes half a second to import.
+
+    Args:
+        factor: λ, real if the forcing is real.
+        forcing: (T,) real or complex terms g₁ … g_T, at least one.
+        start: x₀, the value before the first step.
+
+    Returns:
+        x₁ … x_T, (T,), of the type of the forcing.
+    """
+    solve_banded = ztbsv if np.iscomplexobj(forcing) else dtbsv
+    # LAPACK's band storage: the first row is the main diagonal, the second the one below it.
+    diagonals = np.ones((2, len(forcing)), forcing.dtype, order="F")
+    diagonals[1] = -factor
+    right_side = forcing.copy()
+    right_side[0] += factor * start
+    solution: NDArray[Scalar] = solve_banded(1, diagonals, right_side, lower=1, diag=1)
+    return solution

@@ -1,0 +1,53 @@
+"""Power spectral density of a signal by Welch's method, equal to that of ``scipy.signal.welch``.
+
+``scipy.signal`` takes half a second to import, as long as much of what is done for a log, and most flights need nothing
+else of it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+
+
+class PowerDensity(NamedTuple):
+    """One-sided power spectral density of a signal."""
+
+    frequency: Array
+    """(F,) frequencies from 0 to half of the sampling rate, Hz."""
+    density: Array
+    """(F,) density, the signal's unit squared per Hz."""
+
+
+def power_density(
+    values: Array, rate: float, window_samples: int, without_trend: bool = False
+) -> PowerDensity:
+    """Estimates the power spectral density of a signal by Welch's method.
+
+    Periodograms of windows that overlap by half, each through Hann's window, are averaged (P. D. Welch, IEEE
+    Transactions on Audio and Electroacoustics 15(2), 1967).
+
+    Args:
+        values: (N,) samples, at least ``window_samples``.
+        rate: their rate, Hz.
+        window_samples: number of samples of a window, at least 2.
+        without_trend: whether each window is taken about its linear trend, and not only about its mean.
+    """
+    step = window_samples - window_samples // 2
+    windows = np.lib.stride_tricks.sliding_window_view(values, window_samples)[::step]
+    deviations = windows - windows.mean(axis=1, keepdims=True)
+    if without_trend:
+        # Time about the middle of the window is orthogonal to a constant, so that each fits by itself.
+        time = np.arange(window_samples) - (window_samples - 1) / 2
+        slopes = deviations @ time / (time @ time)
+        deviations = deviations - np.outer(slopes, time)
+    phase = 2 * np.pi * np.arange(window_samples) / window_samples
+    hann_window = 0.5 - 0.5 * np.cos(phase)
+    transforms = np.fft.rfft(deviations * hann_window)
+    periodograms = np.square(np.abs(transforms)) / (rate * (hann_window @ hann_window))
+    # All frequencies but 0 and, for an even number of samples, the highest stand for a negative one too.
+    has_highest = window_samples % 2 == 0
+    periodograms[:, 1 : -1 if has_highest else None] *= 2
+    frequency = np.fft.rfftfreq(window_samples, 1 / rate)
+    return PowerDensity(frequency, periodograms.mean(axis=0))

@@ -1,0 +1,38 @@
+"""Functions of arrays that replace parts of SciPy which take long to import, against SciPy's."""
+
+import subprocess
+import sys
+
+import numpy as np
+from numpy.random import default_rng
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import mark
+from scipy.integrate import cumulative_trapezoid
+from scipy.stats import t as student_t
+
+from mavdem.arrays import cumulative_integral
+from mavdem.confidence import student_t_log_density
+
+
+@mark.parametrize("shape", [(1,), (7,), (7, 3)])
+def test_the_cumulative_integral_is_that_of_scipy(shape):
+    rng = default_rng(0)
+    values = rng.standard_normal(shape)
+    time = np.cumsum(rng.uniform(0.1, 1.0, len(values)))
+    expected = cumulative_trapezoid(values, time, axis=0, initial=0)
+    assert_array_equal(cumulative_integral(values, np.diff(time)), expected)
+
+
+def test_the_density_of_student_s_distribution_is_that_of_scipy():
+    values = np.array([-30.0, -1.0, 0.0, 2.5])
+    for freedom in (1.0, 4.5, 200.0):
+        expected = student_t.logpdf(values, freedom)
+        assert_allclose(student_t_log_density(values, freedom), expected, rtol=1e-9)
+
+
+def test_the_command_that_most_users_call_imports_no_slow_part_of_scipy():
+    slow_parts = {f"scipy.{name}" for name in ("integrate", "optimize", "signal", "stats")}
+    program = "import sys, mavdem.cli.review; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert not slow_parts & set(done.stdout.split())
