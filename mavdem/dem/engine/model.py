@@ -1,7 +1,7 @@
 """The continuous linear state-space model: its parameter vector θ, its discretization, and its recursion in time."""
 
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,7 +172,7 @@ def linear_recursion(F: Array, forcing: Array, x0: Array) -> Array:
     return (np.array(modes).T @ (multiplicity * V[:, is_used]).T).real
 
 
-def scalar_recursion(factor: complex, forcing: NDArray[Scalar], start: complex) -> NDArray[Scalar]:
+def scalar_recursion(factor: complex, forcing: NDArray[Any], start: complex) -> NDArray[Any]:
     """Runs the recursion x_t = λ x_{t−1} + g_t over all samples at once.
 
     It is a triangular system of equations with two diagonals, x_t − λ x_{t−1} = g_t, which BLAS solves (``tbsv``).
@@ -186,11 +186,11 @@ def scalar_recursion(factor: complex, forcing: NDArray[Scalar], start: complex) 
     Returns:
         x₁ … x_T, (T,), of the type of the forcing.
     """
-    solve_banded = ztbsv if np.iscomplexobj(forcing) else dtbsv
+    solve_banded: Any = ztbsv if np.iscomplexobj(forcing) else dtbsv
     # LAPACK's band storage: the first row is the main diagonal, the second the one below it.
     diagonals = np.ones((2, len(forcing)), forcing.dtype, order="F")
     diagonals[1] = -factor
     right_side = forcing.copy()
     right_side[0] += factor * start
-    solution: NDArray[Scalar] = solve_banded(1, diagonals, right_side, lower=1, diag=1)
+    solution: NDArray[Any] = solve_banded(1, diagonals, right_side, lower=1, diag=1)
     return solution
