@@ -45,10 +45,9 @@ def power_density(
     phase = 2 * np.pi * np.arange(window_samples) / window_samples
     hann_window = 0.5 - 0.5 * np.cos(phase)
     transforms = np.fft.rfft(deviations * hann_window)
-    periodograms: Array = np.square(np.abs(transforms)) / (rate * (hann_window @ hann_window))
+    periodograms = np.square(np.abs(transforms)) / (rate * (hann_window @ hann_window))
     # All frequencies but 0 and, for an even number of samples, the highest stand for a negative one too.
     has_highest = window_samples % 2 == 0
     periodograms[:, 1 : -1 if has_highest else None] *= 2
-    frequency = np.arange(transforms.shape[1]) * (rate / window_samples)
-    mean_density: Array = periodograms.mean(axis=0)
-    return PowerDensity(frequency, mean_density)
+    frequency: Array = np.fft.rfftfreq(window_samples, 1 / rate)
+    return PowerDensity(frequency, periodograms.mean(axis=0))
