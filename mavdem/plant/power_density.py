@@ -49,5 +49,5 @@ def power_density(
     # All frequencies but 0 and, for an even number of samples, the highest stand for a negative one too.
     has_highest = window_samples % 2 == 0
     periodograms[:, 1 : -1 if has_highest else None] *= 2
-    frequency: Array = np.fft.rfftfreq(window_samples, 1 / rate)
+    frequency = np.asarray(np.fft.rfftfreq(window_samples, 1 / rate), np.float64)
     return PowerDensity(frequency, periodograms.mean(axis=0))
