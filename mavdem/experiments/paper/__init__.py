@@ -2,6 +2,7 @@
 
 The paper is A. Anil Meera and M. Wisse, "A Brain Inspired Learning Algorithm for the Perception of a Quadrotor in
 Wind". Each claim has one experiment, which a module of this package runs and checks by rules that are fixed beforehand.
+``estimation`` has the experiments of articles that followed it.
 
 Its figures need matplotlib, the extra ``plot``: ``pip install 'mavdem[plot]'``.
 """

@@ -25,6 +25,7 @@ from mavdem.experiments.paper.checks import (
     claim_status,
     joined_findings,
 )
+from mavdem.experiments.paper.estimation import input_estimation, state_estimation
 from mavdem.facts import Level
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table
 from mavdem.report.pages.page import Chapter
@@ -38,6 +39,8 @@ EXPERIMENTS = (
     model_order.run,
     authors_code.run,
     landscape.run,
+    state_estimation.run,
+    input_estimation.run,
 )
 """The functions that run the experiments, in the order of ``CLAIMS``."""
 
@@ -163,7 +166,7 @@ def write(folder: Path, reports: Sequence[ItemReport], seconds: float) -> None:
     ]
     html = page(
         "The paper’s experiments, run again",
-        f"The experiments of {TITLE} (Anil Meera and Wisse), run again.",
+        f"The experiments of {TITLE} (Anil Meera and Wisse) and of articles that followed, run again.",
         blocks,
         [report.chapter() for report in reports],
     )

@@ -1,0 +1,375 @@
+"""Bos et al. on unknown inputs: the command of one motor, estimated by DEM and by unknown input observers (UIO).
+
+The command of motor 1 is hidden; roll, roll rate and the other three commands are known. The criterion is the sum of
+squared errors (SSE) of the command over 10 s, in units of the range of all commands, without ten samples at each end.
+
+An estimate of the input contains everything else that acts like it, such as the torque of the wind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.experiments.paper.checks import Check, ExperimentResult
+from mavdem.experiments.paper.estimation.dem_observer import KNOWN_INPUT_PRECISION, DemObserver
+from mavdem.experiments.paper.estimation.observers import DiscreteModel, kalman_states
+from mavdem.experiments.paper.estimation.roll_windows import (
+    MEASUREMENT_VARIANCE,
+    ROLL_SYSTEM_MATRIX,
+    RollWindow,
+    flight_windows,
+    is_without_wind,
+    simulated_window,
+)
+from mavdem.experiments.paper.estimation.state_estimation import (
+    SIMULATED_SMOOTHNESS,
+    TRIM,
+    WITH_WIND,
+    WITHOUT_WIND,
+)
+from mavdem.experiments.paper.runner import Runner
+from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.numbers import rounded
+
+INPUT_SAMPLES = 1201
+"""Samples of the one window of a flight, 10 s, as in the authors' scripts."""
+
+UNKNOWN_INPUT = 0
+"""Index of the motor whose command is hidden, as in the authors' scripts."""
+
+UNKNOWN_INPUT_PRECISION = 1.0
+"""Prior precision of the hidden command, as in the authors' scripts, in units of the range of the commands."""
+
+UNKNOWN_INPUT_MEAN = 0.5
+"""Prior mean of the hidden command, as in the authors' scripts; its true mean is 0, by their scaling.
+
+With the prior precision above it has no effect: a prior mean of 0 changes no SSE in three digits.
+"""
+
+INPUT_STATE_PRECISION = float(np.exp(3.0))
+"""Precision of the process noise of both states in DEM, as in the authors' scripts."""
+
+UIO_INPUT_GAIN = 0.5
+"""Gain γ of the input in the authors' observer: the lower bound that their scripts set for it."""
+
+UIO_STATE_SHARE = 0.5
+"""Share of an error of the state that the authors' observer removes at each sample; a choice.
+
+Their gain comes from an optimization without an objective, and is not published.
+"""
+
+FIRST_INPUT = 0.01
+"""First value of the hidden command in the authors' observer, as in their scripts."""
+
+INPUT_WALK_FLOOR = 1e-12
+"""Smallest variance of the change of the hidden command in one sample, where the others do not change at all."""
+
+DEM = "DEM"
+DEM_ROLL_ONLY = "DEM, roll alone measured"
+UIO = "UIO, the authors’ form"
+MINIMUM_VARIANCE_UIO = "UIO, minimum variance"
+AUGMENTED = "Kalman filter, the input as a random walk"
+INPUT_MEAN = "the input’s mean"
+"""Names of the estimators in tables and documents."""
+
+
+class PublishedInputSse(NamedTuple):
+    """SSE of the hidden command in one published flight, by Bos et al."""
+
+    dem: float
+    """Of DEM."""
+
+    uio: float
+    """Of their unknown input observer."""
+
+
+PUBLISHED_INPUT_SSE = {
+    "exp_21": PublishedInputSse(43.1, 41.2),
+    "exp_22": PublishedInputSse(19.0, 17.3),
+    "exp_24": PublishedInputSse(31.8, 29.8),
+    "exp_25": PublishedInputSse(46.4, 43.4),
+}
+"""Heights of the bars in the authors' figure (``Figures/bar_UIO.eps`` of their repository), by experiment with blower.
+
+The figure has no numbers; these are read from the coordinates of the file's vector graphics.
+"""
+
+MAX_SIMILAR_RATIO = 1.25
+"""Ratio of two SSE, either way, up to which they count as similar; the published ones differ by 1.10 at most."""
+
+
+def dem_input(window: RollWindow, measures_rate: bool = True) -> Array:
+    """Estimates the hidden command by DEM with the authors' settings.
+
+    Args:
+        window: the window.
+        measures_rate: whether the roll rate is measured as well as the roll.
+
+    Returns:
+        (T,) estimates; NaN at both ends.
+    """
+    outputs = measured_states(window) if measures_rate else window.outputs
+    input_precisions = np.full(window.inputs.shape[1], KNOWN_INPUT_PRECISION)
+    input_precisions[UNKNOWN_INPUT] = UNKNOWN_INPUT_PRECISION
+    prior_means = window.inputs.copy()
+    prior_means[:, UNKNOWN_INPUT] = UNKNOWN_INPUT_MEAN
+    observer = DemObserver(
+        A=ROLL_SYSTEM_MATRIX,
+        B=window.B,
+        C=np.eye(outputs.shape[1], 2),
+        output_precision=1 / MEASUREMENT_VARIANCE,
+        state_precisions=np.full(2, INPUT_STATE_PRECISION),
+        input_precisions=input_precisions,
+        dt=window.dt,
+    )
+    return observer.estimate(outputs, prior_means).inputs[:, UNKNOWN_INPUT]
+
+
+def measured_states(window: RollWindow) -> Array:
+    """Returns the measured roll and roll rate (T, 2): C is the identity, as the authors' observer requires."""
+    return np.hstack([window.outputs, window.states[:, 1:]])
+
+
+class SplitModel(NamedTuple):
+    """A window's discrete model x⁺ = Φ x + Γ v + g d, with the hidden command d beside the known ones."""
+
+    Phi: Array
+    """(2, 2) state transition matrix."""
+
+    known_forcing: Array
+    """(T, 2) effect Γ v of the known commands on the next state."""
+
+    g: Array
+    """(2,) effect of the hidden command on the next state."""
+
+
+def split_model(window: RollWindow) -> SplitModel:
+    """Returns the discrete model of a window, with the hidden command apart from the known ones."""
+    Phi, Gamma = window.transition
+    known = np.delete(np.arange(Gamma.shape[1]), UNKNOWN_INPUT)
+    return SplitModel(Phi, window.inputs[:, known] @ Gamma[:, known].T, Gamma[:, UNKNOWN_INPUT])
+
+
+def proportional_integral_input(window: RollWindow) -> Array:
+    """Estimates the hidden command by the observer of the authors' scripts.
+
+    The state without the last effect of the command, s, and the command d are corrected by the innovation of the
+    measured states, e = y − (s + g d): d⁺ = d + γ gᵀ e and s⁺ = Φ (s + g d) + Γ v + L e. The gain of the state is
+    L = ``UIO_STATE_SHARE`` Φ.
+
+    Returns:
+        (T,) estimates, each from the state that the command of its sample leads to.
+    """
+    model = split_model(window)
+    outputs = measured_states(window)
+    gain = UIO_STATE_SHARE * model.Phi
+    state = outputs[0]
+    command = FIRST_INPUT
+    commands = np.zeros(len(outputs))
+    for t in range(len(outputs)):
+        corrected = state + model.g * command
+        innovation = outputs[t] - corrected
+        state = model.Phi @ corrected + model.known_forcing[t] + gain @ innovation
+        command += UIO_INPUT_GAIN * float(model.g @ innovation)
+        commands[t] = command
+    # What is known at a sample is the command of the sample before.
+    return np.append(commands[1:], commands[-1])
+
+
+def minimum_variance_input(window: RollWindow) -> Array:
+    """Estimates the hidden command without any prior, by the unbiased minimum-variance filter.
+
+    S. Gillijns and B. De Moor, "Unbiased minimum-variance input and state estimation for linear discrete-time systems",
+    Automatica 43(1), 2007. The states are measured almost without noise, so that the filter's state is the measured
+    one, and the command is the weighted least-squares solution of y⁺ − Φ y − Γ v = g d.
+
+    Returns:
+        (T,) estimates, each from the state that the command of its sample leads to.
+    """
+    model = split_model(window)
+    outputs = measured_states(window)
+    measurement_noise = MEASUREMENT_VARIANCE * np.eye(2)
+    noise_variances = window.process_noise.var(axis=0, ddof=1)
+    residual_covariance = (
+        np.diag(noise_variances) + measurement_noise + model.Phi @ measurement_noise @ model.Phi.T
+    )
+    weights = np.linalg.solve(residual_covariance, model.g)
+    residuals = outputs[1:] - outputs[:-1] @ model.Phi.T - model.known_forcing[:-1]
+    commands = residuals @ weights / float(weights @ model.g)
+    return np.append(commands, commands[-1])
+
+
+def random_walk_input(window: RollWindow) -> Array:
+    """Estimates the hidden command by a Kalman filter of which it is a further state, a random walk.
+
+    The variance of its steps is that of the changes of the three known commands.
+
+    Returns:
+        (T,) estimates.
+    """
+    model = split_model(window)
+    known_commands = np.delete(window.inputs, UNKNOWN_INPUT, axis=1)
+    step_variance = max(float(np.diff(known_commands, axis=0).var()), INPUT_WALK_FLOOR)
+    Phi = np.eye(3)
+    Phi[:2, :2] = model.Phi
+    Phi[:2, 2] = model.g
+    Q = np.diag([*window.process_noise.var(axis=0, ddof=1), step_variance])
+    # The known commands enter as their effect on the two states.
+    augmented = DiscreteModel(
+        Phi, np.eye(3, 2), np.eye(2, 3), Q, R=MEASUREMENT_VARIANCE * np.eye(2)
+    )
+    commands = kalman_states(augmented, measured_states(window), model.known_forcing)[:, 2]
+    # As with the other observers, a sample shows the command of the sample before.
+    return np.append(commands[1:], commands[-1])
+
+
+def mean_input(window: RollWindow) -> Array:
+    """Returns the command's true mean, 0 by the scaling of the inputs, at every sample: what needs no estimation."""
+    return np.zeros(len(window.inputs))
+
+
+ESTIMATORS: dict[str, Callable[[RollWindow], Array]] = {
+    DEM: dem_input,
+    DEM_ROLL_ONLY: partial(dem_input, measures_rate=False),
+    UIO: proportional_integral_input,
+    MINIMUM_VARIANCE_UIO: minimum_variance_input,
+    AUGMENTED: random_walk_input,
+    INPUT_MEAN: mean_input,
+}
+"""The estimators by name."""
+
+
+def input_errors(window: RollWindow) -> dict[str, float]:
+    """Returns the SSE of the hidden command by estimator; infinite where an estimate is not finite."""
+    true_commands = window.inputs[TRIM:-TRIM, UNKNOWN_INPUT]
+    errors = {}
+    for name, estimate in ESTIMATORS.items():
+        deviations = estimate(window)[TRIM:-TRIM] - true_commands
+        sse = float(deviations @ deviations)
+        errors[name] = sse if np.isfinite(sse) else np.inf
+    return errors
+
+
+def run(runner: Runner) -> ExperimentResult:
+    """Compares DEM's estimates of a hidden motor command with those of unknown input observers, by their SSE.
+
+    Args:
+        runner: has the recorded flights, if there are any, and runs the windows in several processes.
+
+    Returns:
+        Checks, tables, and the SSE of every estimator as ``numbers``.
+    """
+    simulated_windows = [
+        simulated_window(0, smoothness, INPUT_SAMPLES)
+        for smoothness in SIMULATED_SMOOTHNESS.values()
+    ]
+    recorded_windows = flight_windows(runner.recorded_flights, INPUT_SAMPLES, count=1)
+    errors = runner.map_jobs(input_errors, [*simulated_windows, *recorded_windows])
+    simulated = dict(zip(SIMULATED_SMOOTHNESS, errors[: len(simulated_windows)], strict=True))
+    recorded = {}
+    for window, errors_of_window in zip(
+        recorded_windows, errors[len(simulated_windows) :], strict=True
+    ):
+        recorded[window.flight] = errors_of_window
+    checks = []
+    tables: tuple[Block, ...] = ()
+    remarks = []
+    if recorded:
+        in_wind = {
+            flight: errors for flight, errors in recorded.items() if not is_without_wind(flight)
+        }
+        if in_wind:
+            checks += input_checks(in_wind, "flights in wind")
+        tables += recorded_table(recorded)
+    else:
+        remarks.append("Recorded flights are left out: --flights names their folder.")
+    checks += input_checks(simulated, "simulated")
+    tables += (
+        Sentence("SSE of the hidden command in 10 s of each noise.", "Simulated:"),
+        error_table(simulated),
+    )
+    numbers = {
+        "simulated": simulated,
+        "recorded": recorded,
+        "published": {name: sse._asdict() for name, sse in PUBLISHED_INPUT_SSE.items()},
+    }
+    return ExperimentResult(tuple(checks), numbers, tables, remarks=tuple(remarks))
+
+
+def input_checks(errors: Mapping[str, Mapping[str, float]], data: str) -> list[Check]:
+    """Checks that DEM's SSE is similar to those of unknown input observers, and lower than that of the mean.
+
+    Args:
+        errors: SSE by window and estimator.
+        data: names the windows in the sentences.
+    """
+    checks = []
+    for observer in (UIO, MINIMUM_VARIANCE_UIO):
+        ratios = np.array([sse[DEM] / sse[observer] for sse in errors.values()])
+        similar_count = int((np.maximum(ratios, 1 / ratios) <= MAX_SIMILAR_RATIO).sum())
+        checks.append(
+            Check(
+                f"{data}: the SSE of DEM is at most {MAX_SIMILAR_RATIO} times that of the {observer}, and the reverse, "
+                "every time",
+                similar_count == len(ratios),
+                f"{data}: the SSE of DEM is {rounded(ratios.min(), 3)} to {rounded(ratios.max(), 3)} times that of the "
+                f"{observer}, similar in {similar_count} of {len(ratios)}",
+            )
+        )
+    lower_count = sum(sse[DEM] < sse[INPUT_MEAN] for sse in errors.values())
+    checks.append(
+        Check(
+            f"{data}: the SSE of DEM is lower than that of the constant mean of the input, every time",
+            lower_count == len(errors),
+            f"{data}: DEM estimates the input better than its constant mean in {lower_count} of {len(errors)}",
+        )
+    )
+    return checks
+
+
+def error_table(errors: Mapping[str, Mapping[str, float]]) -> Table:
+    """Returns a table of the SSE with a row for each estimator, the least mean error first, and a column a window."""
+    rows = []
+    for name in sorted(ESTIMATORS, key=lambda name: sum(sse[name] for sse in errors.values())):
+        rows.append([name, *(rounded(sse[name], 3) for sse in errors.values())])
+    return Table(["estimator", *errors], rows)
+
+
+def recorded_table(recorded: Mapping[str, Mapping[str, float]]) -> tuple[Block, ...]:
+    """Returns the tables of the SSE on the recorded flights with and without wind, with the published ones."""
+    blocks: list[Block] = []
+    for wind in (WITH_WIND, WITHOUT_WIND):
+        flights = {}
+        for flight, errors in recorded.items():
+            if is_without_wind(flight) == (wind == WITHOUT_WIND):
+                flights[flight] = errors
+        if not flights:
+            continue
+        table = error_table(flights)
+        if wind == WITH_WIND:
+            table.rows.extend(_published_rows(list(flights)))
+        blocks.append(
+            Sentence(
+                "SSE of the hidden command of motor 1 over 10 s, in units of the commands’ range.",
+                f"Recorded flights {wind}:",
+            )
+        )
+        blocks.append(table)
+    return tuple(blocks)
+
+
+def _published_rows(flights: list[str]) -> list[list[str]]:
+    """Returns the rows of the published SSE for flights with blower; a dash where none is published."""
+    dem_row = ["DEM, published"]
+    uio_row = ["UIO, published"]
+    for flight in flights:
+        # The names of the files begin with that of the experiment, such as "exp_21".
+        published = PUBLISHED_INPUT_SSE.get(flight[: len("exp_21")])
+        dem_row.append(rounded(published.dem, 3) if published else "-")
+        uio_row.append(rounded(published.uio, 3) if published else "-")
+    return [dem_row, uio_row]

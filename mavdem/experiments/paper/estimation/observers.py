@@ -1,0 +1,233 @@
+"""Kalman filters of a window with a known model: for white noise, with noise states, with cross-covariances.
+
+All estimate the states x of x⁺ = Φ x + Γ v + w, y = C x + z from the outputs y, with a measurement noise z that is
+white. They differ in what they assume of the process noise w:
+
+- the Kalman filter takes it for white,
+- state augmentation makes it an autoregression (AR), whose last values are further states (A. E. Bryson and D. E.
+  Johansen, "Linear filtering for time-varying systems using measurements containing colored noise", IEEE Transactions
+  on Automatic Control 10, 1965),
+- SMIKF, the Kalman filter with second moment information, makes it an AR(1) process, and keeps the covariance of w with
+  the error of the state in the place of further states.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from mavdem.arrays import Array
+from mavdem.dem.engine.kalman import KalmanFilter
+from mavdem.dem.engine.linalg import SMALLEST_POSITIVE, may_overflow
+
+
+class DiscreteModel(NamedTuple):
+    """The linear model x⁺ = Φ x + Γ v + w, y = C x + z, with white noises."""
+
+    Phi: Array
+    """(n, n) state transition matrix."""
+
+    Gamma: Array
+    """(n, r) input matrix."""
+
+    C: Array
+    """(m, n) output matrix."""
+
+    Q: Array
+    """(n, n) covariance of the process noise w."""
+
+    R: Array
+    """(m, m) covariance of the measurement noise z."""
+
+
+class Autoregression(NamedTuple):
+    """An autoregressive process w_t = Σ a_j w_{t−j} + e_t."""
+
+    coefficients: Array
+    """(order,) a₁ … a_order."""
+
+    variance: float
+    """Variance of e."""
+
+
+def fit_autoregression(series: Array, order: int) -> Autoregression:
+    """Fits an autoregression by Burg's method (S. M. Kay, Modern Spectral Estimation, 1988, sec. 7.6).
+
+    Its models are always stable. Bos et al. use MATLAB's ``ar``, the modified covariance method, whose models need not
+    be; on the flights the errors of the observers agree to 0.2 %. The mean of the series is not subtracted.
+
+    Args:
+        series: (T,) values.
+        order: number of coefficients.
+    """
+    forward_errors = series[1:]
+    backward_errors = series[:-1]
+    coefficients = np.zeros(0)
+    variance = float(np.mean(series**2))
+    for _ in range(order):
+        power = float(forward_errors @ forward_errors + backward_errors @ backward_errors)
+        # A series that is zero has no error to predict.
+        correlation = 2 * float(forward_errors @ backward_errors)
+        reflection = correlation / max(power, SMALLEST_POSITIVE)
+        coefficients = np.append(coefficients - reflection * coefficients[::-1], reflection)
+        variance *= 1 - reflection**2
+        next_forward_errors = forward_errors - reflection * backward_errors
+        next_backward_errors = backward_errors - reflection * forward_errors
+        forward_errors = next_forward_errors[1:]
+        backward_errors = next_backward_errors[:-1]
+    return Autoregression(coefficients, variance)
+
+
+def with_noise_states(model: DiscreteModel, noise: Array, order: int) -> DiscreteModel:
+    """Returns a model whose process noise is autoregressive: its last values are further states.
+
+    The states are [x; w_t; w_{t−1}; …]. Each component of w has an autoregression of its own.
+
+    Args:
+        model: the model; its Q is replaced.
+        noise: (T, n) process noise, to which the autoregressions are fitted.
+        order: order of the autoregressions.
+    """
+    n, r = model.Gamma.shape
+    fits = [fit_autoregression(series, order) for series in noise.T]
+    noise_count = order * n
+    Phi = np.zeros((n + noise_count, n + noise_count))
+    Phi[:n, :n] = model.Phi
+    Phi[:n, n : 2 * n] = np.eye(n)
+    for lag in range(order):
+        columns = slice(n + lag * n, n + (lag + 1) * n)
+        Phi[n : 2 * n, columns] = np.diag([fit.coefficients[lag] for fit in fits])
+    # Values of the noise move on by one sample.
+    Phi[2 * n :, n:-n] = np.eye(noise_count - n)
+    Q = np.zeros_like(Phi)
+    Q[n : 2 * n, n : 2 * n] = np.diag([fit.variance for fit in fits])
+    return DiscreteModel(
+        Phi,
+        np.vstack([model.Gamma, np.zeros((noise_count, r))]),
+        np.hstack([model.C, np.zeros((len(model.C), noise_count))]),
+        Q,
+        model.R,
+    )
+
+
+def with_past_states(model: DiscreteModel, kept_states: int, lag: int) -> DiscreteModel:
+    """Returns a model whose further last states are the first states of the past: a fixed-lag smoother is its filter.
+
+    Args:
+        model: the model.
+        kept_states: number of the first states that are kept.
+        lag: samples for which they are kept.
+    """
+    n, r = model.Gamma.shape
+    past_count = kept_states * lag
+    Phi = block_diag(model.Phi, np.zeros((past_count, past_count)))
+    Phi[n : n + kept_states, :kept_states] = np.eye(kept_states)
+    Phi[n + kept_states :, n : n + past_count - kept_states] = np.eye(past_count - kept_states)
+    return DiscreteModel(
+        Phi,
+        np.vstack([model.Gamma, np.zeros((past_count, r))]),
+        np.hstack([model.C, np.zeros((len(model.C), past_count))]),
+        block_diag(model.Q, np.zeros((past_count, past_count))),
+        model.R,
+    )
+
+
+@may_overflow
+def kalman_states(model: DiscreteModel, outputs: Array, inputs: Array) -> Array:
+    """Estimates the states from each sample's output and all earlier ones, by the Kalman filter.
+
+    It starts from state 0 with the identity as its covariance, as in the scripts of Bos et al.
+
+    Args:
+        model: the model.
+        outputs: (T, m) measured outputs.
+        inputs: (T, r) inputs.
+
+    Returns:
+        (T, n) states.
+    """
+    n = len(model.Phi)
+    S = np.zeros((n, len(model.C)))
+    kalman_filter = KalmanFilter.design(
+        model.Phi, model.C, model.Q, model.R, S, initial_covariance=np.eye(n), samples=len(outputs)
+    )
+    predicted, innovations = kalman_filter.filter(np.zeros(n), inputs @ model.Gamma.T, outputs)
+    rows = kalman_filter.gain_rows(len(outputs))
+    # The filter predicts. The gain of the correction by the sample itself is P Cᵀ F⁻¹.
+    covariances = kalman_filter.covariances[: len(kalman_filter.gains)]
+    corrections = covariances @ model.C.T @ kalman_filter.innovation_precisions
+    return predicted[:-1] + np.einsum("tnm,tm->tn", corrections[rows], innovations)
+
+
+def fixed_lag_states(
+    model: DiscreteModel, kept_states: int, lag: int, outputs: Array, inputs: Array
+) -> Array:
+    """Estimates the first states from the outputs until ``lag`` samples later: a fixed-lag smoother.
+
+    DEM's estimate uses as many samples after its own, since derivatives are taken in the middle of their window.
+
+    Args:
+        model: the model.
+        kept_states: number of the first states that are estimated.
+        lag: samples after each one that its estimate uses.
+        outputs: (T, m) measured outputs.
+        inputs: (T, r) inputs.
+
+    Returns:
+        (T, kept_states) states; NaN at the last ``lag`` samples.
+    """
+    extended = kalman_states(with_past_states(model, kept_states, lag), outputs, inputs)
+    states = np.full((len(outputs), kept_states), np.nan)
+    states[:-lag] = extended[lag:, -kept_states:]
+    return states
+
+
+@may_overflow
+def smikf_states(
+    model: DiscreteModel, noise: Array, outputs: Array, inputs: Array, accumulates: bool = True
+) -> Array:
+    """Estimates the states by SMIKF, the Kalman filter with second moment information.
+
+    The noise is w⁺ = D w + e. Its covariance with the error of the corrected state, P_xw, adds to the covariance of the
+    prediction, P⁻ = Φ P Φᵀ + Φ P_xw + P_xwᵀ Φᵀ + P_ww, and is itself carried on as (I − K C)(Φ P_xw + P_ww) Dᵀ.
+
+    Args:
+        model: the model; its Q is replaced.
+        noise: (T, n) process noise, to which AR(1) processes are fitted.
+        outputs: (T, m) measured outputs.
+        inputs: (T, r) inputs.
+        accumulates: whether P_xw contains the term Φ P_xw of earlier samples. The scripts of Bos et al. leave it out.
+
+    Returns:
+        (T, n) states.
+    """
+    n = len(model.Phi)
+    identity = np.eye(n)
+    fits = [fit_autoregression(series, 1) for series in noise.T]
+    D = np.diag([fit.coefficients[0] for fit in fits])
+    innovation_covariance = np.diag([fit.variance for fit in fits])
+    noise_covariance = innovation_covariance.copy()
+    state = np.zeros(n)
+    covariance = np.eye(n)
+    cross_covariance = np.zeros((n, n))
+    states = np.zeros((len(outputs), n))
+    for t in range(1, len(outputs)):
+        crossing = model.Phi @ cross_covariance
+        predicted_covariance = (
+            model.Phi @ covariance @ model.Phi.T + crossing + crossing.T + noise_covariance
+        )
+        F = model.C @ predicted_covariance @ model.C.T + model.R
+        gain = predicted_covariance @ model.C.T @ np.linalg.inv(F)
+        predicted = model.Phi @ state + model.Gamma @ inputs[t - 1]
+        state = predicted + gain @ (outputs[t] - model.C @ predicted)
+        remaining = identity - gain @ model.C
+        covariance = remaining @ predicted_covariance
+        carried = noise_covariance
+        if accumulates:
+            carried = carried + crossing
+        cross_covariance = remaining @ carried @ D.T
+        noise_covariance = D @ noise_covariance @ D.T + innovation_covariance
+        states[t] = state
+    return states
