@@ -1,7 +1,7 @@
-"""Power spectral density of a signal by Welch's method, equal to that of ``scipy.signal.welch``.
+"""Power spectral densities by periodograms of half-overlapping windows, and by Welch's method, their mean.
 
-``scipy.signal`` takes half a second to import, as long as much of what is done for a log, and most flights need nothing
-else of it.
+They equal those of ``scipy.signal.spectrogram`` and ``welch``. That package takes half a second to import, and most
+logs need nothing else of it.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ class PowerDensity(NamedTuple):
     frequency: Array
     """(F,) frequencies from 0 to half of the sampling rate, Hz."""
     density: Array
-    """(F,) density, the signal's unit squared per Hz."""
+    """(F,) density, the signal's unit squared per Hz; (…, W, F) that of several signals in W windows."""
 
 
 def power_density(
@@ -34,20 +34,39 @@ def power_density(
         window_samples: number of samples of a window, at least 2.
         without_trend: whether each window is taken about its linear trend, and not only about its mean.
     """
+    densities = window_densities(values, rate, window_samples, without_trend)
+    return PowerDensity(densities.frequency, densities.density.mean(axis=0))
+
+
+def window_densities(
+    values: Array, rate: float, window_samples: int, without_trend: bool = False
+) -> PowerDensity:
+    """Estimates the power spectral density of signals in each of W windows, by periodograms through Hann's window.
+
+    Window number i, from 0, begins at sample i times half of the window, rounded up.
+
+    Args:
+        values: (…, N) samples.
+        rate, window_samples, without_trend: as for :func:`power_density`.
+
+    Returns:
+        The frequencies (F,), and the densities (…, W, F).
+    """
     step = window_samples - window_samples // 2
-    windows = np.lib.stride_tricks.sliding_window_view(values, window_samples)[::step]
-    deviations = windows - windows.mean(axis=1, keepdims=True)
+    windows = np.lib.stride_tricks.sliding_window_view(values, window_samples, axis=-1)
+    windows = windows[..., ::step, :]
+    deviations = windows - windows.mean(axis=-1, keepdims=True)
     if without_trend:
         # Time about the middle of the window is orthogonal to a constant, so that each fits by itself.
         time = np.arange(window_samples) - (window_samples - 1) / 2
         slopes = deviations @ time / (time @ time)
-        deviations = deviations - np.outer(slopes, time)
+        deviations = deviations - slopes[..., None] * time
     phase = 2 * np.pi * np.arange(window_samples) / window_samples
     hann_window = 0.5 - 0.5 * np.cos(phase)
     transforms = np.fft.rfft(deviations * hann_window)
     periodograms = np.square(np.abs(transforms)) / (rate * (hann_window @ hann_window))
     # All frequencies but 0 and, for an even number of samples, the highest stand for a negative one too.
     has_highest = window_samples % 2 == 0
-    periodograms[:, 1 : -1 if has_highest else None] *= 2
+    periodograms[..., 1 : -1 if has_highest else None] *= 2
     frequency = np.asarray(np.fft.rfftfreq(window_samples, 1 / rate), np.float64)
-    return PowerDensity(frequency, periodograms.mean(axis=0))
+    return PowerDensity(frequency, periodograms)

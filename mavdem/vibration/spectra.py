@@ -21,6 +21,7 @@ from mavdem.dataset.speed_controllers import speed_controllers
 from mavdem.dataset.time_series import TimeSeries, clean_series, recorded_series
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import interpolated
+from mavdem.plant.power_density import window_densities
 
 WINDOW_SECONDS = 1.0
 """Length of a window, s; it is rounded to a power of two of samples."""
@@ -300,9 +301,6 @@ def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectr
     duration = len(series.time) * usual_step
     if usual_step > 1 / MIN_SAMPLING_RATE or duration < WINDOW_SECONDS / 2:
         return None
-    # Importing scipy.signal takes half a second, and few logs have fast samples.
-    from scipy.signal import spectrogram
-
     # The number of samples of a window is the nearest power of two, for the fast Fourier transform.
     window_octaves = np.log2(WINDOW_SECONDS / usual_step)
     size = int(2 ** np.round(window_octaves))
@@ -314,8 +312,9 @@ def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectr
         time = series.time[rows]
         even_time = np.linspace(time[0], time[-1], len(rows))
         values = interpolated(even_time, time, series.values[rows])
-        frequency, middles, density = spectrogram(values.T, 1 / usual_step, "hann", size, size // 2)
-        # The middles of the windows are counted from the first sample.
+        frequency, density = window_densities(values.T, 1 / usual_step, size)
+        # The number of samples is even, and windows begin every half of it: the first one's middle is at half of it.
+        middles = (np.arange(density.shape[1]) + 1) * (size // 2) * usual_step
         times.append(even_time[0] + middles)
         densities.append(density)
     if sum(map(len, times)) < MIN_WINDOWS:
@@ -327,8 +326,8 @@ def _spectrum(samples: _Samples, signals: Signals, segments: Segments) -> Spectr
         source=signals.telemetry.name_in_source(samples.message),
         frequency=frequency,
         time=time,
-        # The windows come last in scipy's result, (k, F, W), and first here, (W, k, F).
-        density=np.concatenate(densities, axis=2).transpose(2, 0, 1),
+        # The k axes come first in each part, (k, W, F), and the windows first in the spectrum, (W, k, F).
+        density=np.concatenate(densities, axis=1).transpose(1, 0, 2),
         throttle=_window_means(signals.collective, time, segments),
         motor_speed=_window_means(_motor_speed(signals), time, segments),
     )

@@ -5,6 +5,7 @@ from hover import X_QUAD_PARAMETERS, Hover, changed, columns, with_pulses
 from known_gains import ARDUPILOT
 from numpy.random import default_rng
 from pytest import approx, mark
+from scipy.signal import find_peaks
 
 from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.dataset.segments import Segment
@@ -15,7 +16,7 @@ from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.filters import gyro_filters
 from mavdem.vibration.notch_filters import notch_advice
 from mavdem.vibration.spectra import Spectrum, max_decimated, vibration_spectra
-from mavdem.vibration.spectral_lines import LineKind, find_spectral_lines
+from mavdem.vibration.spectral_lines import LineKind, find_spectral_lines, prominent_peaks
 
 HOVER = Hover(hovering=40.0)
 FLOWN = (Segment(0, 8.0, 45.0),)
@@ -186,3 +187,10 @@ def test_a_notch_is_not_advised_where_there_is_nothing_to_take():
     assert none.code is NotchAdvice.NO_LINE_TO_REMOVE
     slow, _ = advice(shaken(speed=380.0), INS_GYRO_FILTER=10.0)
     assert slow.code is NotchAdvice.NOTCH_NOT_NEEDED
+
+
+@mark.parametrize("seed", range(5))
+def test_prominent_peaks_are_those_of_scipy(seed):
+    curve = default_rng(seed).standard_normal(200).cumsum()
+    expected, _ = find_peaks(curve, prominence=1.5)
+    assert prominent_peaks(curve, 1.5) == expected.tolist()
