@@ -96,7 +96,7 @@ def diff_command(
     blocks = [
         *headline_blocks(headlines),
         *difference_blocks(difference, parameters, names_without_gains),
-        *next_blocks(difference),
+        *next_blocks(difference, parameters),
     ]
     print_result(document, blocks, as_json)
     if not difference.changes:

@@ -23,7 +23,7 @@ class Quantity(Document):
     """Which quantity is compared."""
 
     kind: str
-    """share, effect, mean effect, damping or lag"""
+    """share, effect, mean effect, damping, lag, phase margin, gain margin, maximum sensitivity, overshoot or rise"""
     motor: int
     """number of the motor, from 1; 0 for none"""
     axis: str
@@ -88,7 +88,7 @@ class Difference(Document):
     """names of the motors"""
     flights: list[int]
     """number of flights of A and of B"""
-    family_error: float
+    false_discovery_rate: float
     """largest expected share of false ones among the changes (Benjamini and Hochberg)"""
     level: float
     """level of the intervals"""

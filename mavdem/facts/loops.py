@@ -62,6 +62,7 @@ class Gains(Code):
     GAINS_CHANGED = "gains_changed"
     MOTOR_AT_LIMIT = "motor_at_limit"
     LOOP_UNSTABLE = "loop_unstable"
+    LAG_UNRESOLVED = "lag_unresolved"
     LOWER_GAINS = "lower_gains"
     GAINS_ADVISED = "gains_advised"
     GAINS_LEFT = "gains_left"

@@ -14,7 +14,7 @@ from mavdem.facts.fleet import Incomparable, QuantityOutcome
 from mavdem.fleet.comparability import MissingQuantity, comparison_obstacle, missing_quantities
 from mavdem.fleet.flight_conditions import Conditions, condition_allowance, mean_conditions
 from mavdem.fleet.flights import Flights, flights_of, vehicles_of
-from mavdem.fleet.quantities import GAIN_MARGIN, PHASE_MARGIN, SHARE, flight_estimates
+from mavdem.fleet.quantities import LOOP_KINDS, SHARE, flight_estimates
 from mavdem.fleet.random_effects import (
     SD_BETWEEN_FLIGHTS,
     QuantityChange,
@@ -48,7 +48,7 @@ class VehicleDifference(NamedTuple):
     conditions: tuple[Conditions, Conditions]
     """How each state was flown."""
 
-    family_error: float = SIGNIFICANCE
+    false_discovery_rate: float = SIGNIFICANCE
     """Largest expected share of false ones among the changes; that of any change at all if there is none."""
 
     level: float = CONFIDENCE_LEVEL
@@ -67,9 +67,9 @@ def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifferen
     """Compares two states of a vehicle, for example before and after a repair, or two vehicles.
 
     Every quantity that is estimated in both states is compared: trim shares and control effectiveness of the motors,
-    rate damping, motor time constant, and margins of the rate loops. Other conditions of flight, such as the battery's
-    voltage, widen its interval by an allowance. All differences are then tested together, so that many quantities do
-    not raise the number of false alarms.
+    rate damping, motor time constant, margins and measured steps of the rate loops. Other conditions of flight, such as
+    the battery's voltage, widen its interval by an allowance. All differences are then tested together, so that many
+    quantities do not raise the number of false alarms.
 
     Args:
         before: rows of the fleet's table for the first state, one for each axis of each flight.
@@ -123,8 +123,8 @@ def _comparable_kinds(obstacle: Fact | None) -> list[str]:
         return list(SD_BETWEEN_FLIGHTS)
     if obstacle.code is Incomparable.OTHER_INPUTS:
         # The models of both states have different inputs, such as motors and demand, so that their parameters do not
-        # mean the same. A motor's share of the output and the margins do not depend on the inputs of models.
-        return [SHARE, PHASE_MARGIN, GAIN_MARGIN]
+        # mean the same. A motor's share of the output and figures of loops do not depend on the inputs of models.
+        return [SHARE, *LOOP_KINDS]
     # Any other obstacle, such as another number of motors, concerns every quantity.
     return []
 

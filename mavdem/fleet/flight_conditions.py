@@ -7,7 +7,15 @@ from typing import NamedTuple
 
 from mavdem.dataset.axes import AXES
 from mavdem.fleet.flights import Flights
-from mavdem.fleet.quantities import GAIN_MARGIN, MEAN_EFFECT, PHASE_MARGIN, SHARE
+from mavdem.fleet.quantities import (
+    GAIN_MARGIN,
+    MAX_SENSITIVITY,
+    MEAN_EFFECT,
+    OVERSHOOT,
+    PHASE_MARGIN,
+    RISE,
+    SHARE,
+)
 from mavdem.immutable import ReadOnlyDict
 
 SD_UNKNOWN_LEAN = 0.07
@@ -20,8 +28,14 @@ It is that of drag which acts half an arm's length above or below the centre of 
 """
 
 
-LOOP_CHANGES_PER_LOG_EFFECT = {GAIN_MARGIN: 8.7, PHASE_MARGIN: 0.7}
-"""Change of a margin by the logarithm of the mean effect: dB, and rad.
+LOOP_CHANGES_PER_LOG_EFFECT = {
+    GAIN_MARGIN: 8.7,
+    PHASE_MARGIN: 0.7,
+    MAX_SENSITIVITY: 2.0,
+    OVERSHOOT: 0.4,
+    RISE: 0.05,
+}
+"""Change of a loop's figure by the logarithm of the mean effect: dB, rad, 1, fraction of the step, and s.
 
 The gain of the loop is proportional to the effect, and 1 is 8.7 dB. The crossover frequency too is about proportional
 to it, and lag and delay turn the phase there by 40° over a factor e of frequency.

@@ -37,6 +37,18 @@ PHASE_MARGIN = "phase margin"
 GAIN_MARGIN = "gain margin"
 """Gain margin of the rate loop of one axis, dB."""
 
+MAX_SENSITIVITY = "maximum sensitivity"
+"""Maximum sensitivity Ms of the rate loop of one axis."""
+
+OVERSHOOT = "overshoot"
+"""Overshoot of the measured rate of one axis after a step of its setpoint, as a fraction of the step."""
+
+RISE = "rise"
+"""Rise time of the measured rate of one axis after a step of its setpoint, s."""
+
+LOOP_KINDS = PHASE_MARGIN, GAIN_MARGIN, MAX_SENSITIVITY, OVERSHOOT, RISE
+"""Kinds of quantities of a rate loop, which depend on the gains."""
+
 LOGARITHMIC_KINDS = SHARE, EFFECT, MEAN_EFFECT
 """Kinds of quantities that are compared by their logarithm."""
 
@@ -54,7 +66,7 @@ class Quantity(NamedTuple):
     """A quantity that is compared: by its logarithm if its kind is one of ``LOGARITHMIC_KINDS``, else as it is."""
 
     kind: str
-    """``SHARE``, ``EFFECT``, ``MEAN_EFFECT``, ``DAMPING``, ``LAG``, ``PHASE_MARGIN`` or ``GAIN_MARGIN``."""
+    """``SHARE``, ``EFFECT``, ``MEAN_EFFECT``, ``DAMPING``, ``LAG``, or one of ``LOOP_KINDS``."""
 
     motor: int = 0
     """Number of the motor, from 1; 0 where the quantity is of no single motor."""
@@ -84,7 +96,7 @@ def flight_estimates(flight: AxisRows) -> dict[Quantity, Estimate]:
 
     Returns:
         By quantity: logarithms, relative to the median motor, of trim shares and effects; the logarithm of the mean
-        effect by axis; the damping, 1/s, the motor time constant, s, and the margins of the rate loop, by axis.
+        effect by axis; the damping, 1/s, the motor time constant, s, and the ``LOOP_KINDS``, by axis.
     """
     estimates: dict[Quantity, Estimate] = {}
     effects_by_axis: dict[Quantity, list[Estimate]] = {}
@@ -97,6 +109,9 @@ def flight_estimates(flight: AxisRows) -> dict[Quantity, Estimate]:
         axis_estimates = {
             PHASE_MARGIN: estimate_from_interval(row.phase_margin, row.phase_margin_interval),
             GAIN_MARGIN: estimate_from_interval(row.gain_margin, row.gain_margin_interval),
+            MAX_SENSITIVITY: estimate_from_interval(row.ms, row.ms_interval),
+            OVERSHOOT: estimate_from_interval(row.rate_overshoot, row.rate_overshoot_interval),
+            RISE: estimate_from_interval(row.rate_rise, row.rate_rise_interval),
         }
         if row.damping_status == Status.REPORTED:
             axis_estimates[DAMPING] = estimate_from_interval(row.damping, row.damping_interval)

@@ -24,8 +24,11 @@ from mavdem.fleet.quantities import (
     GAIN_MARGIN,
     LAG,
     LOGARITHMIC_KINDS,
+    MAX_SENSITIVITY,
     MEAN_EFFECT,
+    OVERSHOOT,
     PHASE_MARGIN,
+    RISE,
     SHARE,
     Estimate,
     Quantity,
@@ -40,13 +43,16 @@ SD_BETWEEN_FLIGHTS = {
     LAG: 0.004,
     PHASE_MARGIN: 0.07,
     GAIN_MARGIN: 0.9,
+    MAX_SENSITIVITY: 0.25,
+    OVERSHOOT: 0.04,
+    RISE: 0.006,
 }
 """Assumed standard deviation of a quantity from flight to flight of the same vehicle.
 
 That of shares and effects is relative, that of the damping in 1/s, that of the motor time constant in s, those of the
 margins in rad and dB. Shares have what the health of motors assumes for the three axes; docs/evidence/motors.md shows
-where the others come from. Margins have what the mean effect does to a loop: a tenth of the gain is 0.9 dB, and moves
-the phase at the crossover by about 4°.
+where the others come from. Figures of loops have what the mean effect does to a loop: a tenth of the gain is 0.9 dB,
+moves the phase at the crossover by about 4°, and Ms, overshoot and rise time of usual loops by so much.
 """
 
 PRIOR_FREEDOM = 8
@@ -63,6 +69,9 @@ EQUIVALENCE_LIMITS = {
     LAG: 0.02,
     PHASE_MARGIN: 0.2,
     GAIN_MARGIN: 3.0,
+    MAX_SENSITIVITY: 0.5,
+    OVERSHOOT: 0.15,
+    RISE: 0.02,
 }
 """Largest difference of a quantity that is called the same, in the units of ``SD_BETWEEN_FLIGHTS``.
 

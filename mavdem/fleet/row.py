@@ -38,7 +38,7 @@ from mavdem.units import (
     with_unit,
 )
 
-SCHEMA_VERSION = 9
+SCHEMA_VERSION = 10
 """Version of the columns and of what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"
@@ -190,6 +190,18 @@ class FlightRow:
     """gain margin of the axis's rate loop"""
     gain_margin_interval: Decibels = None
     """half width of the 90 % interval of gain_margin"""
+    ms: Number = None
+    """maximum sensitivity of the axis's rate loop"""
+    ms_interval: Number = None
+    """half width of the 90 % interval of ms"""
+    rate_overshoot: Number = None
+    """overshoot of the axis's measured rate after a step of its setpoint, as a fraction of the step"""
+    rate_overshoot_interval: Number = None
+    """half width of the 90 % interval of rate_overshoot"""
+    rate_rise: Seconds = None
+    """rise time of the axis's measured rate after a step of its setpoint"""
+    rate_rise_interval: Seconds = None
+    """half width of the 90 % interval of rate_rise"""
     loop_verdict: OptionalText = None
     """what is wrong with the axis's loops: nothing_wrong, oscillates, below_goal, follows_badly or unknown"""
     loop_action: OptionalText = None

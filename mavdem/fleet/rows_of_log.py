@@ -11,6 +11,7 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.loop_decision import LoopDecision
+from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.assessment.record import NoLoop
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
@@ -113,6 +114,8 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
         report = analysis.report_values | judgement
         loop = assessment.loops[axis]
         margins = {} if isinstance(loop, NoLoop) else margin_columns(loop)
+        response = assessment.responses.get(axis, {}).get("rate")
+        margins |= step_columns(response)
         decision = decision_columns(assessment.loop_decisions.get(axis))
         means = _mean_columns(analysis)
         rows.append(FlightRow.of(report, axis=axis, **columns, **margins, **decision, **means))
@@ -204,7 +207,28 @@ def margin_columns(loop: Loop) -> JsonValues:
         "phase_margin_interval": np.radians(np.ptp(loop.phase_margin_interval)) / 2,
         "gain_margin": loop.gain_margin,
         "gain_margin_interval": np.ptp(loop.gain_margin_interval) / 2,
+        "ms": loop.ms,
+        "ms_interval": np.ptp(loop.ms_interval) / 2,
     }
+
+
+def step_columns(response: LoopResponse | None) -> JsonValues:
+    """Returns overshoot and rise time of a measured rate response, with half widths of their 90 % intervals.
+
+    Args:
+        response: response of the rate loop of an axis; None, or without a measurement, it gives no columns.
+    """
+    if response is None or isinstance(response.measured, Fact):
+        return {}
+    columns = {}
+    figures = {
+        "rate_overshoot": response.measured.overshoot,
+        "rate_rise": response.measured.rise_time,
+    }
+    for name, (value, low, high) in figures.items():
+        columns[name] = value
+        columns[f"{name}_interval"] = (high - low) / 2
+    return columns
 
 
 def _mean_columns(analysis: LogAnalysis) -> JsonValues:

@@ -175,7 +175,9 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
     with one_thread(), np.errstate(all="ignore"):
         spectra = cross_spectra(messages.streams, window_starts)
         if spectra.message_rate < MIN_SLOW_MOTION_RATE:
-            raise NotLearnable(Loops.NO_RATE_SETPOINT)
+            raise NotLearnable(
+                Loops.NO_RATE_SETPOINT, is_logged=False, least_rate=MIN_SLOW_MOTION_RATE
+            )
         _require_resolution(signals, spectra, messages.rounding)
         spectra = _with_best_setpoint(spectra, known_controller)
         # A cheap check before the fit. Aliasing may halve the share that is coherent with the reference, so half of the
@@ -242,7 +244,10 @@ def _loop_messages(
         if np.diff(messages.values).any():
             setpoints[setpoint.unit] = messages
     if "rad/s" not in setpoints:
-        raise NotLearnable(Loops.NO_RATE_SETPOINT)
+        is_logged = any(setpoint.unit == "rad/s" for setpoint in signals.setpoints)
+        raise NotLearnable(
+            Loops.NO_RATE_SETPOINT, is_logged=is_logged, least_rate=MIN_SLOW_MOTION_RATE
+        )
     # The reference of each candidate is its setpoint plus angle gain × angle: the rate setpoint at an angle of 0.
     rate_setpoint = setpoints["rad/s"]
     time = rate_setpoint.time

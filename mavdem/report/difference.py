@@ -16,8 +16,12 @@ from mavdem.fleet.quantities import (
     EFFECT,
     GAIN_MARGIN,
     LAG,
+    LOOP_KINDS,
+    MAX_SENSITIVITY,
     MEAN_EFFECT,
+    OVERSHOOT,
     PHASE_MARGIN,
+    RISE,
     SHARE,
 )
 from mavdem.fleet.random_effects import SD_BETWEEN_FLIGHTS, QuantityChange
@@ -52,6 +56,9 @@ SHOWN_QUANTITIES = {
     LAG: ShownQuantity("motor time constant", 1e3, "ms"),
     PHASE_MARGIN: ShownQuantity("phase margin", degrees(1.0), "°"),
     GAIN_MARGIN: ShownQuantity("gain margin", 1.0, "dB"),
+    MAX_SENSITIVITY: ShownQuantity("Ms", 1.0, ""),
+    OVERSHOOT: ShownQuantity("overshoot of the rate", 100.0, "%"),
+    RISE: ShownQuantity("rise time of the rate", 1e3, "ms"),
 }
 """How quantities are shown, by their kind."""
 
@@ -163,16 +170,16 @@ def _change_sentences(
 
 
 def _parameters_beside(change: QuantityChange, parameters: Sequence[ParameterChange]) -> str:
-    """Returns the changed parameters that a margin depends on, such as " (ATC_RAT_RLL_P 0.135 → 0.108)".
+    """Returns the changed parameters that a figure of a loop depends on, such as " (ATC_RAT_RLL_P 0.135 → 0.108)".
 
-    These are parameters of control that name the margin's axis or none, such as filters. Other quantities do not depend
+    These are parameters of control that name the figure's axis or none, such as filters. Other quantities do not depend
     on parameters, and have an empty text.
 
     Args:
         change: the quantity.
         parameters: parameters of the autopilot that changed.
     """
-    if change.quantity.kind not in (PHASE_MARGIN, GAIN_MARGIN):
+    if change.quantity.kind not in LOOP_KINDS:
         return ""
     texts = []
     for parameter in parameters:
@@ -199,7 +206,9 @@ def surest_change(difference: VehicleDifference) -> QuantityChange | None:
     return min(changes, key=lambda change: change.p, default=None)
 
 
-def next_blocks(difference: VehicleDifference) -> list[Sentence]:
+def next_blocks(
+    difference: VehicleDifference, parameters: Sequence[ParameterChange] = ()
+) -> list[Sentence]:
     """Returns the next step: a sentence on which part of the vehicle to check after a change.
 
     It is the motor that most surely became weaker. If none did, it is the part of the surest change. The surest change
@@ -207,12 +216,16 @@ def next_blocks(difference: VehicleDifference) -> list[Sentence]:
 
     Args:
         difference: comparison of two states, quantity by quantity.
+        parameters: parameters of the autopilot that changed between them.
 
     Returns:
-        One sentence; none without a change. None either where the states are of two vehicles, whose differences are no
-        fault to look for.
+        One sentence; none without a change that new gains do not explain. None either where the states are of two
+        vehicles, whose differences are no fault to look for.
     """
-    changes = difference.changes_with(QuantityOutcome.CHANGED)
+    changes = []
+    for change in difference.changes_with(QuantityOutcome.CHANGED):
+        if not _parameters_beside(change, parameters):
+            changes.append(change)
     vehicles_before, vehicles_after = difference.vehicles
     known_vehicles = {*vehicles_before, *vehicles_after} - {UNKNOWN}
     if not changes or len(known_vehicles) > 1:
@@ -267,7 +280,7 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
         return f"{name} {_signed(f'{increase:z.{decimals}f}')} % ± {half_width:.{decimals}f} %"
     before = rounded(shown.scale * change.before)
     after = rounded(shown.scale * change.after)
-    space = "" if shown.unit == "°" else " "
+    space = " " if shown.unit not in ("°", "") else ""
     return f"{name} {before} → {after}{space}{shown.unit} ({_signed(plus_minus(increase, half_width))})"
 
 
@@ -283,7 +296,8 @@ def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
             motor = change.quantity.motor
             names.append(f"motor {motor}" if motor else change.quantity.axis)
         widest = shown.scale * max(change.half_width for change in of_kind)
-        yield f"{shown.name} of {listed(names)} (± {rounded(widest)} {shown.unit})"
+        width = f"{rounded(widest)} {shown.unit}".rstrip()
+        yield f"{shown.name} of {listed(names)} (± {width})"
 
 
 def _signed(number: str) -> str:

@@ -216,7 +216,8 @@ def _figure_text(loop: OpenLoop, attribute: str, scale: float) -> str:
     """Returns a figure of a loop with its interval, such as "57 (50 to 63)"; without the interval if an end is NaN."""
     value = rounded(scale * getattr(loop, attribute))
     low, high = (rounded(scale * end) for end in getattr(loop, f"{attribute}_interval"))
-    if "-" in (low, high):
+    # An interval that is narrower than the last digit shown says nothing.
+    if "-" in (low, high) or value == low == high:
         return value
     return f"{value} ({low} to {high})"
 

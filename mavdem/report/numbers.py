@@ -159,6 +159,6 @@ def rounded(value: float, digits: int = 2) -> str:
         return "infinite" if value > 0 else "-"
     smallest, largest = PLAIN_SIZES
     if value == 0 or not smallest <= abs(value) < largest:
-        return f"{value:.{digits}g}"
+        return f"{value:z.{digits}g}"
     decimals = max(digits - 1 - floor(log10(abs(value))), 0)
     return f"{value:.{decimals}f}"

@@ -20,8 +20,12 @@ from mavdem.fleet.quantities import (
     EFFECT,
     GAIN_MARGIN,
     LAG,
+    LOOP_KINDS,
+    MAX_SENSITIVITY,
     MEAN_EFFECT,
+    OVERSHOOT,
     PHASE_MARGIN,
+    RISE,
     SHARE,
     Quantity,
 )
@@ -30,6 +34,13 @@ from mavdem.fleet.random_effects import SD_BETWEEN_FLIGHTS, QuantityChange, with
 Z90 = 1.645
 SHARES = np.array([1.0, 0.98, 1.03, 0.99])
 EFFECTS = np.array([-40.0, 40.0, 41.0, -39.0])
+COLUMNS_OF_LOOPS = {
+    PHASE_MARGIN: "phase_margin",
+    GAIN_MARGIN: "gain_margin",
+    MAX_SENSITIVITY: "ms",
+    OVERSHOOT: "rate_overshoot",
+    RISE: "rate_rise",
+}
 
 
 def flight(number, rng=None, share=0.0, effect=0.0, motor=2, **changed):
@@ -75,18 +86,22 @@ def flight(number, rng=None, share=0.0, effect=0.0, motor=2, **changed):
 
 
 def margins(rng):
-    """Margins of 34° and 8 dB, which err and differ between flights as assumed."""
-    errors = {PHASE_MARGIN: 0.1, GAIN_MARGIN: 1.0}
-    phase, gain = (
-        half / Z90 * rng.normal() + SD_BETWEEN_FLIGHTS[kind] * rng.normal()
-        for kind, half in errors.items()
-    )
-    return {
-        "phase_margin": 0.6 + phase,
-        "phase_margin_interval": 0.1,
-        "gain_margin": 8.0 + gain,
-        "gain_margin_interval": 1.0,
+    """Figures of a loop of 34°, 8 dB and Ms 2, which err and differ between flights as assumed."""
+    values = {PHASE_MARGIN: 0.6, GAIN_MARGIN: 8.0, MAX_SENSITIVITY: 2.0, OVERSHOOT: 0.2, RISE: 0.05}
+    half_widths = {
+        PHASE_MARGIN: 0.1,
+        GAIN_MARGIN: 1.0,
+        MAX_SENSITIVITY: 0.2,
+        OVERSHOOT: 0.03,
+        RISE: 0.004,
     }
+    columns = {}
+    for kind, name in COLUMNS_OF_LOOPS.items():
+        within = half_widths[kind] / Z90 * rng.normal()
+        between = SD_BETWEEN_FLIGHTS[kind] * rng.normal()
+        columns[name] = values[kind] + within + between
+        columns[f"{name}_interval"] = half_widths[kind]
+    return columns
 
 
 def state(numbers, seed=0, **changed):
@@ -196,6 +211,9 @@ def allowances_of_effect(ratio):
         MEAN_EFFECT: np.log(ratio),
         GAIN_MARGIN: 8.7 * np.log(ratio),
         PHASE_MARGIN: 0.7 * np.log(ratio),
+        MAX_SENSITIVITY: 2.0 * np.log(ratio),
+        OVERSHOOT: 0.4 * np.log(ratio),
+        RISE: 0.05 * np.log(ratio),
     }
 
 
@@ -223,7 +241,6 @@ def test_other_conditions_widen_what_they_can_change(changed, allowances):
     assert not other.changes_with(QuantityOutcome.CHANGED)
 
 
-MARGINS = PHASE_MARGIN, GAIN_MARGIN
 NO_MODEL = dict.fromkeys(
     f"{name}{end}" for name in ("effect", "damping", "lag") for end in ("", "_status")
 )
@@ -235,13 +252,13 @@ BY_DEMAND = {"inputs": "demand", "input_unit": "", "effect": (20.0,), "effect_in
     [
         (
             {"effect_status": "biased"},
-            {SHARE, DAMPING, LAG, *MARGINS},
+            {SHARE, DAMPING, LAG, *LOOP_KINDS},
             EFFECT,
             Incomparable.NOT_REPORTED,
         ),
-        ({"tier": "c", **NO_MODEL}, {SHARE, *MARGINS}, EFFECT, Incomparable.NOT_ESTIMATED),
+        ({"tier": "c", **NO_MODEL}, {SHARE, *LOOP_KINDS}, EFFECT, Incomparable.NOT_ESTIMATED),
         ({"trim_share": None}, {*SD_BETWEEN_FLIGHTS} - {SHARE}, SHARE, Incomparable.NOT_ESTIMATED),
-        (BY_DEMAND, {SHARE, *MARGINS}, Compared.OF_MODELS, Incomparable.OTHER_INPUTS),
+        (BY_DEMAND, {SHARE, *LOOP_KINDS}, Compared.OF_MODELS, Incomparable.OTHER_INPUTS),
         (
             {"motors": tuple("123456"), "trim_share": None, "effect": None},
             set(),

@@ -183,6 +183,16 @@ def test_gains_are_refused_only_where_motors_are_at_limits_for_longer_than_was_t
     assert [reason.code for reason in reasons] == ([code] if code else [])
 
 
+def test_gains_are_not_raised_by_a_lag_that_the_log_without_rate_setpoint_does_not_show():
+    loop = made_up(1.0)
+    short_lag = loop.dynamics * [1.0, 0.1, 1.0]
+    by_motion_alone = replace(loop, dynamics=short_lag, plant=loop.plant._replace(filtered=True))
+    (reason,) = reasons_for_no_gains(by_motion_alone, raises=True)
+    assert reason.code is Gains.LAG_UNRESOLVED and not reasons_for_no_gains(by_motion_alone)
+    in_loop = replace(by_motion_alone, plant=loop.plant._replace(filtered=False))
+    assert not reasons_for_no_gains(in_loop, raises=True)
+
+
 class SearchWithHopelessModels(GainSearch):
     """A search of which some models that it has not sampled never have the margins, whatever the gains."""
 

@@ -40,6 +40,7 @@ from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.margins import OpenLoop, attitude_loop, rate_loop
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gains import control_parameters
+from sitl_scenarios.motion import Motion
 from sitl_scenarios.rotors import IDLE_COMMAND, MAX_PULSE, pulse_width, rotor_frame
 from sitl_scenarios.scenario import AXES, Axis, Scenario
 from sitl_scenarios.simulation import fly
@@ -200,25 +201,46 @@ def flight_folder(seed: int, cache: Path) -> Path:
     if (folder / "truth.json").exists():
         return folder
     folder.mkdir(parents=True, exist_ok=True)
+    of, motion = drawn_flight(seed)
+    write_log(folder / "flight.tlog", of, motion)
+    truths = true_figures_of_flight(of, motion)
+    (folder / "truth.json").write_text(json.dumps(truths, indent=1), "utf-8")
+    return folder
+
+
+def drawn_flight(seed: int) -> tuple[Scenario, Motion]:
+    """Draws a scenario and flies it, until it neither tumbles nor has motors at limits for too long.
+
+    Args:
+        seed: seed of the flight.
+    """
     rng = default_rng(seed)
-    limited = np.ones(1)
-    while limited.mean() > MAX_AT_LIMIT_SHARE:
+    while True:
         of = random_scenario(seed, rng)
         with suppress(ValueError):  # it tumbles
             motion = fly(of)
-            outputs = motion.outputs[motion.landed_state == IN_AIR]
+            outputs = _outputs_in_air(motion)
             full = outputs >= MAX_PULSE
             idle = outputs <= pulse_width(IDLE_COMMAND)
-            limited = (full | idle).any(axis=1)
-    shares = (outputs.mean(axis=0) / 1000 - 1).tolist()
+            if (full | idle).any(axis=1).mean() <= MAX_AT_LIMIT_SHARE:
+                return of, motion
+
+
+def true_figures_of_flight(of: Scenario, motion: Motion) -> Truth:
+    """Returns the figures of the true plants and loops of all axes of a flight."""
+    shares = (_outputs_in_air(motion).mean(axis=0) / 1000 - 1).tolist()
     effects = truth(of, motion)
-    truths = {}
+    truths: Truth = {}
     for axis in AXES:
         plant = true_plant(of, axis, effects[f"{axis}_effect"], shares)
         truths[axis] = true_figures(axis_controller(of, axis), plant)
-    write_log(folder / "flight.tlog", of, motion)
-    (folder / "truth.json").write_text(json.dumps(truths, indent=1), "utf-8")
-    return folder
+    return truths
+
+
+def _outputs_in_air(motion: Motion) -> Array:
+    """Returns the outputs of all motors in the air (T, 4), µs."""
+    outputs: Array = motion.outputs[motion.landed_state == IN_AIR]
+    return outputs
 
 
 def simulated_log(seed: int, cache: Path) -> tuple[Log, Truth]:
@@ -231,14 +253,19 @@ def simulated_log(seed: int, cache: Path) -> tuple[Log, Truth]:
         cache: folder of all flights.
     """
     folder = flight_folder(seed, cache)
-    log = read_log(folder / "flight.tlog")
+    truth = json.loads((folder / "truth.json").read_text("utf-8"))
+    return exact_log(folder / "flight.tlog"), truth
+
+
+def exact_log(path: Path) -> Log:
+    """Reads the log of a simulated flight, and gives its messages the exact times of the autopilot's cycles."""
+    log = read_log(path)
     exact = {
         name: {**columns, "time": np.round(columns["time"] * LOOP_RATE) / LOOP_RATE}
         for name, columns in log.vehicles[0].messages.items()
     }
-    truth = json.loads((folder / "truth.json").read_text("utf-8"))
     vehicle = replace(log.vehicles[0], messages=exact)
-    return replace(log, vehicles=(vehicle,)), truth
+    return replace(log, vehicles=(vehicle,))
 
 
 def identified_loops(log: Log, rate: float) -> Mapping[str, Loop | NoLoop]:

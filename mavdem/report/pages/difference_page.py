@@ -105,7 +105,7 @@ def comparison_page(
     result = [
         *_main_difference(names, sides, difference, parameters),
         *headline_blocks(headlines),
-        *next_blocks(difference),
+        *next_blocks(difference, parameters),
     ]
     summary = f"{legend['A']} and {legend['B']} over each other."
     return render_document(" and ".join(names), summary, result, chapters, back)

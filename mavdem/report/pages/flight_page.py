@@ -303,9 +303,11 @@ def _step_figure_text(response: StepResponse, key: str) -> str:
         return f"over {number}" if value >= end else number
 
     value, low, high = estimate
-    if low >= end:
-        return text(value)
-    return f"{text(value)} ({text(low)} to {text(high)})"
+    texts = [text(number) for number in (value, low, high)]
+    # An interval that is narrower than the last digit shown says nothing.
+    if low >= end or len(set(texts)) == 1:
+        return texts[0]
+    return "{} ({} to {})".format(*texts)
 
 
 def _loops_chapter(assessment: Assessment, evidence: Evidence, advice: AdviceByAxis) -> Chapter:
@@ -334,7 +336,10 @@ def _loops_chapter(assessment: Assessment, evidence: Evidence, advice: AdviceByA
         return Chapter("Control loops", [*decisions, *blocks])
     # Each axis has a column of charts, in which the loop now and the loop with advised gains are drawn together.
     columns = [loop_charts(axis_loops) for axis_loops in loops_by_axis.values()]
-    text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
+    text = (
+        "Open loops with 90 % bands. Blue: with the gains that flew; green: with the advised ones. "
+        "Dashed: where the gain is 1, with the phase margin."
+    )
     trials = gain_trial_groups(evidence, advice, assessment.responses)
     groups = [Group(tuple(columns), text), *trials.values()]
     # What to do comes before the figures.
