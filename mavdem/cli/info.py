@@ -1,12 +1,13 @@
 """``mavdem info``: what a log holds, and whether a model can be learned from it."""
 
 from collections.abc import Sequence
+from shlex import quote
 
 import click
 
 from mavdem.assessment.assess import assess_signals
-from mavdem.assessment.axis import Options
-from mavdem.assessment.inventory import inventory
+from mavdem.assessment.axis import LogAnalysis, Options, analyse
+from mavdem.assessment.inventory import VehicleContents, inventory
 from mavdem.assessment.record import Assessment
 from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.options import source_options, verbose_option
@@ -16,11 +17,13 @@ from mavdem.cli.streams import print_to_stdout
 from mavdem.containers import JsonValues
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
-from mavdem.documents.inventory import vehicle_document
+from mavdem.documents.inventory import analysis_document, vehicle_document
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Reason
+from mavdem.ingest import Log
+from mavdem.report.blocks import Sentence
 from mavdem.report.condition import component_id, stream_contents, vehicle_contents
-from mavdem.report.review import review_title
+from mavdem.report.review import review_title, vehicle_title
 from mavdem.report.screen import conclusion, instance_blocks
 
 
@@ -40,10 +43,10 @@ def info_command(
     """Reports what a log holds and if a model can be learned.
 
     SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. For each vehicle it prints
-    if a model can be learned (a model of the slow motion too; if not, why and what to change), headline and next step
-    and, if 15 lines suffice, settled flight and message rates; with --verbose all, and the senders. --json
-    has details, for example message counts and the vehicle's condition; the reason is then also printed on standard
-    error.
+    if a model can be learned (a model of the slow motion too; if not, why and what to change) and, if 15 lines suffice,
+    settled flight and message rates. `mavdem SOURCE` says what happened and what is wrong; with --verbose and --json,
+    which take as long as that, it is added: headline, lights, senders, instances, and what can be trusted. With --json
+    the reason why no model can be learned is also printed on standard error.
 
     Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
     """
@@ -52,13 +55,14 @@ def info_command(
     if vehicle is not None:
         vehicles = (choose_vehicle(log.vehicles, vehicle),)
     options = Options(inputs=inputs, with_model=False)
-    assessments = []
-    for telemetry in vehicles:
-        signals = Signals(telemetry, axis, inputs)
-        assessments.append(assess_signals(log, signals, axis, options))
-    document = inventory(log, [assessment.contents for assessment in assessments])
-    for values, assessment in zip(document["vehicles"], assessments, strict=True):
-        values |= vehicle_document(assessment)
+    all_signals = [Signals(telemetry, axis, inputs) for telemetry in vehicles]
+    if as_json or verbose:
+        assessments = [assess_signals(log, signals, axis, options) for signals in all_signals]
+        document = _inventory_of_assessments(log, assessments)
+    else:
+        assessments = []
+        analyses = [analyse(log, signals, axis, options) for signals in all_signals]
+        document = _inventory_of_analyses(log, all_signals, analyses)
     is_learnable = any(values["model"] for values in document["vehicles"])
     document["learnable"] = is_learnable
     if as_json:
@@ -66,25 +70,84 @@ def info_command(
         if not is_learnable:
             # The document has all the reasons; one of them is for a user who does not read it.
             report_error(_why_not_learnable(document, source, axis), as_json=False)
+    elif not vehicles:
+        print_to_stdout(
+            "There is no vehicle in this log: check that the autopilot's messages are recorded."
+        )
+    elif verbose:
+        _print_assessments(document, assessments)
     else:
-        _print_vehicles(document, assessments, verbose)
+        _print_analyses(document, log, all_signals, analyses)
     if not is_learnable:
         context.exit(EXIT_UNSUPPORTED)
 
 
-def _print_vehicles(document: JsonValues, assessments: Sequence[Assessment], verbose: bool) -> None:
+def _inventory_of_assessments(log: Log, assessments: Sequence[Assessment]) -> JsonValues:
+    """Returns the document of the command: the inventory of a log, with all that its vehicles' assessments have."""
+    document = inventory(log, [assessment.contents for assessment in assessments])
+    for values, assessment in zip(document["vehicles"], assessments, strict=True):
+        values |= vehicle_document(assessment)
+    return document
+
+
+def _inventory_of_analyses(
+    log: Log, all_signals: Sequence[Signals], analyses: Sequence[LogAnalysis]
+) -> JsonValues:
+    """Returns what the screen shows of the document of the command, without anything that needs an assessment.
+
+    Args:
+        log: the log.
+        all_signals: of each vehicle.
+        analyses: of each vehicle, in the same order, without a model.
+    """
+    contents = []
+    for signals, analysis in zip(all_signals, analyses, strict=True):
+        contents.append(
+            VehicleContents(
+                signals.telemetry, analysis.learnability, analysis.condition, analysis.identity
+            )
+        )
+    document = inventory(log, contents)
+    for values, analysis in zip(document["vehicles"], analyses, strict=True):
+        values |= analysis_document(analysis)
+    return document
+
+
+def _print_analyses(
+    document: JsonValues,
+    log: Log,
+    all_signals: Sequence[Signals],
+    analyses: Sequence[LogAnalysis],
+) -> None:
     """Prints a screen for each vehicle of a log: what was received, and whether a model can be learned.
 
     Args:
-        document: Document of the command: the inventory of the log, with each vehicle's findings.
-        assessments: Assessments of the vehicles, in the document's order.
-        verbose: Whether to print all, and what was received from each sender.
+        document: of the command.
+        log: the log.
+        all_signals: of each vehicle, in the document's order.
+        analyses: of each vehicle, in the same order.
     """
-    if not assessments:
-        print_to_stdout(
-            "There is no vehicle in this log: check that the autopilot's messages are recorded."
+    senders = stream_contents(document)
+    next_step = Sentence(
+        f"`mavdem {quote(log.source)}` says what happened and what is wrong.", "Next:"
+    )
+    for values, signals, analysis in zip(document["vehicles"], all_signals, analyses, strict=True):
+        print_screen(
+            vehicle_title(log, signals, analysis),
+            summary=vehicle_contents(values),
+            details=senders,
+            conclusion=[next_step],
+            verbose=False,
         )
-        return
+
+
+def _print_assessments(document: JsonValues, assessments: Sequence[Assessment]) -> None:
+    """Prints, for each vehicle of a log, all that was received, every instance, headline and next step.
+
+    Args:
+        document: of the command.
+        assessments: of the vehicles, in the document's order.
+    """
     senders = stream_contents(document)
     for values, assessment in zip(document["vehicles"], assessments, strict=True):
         parts = report_parts(conclusion(assessment.judgement))
@@ -93,7 +156,7 @@ def _print_vehicles(document: JsonValues, assessments: Sequence[Assessment], ver
             summary=vehicle_contents(values),
             details=[*parts.body, *instance_blocks(assessment), *senders],
             conclusion=[parts.headline, parts.next_step],
-            verbose=verbose,
+            verbose=True,
         )
 
 

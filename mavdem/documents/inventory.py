@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mavdem.assessment import Assessment
+from mavdem.assessment.axis import LogAnalysis
 from mavdem.containers import JsonValues
 from mavdem.documents.document import Document, SentenceText
 from mavdem.documents.vehicle import (
@@ -148,24 +149,36 @@ class Inventory(Document):
     """whether any model can be learned from the log"""
 
 
+def analysis_document(analysis: LogAnalysis) -> JsonValues:
+    """Returns those values of the document ``Vehicle`` of ``mavdem info`` that come from the analysis of an axis.
+
+    They are the findings, alarms of the motors, and whether a model can be learned. Messages and rates come from the
+    inventory of the log.
+
+    Args:
+        analysis: of one vehicle, without a model.
+    """
+    return {
+        **analysis.findings._asdict(),
+        **alarm_figures(analysis.alarms),
+        "model": analysis.model,
+        "watched": analysis.motors_are_watched,
+    }
+
+
 def vehicle_document(assessment: Assessment) -> JsonValues:
     """Returns those values of the document ``Vehicle`` of ``mavdem info`` that come from an assessment.
 
-    They are the findings, the judgement with its lights, alarms of the motors, whether a model can be learned, and the
-    wind, all instances, and which sensors can be trusted. The other values of the document, such as messages and rates,
-    come from the inventory of the log.
+    They are those of its analysis, the judgement with its lights, the wind, all instances, and which sensors can be
+    trusted.
 
     Args:
         assessment: of one vehicle, with an analysis.
     """
-    analysis = assessment.analysis
-    assert analysis is not None
+    assert assessment.analysis is not None
     return {
-        **analysis.findings._asdict(),
+        **analysis_document(assessment.analysis),
         **assessment.judgement_values,
-        **alarm_figures(analysis.alarms),
-        "model": analysis.model,
-        "watched": analysis.motors_are_watched,
         "wind_velocity": reported_wind(assessment),
         "instances": assessment.instances,
         "trust": trust_documents(assessment.trust),

@@ -76,7 +76,8 @@ def tlog_stream(path: PathName) -> FrameStream:
         raise Unreadable(Source.FORMAT_UNKNOWN, path=source, name="mavlink")
     # After damage, the bytes before a frame may be anything.
     has_stamp = bytes_before == STAMP_BYTES
-    stamps = np.where(has_stamp, _receive_stamps(data, frames.start), np.uint64(0))
+    stamps = _receive_stamps(data, frames.start)
+    stamps[~has_stamp] = 0
     return FrameStream(source, ".tlog", data, frames, stamps, skipped, repairs)
 
 
@@ -105,8 +106,8 @@ def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
 def _receive_stamps(data: Bytes, frame_start: Integers) -> NDArray[np.uint64]:
     """Reads the stamp (N,), UNIX µs, before each frame; it is undefined where no stamp fits before the frame."""
     stamp_start = np.maximum(frame_start - STAMP_BYTES, 0)
-    big_endian = rows_of(data, stamp_start, STAMP_BYTES).view(">u8")
-    return big_endian[:, 0].astype(np.uint64)
+    big_endian = rows_of(data, stamp_start, STAMP_BYTES).view(">u8")[:, 0]
+    return big_endian.astype(np.uint64)
 
 
 def _without_carriage_returns(content: bytes) -> tuple[Bytes, Facts]:

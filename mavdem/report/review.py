@@ -6,7 +6,11 @@ from pathlib import Path
 from textwrap import shorten, wrap
 
 from mavdem.assessment import Assessment
+from mavdem.assessment.axis import LogAnalysis
+from mavdem.assessment.lights.log import simulation_fact
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
+from mavdem.ingest import Log
 from mavdem.report.blocks import SCREEN_LINES, Sentence, shortened
 from mavdem.report.templates import headline, render_section
 
@@ -46,11 +50,33 @@ def review_screen(assessment: Assessment) -> str:
 
 def review_title(assessment: Assessment) -> Sentence:
     """Returns the title of a review: name of the log, vehicle, duration and date."""
-    lead = f"{Path(assessment.log.source).name}:"
-    if assessment.analysis is None:
-        return Sentence("no vehicle judged.", lead)
-    sentences = render_section("review", assessment.analysis.identity, assessment=assessment)
-    return Sentence(" ".join(sentence.text for sentence in sentences), lead)
+    if assessment.analysis is None or assessment.evidence is None:
+        return Sentence("no vehicle judged.", _log_name(assessment.log))
+    return vehicle_title(assessment.log, assessment.evidence.signals, assessment.analysis)
+
+
+def vehicle_title(log: Log, signals: Signals, analysis: LogAnalysis) -> Sentence:
+    """Returns the title of what is reported of a vehicle: name of the log, vehicle, duration and date.
+
+    Args:
+        log: the log.
+        signals: of the vehicle.
+        analysis: of the vehicle, with its identity and how long it was armed.
+    """
+    sentences = render_section(
+        "review",
+        analysis.identity,
+        log=log,
+        telemetry=signals.telemetry,
+        condition=analysis.condition,
+        is_simulated=simulation_fact(signals) is not None,
+    )
+    return Sentence(" ".join(sentence.text for sentence in sentences), _log_name(log))
+
+
+def _log_name(log: Log) -> str:
+    """Returns the name of a log's file, as the beginning of a title."""
+    return f"{Path(log.source).name}:"
 
 
 def _wrapped(text: str) -> Iterator[str]:

@@ -183,7 +183,7 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     out = tmp_path / "out"
     assert run("learn", log, "--preset", "paper", "--out", out) == 0
     screen = capsys.readouterr().out
-    assert run("info", log) == 0
+    assert run("info", log, "--verbose") == 0
     contents = " ".join(capsys.readouterr().out.split())
     assert run("review", log, "--out", tmp_path / "review") == 0
     reviewed = " ".join(capsys.readouterr().out.split())
