@@ -1,9 +1,11 @@
 """The public names of the methods that DEM is compared with, ``mavdem.baselines``."""
 
 from mavdem.experiments.methods import (
+    ClosedLoop,
     Identified,
     JointAutoregression,
     StateSpace,
+    closed_loop,
     constant_mean,
     em,
     hold,
@@ -14,9 +16,11 @@ from mavdem.experiments.methods import (
 )
 
 __all__ = [
+    "ClosedLoop",
     "Identified",
     "JointAutoregression",
     "StateSpace",
+    "closed_loop",
     "constant_mean",
     "em",
     "hold",

@@ -1,0 +1,334 @@
+"""The plant in its loop: plant, wind, controller and setpoint as one linear-Gaussian model, with its forecasts."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mavdem.arrays import Array
+from mavdem.dem.engine.gauss_newton import QuadraticExpansion
+from mavdem.dem.engine.kalman import KalmanFilter
+from mavdem.dem.engine.linalg import one_thread
+from mavdem.dem.forecast.forecasting import ForecasterBase
+from mavdem.dem.forecast.joint import MIXER_LAGS, axis_mixer
+from mavdem.dem.forecast.var import Forecast, VectorAutoregression
+from mavdem.dem.priors import derivative_pairs
+from mavdem.dem.record import Record, TrainingData
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.loops.loop_construction import inputs_per_demand, logged_controller, record_axis
+from mavdem.plant.closed_loop.evidence import LoopData, LoopPosterior, fit_closed_loop
+from mavdem.plant.closed_loop.free_energy import (
+    MOTORS_CHANNEL,
+    LoopFreeEnergy,
+    loop_free_energy,
+    trim_augmented_filter,
+)
+from mavdem.plant.closed_loop.state_space import (
+    CHANNELS,
+    STATES,
+    UNKNOWN_DERIVATIVE_CUTOFF,
+    UNKNOWN_GYRO_CUTOFF,
+    UNKNOWN_TARGET_CUTOFF,
+    LoopController,
+    SampledLoop,
+    sampled_loop,
+    unknown_controller,
+)
+
+KNOWN_LOG_GAIN_SD = 0.1
+"""Prior standard deviation of the logarithm of each gain that the autopilot's parameters state.
+
+Saturation, and a thrust curve that is not what the parameters say, change the gains by some per cent.
+"""
+
+MIN_KNOWN_RATIO = 1e-4
+"""Least ratio of integral (1/s) or derivative (s) to proportional gain: a gain of 0 has no logarithm."""
+
+
+def closed_loop(train: TrainingData, controller_known: bool = True) -> ClosedLoop:
+    """Learns the closed loop of one axis from angle, rate and motors.
+
+    Args:
+        train: a flight, or segments of one, with an angle and its rate as outputs.
+        controller_known: whether the gains that the flight's parameters state are used, where there are any.
+
+    Returns:
+        The model at the maximum of its posterior.
+
+    Raises:
+        NotLearnable: no mixer can be estimated.
+        ValueError: the outputs are not an angle and its rate, the motors have more than one combination that turns the
+            axis, or no loop is stable.
+    """
+    record = Record.from_flights(train)
+    pairs = derivative_pairs(record)
+    if record.outputs.shape[1] != 2 or not pairs:
+        raise ValueError("a closed loop needs two outputs, an angle and its rate")
+    with one_thread():
+        mixer = axis_mixer(record)
+        if mixer.shape[1] != 1:
+            raise ValueError(
+                "a closed loop needs one combination of the motors that turns the axis"
+            )
+        angle_and_rate = list(pairs[0])
+        mixer = mixer * turning_sense(record, mixer)
+        segments = []
+        for inputs, outputs in record.segments:
+            segments.append(np.hstack([outputs[:, angle_and_rate], inputs @ mixer]))
+        data = LoopData.from_samples(segments, record.dt)
+        _, rate_sd, motors_sd = data.scale.tolist()
+        controller = unknown_controller(motors_sd / rate_sd)
+        if controller_known:
+            with suppress(NotLearnable):
+                controller = recorded_controller(record, mixer[:, 0])
+        posterior = LoopPosterior(data, controller)
+        return ClosedLoop(record, mixer, angle_and_rate, posterior, fit_closed_loop(posterior))
+
+
+def turning_sense(record: Record, mixer: Array) -> float:
+    """Returns 1 where a combination of the motors turns the axis in the rate's sense, else -1.
+
+    An autoregression of outputs and combination shows it: by the sum over its lags of the coefficients with which the
+    rate follows the combination.
+
+    Args:
+        record: the record.
+        mixer: (r, 1) the combination.
+    """
+    combined = replace(record, inputs=record.inputs @ mixer, effect_directions=None)
+    coefficients = VectorAutoregression.learn(combined, MIXER_LAGS).coefficients
+    _, rate = derivative_pairs(record)[0]
+    return float(np.sign(coefficients[:, rate, -1].sum()) or 1.0)
+
+
+def recorded_controller(record: Record, mixer_row: Array) -> LoopController:
+    """Returns the controller that the parameters of a record state, for a combination of its motors as output.
+
+    Args:
+        record: the record, with the autopilot's parameters.
+        mixer_row: (r,) the combination.
+
+    Raises:
+        NotLearnable: the parameters, or the mixer, are not known.
+    """
+    axis = record_axis(record)
+    controller = logged_controller(record.parameters, axis, record.effect_directions)
+    # How much the combination changes by a unit of demand.
+    per_demand = float(mixer_row @ inputs_per_demand(controller, record))
+    return LoopController(
+        angle_gain=controller.angle_gain,
+        p=controller.p * per_demand,
+        integral_ratio=max(controller.i / controller.p, MIN_KNOWN_RATIO),
+        derivative_ratio=max(controller.d / controller.p, MIN_KNOWN_RATIO),
+        feed_forward=controller.ff * per_demand,
+        derivative_of_error=controller.derivative_of_error,
+        # ArduPilot adds the derivative of the shaped target angle to the rate setpoint, PX4 does not.
+        setpoint_slope_gain=float(controller.is_ardupilot),
+        gyro_cutoff=controller.gyro_filter or UNKNOWN_GYRO_CUTOFF,
+        derivative_cutoff=controller.derivative_filter or UNKNOWN_DERIVATIVE_CUTOFF,
+        target_cutoff=controller.target_filter or UNKNOWN_TARGET_CUTOFF,
+        log_gain_sd=KNOWN_LOG_GAIN_SD,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop(ForecasterBase):
+    """A learned closed loop with its forecasts, in physical units; a :class:`mavdem.Forecaster`."""
+
+    record: Record
+    """The training data."""
+
+    mixer: Array
+    """(r, 1) combination of the motors that turns the axis."""
+
+    angle_and_rate: list[int]
+    """Columns of the angle and of its rate in the outputs."""
+
+    posterior: LoopPosterior
+    """Log posterior of the parameters."""
+
+    maximum: QuadraticExpansion
+    """Its expansion about its maximum."""
+
+    @cached_property
+    def free_energy(self) -> LoopFreeEnergy:
+        """F̄ by named terms, and F(t)."""
+        return loop_free_energy(self.posterior, self.maximum)
+
+    @property
+    def spectral_radius(self) -> float:
+        """Largest magnitude of the eigenvalues of one sampling step: below 1, as unstable loops have no posterior."""
+        return float(abs(np.linalg.eigvals(self._filter.A[:STATES, :STATES])).max())
+
+    @property
+    def stable(self) -> bool:
+        """Whether no mode grows."""
+        return self.spectral_radius < 1
+
+    @property
+    def cautions(self) -> tuple[Fact | str, ...]:
+        """Limits of the model: none are known."""
+        return ()
+
+    @cached_property
+    def _loop(self) -> SampledLoop:
+        """The loop at the maximum, sampled at the record's rate."""
+        return sampled_loop(self.maximum.point, self.posterior.controller, self.posterior.data.dt)
+
+    @cached_property
+    def _filter(self) -> KalmanFilter:
+        """The exact filter over the last segment of the training data, with the trims as states."""
+        data = self.posterior.data
+        return trim_augmented_filter(self._loop, data.trim_covariance, len(data.segments[-1]))
+
+    def one_step(self) -> Array:
+        """Predicts the outputs of each training sample from the samples before it in its segment.
+
+        Returns:
+            Outputs (T, 2), in the order of the record.
+        """
+        C = self._filter.C
+        predictions = []
+        for samples in self.posterior.data.segments:
+            predictions.append(self._predicted_states(samples)[:-1] @ C.T)
+        return self._output_forecast(np.concatenate(predictions), np.zeros(CHANNELS)).mean
+
+    def rolling_forecast_unknown_inputs(
+        self, steps: int, inputs: Array, outputs: Array
+    ) -> Forecast:
+        """Returns the outputs (H, 2) without the motors to come, anew at every ``steps``-th sample.
+
+        Args:
+            steps: samples of each forecast.
+            inputs: (H, r) after the training data; each forecast uses those before its start.
+            outputs: (H, 2) of the same samples, likewise.
+        """
+        steps = min(steps, len(inputs))
+        A, C = self._filter.A, self._filter.C
+        states = self._start_states(steps, inputs, outputs)
+        covariance = self._filter.covariances[-1]
+        means = []
+        variances = []
+        for _ in range(steps):
+            means.append(states @ C.T)
+            variances.append((C @ covariance @ C.T).diagonal())
+            states = states @ A.T
+            covariance = A @ covariance @ A.T + self._process_covariance
+        return self._joined_forecast(np.stack(means, axis=1), np.array(variances), len(inputs))
+
+    def rolling_forecast_known_inputs(
+        self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
+    ) -> Forecast:
+        """Returns the outputs (H, 2) with the motors as measurements, anew at every ``steps``-th sample.
+
+        Args:
+            steps: samples of each forecast.
+            inputs: (H, r) after the training data.
+            outputs: (H, 2) of the same samples; each forecast uses those before its start.
+            smooth: whether all motors of a forecast count for each of its samples, not only those up to its own.
+        """
+        steps = min(steps, len(inputs))
+        starts = self._start_states(steps, inputs, outputs)
+        return self._forecast_from_states(starts, steps, inputs, smooth)
+
+    def forecast_from_zero_state(self, inputs: Array) -> Array:
+        """Returns the outputs (H, 2) with known motors, after all channels were at their means."""
+        at_rest = np.zeros((1, STATES + CHANNELS))
+        return self._forecast_from_states(at_rest, len(inputs), inputs, smooth=False).mean
+
+    def simulate(self, inputs: ArrayLike) -> Array:
+        """Raises ``ValueError``: here the controller commands the motors, and nobody else."""
+        raise ValueError("a closed loop has no motors to command: use Learned.simulate")
+
+    def _forecast_from_states(
+        self, starts: Array, steps: int, inputs: Array, smooth: bool
+    ) -> Forecast:
+        """Forecasts the outputs (H, 2) by a Kalman filter, and a smoother, that the motors alone are measured in.
+
+        Args:
+            starts: (S, n + 3) states at the start of each forecast.
+            steps: samples of each forecast.
+            inputs: (H, r) motors of all forecasts, one after the other.
+            smooth: whether the smoother runs.
+        """
+        full_filter = self._filter
+        motors_output = full_filter.C[MOTORS_CHANNEL:]
+        motors_filter = KalmanFilter.design(
+            A=full_filter.A,
+            C=motors_output,
+            Q=self._process_covariance,
+            R=self._loop.noise_covariance[MOTORS_CHANNEL:, MOTORS_CHANNEL:],
+            S=np.zeros((len(full_filter.A), 1)),
+            initial_covariance=full_filter.covariances[-1],
+            samples=steps,
+        )
+        motors = inputs @ self.mixer - self.posterior.data.center[MOTORS_CHANNEL]
+        # The last forecast may reach beyond the samples; it repeats the last row there, and is cut off later.
+        rows = np.minimum(np.arange(len(starts) * steps), len(inputs) - 1).reshape(-1, steps)
+        forcing = np.zeros((*rows.shape, len(full_filter.A)))
+        states, innovations = motors_filter.filter(starts, forcing, motors[rows])
+        if smooth:
+            smoothed = motors_filter.smooth(states, innovations)
+            estimates = smoothed.means[:, :-1]
+            covariances = smoothed.covariances[:-1]
+        else:
+            # Each state is corrected by the motors of its own sample: x̂ + P Cᵀ F⁻¹ e.
+            P = motors_filter.predicted_covariances(steps)[:-1]
+            precisions = motors_filter.innovation_precisions[motors_filter.gain_rows(steps)]
+            gains = P @ motors_output.T @ precisions
+            estimates = states[:, :-1] + np.einsum("tni,sti->stn", gains, innovations)
+            covariances = P - gains @ motors_output @ P
+        C = full_filter.C
+        variances = np.einsum("ci,tij,cj->tc", C, covariances, C)
+        return self._joined_forecast(estimates @ C.T, variances, len(inputs))
+
+    @property
+    def _process_covariance(self) -> Array:
+        """(n + 3, n + 3) covariance of the process noise of one step; the trims have none."""
+        covariance = np.zeros_like(self._filter.A)
+        covariance[:STATES, :STATES] = self._loop.process_covariance
+        return covariance
+
+    def _predicted_states(self, samples: Array) -> Array:
+        """Returns the state before each of T centred samples (T, 3), and after the last, (T + 1, n + 3)."""
+        at_rest = np.zeros(len(self._filter.A))
+        forcing = np.zeros((len(samples), len(at_rest)))
+        states, _ = self._filter.filter(at_rest, forcing, samples)
+        return states
+
+    def _start_states(self, steps: int, inputs: Array, outputs: Array) -> Array:
+        """Returns the state at the start of each forecast (S, n + 3), by all samples before it.
+
+        Args:
+            steps: samples of each forecast.
+            inputs: (H, r) after the training data.
+            outputs: (H, 2) of the same samples.
+        """
+        data = self.posterior.data
+        later = np.hstack([outputs[:, self.angle_and_rate], inputs @ self.mixer]) - data.center
+        training = data.segments[-1]
+        states = self._predicted_states(np.concatenate([training, later]))
+        return states[len(training) : -1 : steps]
+
+    def _joined_forecast(self, means: Array, variances: Array, length: int) -> Forecast:
+        """Joins forecasts, one after the other, and cuts off what the last has beyond the samples.
+
+        Args:
+            means: (S, steps, 3) centred channels.
+            variances: (steps, 3) their variances.
+            length: number H of samples.
+        """
+        all_variances = np.tile(variances, (len(means), 1))[:length]
+        return self._output_forecast(means.reshape(-1, CHANNELS)[:length], all_variances)
+
+    def _output_forecast(self, means: Array, variances: Array) -> Forecast:
+        """Returns the outputs of centred channels (…, 3) and of their variances, in the order of the record."""
+        # The channels have the angle first; the record may have the rate first.
+        order = np.argsort(self.angle_and_rate)
+        means = means + self.posterior.data.center
+        return Forecast(means[..., order], variances[..., order])

@@ -1,0 +1,392 @@
+"""Exact log posterior of the closed loop's parameters from the samples of a record, and its maximum.
+
+The samples z of angle, gyro rate and motors' combination are Gaussian given the parameters, so that a Kalman filter
+gives their log likelihood from its innovations e with covariance F. The filter is used in its steady state, for which
+the likelihood needs one correction: with the start δ of the states and the trims μ of the channels, both unknown,
+
+    e_t(δ, μ) = e_t − C Lᵗ δ − G_t μ,     δ ~ N(0, P₀ − P),   μ ~ N(0, P_μ),
+
+in which L is the transition matrix of the filter, G_t its response to constant measurements, P₀ the stationary
+covariance of the states and P that of the steady filter. δ and μ are integrated out in closed form, which makes the
+likelihood exact (P. de Jong, "The diffuse Kalman filter", Annals of Statistics 19(2), 1991).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.linalg import LinAlgError
+
+from mavdem.arrays import Array
+from mavdem.dem.engine.gauss_newton import (
+    FINITE_DIFFERENCE_STEP,
+    Damping,
+    QuadraticExpansion,
+    gauss_newton,
+)
+from mavdem.dem.engine.kalman import MAX_DOUBLINGS, STEADY_CHANGE, steady_state_gain
+from mavdem.dem.forecast.var import lagged_rows
+from mavdem.plant.closed_loop.identification import (
+    DAMPING_FACTOR,
+    INITIAL_DAMPING,
+    MAX_DAMPING_ATTEMPTS,
+    MAX_PARAMETER_STEP,
+    InitialPlant,
+)
+from mavdem.plant.closed_loop.state_space import (
+    CHANNELS,
+    NAMES,
+    STATES,
+    TYPICAL_CROSSOVER,
+    LoopController,
+    SampledLoop,
+    loop_prior,
+    sampled_loop,
+)
+
+TRIM_PRIOR_SD = 1.0
+"""Prior standard deviation of each trim about the mean of the training data, in standard deviations of the channel."""
+
+STARTING_PLANTS = (
+    InitialPlant(crossover=3.0, lag=0.05, delay=0.009),
+    InitialPlant(crossover=10.0, lag=0.02, delay=0.005),
+    InitialPlant(crossover=10.0, lag=0.003, delay=0.002),
+)
+"""Plants to begin with: of large and of small vehicles, and of simulators, whose motors hardly lag."""
+
+START_LAGS = 4
+"""Lags of the autoregression whose errors give the size of the noises to begin with: a choice."""
+
+MIN_START_ERROR = 1e-5
+"""Least such error, in standard deviations of the channel, so that it has a logarithm."""
+
+MAX_HALVINGS = 6
+"""Times that the effect is halved until a loop is stable: a choice."""
+
+FIRST_STEPS = 4
+"""Steps of each ascent before the best of them is chosen: a choice."""
+
+MAX_ASCENT_STEPS = 20
+"""Largest number of steps of the chosen ascent: a choice."""
+
+
+class LoopData(NamedTuple):
+    """Samples of an axis in its loop: angle (rad), gyro rate (rad/s) and the combination of the motors."""
+
+    segments: tuple[Array, ...]
+    """Samples (T, 3) of each segment, less ``center``."""
+
+    dt: float
+    """Sampling step, s."""
+
+    center: Array
+    """(3,) means of the channels over all segments."""
+
+    scale: Array
+    """(3,) standard deviations of the channels over all segments."""
+
+    @classmethod
+    def from_samples(cls, segments: Sequence[Array], dt: float) -> LoopData:
+        """Centres the samples of some segments.
+
+        Args:
+            segments: samples (T, 3) of each segment, in physical units.
+            dt: sampling step, s.
+        """
+        samples = np.concatenate(segments)
+        center = samples.mean(axis=0)
+        centred = tuple(segment - center for segment in segments)
+        return cls(centred, dt, center, samples.std(axis=0))
+
+    def prediction_errors(self) -> Array:
+        """Returns the standard deviation (3,) of each channel's one-step errors by a short autoregression of all three.
+
+        It gives the size of the noises with which an ascent begins.
+        """
+        past = np.concatenate([lagged_rows(segment, START_LAGS) for segment in self.segments])
+        samples = np.concatenate([segment[START_LAGS:] for segment in self.segments])
+        coefficients, *_ = np.linalg.lstsq(past / self.tiled_scale, samples / self.scale)
+        errors = samples / self.scale - past / self.tiled_scale @ coefficients
+        return np.asarray(np.maximum(errors.std(axis=0), MIN_START_ERROR) * self.scale)
+
+    @property
+    def tiled_scale(self) -> Array:
+        """(3 ``START_LAGS``,) standard deviations of the channels at each lag."""
+        return np.tile(self.scale, START_LAGS)
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples of all segments."""
+        return sum(map(len, self.segments))
+
+    @property
+    def trim_covariance(self) -> Array:
+        """(3, 3) prior covariance P_μ of the trims."""
+        return np.diag((TRIM_PRIOR_SD * self.scale) ** 2)
+
+
+class SteadyLikelihood(NamedTuple):
+    """Log likelihood of one segment under B models, and its innovations at the most probable start and trims."""
+
+    log_likelihood: Array
+    """(B,) log likelihoods, nats."""
+
+    innovations: Array
+    """(B, T, 3) innovations."""
+
+    covariance: Array
+    """(B, 3, 3) covariance F of the innovations of the steady filter."""
+
+
+def steady_likelihood(
+    loop: SampledLoop, samples: Array, trim_covariance: Array
+) -> SteadyLikelihood:
+    """Computes the exact log likelihood of one segment with the steady filter, as the module's equations have it.
+
+    Args:
+        loop: B models side by side.
+        samples: (T, 3) centred samples.
+        trim_covariance: (3, 3) prior covariance of the trims.
+
+    Raises:
+        numpy.linalg.LinAlgError: a model has no steady filter.
+    """
+    T = len(samples)
+    B = len(loop.transition)
+    C = loop.output
+    K, P = steady_state_gain(loop.transition, C, loop.process_covariance, loop.noise_covariance)
+    F = C @ P @ C.mT + loop.noise_covariance
+    F_inverse = np.linalg.inv(F)
+    L = loop.transition - K @ C
+
+    # The filter runs over the samples and, in three more rows, over constant measurements of 1 in each channel.
+    measurements = np.empty((1, T, 1 + CHANNELS, CHANNELS))
+    measurements[0, :, 0] = samples
+    measurements[0, :, 1:] = np.eye(CHANNELS)
+    residuals = _filter_residuals(L, K, C, measurements, np.zeros((B, 1 + CHANNELS, STATES)))
+    weighted = residuals @ F_inverse[:, None]
+    # Backward in time, the sums Σ (Lᵗ)ᵀ Cᵀ F⁻¹ e_t over all samples.
+    sums = np.zeros((B, 1 + CHANNELS, STATES))
+    for t in range(T - 1, -1, -1):
+        sums = weighted[:, t] @ C + sums @ L
+    products = np.einsum("btic,btjc->bij", weighted, residuals)
+
+    # Information of the samples on the start δ and the trims μ together.
+    information = np.empty((B, STATES + CHANNELS, STATES + CHANNELS))
+    information[:, :STATES, :STATES] = _start_information(L, C.mT @ F_inverse @ C, T)
+    information[:, :STATES, STATES:] = sums[:, 1:].mT
+    information[:, STATES:, :STATES] = sums[:, 1:]
+    information[:, STATES:, STATES:] = products[:, 1:, 1:]
+    projection = np.concatenate([sums[:, 0], products[:, 1:, 0]], axis=-1)
+    prior_covariance = np.zeros_like(information)
+    prior_covariance[:, :STATES, :STATES] = loop.stationary_covariance - P
+    prior_covariance[:, STATES:, STATES:] = trim_covariance
+    posterior_factor = np.eye(STATES + CHANNELS) + prior_covariance @ information
+    prior_projection = np.einsum("bij,bj->bi", prior_covariance, projection)
+    estimate = np.linalg.solve(posterior_factor, prior_projection[..., None])[..., 0]
+
+    log_likelihood = 0.5 * (
+        np.einsum("bi,bi->b", projection, estimate)
+        - products[:, 0, 0]
+        - np.linalg.slogdet(posterior_factor)[1]
+        - T * np.linalg.slogdet(2 * np.pi * F)[1]
+    )
+    # The filter runs once more, from the most probable start and without the most probable trims.
+    start = estimate[:, None, :STATES]
+    trims = estimate[:, None, None, STATES:]
+    innovations = _filter_residuals(L, K, C, samples[:, None] - trims, start)
+    return SteadyLikelihood(log_likelihood, innovations[:, :, 0], F)
+
+
+def _filter_residuals(L: Array, K: Array, C: Array, measurements: Array, start: Array) -> Array:
+    """Runs B steady filters over several series of measurements each, and returns the residuals y − C x̂.
+
+    Args:
+        L: (B, n, n) transition matrices of the filters.
+        K: (B, n, 3) gains.
+        C: (B, 3, n) output matrices.
+        measurements: (B, T, rows, 3) measurements of each series, or (1, T, rows, 3) where all filters have the same.
+        start: (B, rows, n) states at the first sample.
+
+    Returns:
+        Residuals (B, T, rows, 3).
+    """
+    driving = measurements @ K[:, None].mT
+    transition = np.ascontiguousarray(L.mT)
+    states = np.empty_like(driving)
+    state = start
+    for t in range(driving.shape[1]):
+        states[:, t] = state
+        state = state @ transition + driving[:, t]
+    return measurements - states @ C[:, None].mT
+
+
+def _start_information(L: Array, information: Array, samples: int) -> Array:
+    """Returns Σ_t (Lᵗ)ᵀ M Lᵗ over t = 0 … T − 1, the information of the samples on the start of the states.
+
+    By doubling the number of summands, up to infinity; what follows after T samples is then taken off.
+
+    Args:
+        L: (B, n, n) transition matrices of stable filters.
+        information: (B, n, n) information M = Cᵀ F⁻¹ C of one sample.
+        samples: number T of samples.
+    """
+    power = L
+    total = information
+    for _ in range(MAX_DOUBLINGS):
+        increase = power.mT @ total @ power
+        total = total + increase
+        power = power @ power
+        if abs(increase).max() <= STEADY_CHANGE * abs(total).max():
+            break
+    after = np.linalg.matrix_power(L, samples)
+    return total - after.mT @ total @ after
+
+
+class LoopPosterior:
+    """Log posterior density of the parameters' logarithms; an ``Objective`` for Fisher scoring.
+
+    Attributes:
+        data: the samples.
+        controller: the controller, known or not.
+        prior: prior of the logarithms.
+    """
+
+    def __init__(self, data: LoopData, controller: LoopController) -> None:
+        """Prepares the prior.
+
+        Args:
+            data: the samples.
+            controller: the controller; one of which nothing is known has a wide prior.
+        """
+        self.data = data
+        self.controller = controller
+        self.prior = loop_prior(controller, output_size=float(data.scale[-1]))
+
+    def likelihoods(self, thetas: Array) -> list[SteadyLikelihood]:
+        """Returns the likelihood of each segment under B parameter vectors (B, k)."""
+        with np.errstate(all="ignore"):
+            loop = sampled_loop(thetas, self.controller, self.data.dt)
+            return [
+                steady_likelihood(loop, segment, self.data.trim_covariance)
+                for segment in self.data.segments
+            ]
+
+    def value(self, at: Array) -> float:
+        """Returns the log posterior density at (k,), up to a constant; NaN where the loop is unstable."""
+        try:
+            likelihoods = self.likelihoods(at[None])
+        except LinAlgError:
+            return np.nan
+        log_likelihood = sum(float(segment.log_likelihood[0]) for segment in likelihoods)
+        return log_likelihood + self._log_prior(at)
+
+    def expand(self, at: Array) -> QuadraticExpansion:
+        """Expands the log posterior about (k,) to second order, with the Fisher information as curvature.
+
+        Of Gaussian innovations e with covariance F the information on two parameters a and b is
+        Σ_t e_aᵀ F⁻¹ e_b + ½ tr(F⁻¹ F_a F⁻¹ F_b), subscripts being derivatives, here forward differences.
+
+        Args:
+            at: logarithms of the parameters.
+
+        Raises:
+            numpy.linalg.LinAlgError: the loop is unstable there.
+        """
+        k = len(at)
+        step = FINITE_DIFFERENCE_STEP
+        value = self._log_prior(at)
+        gradient = (self.prior.mean - at) / self.prior.sd**2
+        curvature = np.diag(self.prior.sd**-2.0)
+        for segment in self.likelihoods(np.vstack([at, at + step * np.eye(k)])):
+            value += float(segment.log_likelihood[0])
+            gradient += (segment.log_likelihood[1:] - segment.log_likelihood[0]) / step
+            whitener = np.linalg.inv(np.linalg.cholesky(segment.covariance[0]))
+            slopes = (segment.innovations[1:] - segment.innovations[0]) / step @ whitener.T
+            covariance_slopes = (segment.covariance[1:] - segment.covariance[0]) / step
+            whitened = (whitener @ covariance_slopes @ whitener.T).reshape(k, -1)
+            slopes = slopes.reshape(k, -1)
+            samples = segment.innovations.shape[1]
+            curvature += slopes @ slopes.T + 0.5 * samples * whitened @ whitened.T
+        return QuadraticExpansion(at, value, gradient, curvature)
+
+    def limited_step(self, step: Array) -> Array:
+        """Shortens a step (k,) so that no logarithm changes by more than ``MAX_PARAMETER_STEP``."""
+        return step / max(1.0, abs(step).max() / MAX_PARAMETER_STEP)
+
+    def _log_prior(self, theta: Array) -> float:
+        """Returns the logarithm of the normal prior density of (k,), up to a constant."""
+        return -0.5 * float(np.sum(((theta - self.prior.mean) / self.prior.sd) ** 2))
+
+
+def fit_closed_loop(posterior: LoopPosterior) -> QuadraticExpansion:
+    """Maximises the log posterior from several plants, by damped Fisher scoring.
+
+    Args:
+        posterior: the log posterior.
+
+    Returns:
+        Its expansion about the highest maximum that was found.
+
+    Raises:
+        numpy.linalg.LinAlgError: no start has a stable loop.
+    """
+    damping = Damping(
+        initial=INITIAL_DAMPING,
+        factor=DAMPING_FACTOR,
+        max_attempts=MAX_DAMPING_ATTEMPTS,
+        limit_step=posterior.limited_step,
+    )
+    first_ascents = list[QuadraticExpansion]()
+    for plant in STARTING_PLANTS:
+        try:
+            start = _stable_start(posterior, plant)
+            trace, _ = gauss_newton(posterior, posterior.expand(start), damping, FIRST_STEPS)
+        except LinAlgError:
+            continue
+        first_ascents.append(trace[-1])
+    if not first_ascents:
+        raise LinAlgError("no closed loop has a likelihood")
+    best = max(first_ascents, key=lambda ascent: ascent.value)
+    trace, _ = gauss_newton(posterior, best, damping, MAX_ASCENT_STEPS)
+    return trace[-1]
+
+
+def _stable_start(posterior: LoopPosterior, plant: InitialPlant) -> Array:
+    """Returns parameters (k,) of a stable loop: those of a plant, sizes of noises by the data, else the prior's means.
+
+    The effect of the plant is halved until the loop is stable.
+
+    Args:
+        posterior: the log posterior.
+        plant: crossover, lag and delay to begin with.
+
+    Raises:
+        numpy.linalg.LinAlgError: no effect makes a stable loop.
+    """
+    start = posterior.prior.mean.copy()
+    start[NAMES.index("effect")] += np.log(plant.crossover / TYPICAL_CROSSOVER)
+    start[NAMES.index("lag")] = np.log(plant.lag)
+    start[NAMES.index("delay")] = np.log(plant.delay)
+    data = posterior.data
+    angle_error, rate_error, motors_error = data.prediction_errors().tolist()
+    sizes = {
+        "angle_noise": angle_error,
+        "filtered_noise": rate_error / 2,
+        "gyro_noise": rate_error,
+        "output_noise": motors_error / 4,
+        "actuation": motors_error / 4,
+        "drift_size": rate_error / data.dt,
+        "eddy_size": rate_error / data.dt,
+        "gust_size": rate_error / data.dt,
+        "setpoint_size": float(data.scale[0]),
+    }
+    for name, size in sizes.items():
+        start[NAMES.index(name)] = np.log(size)
+    for _ in range(MAX_HALVINGS):
+        if np.isfinite(posterior.value(start)):
+            return start
+        start[NAMES.index("effect")] -= np.log(2.0)
+    raise LinAlgError("no closed loop is stable")

@@ -1,0 +1,506 @@
+"""The plant in its loop as one linear stochastic differential equation, sampled exactly at the rate of a record.
+
+One axis with its wind, its controller and its setpoint is linear and Gaussian. With the angle φ, the body rate p, the
+motors' torque q and the wind torque w per moment of inertia (rad/s²), and the combination u of the motors that turns
+the axis:
+
+    dφ/dt = p        dp/dt = −d p + q + w        dq/dt = (b u(t − θ) − q) / τ
+    y     = F (p + n)                            gyro rate behind a second-order low-pass F, with gyro noise n
+    r     = K (s − φ) + f ds/dt                  rate setpoint of the angle's setpoint s, with feed-forward f of 0 or 1
+    u     = P e + I ∫ e dt + D de/dt + c r + a   controller of the error e = r − y, with what else moves the motors, a
+
+The controller runs once a cycle; here it is continuous, and the dead time θ (a Padé approximation of second order)
+contains the half cycle by which it is late. The setpoint s is a Matérn process with two states, and the wind torque is
+the sum of three coloured noises, as in :mod:`~mavdem.plant.closed_loop.parameters`. Angle, gyro rate and u are measured
+with white noise. Their means, the trims, are unknown.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import expm
+
+from mavdem.arrays import Array, ArrayPair
+from mavdem.dem.engine.kalman import MAX_DOUBLINGS, STEADY_CHANGE
+from mavdem.plant.closed_loop.parameters import TYPICAL_VALUES
+from mavdem.plant.likelihood import Prior
+from mavdem.plant.sampled_plant import FIRST_ORDER, GAUSSIAN_KERNEL, process_covariance
+
+TYPICAL_CROSSOVER = 3.0
+"""Frequency at which the rate loop of a common multirotor has the gain 1, Hz: the prior median of the effect."""
+
+GYRO_CYCLE = 0.0025
+"""Time for which one value of the gyro noise lasts, s: ArduPilot's default loop period."""
+
+ACTUATION_TIME = 0.01
+"""Correlation time of what moves the motors besides the control law, s: a choice."""
+
+CHANNELS = 3
+"""Number of measured channels: angle, gyro rate and the motors' combination."""
+
+
+class State(IntEnum):
+    """Index of each state of the closed loop; the wind torque's smooth component takes the last ones."""
+
+    ANGLE = 0
+    """Angle φ, rad."""
+    RATE = 1
+    """Body rate p, rad/s."""
+    TORQUE = 2
+    """The motors' torque q per moment of inertia, rad/s²."""
+    DELAY = 3
+    """The motors' combination u behind two lags, as the Padé approximation of the dead time has it."""
+    DELAY_SLOPE = 4
+    """Its derivative."""
+    GYRO = 5
+    """Gyro rate y behind its filter, rad/s."""
+    GYRO_SLOPE = 6
+    """Its derivative."""
+    INTEGRAL = 7
+    """Integral of the rate's error, rad."""
+    DERIVATIVE = 8
+    """Low-pass of the quantity whose derivative the controller uses, rad/s."""
+    TARGET = 9
+    """Rate setpoint behind its filter, rad/s."""
+    SETPOINT = 10
+    """Setpoint s of the angle, rad."""
+    SETPOINT_SLOPE = 11
+    """Its derivative, rad/s."""
+    ACTUATION = 12
+    """What moves the motors besides the control law, relative to its standard deviation."""
+    DRIFT = 13
+    """Slow first-order wind torque, relative to its standard deviation."""
+    EDDY = 14
+    """Quick first-order wind torque, relative to its standard deviation."""
+    GUST = 15
+    """First state of the smooth wind torque, relative to its standard deviation."""
+
+
+STATES = State.GUST + len(GAUSSIAN_KERNEL.A)
+"""Number n of states."""
+
+
+class LoopController(NamedTuple):
+    """The controller of one axis as far as it is known: prior medians of its gains, and its filters."""
+
+    angle_gain: float
+    """Rate setpoint per error of the angle, 1/s."""
+
+    p: float
+    """Proportional gain: motors' combination per rad/s of the rate's error."""
+
+    integral_ratio: float
+    """Integral over proportional gain, 1/s."""
+
+    derivative_ratio: float
+    """Derivative over proportional gain, s."""
+
+    feed_forward: float
+    """Motors' combination per rad/s of the rate setpoint."""
+
+    derivative_of_error: bool
+    """Whether the derivative is that of the error, as in ArduPilot, or of the rate alone, as in PX4."""
+
+    setpoint_slope_gain: float
+    """f: 1 where the setpoint's derivative is added to the rate setpoint, as in ArduPilot; else 0."""
+
+    gyro_cutoff: float
+    """Cut-off of the gyro's low-pass, Hz."""
+
+    derivative_cutoff: float
+    """Cut-off of the derivative's low-pass, Hz."""
+
+    target_cutoff: float
+    """Cut-off of the rate setpoint's low-pass, Hz."""
+
+    log_gain_sd: float
+    """Prior standard deviation of the logarithm of each gain."""
+
+
+UNKNOWN_GYRO_CUTOFF = 100.0
+"""Cut-off of the gyro's low-pass where the controller is not known, Hz: a choice."""
+
+UNKNOWN_DERIVATIVE_CUTOFF = 20.0
+"""Cut-off of the derivative's low-pass where the controller is not known, Hz: ArduPilot's default."""
+
+UNKNOWN_TARGET_CUTOFF = 50.0
+"""Cut-off of the rate setpoint's low-pass where the controller is not known, Hz: a choice."""
+
+
+def unknown_controller(proportional_gain: float) -> LoopController:
+    """Returns the prior of a controller of which nothing is known: the gray-box model of an axis in its loop.
+
+    Args:
+        proportional_gain: size of the proportional gain, such as the standard deviation of the motors' combination over
+            that of the rate.
+    """
+    return LoopController(
+        angle_gain=5.0,
+        p=proportional_gain,
+        integral_ratio=1.0,
+        derivative_ratio=0.02,
+        feed_forward=0.0,
+        derivative_of_error=False,
+        setpoint_slope_gain=0.0,
+        gyro_cutoff=UNKNOWN_GYRO_CUTOFF,
+        derivative_cutoff=UNKNOWN_DERIVATIVE_CUTOFF,
+        target_cutoff=UNKNOWN_TARGET_CUTOFF,
+        log_gain_sd=1.0,
+    )
+
+
+class GenerativeParameters(NamedTuple):
+    """Parameters θ and hyperparameters λ of the closed loop; the model's vector has their natural logarithms.
+
+    A field is a number, or an array with one value for each of several models side by side.
+    """
+
+    effect: Array
+    """b: angular acceleration per unit of the motors' combination in steady state, rad/s²."""
+    damping: Array
+    """d: rate damping, 1/s."""
+    lag: Array
+    """τ: motor time constant, s."""
+    delay: Array
+    """θ: dead time from the controller to the motors, s."""
+    angle_gain: Array
+    """K, 1/s."""
+    p: Array
+    """P: motors' combination per rad/s."""
+    integral_ratio: Array
+    """I / P, 1/s."""
+    derivative_ratio: Array
+    """D / P, s."""
+    setpoint_size: Array
+    """Standard deviation of the angle's setpoint, rad."""
+    setpoint_time: Array
+    """Correlation time of the angle's setpoint, s."""
+    drift_size: Array
+    """Standard deviation of the slow first-order wind torque, rad/s²."""
+    drift_time: Array
+    """Its correlation time, s."""
+    eddy_size: Array
+    """Standard deviation of the quick first-order wind torque, rad/s²."""
+    eddy_time: Array
+    """Its correlation time, s."""
+    gust_size: Array
+    """Standard deviation of the smooth wind torque, rad/s²."""
+    gust_time: Array
+    """Its time, s."""
+    gyro_noise: Array
+    """Standard deviation of the gyro noise before the filter, one value a ``GYRO_CYCLE``, rad/s."""
+    actuation: Array
+    """Standard deviation of what moves the motors besides the control law, in the unit of their combination."""
+    angle_noise: Array
+    """Standard deviation of the measured angle's white noise, rad."""
+    filtered_noise: Array
+    """Standard deviation of the measured gyro rate's white noise behind the filter, rad/s."""
+    output_noise: Array
+    """Standard deviation of the white noise of the motors' measured combination."""
+
+
+NAMES = GenerativeParameters._fields
+"""Names of the k parameters and hyperparameters, in the order of the vector."""
+
+PARAMETERS = NAMES.index("setpoint_size")
+"""Number of parameters θ, of plant and controller; the hyperparameters λ, sizes and times of noises, follow."""
+
+
+class LoopPrior(NamedTuple):
+    """Independent normal prior of the logarithms of all parameters."""
+
+    mean: Array
+    """(k,) prior means."""
+
+    sd: Array
+    """(k,) prior standard deviations."""
+
+
+def loop_prior(controller: LoopController, output_size: float) -> LoopPrior:
+    """Returns the prior of the logarithms of all parameters, in the order of :data:`NAMES`.
+
+    A known controller has a narrow prior about its gains, an unknown one a wide prior; nothing else differs. Typical
+    values of plant, wind and noises are those of ``parameters.toml``.
+
+    Args:
+        controller: prior medians of the gains, and their spread.
+        output_size: standard deviation of the motors' combination in the record, which scales its noises.
+    """
+    median_effect = 2 * np.pi * TYPICAL_CROSSOVER / controller.p
+    gain_sd = controller.log_gain_sd
+    typical = {name: np.log(value) for name, value in TYPICAL_VALUES.items()}
+    priors = {
+        "effect": Prior(np.log(median_effect), 2.0),
+        "damping": Prior(typical["damping"], 1.5),
+        "lag": Prior(typical["lag"], 1.0),
+        "delay": Prior(typical["delay"], 1.0),
+        "angle_gain": Prior(np.log(controller.angle_gain), gain_sd),
+        "p": Prior(np.log(controller.p), gain_sd),
+        "integral_ratio": Prior(np.log(controller.integral_ratio), gain_sd),
+        "derivative_ratio": Prior(np.log(controller.derivative_ratio), gain_sd),
+        "setpoint_size": Prior(np.log(0.05), 2.0),
+        "setpoint_time": Prior(np.log(0.5), 1.0),
+        "gyro_noise": Prior(typical["gyro_noise"], 2.0),
+        "actuation": Prior(np.log(0.1 * output_size), 2.0),
+        "angle_noise": Prior(typical["angle_noise"], 2.0),
+        "filtered_noise": Prior(typical["filtered_noise"], 2.0),
+        "output_noise": Prior(np.log(0.02 * output_size), 2.0),
+    }
+    for component in ("drift", "eddy", "gust"):
+        priors[f"{component}_size"] = Prior(typical[f"{component}_size"], 2.0)
+        priors[f"{component}_time"] = Prior(typical[f"{component}_time"], 1.0)
+    mean, sd = np.array([priors[name] for name in NAMES]).T
+    return LoopPrior(mean, sd)
+
+
+class SampledLoop(NamedTuple):
+    """The closed loop sampled at the record's rate: x⁺ = Φ x + w, z = C x + v; leading axes are several models."""
+
+    transition: Array
+    """(…, n, n) transition matrix Φ of one sampling step."""
+
+    output: Array
+    """(…, 3, n) output matrix C: angle, gyro rate and the motors' combination."""
+
+    process_covariance: Array
+    """(…, n, n) covariance Q of the process noise of one step."""
+
+    noise_variance: Array
+    """(…, 3) variances of the measurement noises."""
+
+    stationary_covariance: Array
+    """(…, n, n) covariance of the states before anything is measured."""
+
+    state_sd: Array
+    """(…, n) stationary standard deviation of each state, in which all matrices count it: good for rounding errors."""
+
+    @property
+    def noise_covariance(self) -> Array:
+        """(…, 3, 3) covariance R of the measurement noises."""
+        return self.noise_variance[..., None] * np.eye(CHANNELS)
+
+
+class ContinuousLoop(NamedTuple):
+    """The closed loop in continuous time: dx/dt = A x + Σ_i g_i ω_i, with independent white noises ω_i."""
+
+    A: Array
+    """(…, n, n) system matrix, 1/s."""
+
+    noise_gains: Array
+    """(…, n, sources) gains g of the white noises, of which the setpoint's is the first."""
+
+    output: Array
+    """(…, 3, n) output matrix."""
+
+
+SOURCES = 6
+"""Number of white noises: of setpoint, gyro, actuation, drift, eddies and gusts."""
+
+
+def continuous_loop(parameters: GenerativeParameters, controller: LoopController) -> ContinuousLoop:
+    """Builds the differential equation of the closed loop, row by row as the module's equations have it.
+
+    Args:
+        parameters: parameters, (…) each.
+        controller: controller, of which the filters and the feed-forwards are used.
+    """
+    shape = np.shape(parameters.effect)
+    A = np.zeros((*shape, STATES, STATES))
+    noise_gains = np.zeros((*shape, STATES, SOURCES))
+    unit = np.eye(STATES)
+
+    # The rate setpoint before its filter, and the motors' combination u, are weighted sums of states.
+    rate_setpoint = (
+        parameters.angle_gain[..., None] * (unit[State.SETPOINT] - unit[State.ANGLE])
+        + controller.setpoint_slope_gain * unit[State.SETPOINT_SLOPE]
+    )
+    error = unit[State.TARGET] - unit[State.GYRO]
+    differentiated = -unit[State.GYRO]
+    if controller.derivative_of_error:
+        differentiated = error
+    derivative_bandwidth = 2 * np.pi * controller.derivative_cutoff
+    derivative = derivative_bandwidth * (differentiated - unit[State.DERIVATIVE])
+    law = (
+        error
+        + parameters.integral_ratio[..., None] * unit[State.INTEGRAL]
+        + parameters.derivative_ratio[..., None] * derivative
+    )
+    motors = (
+        parameters.p[..., None] * law
+        + controller.feed_forward * unit[State.TARGET]
+        + parameters.actuation[..., None] * unit[State.ACTUATION]
+    )
+
+    # Plant, motors and dead time. The Padé approximation of e^(−θs) is 1 − θs / (1 + θs/2 + θ²s²/12).
+    A[..., State.ANGLE, State.RATE] = 1.0
+    A[..., State.RATE, State.RATE] = -parameters.damping
+    A[..., State.RATE, State.TORQUE] = 1.0
+    A[..., State.RATE, State.DRIFT] = parameters.drift_size
+    A[..., State.RATE, State.EDDY] = parameters.eddy_size
+    gust = slice(State.GUST, STATES)
+    A[..., State.RATE, gust] = parameters.gust_size[..., None] * GAUSSIAN_KERNEL.C
+    delay = parameters.delay[..., None]
+    delayed_motors = motors - delay * unit[State.DELAY_SLOPE]
+    A[..., State.TORQUE, :] = (
+        parameters.effect[..., None] * delayed_motors - unit[State.TORQUE]
+    ) / parameters.lag[..., None]
+    A[..., State.DELAY, State.DELAY_SLOPE] = 1.0
+    A[..., State.DELAY_SLOPE, :] = (
+        12 / delay**2 * (motors - unit[State.DELAY]) - 6 / delay * unit[State.DELAY_SLOPE]
+    )
+
+    # Filters of the gyro (Butterworth, second order), the derivative and the rate setpoint, and the integral.
+    gyro_bandwidth = 2 * np.pi * controller.gyro_cutoff
+    A[..., State.GYRO, State.GYRO_SLOPE] = 1.0
+    A[..., State.GYRO_SLOPE, :] = (
+        gyro_bandwidth**2 * (unit[State.RATE] - unit[State.GYRO])
+        - np.sqrt(2) * gyro_bandwidth * unit[State.GYRO_SLOPE]
+    )
+    A[..., State.INTEGRAL, :] = error
+    A[..., State.DERIVATIVE, :] = derivative
+    A[..., State.TARGET, :] = (
+        2 * np.pi * controller.target_cutoff * (rate_setpoint - unit[State.TARGET])
+    )
+
+    # A Matérn process of smoothness 3/2 has a double pole at −κ.
+    kappa = 1 / parameters.setpoint_time
+    A[..., State.SETPOINT, State.SETPOINT_SLOPE] = 1.0
+    A[..., State.SETPOINT_SLOPE, State.SETPOINT] = -(kappa**2)
+    A[..., State.SETPOINT_SLOPE, State.SETPOINT_SLOPE] = -2 * kappa
+    noise_gains[..., State.SETPOINT_SLOPE, 0] = 2 * kappa**1.5 * parameters.setpoint_size
+    noise_gains[..., State.GYRO_SLOPE, 1] = (
+        gyro_bandwidth**2 * parameters.gyro_noise * np.sqrt(GYRO_CYCLE)
+    )
+
+    # First-order noises of variance 1, and the smooth wind torque.
+    first_order_times = {
+        State.ACTUATION: np.full(shape, ACTUATION_TIME),
+        State.DRIFT: parameters.drift_time,
+        State.EDDY: parameters.eddy_time,
+    }
+    for source, (state, time) in enumerate(first_order_times.items(), start=2):
+        A[..., state, state] = FIRST_ORDER.A[0, 0] / time
+        noise_gains[..., state, source] = np.sqrt(FIRST_ORDER.Q[0, 0] / time)
+    gust_time = parameters.gust_time[..., None, None]
+    A[..., gust, gust] = GAUSSIAN_KERNEL.A / gust_time
+    # The intensity of its white noise is diagonal, with one entry.
+    noise_gains[..., gust, -1] = np.sqrt(GAUSSIAN_KERNEL.Q.diagonal() / gust_time[..., 0])
+
+    output = np.zeros((*shape, CHANNELS, STATES))
+    output[..., 0, State.ANGLE] = 1.0
+    output[..., 1, State.GYRO] = 1.0
+    output[..., 2, :] = motors
+    return ContinuousLoop(A, noise_gains, output)
+
+
+def sampled_loop(theta: Array, controller: LoopController, dt: float) -> SampledLoop:
+    """Samples the closed loop exactly: the discrete model has the same distribution at the samples.
+
+    Args:
+        theta: (…, k) logarithms of the parameters.
+        controller: the controller.
+        dt: sampling step, s.
+
+    Raises:
+        numpy.linalg.LinAlgError: a loop is unstable, and so has no stationary distribution.
+    """
+    parameters = GenerativeParameters(*np.moveaxis(np.exp(theta), -1, 0))
+    loop = continuous_loop(parameters, controller)
+    step = _step_of_loop(loop, dt)
+    state_sd = np.sqrt(np.diagonal(step.stationary_covariance, axis1=-2, axis2=-1))
+    row_sd = state_sd[..., None]
+    column_sd = state_sd[..., None, :]
+    noise_sd = np.stack(
+        [parameters.angle_noise, parameters.filtered_noise, parameters.output_noise], axis=-1
+    )
+    return SampledLoop(
+        transition=step.transition * column_sd / row_sd,
+        output=loop.output * column_sd,
+        process_covariance=step.process_covariance / row_sd / column_sd,
+        noise_variance=noise_sd**2,
+        stationary_covariance=step.stationary_covariance / row_sd / column_sd,
+        state_sd=state_sd,
+    )
+
+
+def setpoint_process_covariance(
+    theta: Array, controller: LoopController, dt: float, state_sd: Array
+) -> ArrayPair:
+    """Returns the part of the process noise, and of the stationary covariance, that the setpoint causes.
+
+    The white noises are independent, so the rest is caused by wind, gyro noise and actuation.
+
+    Args:
+        theta: (k,) logarithms of the parameters.
+        controller: the controller.
+        dt: sampling step, s.
+        state_sd: (n,) standard deviations in which the result counts the states.
+
+    Returns:
+        Covariances (n, n) of the process noise of one step, and of the states before anything is measured.
+    """
+    loop = continuous_loop(GenerativeParameters(*np.exp(theta)), controller)
+    by_setpoint = _step_of_loop(loop._replace(noise_gains=loop.noise_gains[:, :1]), dt)
+    scale = np.outer(state_sd, state_sd)
+    return by_setpoint.process_covariance / scale, by_setpoint.stationary_covariance / scale
+
+
+class _StepOfLoop(NamedTuple):
+    """The closed loop over one sampling step, its states in physical units."""
+
+    transition: Array
+    """(…, n, n) transition matrix."""
+
+    process_covariance: Array
+    """(…, n, n) covariance of the process noise."""
+
+    stationary_covariance: Array
+    """(…, n, n) covariance of the states after infinitely many steps."""
+
+
+def _step_of_loop(loop: ContinuousLoop, dt: float) -> _StepOfLoop:
+    """Discretises the closed loop, by doubling the time: Φ(2h) = Φ(h)², Q(2h) = Q(h) + Φ(h) Q(h) Φ(h)ᵀ.
+
+    Only positive semidefinite matrices are added, so that no covariance gets a negative eigenvalue by rounding, however
+    much faster one state is than another.
+
+    Args:
+        loop: the loop in continuous time.
+        dt: sampling step, s.
+
+    Raises:
+        numpy.linalg.LinAlgError: a loop is unstable.
+    """
+    if not np.isfinite(loop.A).all() or np.linalg.eigvals(loop.A).real.max() >= 0:
+        raise np.linalg.LinAlgError("the closed loop is unstable")
+    # The first step is so short that no state changes by much more than itself.
+    fastest = abs(loop.A).sum(axis=-1).max() * dt
+    doublings = max(0, int(np.ceil(np.log2(fastest))))
+    first_step = dt / 2**doublings
+    transition = expm(loop.A * first_step)
+    intensity = loop.noise_gains @ loop.noise_gains.mT
+    covariance = process_covariance(loop.A, intensity, first_step)
+    for _ in range(doublings):
+        covariance = _over_two_steps(transition, covariance)
+        transition = transition @ transition
+
+    stationary = covariance
+    power = transition
+    for _ in range(MAX_DOUBLINGS):
+        doubled = _over_two_steps(power, stationary)
+        variances = np.diagonal(stationary, axis1=-2, axis2=-1)
+        increases = np.diagonal(doubled, axis1=-2, axis2=-1) - variances
+        stationary = doubled
+        power = power @ power
+        if (increases <= STEADY_CHANGE * variances).all():
+            break
+    return _StepOfLoop(transition, covariance, stationary)
+
+
+def _over_two_steps(transition: Array, covariance: Array) -> Array:
+    """Returns the covariance (…, n, n) of the process noise of two steps, by that of one and its transition matrix."""
+    doubled = covariance + transition @ covariance @ transition.mT
+    return np.asarray((doubled + doubled.mT) / 2)

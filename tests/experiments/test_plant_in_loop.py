@@ -1,0 +1,97 @@
+"""Forecasts of the plant in its loop, against the dense Gaussian of the samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from mavdem.arrays import Array
+from mavdem.baselines import ClosedLoop, closed_loop
+from mavdem.dem.engine.gauss_newton import QuadraticExpansion
+from mavdem.dem.record import Record
+from mavdem.plant.closed_loop.evidence import LoopData, LoopPosterior
+from mavdem.plant.closed_loop.state_space import NAMES, sampled_loop
+from tests.plant.test_loop_evidence import CONTROLLER, DT, dense_covariance, simulated
+
+TRAINING = 25
+"""Samples of the training data."""
+HORIZON = 12
+"""Samples that are forecast."""
+
+
+@dataclass(frozen=True)
+class ForecastCase:
+    """A loop with known parameters, the samples after its training data, and the covariance of all samples."""
+
+    model: ClosedLoop
+    motors: Array
+    outputs: Array
+    samples: Array
+    covariance: Array
+
+    def conditional_mean(self, known: Array, wanted: int) -> Array:
+        """Returns angle and rate (2,) of sample ``wanted``, given the entries ``known`` of the flattened samples."""
+        centred = (self.samples - self.model.posterior.data.center).ravel()
+        outputs = [3 * wanted, 3 * wanted + 1]
+        gain = np.linalg.solve(
+            self.covariance[np.ix_(known, known)], self.covariance[np.ix_(known, outputs)]
+        ).T
+        return gain @ centred[known] + self.model.posterior.data.center[:2]
+
+
+@pytest.fixture(scope="module")
+def case() -> ForecastCase:
+    samples = simulated(TRAINING + HORIZON, seed=4)
+    training = samples[:TRAINING]
+    data = LoopData.from_samples([training], DT)
+    posterior = LoopPosterior(data, CONTROLLER)
+    theta = posterior.prior.mean
+    record = Record(training[:, 2:], training[:, :2], DT, (TRAINING,))
+    maximum = QuadraticExpansion(theta, 0.0, np.zeros(len(NAMES)), np.eye(len(NAMES)))
+    model = ClosedLoop(record, np.ones((1, 1)), [0, 1], posterior, maximum)
+    loop = sampled_loop(theta, CONTROLLER, DT)
+    count = len(samples)
+    covariance = dense_covariance(loop, loop.stationary_covariance, count)
+    covariance += np.diag(np.tile(loop.noise_variance, count))
+    covariance += np.kron(np.ones((count, count)), data.trim_covariance)
+    later = samples[TRAINING:]
+    return ForecastCase(model, later[:, 2:], later[:, :2], samples, covariance)
+
+
+def test_prediction_is_the_conditional_mean_without_motors(case: ForecastCase) -> None:
+    predicted = case.model.predict_every(5, case.motors, case.outputs)
+    expected = case.conditional_mean(np.arange(3 * TRAINING), TRAINING + 2)
+    np.testing.assert_allclose(predicted[2], expected, rtol=1e-4)
+    # The second prediction begins 5 samples later. The filter keeps the gain of the last training sample.
+    expected = case.conditional_mean(np.arange(3 * (TRAINING + 5)), TRAINING + 7)
+    np.testing.assert_allclose(predicted[7], expected, rtol=1e-3)
+
+
+def test_forecast_is_the_conditional_mean_with_motors_up_to_the_sample(case: ForecastCase) -> None:
+    forecast = case.model.forecast(case.motors)
+    wanted = TRAINING + 8
+    motors = 3 * np.arange(TRAINING, wanted + 1) + 2
+    known = np.append(np.arange(3 * TRAINING), motors)
+    np.testing.assert_allclose(forecast[8], case.conditional_mean(known, wanted), rtol=1e-4)
+
+
+def test_smoothed_forecast_uses_all_motors(case: ForecastCase) -> None:
+    forecast = case.model.forecast(case.motors, smooth=True)
+    motors = 3 * np.arange(TRAINING, TRAINING + HORIZON) + 2
+    known = np.append(np.arange(3 * TRAINING), motors)
+    expected = case.conditional_mean(known, TRAINING + 4)
+    np.testing.assert_allclose(forecast[4], expected, rtol=1e-4)
+
+
+def test_one_step_predictions_use_the_samples_before(case: ForecastCase) -> None:
+    expected = case.conditional_mean(np.arange(3 * 20), 20)
+    np.testing.assert_allclose(case.model.one_step()[20], expected, rtol=1e-4)
+
+
+def test_several_combinations_of_motors_are_refused() -> None:
+    samples = simulated(60, seed=5)
+    motors = np.column_stack([samples[:, 2], samples[::-1, 2]])
+    with pytest.raises(ValueError, match="one combination"):
+        closed_loop(Record(motors, samples[:, :2], DT, (60,)))
