@@ -47,7 +47,8 @@ def reproduce_command(
 
     The paper's vehicle was really flown in wind: the flights of Bos et al., "Free Energy Principle for State and Input
     Estimation of a Quadcopter Flying in Wind", are at github.com/FreddyBos97/DEM_Drone_in_wind. --flights reads them.
-    The items states and inputs run the experiments of Bos et al. themselves.
+    The items states and inputs run the experiments of Bos et al. themselves, covariance those of Anil Meera and
+    Lanillos on noise variances.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""Flights for the paper's experiments: simulated in place of the paper's, which are not public, and recorded."""
+"""Flights for the paper's experiments: simulated in place of the paper's, whose samples are not named, and recorded."""
 
 import os
 import zlib

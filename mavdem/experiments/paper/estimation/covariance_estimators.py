@@ -1,0 +1,300 @@
+"""Standard estimators of the variances of measurement noise, all of which take both noises for white.
+
+J. Duník, O. Straka, O. Kost and J. Havlík, "Noise covariance matrices in state-space models: A survey and comparison of
+estimation methods", International Journal of Adaptive Control and Signal Processing 31, 2017, has all but one of them.
+Each takes a :class:`NoisyRecord`, and uses its model and the variances of its process noise.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_discrete_lyapunov
+
+from mavdem.arrays import Array
+from mavdem.dem.engine.kalman import LinearGaussianModel, smooth_states, steady_state_gain
+from mavdem.experiments.paper.estimation.noisy_records import NoisyRecord
+
+FIRST_LOG_PRECISION = 10.0
+"""Log precision λ of the measurement noise from which every estimator starts, as in the code that the authors publish.
+
+The true ones are 4 to 8.
+"""
+
+SMALLEST_VARIANCE = 1e-10
+"""Floor of estimated variances: some estimators subtract, and may end below zero."""
+
+CORRELATION_LAGS = 10
+"""Lags of the autocovariances that the correlation methods use; a choice."""
+
+EM_ITERATIONS = 30
+"""Iterations of the EM algorithm; its variances change by less than 1 % afterwards."""
+
+FORGETTING_FACTOR = 0.98
+"""Weight with which recursive estimators keep what they knew, from sample to sample; a choice.
+
+It is a memory of 50 samples.
+"""
+
+VB_ITERATIONS = 2
+"""Iterations of the variational filter at each sample, as in the code that the authors publish."""
+
+
+class RecursiveEstimates(NamedTuple):
+    """Estimates of an estimator that goes from sample to sample."""
+
+    variances: Array
+    """(T, n) variances of the measurement noise, after each sample."""
+
+    states: Array
+    """(T, n) states, after each sample."""
+
+
+def first_variances(record: NoisyRecord) -> Array:
+    """Returns the variances (n,) of the measurement noise from which every estimator starts."""
+    return np.full(len(record.process_variances), np.exp(-FIRST_LOG_PRECISION))
+
+
+def innovation_correlation(record: NoisyRecord) -> Array:
+    """Estimates the variances from the autocovariances of a filter's innovations, by least squares.
+
+    B. J. Odelson, M. R. Rajamani and J. B. Rawlings, "A new autocovariance least-squares method for estimating noise
+    covariances", Automatica 42, 2006. With the filter's error ε⁺ = L ε + w − K z, L = Φ − K, and the innovation
+    e = ε + z, the autocovariances are linear in the variances: E e e₀ᵀ = P + R at lag 0, and Lʲ P − Lʲ⁻¹ K R at lag j.
+
+    Returns:
+        (n,) variances.
+    """
+    Phi, Gamma = record.transition
+    n = len(Phi)
+    Q = np.diag(record.process_variances)
+    # Any stabilising gain will do; that of noises of equal size is neither sluggish nor wild.
+    K, _ = steady_state_gain(Phi, np.eye(n), Q, Q)
+    L = Phi - K
+    state = record.outputs[0]
+    innovations = np.zeros_like(record.outputs)
+    for t, output in enumerate(record.outputs):
+        innovations[t] = output - state
+        state = Phi @ state + Gamma @ record.inputs[t] + K @ innovations[t]
+    measured = _autocovariances(innovations, CORRELATION_LAGS)
+    explained = _innovation_autocovariances(L, K, Q, np.zeros((n, n)))
+    return _least_squares_variances(
+        measured - explained,
+        np.sqrt(measured[0].diagonal()),
+        [_innovation_autocovariances(L, K, np.zeros((n, n)), R) for R in _unit_covariances(n)],
+    )
+
+
+def _innovation_autocovariances(L: Array, K: Array, Q: Array, R: Array) -> Array:
+    """Returns the autocovariances (lags, n, n) of innovations that the covariances Q and R make, from lag 0 on."""
+    P = solve_discrete_lyapunov(L, Q + K @ R @ K.T)
+    autocovariances = [P + R]
+    later = L @ P - K @ R
+    for _ in range(CORRELATION_LAGS - 1):
+        autocovariances.append(later)
+        later = L @ later
+    return np.array(autocovariances)
+
+
+def measurement_difference(record: NoisyRecord) -> Array:
+    """Estimates the variances from differences of measurements, in which no filter has a part.
+
+    J. Duník, O. Kost and O. Straka, "Design of measurement difference autocovariance method for estimation of process
+    and measurement noise covariances", Automatica 90, 2018. As all states are measured, the differences are
+    y⁺ − Φ y − Γ v = w + z⁺ − Φ z: Q + R + Φ R Φᵀ at lag 0, and −Φ R at lag 1.
+
+    Returns:
+        (n,) variances.
+    """
+    Phi, Gamma = record.transition
+    n = len(Phi)
+    differences = record.outputs[1:] - record.outputs[:-1] @ Phi.T - record.inputs[:-1] @ Gamma.T
+    measured = _autocovariances(differences, lags=2)
+    scales = np.sqrt(measured[0].diagonal())
+    measured[0] -= np.diag(record.process_variances)
+    effects = [np.array([R + Phi @ R @ Phi.T, -Phi @ R]) for R in _unit_covariances(n)]
+    return _least_squares_variances(measured, scales, effects)
+
+
+def _unit_covariances(n: int) -> list[Array]:
+    """Returns n covariances (n, n) of a noise that only one of the outputs has, with variance 1."""
+    return [np.diag(row) for row in np.eye(n)]
+
+
+def _autocovariances(series: Array, lags: int) -> Array:
+    """Returns the autocovariances (lags, n, n), E sₜ₊ⱼ sₜᵀ, of series (T, n)."""
+    count = len(series)
+    return np.array([series[lag:].T @ series[: count - lag] / count for lag in range(lags)])
+
+
+def _least_squares_variances(measured: Array, scales: Array, effects: list[Array]) -> Array:
+    """Returns the variances (n,) whose effects add up to the measured autocovariances, by least squares.
+
+    Args:
+        measured: (lags, n, n) autocovariances.
+        scales: (n,) standard deviations of the series, in units of which the squares are summed up.
+        effects: for each variance, the autocovariances (lags, n, n) that it makes when it is 1.
+    """
+    weights = 1 / np.outer(scales, scales)
+    columns = np.stack([(weights * effect).ravel() for effect in effects], axis=1)
+    # The columns are scaled as well: variances of several units differ by orders of magnitude.
+    lengths = np.linalg.norm(columns, axis=0)
+    solution = np.linalg.lstsq(columns / lengths, (weights * measured).ravel(), rcond=None)[0]
+    variances = solution / lengths
+    return np.maximum(variances, SMALLEST_VARIANCE)
+
+
+def expectation_maximization(record: NoisyRecord) -> Array:
+    """Estimates the variances by maximum likelihood, with the EM algorithm.
+
+    R. H. Shumway and D. S. Stoffer, "An approach to time series smoothing and forecasting using the EM algorithm",
+    Journal of Time Series Analysis 3(4), 1982.
+
+    Returns:
+        (n,) variances.
+    """
+    Phi, Gamma = record.transition
+    n = len(Phi)
+    variances = first_variances(record)
+    for _ in range(EM_ITERATIONS):
+        model = LinearGaussianModel(
+            A=Phi,
+            B=Gamma,
+            offset=np.zeros(n),
+            C=np.eye(n),
+            trim=np.zeros(n),
+            Q=np.diag(record.process_variances),
+            R=np.diag(variances),
+        )
+        smoothed = smooth_states(model, record.outputs[0], record.inputs, record.outputs)
+        residuals = record.outputs - smoothed.means
+        state_variances = np.einsum("tii->ti", smoothed.covariances)
+        variances = np.maximum((residuals**2 + state_variances).mean(axis=0), SMALLEST_VARIANCE)
+    return variances
+
+
+class FilterStep(NamedTuple):
+    """Prediction of a Kalman filter for one sample."""
+
+    state: Array
+    """(n,) predicted state."""
+
+    covariance: Array
+    """(n, n) covariance of the predicted state."""
+
+
+def corrected(prediction: FilterStep, output: Array, variances: Array) -> FilterStep:
+    """Returns the state and covariance of a Kalman filter after a sample, as all states are measured.
+
+    Args:
+        prediction: the prediction for the sample.
+        output: (n,) measured states.
+        variances: (n,) variances of the measurement noise.
+    """
+    P = prediction.covariance
+    gain = P @ np.linalg.inv(P + np.diag(variances))
+    state = prediction.state + gain @ (output - prediction.state)
+    return FilterStep(state, P - gain @ P)
+
+
+def predicted(record: NoisyRecord, filtered: FilterStep, t: int) -> FilterStep:
+    """Returns the prediction for the sample after t."""
+    Phi, Gamma = record.transition
+    state = Phi @ filtered.state + Gamma @ record.inputs[t]
+    covariance = Phi @ filtered.covariance @ Phi.T + np.diag(record.process_variances)
+    return FilterStep(state, covariance)
+
+
+def _first_prediction(record: NoisyRecord) -> FilterStep:
+    """Returns the prediction for the first sample: its output, with the identity as covariance."""
+    return FilterStep(record.outputs[0], np.eye(len(record.process_variances)))
+
+
+def kalman_states_with_variances(record: NoisyRecord, variances: Array) -> Array:
+    """Estimates the states (T, n) by a Kalman filter with given variances (n,) of the measurement noise."""
+    step = _first_prediction(record)
+    states = np.zeros_like(record.outputs)
+    for t, output in enumerate(record.outputs):
+        step = corrected(step, output, variances)
+        states[t] = step.state
+        step = predicted(record, step, t)
+    return states
+
+
+def covariance_matching(record: NoisyRecord) -> RecursiveEstimates:
+    """Estimates the variances so that innovations have the covariance that the filter computes.
+
+    K. A. Myers and B. D. Tapley, "Adaptive sequential estimation with unknown noise statistics", IEEE Transactions on
+    Automatic Control 21, 1976. Their means over a window are means with exponentially decreasing weights here.
+    """
+    step = _first_prediction(record)
+    variances = first_variances(record)
+    innovation_power = variances.copy()
+    prediction_variance = np.zeros_like(variances)
+    histories = np.zeros_like(record.outputs)
+    states = np.zeros_like(record.outputs)
+    keep = FORGETTING_FACTOR
+    for t, output in enumerate(record.outputs):
+        innovation = output - step.state
+        # The first covariance is not that of a running filter.
+        if t > 0:
+            innovation_power = keep * innovation_power + (1 - keep) * innovation**2
+            prediction_variance = (
+                keep * prediction_variance + (1 - keep) * step.covariance.diagonal()
+            )
+            variances = np.maximum(innovation_power - prediction_variance, SMALLEST_VARIANCE)
+        step = corrected(step, output, variances)
+        histories[t] = variances
+        states[t] = step.state
+        step = predicted(record, step, t)
+    return RecursiveEstimates(histories, states)
+
+
+def sage_husa(record: NoisyRecord) -> RecursiveEstimates:
+    """Estimates the variances by Sage and Husa's recursion with fading memory, from the residuals after correction.
+
+    A. P. Sage and G. W. Husa, "Adaptive filtering with unknown prior statistics", Joint Automatic Control Conference,
+    1969, in the form with residuals, whose variances stay positive.
+    """
+    step = _first_prediction(record)
+    variances = first_variances(record)
+    histories = np.zeros_like(record.outputs)
+    states = np.zeros_like(record.outputs)
+    for t, output in enumerate(record.outputs):
+        step = corrected(step, output, variances)
+        residual_power = (output - step.state) ** 2 + step.covariance.diagonal()
+        new_weight = (1 - FORGETTING_FACTOR) / (1 - FORGETTING_FACTOR ** (t + 2))
+        variances = (1 - new_weight) * variances + new_weight * residual_power
+        histories[t] = variances
+        states[t] = step.state
+        step = predicted(record, step, t)
+    return RecursiveEstimates(histories, states)
+
+
+def variational_bayes(record: NoisyRecord) -> RecursiveEstimates:
+    """Estimates the variances as inverse gamma distributions beside the state, by variational Bayes.
+
+    S. Särkkä and A. Nummenmaa, "Recursive noise adaptive Kalman filtering by variational Bayesian approximations", IEEE
+    Transactions on Automatic Control 54(3), 2009. The parameters of the distributions are forgotten by
+    ``FORGETTING_FACTOR`` from sample to sample.
+    """
+    step = _first_prediction(record)
+    shape = np.ones(len(record.process_variances))
+    scale = first_variances(record)
+    histories = np.zeros_like(record.outputs)
+    states = np.zeros_like(record.outputs)
+    for t, output in enumerate(record.outputs):
+        shape = shape + 0.5
+        new_scale = scale
+        filtered = step
+        for _ in range(VB_ITERATIONS):
+            filtered = corrected(step, output, new_scale / shape)
+            residual = output - filtered.state
+            new_scale = scale + 0.5 * (residual**2 + filtered.covariance.diagonal())
+        histories[t] = new_scale / shape
+        states[t] = filtered.state
+        step = predicted(record, filtered, t)
+        shape = FORGETTING_FACTOR * shape
+        scale = FORGETTING_FACTOR * new_scale
+    return RecursiveEstimates(histories, states)

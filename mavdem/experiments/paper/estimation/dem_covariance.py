@@ -1,0 +1,160 @@
+"""DEM's M step as an estimator of noise variances: of a whole record, and from sample to sample."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dem.engine.free_energy import Posterior
+from mavdem.dem.engine.generative import (
+    GeneralizedMoments,
+    GenerativeModel,
+    Prior,
+    SufficientStatistics,
+    embed,
+    temporal_precision,
+)
+from mavdem.dem.engine.model import pack
+from mavdem.dem.engine.steps import d_step, m_step, with_optimal_covariances
+from mavdem.experiments.paper.estimation.covariance_estimators import (
+    FIRST_LOG_PRECISION,
+    FORGETTING_FACTOR,
+    RecursiveEstimates,
+)
+from mavdem.experiments.paper.estimation.noisy_records import NoisyRecord
+
+ORDER = 4
+"""Embedding order p of outputs and states; a choice."""
+
+INPUT_ORDER = 2
+"""Embedding order d of the inputs; a choice."""
+
+UNKNOWN_PRECISION = np.exp(-4.0)
+"""Prior precision of the λ of the measurement noise, as in the code that the authors publish."""
+
+KNOWN_PRECISION = np.exp(32.0)
+"""Prior precision of all that is known: θ, the λ of the process noise, and the inputs."""
+
+MAX_ITERATIONS = 50
+"""Largest number of D and M steps in turn; they converge in fewer."""
+
+CONVERGED_CHANGE = 1e-3
+"""Change of λ in one iteration below which the estimate has converged, 0.1 % of a variance."""
+
+UPDATE_SAMPLES = 8
+"""Samples after which the online estimate takes a D and an M step; a choice."""
+
+
+def generative_model(record: NoisyRecord) -> GenerativeModel:
+    """Returns DEM's model of a record, in which only the log precisions of the measurement noises are unknown.
+
+    For white noise it assumes a smoothness of one sampling step, the default of ``mavdem learn``.
+    """
+    n, r = record.B.shape
+    theta = pack(record.A, record.B, np.eye(n))
+    smoothness = record.smoothness or record.dt
+    process_smoothness = record.process_smoothness or record.dt
+    # The noise of the continuous model has the unit of the states per second.
+    process_precisions = record.dt**2 / record.process_variances
+    lambda_mean = np.append(np.full(n, FIRST_LOG_PRECISION), np.log(process_precisions))
+    lambda_precision = np.append(np.full(n, UNKNOWN_PRECISION), np.full(n, KNOWN_PRECISION))
+    return GenerativeModel(
+        n=n,
+        r=r,
+        m=n,
+        p=ORDER,
+        d=INPUT_ORDER,
+        q=ORDER - 1,
+        output_temporal_precision=temporal_precision(ORDER, smoothness),
+        state_temporal_precision=temporal_precision(ORDER - 1, process_smoothness),
+        output_groups=np.arange(n),
+        state_groups=n + np.arange(n),
+        input_precision=KNOWN_PRECISION * np.eye(r * (INPUT_ORDER + 1)),
+        prior=Prior(
+            theta, KNOWN_PRECISION * np.eye(len(theta)), lambda_mean, np.diag(lambda_precision)
+        ),
+    )
+
+
+def generalized_data(record: NoisyRecord) -> Array:
+    """Returns the generalized outputs and inputs [ỹ; η̃] of a record, one row for each sample with a whole window."""
+    center = ORDER // 2
+    outputs = embed(record.outputs, ORDER, record.dt, ORDER + 1, center)
+    inputs = embed(record.inputs, ORDER, record.dt, ORDER + 1, center)
+    return np.hstack([outputs, inputs[:, : record.B.shape[1] * (INPUT_ORDER + 1)]])
+
+
+def first_posterior(model: GenerativeModel, statistics: SufficientStatistics) -> Posterior:
+    """Returns a posterior at the priors of θ and λ, from which the steps start; its states are not used."""
+    prior = model.prior
+    hidden_size = model.n * (model.p + 1) + model.r * (model.d + 1)
+    no_states = np.zeros((hidden_size, len(statistics.gram)))
+    return Posterior(
+        GeneralizedMoments.from_state_map(model, statistics, no_states),
+        state_covariance=np.zeros((hidden_size, hidden_size)),
+        theta=prior.theta_mean,
+        theta_covariance=np.zeros_like(prior.theta_precision),
+        lambda_=prior.lambda_mean,
+        lambda_covariance=np.zeros_like(prior.lambda_precision),
+    )
+
+
+def with_new_precisions(posterior: Posterior, statistics: SufficientStatistics) -> Posterior:
+    """Takes a D step and an M step on the statistics of data.
+
+    The covariances of θ and λ stay zero, as in the code that the authors publish, which leaves out mean-field terms.
+    That of the states counts: without it the M step would take uncertainty for precision.
+    """
+    model = posterior.model
+    moments = GeneralizedMoments.from_state_map(model, statistics, d_step(posterior))
+    with_states = posterior._replace(moments=moments)
+    state_covariance = with_optimal_covariances(with_states).state_covariance
+    with_covariance = with_states._replace(state_covariance=state_covariance)
+    return with_covariance._replace(lambda_=m_step(with_covariance))
+
+
+def dem_variances(record: NoisyRecord) -> RecursiveEstimates:
+    """Estimates the variances of a whole record by D and M steps in turn, until λ no longer changes.
+
+    Returns:
+        The variances, the same at every sample, and the states by the last D step; NaN where no whole window lies.
+    """
+    data = generalized_data(record)
+    statistics = SufficientStatistics.from_segments(data)
+    posterior = first_posterior(generative_model(record), statistics)
+    for _ in range(MAX_ITERATIONS):
+        earlier = posterior.lambda_
+        posterior = with_new_precisions(posterior, statistics)
+        if np.abs(posterior.lambda_ - earlier).max() < CONVERGED_CHANGE:
+            break
+    n = len(record.A)
+    states = np.full_like(record.outputs, np.nan)
+    center = ORDER // 2
+    states[center : center + len(data)] = data @ d_step(posterior)[:n].T
+    variances = np.tile(np.exp(-posterior.lambda_[:n]), (len(record.outputs), 1))
+    return RecursiveEstimates(variances, states)
+
+
+def online_dem_variances(record: NoisyRecord) -> Array:
+    """Estimates the variances from sample to sample: the statistics of earlier samples are forgotten exponentially.
+
+    Returns:
+        (T, n) variances after each sample.
+    """
+    n = len(record.A)
+    data = generalized_data(record)
+    model = generative_model(record)
+    gram = np.zeros((data.shape[1], data.shape[1]))
+    sample_count = 0.0
+    posterior = first_posterior(model, SufficientStatistics(sample_count, gram))
+    variances = np.tile(np.exp(-posterior.lambda_[:n]), (len(record.outputs), 1))
+    # A sample is embedded as soon as its window is complete.
+    window_end = ORDER
+    for index, sample in enumerate(data):
+        gram = FORGETTING_FACTOR * gram + np.outer(sample, sample)
+        sample_count = FORGETTING_FACTOR * sample_count + 1
+        if (index + 1) % UPDATE_SAMPLES == 0:
+            statistics = SufficientStatistics(sample_count, gram)
+            posterior = with_new_precisions(posterior, statistics)
+        variances[window_end + index] = np.exp(-posterior.lambda_[:n])
+    return variances

@@ -1,0 +1,336 @@
+"""Anil Meera and Lanillos on noise variances: DEM's M step beside standard estimators, for white and coloured noise.
+
+A. Anil Meera and P. Lanillos, "Adaptive Noise Covariance Estimation under Colored Noise using Dynamic Expectation
+Maximization", 2023 (arXiv:2308.07797). Their article is known here by its abstract, and by the code that they publish
+(github.com/ajitham123/DEM_NCM), whose sampling, input and prior are used. The random systems, the noises, the choice of
+other estimators and the criterion are this project's.
+
+The criterion is the factor by which estimated variances are wrong: the exponential of the mean of |ln(estimate/truth)|.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.linalg import LinAlgError
+
+from mavdem.arrays import Array
+from mavdem.experiments.paper.checks import Check, ExperimentResult
+from mavdem.experiments.paper.estimation.covariance_estimators import (
+    RecursiveEstimates,
+    covariance_matching,
+    expectation_maximization,
+    innovation_correlation,
+    kalman_states_with_variances,
+    measurement_difference,
+    sage_husa,
+    variational_bayes,
+)
+from mavdem.experiments.paper.estimation.dem_covariance import dem_variances, online_dem_variances
+from mavdem.experiments.paper.estimation.noisy_records import (
+    SIMULATED_DT,
+    NoisyRecord,
+    flight_records,
+    random_record,
+)
+from mavdem.experiments.paper.runner import Runner
+from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.numbers import rounded
+
+DEM = "DEM"
+ONLINE_DEM = "DEM, online"
+VARIATIONAL_BAYES = "variational Bayes"
+TRUE_VARIANCES = "Kalman filter, true variances"
+"""Names of estimators that checks speak of."""
+
+BATCH_ESTIMATORS = {
+    "innovation correlation (ALS)": innovation_correlation,
+    "measurement difference": measurement_difference,
+    "maximum likelihood (EM)": expectation_maximization,
+}
+"""Estimators of a whole record, by name."""
+
+RECURSIVE_ESTIMATORS = {
+    "covariance matching": covariance_matching,
+    "Sage–Husa": sage_husa,
+    VARIATIONAL_BAYES: variational_bayes,
+}
+"""Estimators that go from sample to sample, by name."""
+
+BASELINES = (*BATCH_ESTIMATORS, *RECURSIVE_ESTIMATORS)
+"""Names of the estimators that DEM is compared with."""
+
+SMOOTHNESS_IN_STEPS = {
+    "white noise": 0.0,
+    "s = 1 step": 1.0,
+    "s = 2 steps": 2.0,
+    "s = 4 steps": 4.0,
+}
+"""Width s of the noises' kernel in sampling steps, by its name; DEM knows it, and takes white noise for s = 1 step."""
+
+SMOOTHEST = "s = 4 steps"
+"""The noise of highest colour."""
+
+RANDOM_RECORDS = 10
+"""Random systems for each smoothness; a choice, with which the run takes less than a minute."""
+
+VARIANCE_STEP = float(np.exp(2.0))
+"""Factor by which the variances change in the middle of the records of the online estimators; a choice."""
+
+STEP_NOISE = "s = 2 steps"
+"""Noise of these records."""
+
+FINAL_SHARE = 4
+"""Recursive estimates are averaged over the last one of so many parts of a record: there a step is forgotten."""
+
+
+class RecordErrors(NamedTuple):
+    """Errors of one estimator on one record; the fields are keys of documents."""
+
+    log_variance_error: float
+    """Mean over the outputs of |ln(estimated variance / true variance)|; infinite where there is no estimate."""
+
+    state_error: float
+    """Mean squared error of the states over that of the measured ones, in the second half of the record."""
+
+
+def record_errors(record: NoisyRecord) -> dict[str, RecordErrors]:
+    """Estimates the variances of a record with all estimators, and returns their errors by name.
+
+    States are those of a Kalman filter with the estimated variances, or of the recursive estimator itself. Those of DEM
+    use two samples after their own. A Kalman filter with the true variances shows what could be had.
+    """
+    errors = {}
+    for name, estimate in BATCH_ESTIMATORS.items():
+        try:
+            variances = estimate(record)
+        except LinAlgError:
+            errors[name] = RecordErrors(np.inf, np.inf)
+            continue
+        states = kalman_states_with_variances(record, variances)
+        errors[name] = _errors(record, variances, states)
+    for name, estimate_recursively in {**RECURSIVE_ESTIMATORS, DEM: dem_variances}.items():
+        estimates: RecursiveEstimates = estimate_recursively(record)
+        errors[name] = _errors(record, final_variances(estimates.variances), estimates.states)
+    no_states = np.full_like(record.states, np.nan)
+    errors[ONLINE_DEM] = _errors(record, final_variances(online_dem_variances(record)), no_states)
+    true_states = kalman_states_with_variances(record, record.noise_variances)
+    errors[TRUE_VARIANCES] = _errors(record, record.noise_variances, true_states)
+    return errors
+
+
+def final_variances(history: Array) -> Array:
+    """Returns the geometric mean of estimated variances (T, n) over the last part of a record, (n,)."""
+    last_part = history[-(len(history) // FINAL_SHARE) :]
+    return np.asarray(np.exp(np.log(last_part).mean(axis=0)), float)
+
+
+def _errors(record: NoisyRecord, variances: Array, states: Array) -> RecordErrors:
+    """Returns the errors of estimated variances (n,) and states (T, n), where these are not NaN."""
+    log_error = np.abs(np.log(variances / record.noise_variances)).mean()
+    second_half = slice(len(states) // 2, None)
+    state_squares = (states[second_half] - record.states[second_half]) ** 2
+    measurement_squares = (record.outputs[second_half] - record.states[second_half]) ** 2
+    has_estimate = np.isfinite(state_squares).all(axis=1)
+    state_error = np.nan
+    if has_estimate.any():
+        # Each state in units of its own measurement error.
+        ratios = state_squares[has_estimate].mean(axis=0) / measurement_squares.mean(axis=0)
+        state_error = float(ratios.mean())
+    return RecordErrors(float(log_error), state_error)
+
+
+def online_errors(record: NoisyRecord) -> dict[str, float]:
+    """Returns the log variance errors of the recursive estimators alone, by name."""
+    no_states = np.full_like(record.states, np.nan)
+    histories = {
+        name: estimate(record).variances for name, estimate in RECURSIVE_ESTIMATORS.items()
+    }
+    histories[ONLINE_DEM] = online_dem_variances(record)
+    return {
+        name: _errors(record, final_variances(history), no_states).log_variance_error
+        for name, history in histories.items()
+    }
+
+
+class MeanErrors(NamedTuple):
+    """Errors of one estimator over several records; the fields are keys of documents."""
+
+    variance_factor: float
+    """Factor by which variances are wrong, 1 being perfect."""
+
+    state_error: float
+    """Median over records of the squared error of the states over that of the measured ones."""
+
+
+def mean_errors(records: Sequence[Mapping[str, RecordErrors]]) -> dict[str, MeanErrors]:
+    """Returns the errors of each estimator over several records, by name."""
+    means = {}
+    for name in records[0]:
+        log_error = np.mean([errors[name].log_variance_error for errors in records])
+        state_error = np.median([errors[name].state_error for errors in records])
+        means[name] = MeanErrors(float(np.exp(log_error)), float(state_error))
+    return means
+
+
+def run(runner: Runner) -> ExperimentResult:
+    """Compares DEM's estimates of the variances of measurement noise with those of standard estimators.
+
+    Args:
+        runner: has the recorded flights, if there are any, and runs the records in several processes.
+
+    Returns:
+        Checks, tables, and the errors of all estimators as ``numbers``.
+    """
+    simulated = {}
+    recorded = {}
+    for name, steps in SMOOTHNESS_IN_STEPS.items():
+        records = [random_record(seed, steps * SIMULATED_DT) for seed in range(RANDOM_RECORDS)]
+        simulated[name] = mean_errors(runner.map_jobs(record_errors, records))
+        flights_with_noise = _flight_records(runner, steps)
+        if flights_with_noise:
+            recorded[name] = mean_errors(runner.map_jobs(record_errors, flights_with_noise))
+    step_smoothness = SMOOTHNESS_IN_STEPS[STEP_NOISE] * SIMULATED_DT
+    stepping = [
+        random_record(seed, step_smoothness, VARIANCE_STEP) for seed in range(RANDOM_RECORDS)
+    ]
+    online = _online_factors(runner.map_jobs(online_errors, stepping))
+    checks = covariance_checks(simulated, "simulated")
+    checks.append(state_check(simulated[SMOOTHEST]))
+    checks.append(online_check(online))
+    tables = [*error_tables(simulated, "Simulated"), *online_table(online)]
+    remarks = []
+    if recorded:
+        checks = [*covariance_checks(recorded, "flights with added noise"), *checks]
+        tables = [*error_tables(recorded, "Flights with added noise"), *tables]
+    else:
+        remarks.append("Recorded flights are left out: --flights names their folder.")
+    numbers = {
+        "simulated": _nested_values(simulated),
+        "flights with added noise": _nested_values(recorded),
+        "online, factor": online,
+    }
+    return ExperimentResult(tuple(checks), numbers, tuple(tables), remarks=tuple(remarks))
+
+
+def _flight_records(runner: Runner, smoothness_in_steps: float) -> list[NoisyRecord]:
+    """Returns the recorded flights with added noise, whose kernel is so many sampling steps wide."""
+    records = []
+    for name, flight in runner.recorded_flights.items():
+        records += flight_records({name: flight}, smoothness_in_steps * float(flight.dt))
+    return records
+
+
+def _online_factors(records: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Returns the factor by which each recursive estimator's variances are wrong, over several records."""
+    return {
+        name: float(np.exp(np.mean([errors[name] for errors in records]))) for name in records[0]
+    }
+
+
+def _nested_values(
+    errors: Mapping[str, Mapping[str, MeanErrors]],
+) -> dict[str, dict[str, dict[str, float]]]:
+    """Returns errors by noise and estimator as plain values."""
+    values = {}
+    for noise, means in errors.items():
+        values[noise] = {name: mean._asdict() for name, mean in means.items()}
+    return values
+
+
+def covariance_checks(errors: Mapping[str, Mapping[str, MeanErrors]], data: str) -> list[Check]:
+    """Checks for each coloured noise that DEM's variances are less wrong than those of every other estimator.
+
+    Args:
+        errors: errors by noise and estimator.
+        data: names the records in the sentences.
+    """
+    checks = []
+    for noise, means in errors.items():
+        if SMOOTHNESS_IN_STEPS[noise] == 0:
+            continue
+        best = min(BASELINES, key=lambda name: means[name].variance_factor)
+        dem_factor = means[DEM].variance_factor
+        best_factor = means[best].variance_factor
+        checks.append(
+            Check(
+                f"{data}, {noise}: the variances of DEM are wrong by a smaller factor than those of every other "
+                "estimator",
+                dem_factor < best_factor,
+                f"{data}, {noise}: the variances are wrong by a factor of {rounded(dem_factor, 3)} by DEM and "
+                f"{rounded(best_factor, 3)} by {best}",
+            )
+        )
+    return checks
+
+
+def state_check(means: Mapping[str, MeanErrors]) -> Check:
+    """Checks for the noise of highest colour that DEM's states have a lower error than those of variational Bayes."""
+    dem_error = means[DEM].state_error
+    bayes_error = means[VARIATIONAL_BAYES].state_error
+    return Check(
+        f"simulated, {SMOOTHEST}: the states of DEM have a lower squared error than those of {VARIATIONAL_BAYES}",
+        dem_error < bayes_error,
+        f"simulated, {SMOOTHEST}: the squared error of the states is {rounded(dem_error, 3)} of the measurement’s by "
+        f"DEM and {rounded(bayes_error, 3)} by {VARIATIONAL_BAYES}",
+    )
+
+
+def online_check(factors: Mapping[str, float]) -> Check:
+    """Checks that after a step of the variances DEM's online estimates are less wrong than all recursive ones."""
+    best = min(RECURSIVE_ESTIMATORS, key=lambda name: factors[name])
+    return Check(
+        f"simulated, {STEP_NOISE}, after a step of the variances: those of {ONLINE_DEM} are wrong by a smaller factor "
+        "than those of every recursive estimator",
+        factors[ONLINE_DEM] < factors[best],
+        f"after a step of the variances they are wrong by a factor of {rounded(factors[ONLINE_DEM], 3)} by "
+        f"{ONLINE_DEM} and {rounded(factors[best], 3)} by {best}",
+    )
+
+
+def error_tables(errors: Mapping[str, Mapping[str, MeanErrors]], data: str) -> list[Block]:
+    """Returns the tables of wrong variances and of states by estimator and noise, the best in white noise first.
+
+    Args:
+        errors: errors by noise and estimator.
+        data: names the records in the sentences.
+    """
+    noises = list(errors)
+    first = errors[noises[0]]
+    by_factor = sorted((*BASELINES, DEM, ONLINE_DEM), key=lambda name: first[name].variance_factor)
+    by_state = sorted((*BASELINES, DEM, TRUE_VARIANCES), key=lambda name: first[name].state_error)
+    variance_rows = []
+    for name in by_factor:
+        factors = [rounded(errors[noise][name].variance_factor, 3) for noise in noises]
+        variance_rows.append([name, *factors])
+    state_rows = []
+    for name in by_state:
+        state_errors = [rounded(errors[noise][name].state_error, 3) for noise in noises]
+        state_rows.append([name, *state_errors])
+    return [
+        Sentence("factor by which estimated variances of the noise are wrong.", f"{data}:"),
+        Table(["estimator", *noises], variance_rows),
+        Sentence(
+            "squared error of the states over that of the measured ones, median. DEM uses two later samples.",
+            f"{data}:",
+        ),
+        Table(["estimator", *noises], state_rows),
+    ]
+
+
+def online_table(factors: Mapping[str, float]) -> list[Block]:
+    """Returns the table of the recursive estimators after a step of the variances, the best first."""
+    rows = [
+        [name, rounded(factors[name], 3)]
+        for name in sorted(factors, key=lambda name: factors[name])
+    ]
+    return [
+        Sentence(
+            f"factor by which the variances are wrong some time after they rose by a factor of "
+            f"{rounded(VARIANCE_STEP, 2)}, {STEP_NOISE}.",
+            "Online:",
+        ),
+        Table(["estimator", "factor"], rows),
+    ]
