@@ -1,4 +1,4 @@
-"""Online: why the model of a stream is not learned yet, or not again; and what keeps a flight's wind unknown."""
+"""Online: why the model of a stream is not learned yet, what surprised it, and what keeps a flight's wind unknown."""
 
 from enum import StrEnum
 
@@ -12,6 +12,13 @@ class Online(Code):
     FIRST_LEARNING = "first_learning"
     SAMPLES_MISPLACED = "samples_misplaced"
     LEARNING_FAILED = "learning_failed"
+
+
+class SurpriseCause(StrEnum):
+    """What made the free energy of samples drop, by the names that documents have."""
+
+    MODEL_MISFIT = "model_misfit"
+    DISTURBANCE = "disturbance"
 
 
 class DragSource(StrEnum):

@@ -203,7 +203,9 @@ class FlightLearning:
         self.learned_rows += 1
         was_unusual = self.estimate is not None and self.estimate.unusual
         if estimate.unusual and not was_unusual:
-            self._log(Fact(Session.MOTION_UNEXPECTED, clock=estimate.seen))
+            mark = estimate.latest_mark
+            cause = None if mark is None else mark.cause
+            self._log(Fact(Session.MOTION_UNEXPECTED, clock=estimate.seen, cause=cause))
         self.estimate = estimate
         assert self._gusts is not None
         for gust in self._gusts.add(estimate):

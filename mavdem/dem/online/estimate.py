@@ -8,12 +8,23 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dem.engine.model import LinearModel
+from mavdem.facts.online import SurpriseCause
 
 if TYPE_CHECKING:
     from mavdem.plant.parameters import Physical
 
 USEFUL_ERROR_RATIO = 0.5
 """Mean squared error, relative to that of a trivial prediction, below which a prediction is worth showing; a choice."""
+
+
+class SurpriseMark(NamedTuple):
+    """A mark of samples whose surprise stayed high."""
+
+    time: float
+    """Time of the marked sample, s."""
+
+    cause: SurpriseCause | None
+    """What made the free energy drop; ``None`` where that is undecided."""
 
 
 class Estimate(NamedTuple):
@@ -43,6 +54,7 @@ class Estimate(NamedTuple):
         until: Time of the last sample that the model was learned from, s.
         unusual: Whether this sample is marked because surprise stays above what is usual in this flight. Without a
             change, one mark in five minutes is expected; see ``AnomalyMarks``.
+        latest_mark: The latest mark, up to this sample, with its cause; ``None`` before any.
         wind_torque: Torque of the wind, rad/s², steady part included, as of ``wind_time``, by the physical parameters
             of the last fit; NaN before the first.
         wind_torque_band: Half width of its 90 % band, rad/s².
@@ -66,6 +78,7 @@ class Estimate(NamedTuple):
     model: LinearModel | None = None
     until: float = np.nan
     unusual: bool = False
+    latest_mark: SurpriseMark | None = None
     wind_torque: float = np.nan
     wind_torque_band: float = np.nan
     wind_time: float = np.nan

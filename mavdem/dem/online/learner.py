@@ -20,10 +20,11 @@ from mavdem.dem.learned import Learned
 from mavdem.dem.learning import MIN_SAMPLES, learn
 from mavdem.dem.online.anomaly_marks import AnomalyMarks
 from mavdem.dem.online.error_bands import ErrorBands
-from mavdem.dem.online.estimate import Estimate
+from mavdem.dem.online.estimate import Estimate, SurpriseMark
 from mavdem.dem.online.forecaster import OnlineForecaster
 from mavdem.dem.online.free_energy_monitor import FreeEnergyMonitor, Surprise
 from mavdem.dem.online.memory import SampleMemory, drop_blocks_since
+from mavdem.dem.online.surprise_cause import CAUSE_SAMPLE_SECONDS, cause_of_surprise
 from mavdem.dem.record import Record
 from mavdem.dem.settings import Settings
 from mavdem.dem.validation import (
@@ -37,7 +38,7 @@ from mavdem.dem.validation import (
 )
 from mavdem.errors import NotLearnable, fact_from_error
 from mavdem.facts import Fact
-from mavdem.facts.online import Online
+from mavdem.facts.online import Online, SurpriseCause
 
 if TYPE_CHECKING:
     from mavdem.plant.parameters import Physical
@@ -192,6 +193,7 @@ class OnlineLearner:
         self._forecaster = OnlineForecaster(self._dt, self.horizons, n_outputs, axis_mixer)
         self._surprise = Surprise(self._dt)
         self._anomaly_marks = AnomalyMarks(self._dt)
+        self._latest_mark: SurpriseMark | None = None
         # The wind torque is estimated by the plant, a package above this one.
         from mavdem.plant.online_wind_torque import OnlineWindTorque
 
@@ -394,6 +396,9 @@ class OnlineLearner:
         if terms is not None:
             free_energy = float(terms.sum())
             surprise = self._surprise.add(free_energy)
+        is_marked = self._anomaly_marks.add(surprise)
+        if is_marked:
+            self._latest_mark = SurpriseMark(sample.time, self._cause_of_mark(monitor.learned))
         # The free energy belongs to the centre of the embedding window, which ends with this sample.
         window = monitor.learned.settings.window
         samples_since_center = window - 1 - window // 2
@@ -405,8 +410,26 @@ class OnlineLearner:
             surprise=surprise,
             model=monitor.learned.model,
             until=monitor.end_time,
-            unusual=self._anomaly_marks.add(surprise),
+            unusual=is_marked,
+            latest_mark=self._latest_mark,
         )
+
+    def _cause_of_mark(self, learned: Learned) -> SurpriseCause | None:
+        """Returns what caused the surprise of the latest samples.
+
+        Args:
+            learned: The model that was surprised.
+
+        Returns:
+            The cause; None where it is undecided, or it is not known how the motors turn the vehicle.
+        """
+        directions = self._memory.effect_directions
+        if directions is None:
+            return None
+        sample_count = round(CAUSE_SAMPLE_SECONDS / self._dt) + learned.settings.window
+        inputs, outputs = self._memory.latest_samples(sample_count)
+        command = inputs @ directions
+        return cause_of_surprise(command, outputs, self._dt, learned.settings)
 
     def _reason_of_no_model(self) -> Fact | None:
         """Returns why there is no model yet; ``None`` where there is one."""
