@@ -19,6 +19,7 @@ from pydantic.dataclasses import dataclass as with_schema
 from mavdem.cli.commands import load_command, mavdem
 from mavdem.dem import Learned, document
 from mavdem.documents import DOCUMENTS
+from mavdem.documents.described_schema import DescribedSchema
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow
 
 FOLDER = Path(__file__).parents[1] / "docs" / "reference"
@@ -40,9 +41,7 @@ def published():
             row["properties"][key.target.id]["description"] = meaning.value.value
     return {
         **{
-            name: Published(
-                _headed(name, one.model.model_json_schema(by_alias=False), one.version), *one[1:]
-            )
+            name: Published(_headed(name, described_schema(one.model), one.version), *one[1:])
             for name, one in DOCUMENTS.items()
         },
         "model": Published(
@@ -50,6 +49,11 @@ def published():
         ),
         "flights": Published(row, SCHEMA_VERSION, "flights.parquet, the table of a fleet"),
     }
+
+
+def described_schema(model):
+    """The schema of a document with the meaning of each key."""
+    return model.model_json_schema(by_alias=False, schema_generator=DescribedSchema)
 
 
 def _headed(name, schema, version):

@@ -68,14 +68,13 @@ class Document(BaseModel):
     """A record of a JSON document: immutable, of exactly these keys."""
 
     # The models are built when they are first used, since all of them together take long. Arrays and other results are
-    # read by their attributes, and the docstrings of fields become descriptions in the schemas.
+    # read by their attributes. ``DescribedSchema`` makes schemas with the docstrings of fields as descriptions.
     model_config = ConfigDict(
         defer_build=True,
         extra="forbid",
         from_attributes=True,
         frozen=True,
         protected_namespaces=(),
-        use_attribute_docstrings=True,
     )
 
     def __init_subclass__(cls, is_partial: bool = False, **options: Any) -> None:

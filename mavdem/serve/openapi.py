@@ -9,6 +9,7 @@ from typing import NamedTuple
 from pydantic.json_schema import models_json_schema
 
 from mavdem.containers import JsonValues
+from mavdem.documents.described_schema import DescribedSchema
 from mavdem.documents.library import ANSWERS
 from mavdem.files import load_adjacent_toml
 from mavdem.report.pages.library_page import interface_words
@@ -55,6 +56,7 @@ def openapi() -> JsonValues:
     _, schemas = models_json_schema(
         [(model, "serialization") for model in ANSWERS],
         ref_template="#/components/schemas/{model}",
+        schema_generator=DescribedSchema,
     )
     # The document of a review is sent as it was written, so its model here is any JSON object. The description names
     # the model by which it was written.
