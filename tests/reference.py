@@ -16,7 +16,7 @@ import click
 from pydantic import TypeAdapter
 from pydantic.dataclasses import dataclass as with_schema
 
-from mavdem.cli.commands import load_command, mavdem
+from mavdem.cli.commands import COMMAND_GROUPS, load_command, mavdem
 from mavdem.dem import Learned, document
 from mavdem.documents import DOCUMENTS
 from mavdem.documents.described_schema import DescribedSchema
@@ -111,7 +111,7 @@ def command_page():
     }
     times = Counter(record for of_command in records.values() for record in of_command)
     shared = [record for record, count in times.items() if count > 1 and record[1]]
-    about = whole.command.get_help(whole).partition("\nCommands:")[0].strip()
+    about = whole.command.get_help(whole).partition(f"\n{next(iter(COMMAND_GROUPS))}:")[0].strip()
     parts = ["# Commands", f"```\n{about}\n```"]
     parts += ["## Options of several commands", _options(shared, set())]
     for one in contexts:

@@ -31,28 +31,43 @@ from mavdem.log_formats import (
     ZIP_ENDING,
 )
 
-COMMAND_SUMMARIES = {
-    "review": "Reports all that a log says: what happened, lights, next step.",
-    "info": "Reports what a log holds and if a model can be learned.",
-    "learn": "Learns a linear model, and reports what it is good for.",
-    "open": "Learns from a log, and shows the dashboard at once.",
-    "wind": "Reports wind speed and direction, and the vehicle's drag.",
-    "tune": "Reports margins of the rate and attitude loops, and gains.",
-    "compare": "Compares DEM with other methods, window by window.",
-    "order": "Finds the model order (number of states) by the free energy.",
-    "diff": "Reports what changed between A and B, and what did not.",
-    "track": "Keeps a table of many flights, with the health of each vehicle.",
-    "serve": "Shows dropped logs in a browser, and the library of flights.",
-    "live": "Attaches to a link and learns while the vehicle flies.",
-    "convert": "Converts a log to another file format.",
-    "twin": "Makes a simulated vehicle of a log, and flies the log again.",
-    "fly": "Simulates the flight of a multirotor in wind.",
-    "reproduce": "Runs the paper's experiments again and checks its claims.",
+COMMAND_GROUPS = {
+    "After a flight": {
+        "review": "Reports all that a log says: what happened, lights, next step.",
+        "learn": "Learns a linear model, and reports what it is good for.",
+        "tune": "Reports margins of the rate and attitude loops, and gains.",
+        "wind": "Reports wind speed and direction, and the vehicle's drag.",
+        "diff": "Reports what changed between A and B, and what did not.",
+        "track": "Keeps a table of many flights, with the health of each vehicle.",
+        "serve": "Shows dropped logs in a browser, and the library of flights.",
+        "info": "Reports what a log holds and if a model can be learned.",
+    },
+    "In flight": {
+        "live": "Attaches to a link and learns while the vehicle flies.",
+    },
+    "Simulate": {
+        "fly": "Simulates the flight of a multirotor in wind.",
+        "twin": "Makes a simulated vehicle of a log, and flies the log again.",
+    },
+    "Take along": {
+        "convert": "Converts a log to another file format.",
+        "open": "Learns from a log, and shows the dashboard at once.",
+    },
+    "Methods compared": {
+        "compare": "Compares DEM with other methods, window by window.",
+        "order": "Finds the model order (number of states) by the free energy.",
+        "reproduce": "Runs the paper's experiments again and checks its claims.",
+    },
 }
-"""What each command does, by its name: the first line of the command's own help.
+"""What each command does, by its name, grouped by what one wants: the first line of the command's own help.
 
 They are repeated here because ``mavdem --help`` lists them without importing the commands.
 """
+
+COMMAND_SUMMARIES = {
+    name: summary for group in COMMAND_GROUPS.values() for name, summary in group.items()
+}
+"""What each command does, by its name."""
 
 COMPLETION_VARIABLE = "_MAVDEM_COMPLETE"
 """Environment variable by which Click's shell scripts ask for completions."""
@@ -66,6 +81,14 @@ class LazyCommandGroup(click.Group):
 
     The imports of a command take a second, for which ``mavdem --help`` need not wait.
     """
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Writes the list of commands into the help, each group under its heading, with one width for all names."""
+        name_width = max(len(name) for name in COMMAND_SUMMARIES)
+        for heading, summaries in COMMAND_GROUPS.items():
+            rows = [(name.ljust(name_width), summary) for name, summary in summaries.items()]
+            with formatter.section(heading):
+                formatter.write_dl(rows)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
