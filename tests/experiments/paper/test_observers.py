@@ -186,8 +186,10 @@ def test_estimates_that_are_one_sample_late_fit_best_at_a_delay(window):
 
 
 def test_windows_beyond_the_authors_limit_are_left_out_and_counted():
-    kept = state_estimation.WindowErrors({}, dict.fromkeys(state_estimation.PUBLISHED_SSE, 2.0))
-    lost = state_estimation.WindowErrors({}, dict.fromkeys(state_estimation.PUBLISHED_SSE, 100.0))
+    kept = state_estimation.WindowErrors({}, dict.fromkeys(state_estimation.PUBLISHED_SSE, 2.0), {})
+    lost = state_estimation.WindowErrors(
+        {}, dict.fromkeys(state_estimation.PUBLISHED_SSE, 100.0), {}
+    )
     means = state_estimation.trimmed_errors([kept, kept, lost])
     assert means[state_estimation.DEM] == TrimmedMean(2.0, 1)
     assert np.isnan(state_estimation.trimmed_errors([lost])[state_estimation.DEM].sse)

@@ -98,6 +98,12 @@ PUBLISHED_SSE = {
 The figure has a logarithmic axis and no numbers; these are read from the coordinates of the file's vector graphics.
 """
 
+PUBLISHED_SSE_BY_ORDER = {1: 2.92, 2: 1.18, 3: 1.13, 4: 1.09, 5: 1.19, 6: 0.746}
+"""Mean SSE of DEM with wind by embedding order p, (rad/s)², read from the authors' figure ``Figures/vary_p.eps``.
+
+Order 0, without derivatives, has 17.3 there.
+"""
+
 SIMULATED_SMOOTHNESS = {"white noise": 0.0, "s = 0.006 s": 0.006, "s = 0.02 s": 0.02}
 """Width s of the simulated process noise's kernel, seconds, by its name; DEM assumes 0.006 s throughout.
 
@@ -211,6 +217,9 @@ class WindowErrors(NamedTuple):
     authors_timing: dict[str, float]
     """Of each published observer with the authors' timing, in which an estimate misses its own sample's output."""
 
+    authors_timing_by_order: dict[int, float]
+    """Of DEM with that timing, by embedding order p."""
+
 
 def window_errors(window: RollWindow) -> WindowErrors:
     """Estimates the roll rate of a window with all observers, and sums up their squared errors.
@@ -225,14 +234,16 @@ def window_errors(window: RollWindow) -> WindowErrors:
             [squared_error(rates, window, delay) for delay in range(MAX_DELAY + 1)]
         )
     late_outputs = one_sample_later(window.outputs)
-    authors_timing = {}
-    for name in PUBLISHED_SSE:
-        inputs = window.inputs
-        if name == DEM:
-            inputs = one_sample_later(inputs)
-        rates = OBSERVERS[name].estimate(window, late_outputs, inputs)[:, 1]
+    late_inputs = one_sample_later(window.inputs)
+    by_order = {}
+    for p in PUBLISHED_SSE_BY_ORDER:
+        rates = dem_states(window, late_outputs, late_inputs, p)[:, 1]
+        by_order[p] = squared_error(rates, window)
+    authors_timing = {DEM: by_order[DEM_STATE_ORDER]}
+    for name in (AUGMENTATION, AUTHORS_SMIKF, KALMAN):
+        rates = OBSERVERS[name].estimate(window, late_outputs, window.inputs)[:, 1]
         authors_timing[name] = squared_error(rates, window)
-    return WindowErrors(by_delay, authors_timing)
+    return WindowErrors(by_delay, authors_timing, by_order)
 
 
 def one_sample_later(values: Array) -> Array:
@@ -289,9 +300,12 @@ def run(runner: Runner) -> ExperimentResult:
             for wind, means in published_timing.items()
         }
         checks = [*recorded_checks(by_delay, published_timing), *checks]
+        by_order = {wind: errors_by_order(errors) for wind, errors in recorded.items()}
+        numbers["recorded, authors’ timing, DEM by order"] = by_order
         tables = (
             *recorded_table(by_delay),
             *published_table(published_timing),
+            *order_table(by_order),
             *tables,
         )
         pictures = (_delay_picture(by_delay),)
@@ -348,6 +362,14 @@ def trimmed_errors(errors: Sequence[WindowErrors]) -> dict[str, TrimmedMean]:
         kept = sse[sse < OUTLIER_SSE]
         mean = float(kept.mean()) if len(kept) else np.nan
         means[name] = TrimmedMean(mean, len(sse) - len(kept))
+    return means
+
+
+def errors_by_order(errors: Sequence[WindowErrors]) -> dict[str, float]:
+    """Returns DEM's mean SSE over windows, with the authors' timing, by embedding order such as ``p = 2``."""
+    means = {}
+    for p in PUBLISHED_SSE_BY_ORDER:
+        means[f"p = {p}"] = float(np.mean([window.authors_timing_by_order[p] for window in errors]))
     return means
 
 
@@ -436,6 +458,20 @@ def published_table(
             "The authors’ scripts, with their timing:",
         ),
         Table(header, rows),
+    )
+
+
+def order_table(by_order: Mapping[str, Mapping[str, float]]) -> tuple[Block, ...]:
+    """Returns the table of DEM's errors by wind and embedding order, with the published ones of flights in wind."""
+    orders = [f"p = {p}" for p in PUBLISHED_SSE_BY_ORDER]
+    rows = []
+    for wind, errors in by_order.items():
+        rows.append([wind, *(rounded(errors[order], 3) for order in orders)])
+    published = [rounded(sse, 3) for sse in PUBLISHED_SSE_BY_ORDER.values()]
+    rows.append(["with wind, published", *published])
+    return (
+        Sentence("mean SSE, (rad/s)², with the authors’ timing.", "DEM by embedding order:"),
+        Table(["flights", *orders], rows),
     )
 
 
