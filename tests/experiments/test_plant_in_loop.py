@@ -11,8 +11,9 @@ from mavdem.arrays import Array
 from mavdem.baselines import ClosedLoop, closed_loop
 from mavdem.dem.engine.gauss_newton import QuadraticExpansion
 from mavdem.dem.record import Record
+from mavdem.errors import NotLearnable
 from mavdem.plant.closed_loop.evidence import LoopData, LoopPosterior
-from mavdem.plant.closed_loop.state_space import NAMES, sampled_loop
+from mavdem.plant.closed_loop.state_space import NAMES, sampled_loop, wind_torque_output
 from tests.plant.test_loop_evidence import CONTROLLER, DT, dense_covariance, simulated
 
 TRAINING = 25
@@ -85,9 +86,39 @@ def test_smoothed_forecast_uses_all_motors(case: ForecastCase) -> None:
     np.testing.assert_allclose(forecast[4], expected, rtol=1e-4)
 
 
-def test_one_step_predictions_use_the_samples_before(case: ForecastCase) -> None:
-    expected = case.conditional_mean(np.arange(3 * 20), 20)
+def test_one_step_predictions_use_the_samples_before_and_the_motors(case: ForecastCase) -> None:
+    own_motors = 3 * 20 + 2
+    known = np.append(np.arange(3 * 20), own_motors)
+    expected = case.conditional_mean(known, 20)
     np.testing.assert_allclose(case.model.one_step()[20], expected, rtol=1e-4)
+
+
+def test_wind_torque_is_smoothed_by_all_samples(case: ForecastCase) -> None:
+    wind_torque = case.model.wind_torque()
+    assert wind_torque.mean.shape == (TRAINING, 1)
+    loop = sampled_loop(case.model.maximum.point, CONTROLLER, DT)
+    output = wind_torque_output(case.model.maximum.point, loop.state_sd)
+    # Covariance of the wind torque at sample 10 with all channels: C Φ^k P hᵀ later, C P (Φ^k)ᵀ hᵀ before.
+    sample = 10
+    cross_covariance = []
+    for other in range(TRAINING):
+        power = np.linalg.matrix_power(loop.transition, abs(other - sample))
+        later = power @ loop.stationary_covariance
+        covariance = later if other >= sample else later.T
+        cross_covariance.append(loop.output @ covariance @ output)
+    weights = np.concatenate(cross_covariance)
+    known = 3 * TRAINING
+    centred = (case.samples[:TRAINING] - case.model.posterior.data.center).ravel()
+    gain = np.linalg.solve(case.covariance[:known, :known], weights)
+    prior_variance = output @ loop.stationary_covariance @ output
+    np.testing.assert_allclose(wind_torque.mean[sample], gain @ centred, rtol=1e-4)
+    expected_variance = prior_variance - gain @ weights
+    np.testing.assert_allclose(wind_torque.variance[sample], expected_variance, rtol=1e-4)
+
+
+def test_margins_need_the_gains_of_the_autopilot(case: ForecastCase) -> None:
+    with pytest.raises(NotLearnable):
+        case.model.rate_loop()
 
 
 def test_several_combinations_of_motors_are_refused() -> None:

@@ -182,26 +182,22 @@ def test_unstable_loop_has_no_likelihood(flight: LoopPosterior) -> None:
 def test_wind_moves_the_rate_by_the_plant_over_one_plus_the_loop_gain() -> None:
     parameters = GenerativeParameters(*np.exp(prior_mean()))
     loop = continuous_loop(parameters, CONTROLLER)
-    s = 2j * np.pi * 2.0
     eddy_source = 4
-    modelled = np.linalg.solve(s * np.eye(STATES) - loop.A, loop.noise_gains[:, eddy_source])[
-        State.RATE
-    ]
+    s = 2j * np.pi * 2.0
+    states = np.linalg.solve(s * np.eye(STATES) - loop.A, loop.noise_gains[:, eddy_source])
+    torque = parameters.eddy_size * states[State.EDDY]
 
-    delay = parameters.delay
-    dead_time = 1 - delay * s / (1 + delay * s / 2 + delay**2 * s**2 / 12)
-    cutoff = 2 * np.pi * CONTROLLER.gyro_cutoff
-    gyro = cutoff**2 / (s**2 + np.sqrt(2) * cutoff * s + cutoff**2)
+    delay = parameters.delay * s
+    dead_time = 1 - delay / (1 + delay / 2 + delay**2 / 12)
+    cutoff_ratio = s / (2 * np.pi * CONTROLLER.gyro_cutoff)
+    gyro = 1 / (1 + np.sqrt(2) * cutoff_ratio + cutoff_ratio**2)
     target = 1 / (1 + s / (2 * np.pi * CONTROLLER.target_cutoff))
     derivative = s / (1 + s / (2 * np.pi * CONTROLLER.derivative_cutoff))
     from_setpoint = parameters.p * (1 + parameters.integral_ratio / s)
     from_rate = from_setpoint + parameters.p * parameters.derivative_ratio * derivative
     plant = 1 / (s + parameters.damping)
     actuation = parameters.effect * dead_time / (parameters.lag * s + 1)
-    loop_gain = (
-        plant * actuation * (from_rate * gyro + from_setpoint * target * parameters.angle_gain / s)
-    )
-    eddies = (
-        parameters.eddy_size * np.sqrt(2 / parameters.eddy_time) / (s + 1 / parameters.eddy_time)
-    )
-    np.testing.assert_allclose(modelled, eddies * plant / (1 + loop_gain), rtol=1e-9)
+    from_angle = from_setpoint * target * parameters.angle_gain / s
+    loop_gain = plant * actuation * (from_rate * gyro + from_angle)
+    expected = plant / (1 + loop_gain)
+    np.testing.assert_allclose(states[State.RATE] / torque, expected, rtol=1e-9)

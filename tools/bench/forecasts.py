@@ -3,10 +3,9 @@
 
 A window is 7 s to learn from and 1.5 s to forecast at every rate. The error ratio is the squared forecast error over
 that of the constant mean; the table has the median over windows. Below is the report of `mavdem compare` beside joint
-autoregressions, whose ratios over flights are geometric means. With --closed-loop the plant in its loop is a method
-too, once with the gains that the autopilot's parameters state and once without; each takes about 4 s a window.
+autoregressions, whose ratios over flights are geometric means.
 
-Usage: tools/bench/forecasts.py [--windows N] [--preset paper] [--settings JSON] [--closed-loop]
+Usage: tools/bench/forecasts.py [--windows N] [--preset paper] [--settings JSON]
 """
 
 import json
@@ -19,18 +18,9 @@ import numpy as np
 
 import mavdem
 from mavdem.evaluate import METHODS, Comparison, Method, Window, compare, windows
-from mavdem.experiments.methods import closed_loop
 from mavdem.experiments.paper.flights import DATA_FOLDER, recorded_flights
 from mavdem.report.blocks import Table, markdown
 from mavdem.report.comparison import comparison_report
-
-CLOSED_LOOP_METHODS = [
-    Method("closed loop", closed_loop, predicts=True),
-    Method(
-        "closed loop, gains unknown", partial(closed_loop, controller_known=False), predicts=True
-    ),
-]
-"""The plant in its loop with the autopilot's gains, and with a wide prior in their place."""
 
 COLUMNS = ["flight", "windows", "median ratio", "worst", "below 1", "in the 90 % band"]
 
@@ -79,14 +69,11 @@ def table_by_flight(comparison: Comparison) -> Table:
 )
 @click.option("--preset", type=click.Choice(["real", "paper"]), default="real", show_default=True)
 @click.option("--settings", default="{}", help='Changes to the preset, such as {"order": 2}.')
-@click.option("--closed-loop", "with_closed_loop", is_flag=True, help="Also the plant in its loop.")
-def main(max_windows: int | None, preset: str, settings: str, with_closed_loop: bool) -> None:
+def main(max_windows: int | None, preset: str, settings: str) -> None:
     base = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
     changed = replace(base, **json.loads(settings))
     ours = Method("ours", partial(mavdem.learn, settings=changed), predicts=True)
-    others = [method for method in METHODS if method.name.startswith("joint VAR")]
-    if with_closed_loop:
-        others += CLOSED_LOOP_METHODS
+    joint_var_methods = [method for method in METHODS if method.name.startswith("joint VAR")]
     chosen_windows = []
     for name, flight in recorded_flights():
         chosen_windows += evenly_chosen_windows(name, flight, max_windows)
@@ -94,7 +81,7 @@ def main(max_windows: int | None, preset: str, settings: str, with_closed_loop: 
         sys.exit(
             f"There are no recorded flights in {DATA_FOLDER}; name their folder in MAVDEM_SHARED_DATA."
         )
-    comparison = compare(chosen_windows, [ours, *others])
+    comparison = compare(chosen_windows, [ours, *joint_var_methods])
     print(markdown([table_by_flight(comparison), *comparison_report(comparison)]))
 
 

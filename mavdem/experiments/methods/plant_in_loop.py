@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from mavdem.arrays import Array
 from mavdem.dem.engine.gauss_newton import QuadraticExpansion
 from mavdem.dem.engine.kalman import KalmanFilter
-from mavdem.dem.engine.linalg import one_thread
+from mavdem.dem.engine.linalg import inverse, normal_draws, one_thread
 from mavdem.dem.forecast.forecasting import ForecasterBase
 from mavdem.dem.forecast.joint import MIXER_LAGS, axis_mixer
 from mavdem.dem.forecast.var import Forecast, VectorAutoregression
@@ -21,6 +21,7 @@ from mavdem.dem.record import Record, TrainingData
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.loops.loop_construction import inputs_per_demand, logged_controller, record_axis
+from mavdem.loops.margins import OpenLoop, rate_loop
 from mavdem.plant.closed_loop.evidence import LoopData, LoopPosterior, fit_closed_loop
 from mavdem.plant.closed_loop.free_energy import (
     MOTORS_CHANNEL,
@@ -34,10 +35,12 @@ from mavdem.plant.closed_loop.state_space import (
     UNKNOWN_DERIVATIVE_CUTOFF,
     UNKNOWN_GYRO_CUTOFF,
     UNKNOWN_TARGET_CUTOFF,
+    GenerativeParameters,
     LoopController,
     SampledLoop,
     sampled_loop,
     unknown_controller,
+    wind_torque_output,
 )
 
 KNOWN_LOG_GAIN_SD = 0.1
@@ -45,6 +48,9 @@ KNOWN_LOG_GAIN_SD = 0.1
 
 Saturation, and a thrust curve that is not what the parameters say, change the gains by some per cent.
 """
+
+MARGIN_DRAWS = 200
+"""Number of draws from the posterior for the intervals of margins: a choice."""
 
 MIN_KNOWN_RATIO = 1e-4
 """Least ratio of integral (1/s) or derivative (s) to proportional gain: a gain of 0 has no logarithm."""
@@ -175,6 +181,42 @@ class ClosedLoop(ForecasterBase):
         """Limits of the model: none are known."""
         return ()
 
+    def rate_loop(self, draws: int = MARGIN_DRAWS, seed: int = 0) -> OpenLoop:
+        """Returns the rate loop of the plant's marginal posterior with the autopilot's controller, and so its margins.
+
+        The controller is that of the parameters. The posterior's own gains are those of the record, whose motors are
+        interpolated between messages: that takes up to two thirds from the derivative.
+
+        Args:
+            draws: number of draws from the posterior, behind the estimate in row 0.
+            seed: seed of the draws.
+
+        Raises:
+            NotLearnable: the parameters do not state the controller.
+        """
+        controller = logged_controller(
+            self.record.parameters, record_axis(self.record), self.record.effect_directions
+        )
+        per_demand = float(self.mixer[:, 0] @ inputs_per_demand(controller, self.record))
+        covariance = inverse(self.maximum.curvature)
+        theta = self.maximum.point
+        thetas = np.vstack([theta, normal_draws(theta, covariance, draws, seed)])
+        plants = GenerativeParameters(*np.exp(thetas).T)
+        dynamics = np.column_stack([plants.damping, plants.lag, plants.delay])
+        return rate_loop(controller, plants.effect * per_demand, dynamics)
+
+    def wind_torque(self) -> Forecast:
+        """Returns the wind torque over the last segment, rad/s², given all of its samples: mean and variance (T, 1)."""
+        samples = self.posterior.data.segments[-1]
+        output = np.zeros(STATES + CHANNELS)
+        output[:STATES] = wind_torque_output(self.maximum.point, self._loop.state_sd)
+        forcing = np.zeros((len(samples), len(output)))
+        states, innovations = self._filter.filter(np.zeros(len(output)), forcing, samples)
+        smoothed = self._filter.smooth(states, innovations)
+        mean = smoothed.means[:-1] @ output
+        variance = np.einsum("i,tij,j->t", output, smoothed.covariances[:-1], output)
+        return Forecast(mean[:, None], variance[:, None])
+
     @cached_property
     def _loop(self) -> SampledLoop:
         """The loop at the maximum, sampled at the record's rate."""
@@ -186,8 +228,13 @@ class ClosedLoop(ForecasterBase):
         data = self.posterior.data
         return trim_augmented_filter(self._loop, data.trim_covariance, len(data.segments[-1]))
 
+    @property
+    def gains_known(self) -> bool:
+        """Whether the autopilot's parameters state the gains of the controller."""
+        return self.posterior.controller.log_gain_sd <= KNOWN_LOG_GAIN_SD
+
     def one_step(self) -> Array:
-        """Predicts the outputs of each training sample from the samples before it in its segment.
+        """Predicts each training sample from the samples before it in its segment, and from its own motors.
 
         Returns:
             Outputs (T, 2), in the order of the record.
@@ -195,7 +242,15 @@ class ClosedLoop(ForecasterBase):
         C = self._filter.C
         predictions = []
         for samples in self.posterior.data.segments:
-            predictions.append(self._predicted_states(samples)[:-1] @ C.T)
+            predicted = self._predicted_states(samples)[:-1] @ C.T
+            innovations = samples - predicted
+            rows = self._filter.gain_rows(len(samples))
+            covariances = np.linalg.inv(self._filter.innovation_precisions[rows])
+            # Regression of each channel's innovation on that of the motors.
+            gains = (
+                covariances[:, :, MOTORS_CHANNEL] / covariances[:, [MOTORS_CHANNEL], MOTORS_CHANNEL]
+            )
+            predictions.append(predicted + gains * innovations[:, [MOTORS_CHANNEL]])
         return self._output_forecast(np.concatenate(predictions), np.zeros(CHANNELS)).mean
 
     def rolling_forecast_unknown_inputs(

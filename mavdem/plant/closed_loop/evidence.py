@@ -162,16 +162,19 @@ def steady_likelihood(
     L = loop.transition - K @ C
 
     # The filter runs over the samples and, in three more rows, over constant measurements of 1 in each channel.
-    measurements = np.empty((1, T, 1 + CHANNELS, CHANNELS))
-    measurements[0, :, 0] = samples
-    measurements[0, :, 1:] = np.eye(CHANNELS)
+    measurements = np.empty((T, 1, 1 + CHANNELS, CHANNELS))
+    measurements[:, 0, 0] = samples
+    measurements[:, 0, 1:] = np.eye(CHANNELS)
     residuals = _filter_residuals(L, K, C, measurements, np.zeros((B, 1 + CHANNELS, STATES)))
-    weighted = residuals @ F_inverse[:, None]
+    weighted = residuals @ F_inverse
     # Backward in time, the sums Σ (Lᵗ)ᵀ Cᵀ F⁻¹ e_t over all samples.
     sums = np.zeros((B, 1 + CHANNELS, STATES))
-    for t in range(T - 1, -1, -1):
-        sums = weighted[:, t] @ C + sums @ L
-    products = np.einsum("btic,btjc->bij", weighted, residuals)
+    for addend in (weighted @ C)[::-1]:
+        sums = sums @ L
+        sums += addend
+    by_model = residuals.transpose(1, 2, 0, 3).reshape(B, 1 + CHANNELS, -1)
+    weighted_by_model = weighted.transpose(1, 2, 0, 3).reshape(B, 1 + CHANNELS, -1)
+    products = weighted_by_model @ by_model.mT
 
     # Information of the samples on the start δ and the trims μ together.
     information = np.empty((B, STATES + CHANNELS, STATES + CHANNELS))
@@ -195,9 +198,9 @@ def steady_likelihood(
     )
     # The filter runs once more, from the most probable start and without the most probable trims.
     start = estimate[:, None, :STATES]
-    trims = estimate[:, None, None, STATES:]
-    innovations = _filter_residuals(L, K, C, samples[:, None] - trims, start)
-    return SteadyLikelihood(log_likelihood, innovations[:, :, 0], F)
+    trims = estimate[:, None, STATES:]
+    innovations = _filter_residuals(L, K, C, samples[:, None, None] - trims, start)
+    return SteadyLikelihood(log_likelihood, innovations[:, :, 0].swapaxes(0, 1), F)
 
 
 def _filter_residuals(L: Array, K: Array, C: Array, measurements: Array, start: Array) -> Array:
@@ -207,20 +210,20 @@ def _filter_residuals(L: Array, K: Array, C: Array, measurements: Array, start: 
         L: (B, n, n) transition matrices of the filters.
         K: (B, n, 3) gains.
         C: (B, 3, n) output matrices.
-        measurements: (B, T, rows, 3) measurements of each series, or (1, T, rows, 3) where all filters have the same.
+        measurements: (T, B, rows, 3) measurements of each series, or (T, 1, rows, 3) where all filters have the same.
         start: (B, rows, n) states at the first sample.
 
     Returns:
-        Residuals (B, T, rows, 3).
+        Residuals (T, B, rows, 3).
     """
-    driving = measurements @ K[:, None].mT
+    driving = measurements @ K.mT
     transition = np.ascontiguousarray(L.mT)
     states = np.empty_like(driving)
-    state = start
-    for t in range(driving.shape[1]):
-        states[:, t] = state
-        state = state @ transition + driving[:, t]
-    return measurements - states @ C[:, None].mT
+    states[0] = start
+    for t in range(len(driving) - 1):
+        np.matmul(states[t], transition, out=states[t + 1])
+        states[t + 1] += driving[t]
+    return measurements - states @ C.mT
 
 
 def _start_information(L: Array, information: Array, samples: int) -> Array:

@@ -396,6 +396,21 @@ def continuous_loop(parameters: GenerativeParameters, controller: LoopController
     return ContinuousLoop(A, noise_gains, output)
 
 
+def wind_torque_output(theta: Array, state_sd: Array) -> Array:
+    """Returns the row (n,) that gives the wind torque, rad/s², from the states.
+
+    Args:
+        theta: (k,) logarithms of the parameters.
+        state_sd: (n,) standard deviations in which the states are counted.
+    """
+    parameters = GenerativeParameters(*np.exp(theta))
+    output = np.zeros(STATES)
+    output[State.DRIFT] = parameters.drift_size
+    output[State.EDDY] = parameters.eddy_size
+    output[State.GUST :] = parameters.gust_size * GAUSSIAN_KERNEL.C
+    return output * state_sd
+
+
 def sampled_loop(theta: Array, controller: LoopController, dt: float) -> SampledLoop:
     """Samples the closed loop exactly: the discrete model has the same distribution at the samples.
 

@@ -1,0 +1,223 @@
+#!/usr/bin/env python
+"""Free energy of the plant in its loop beside other models of the same samples, and its forecasts beside theirs.
+
+The first table has two figures of each recorded flight.
+
+- F̄ of angle, rate and the motors' combination over 7 s: of the closed loop (the plant in its loop) and of the joint
+  VAR. Both approximate the log evidence of the same samples in the same units: rad, rad/s and that of the motors. The
+  first 20 samples are given.
+- The log density of angle and rate in the 1.5 s after them, which no model was trained on, each sample given the motors
+  up to it and all samples before it. DEM's plant has one too. The errors' covariance is that of the training data.
+
+The second table has the squared error of forecasts that start anew at every k-th sample over that of joint VAR(10),
+motors known, or joint VAR(4), motors unknown: geometric means over flights. Half A are the flights whose name has an
+even hash.
+
+Usage: tools/bench/free_energies.py [--window I] [--flight TEXT]
+"""
+
+import sys
+import zlib
+from typing import NamedTuple
+
+import click
+import numpy as np
+
+from mavdem import baselines, learn
+from mavdem.arrays import Array
+from mavdem.dem.forecast.joint import LAG_CANDIDATES
+from mavdem.evaluate import Method, Window, windows
+from mavdem.experiments.comparison import evaluate_model
+from mavdem.experiments.paper.flights import DATA_FOLDER, recorded_flights
+from mavdem.experiments.scores import KNOWN, UNKNOWN, Question
+from mavdem.forecaster import Forecaster
+from mavdem.report.blocks import Table, markdown
+
+GIVEN_SAMPLES = max(LAG_CANDIDATES)
+"""First samples of the training data that every model takes as given: the past of the joint VAR with most lags."""
+
+STEPS = {KNOWN: (10, 25, 50, 150), UNKNOWN: (1, 5, 10, 25, 50)}
+"""Numbers of samples from one forecast to the next, by what the forecasts are given."""
+
+DEM_PLANT = "DEM's plant"
+"""DEM's model with the motors as causes."""
+
+MODELS = ("closed loop", "DEM's joint model")
+"""Models whose forecasts the second table compares with those of joint VARs."""
+
+
+class FlightFigures(NamedTuple):
+    """Figures of one window of a flight."""
+
+    flight: str
+    """Name of the flight."""
+    gains_known: bool
+    """Whether the closed loop had the gains of the autopilot's parameters."""
+    free_energies: dict[str, float]
+    """F̄ of the training part by model, nats."""
+    log_densities: dict[str, float]
+    """Mean log density of the outputs of a sample of the test part by model, nats."""
+    error_ratios: dict[tuple[str, Question, int], float]
+    """Squared error over that of the joint VAR, by model, question and number of steps."""
+
+    @property
+    def half(self) -> str:
+        """Half of the flights that this one belongs to, "A" or "B"."""
+        return "AB"[zlib.crc32(self.flight.encode()) % 2]
+
+
+def held_out_log_density(one_step: Array, forecast: Array, window: Window) -> float:
+    """Returns the mean log density of a sample of the test part, by normal errors of one-step predictions.
+
+    Args:
+        one_step: (T, 2) one-step predictions of the training part, whose errors give the covariance.
+        forecast: (H, 2) one-step predictions of the test part.
+        window: the window.
+    """
+    training_errors = (window.train.outputs - one_step)[GIVEN_SAMPLES:]
+    covariance = training_errors.T @ training_errors / len(training_errors)
+    errors = window.test.outputs - forecast
+    squares = np.sum(errors @ np.linalg.inv(covariance) * errors, axis=1)
+    return float(-0.5 * (np.linalg.slogdet(2 * np.pi * covariance)[1] + squares.mean()))
+
+
+def flight_figures(window: Window) -> FlightFigures:
+    """Trains all models on a window, and returns their free energies and errors.
+
+    Args:
+        window: the window.
+
+    Raises:
+        ValueError: the closed loop cannot be learned.
+    """
+    train, test = window.train, window.test
+    closed_loop = baselines.closed_loop(train)
+    learned = learn(train)
+    reference = {KNOWN: baselines.var(train, 10), UNKNOWN: baselines.var(train, 4)}
+
+    joint = learned.joint
+    rows = len(train) - GIVEN_SAMPLES
+    # F̄ of the joint VAR is that of samples in units of their standard deviations.
+    log_scale = np.log(joint.process.scaling.scale).sum()
+    free_energy = closed_loop.free_energy
+    free_energies = {
+        "closed loop": free_energy.log_densities[GIVEN_SAMPLES:].sum() - free_energy.complexity,
+        "joint VAR": sum(joint.terms.values()) - rows * log_scale,
+    }
+
+    plant = learned.plant
+    plant_forecast = plant.rolling_forecast_known_inputs(1, test.inputs, test.outputs)
+    log_densities = {
+        DEM_PLANT: held_out_log_density(
+            plant.one_step_predictions(learned.record), plant_forecast.mean, window
+        )
+    }
+    models: dict[str, Forecaster] = {"closed loop": closed_loop, "joint VAR": learned}
+    for name, model in models.items():
+        forecast = model.forecast_every(1, test.inputs, test.outputs)
+        log_densities[name] = held_out_log_density(model.one_step(), forecast, window)
+
+    error_ratios = {}
+    scored: dict[str, Forecaster] = {"closed loop": closed_loop, "DEM's joint model": learned}
+    for question, steps in STEPS.items():
+        reference_errors = _errors(reference[question], question, window)
+        for name, model in scored.items():
+            errors = _errors(model, question, window)
+            for step in steps:
+                error_ratios[name, question, step] = errors[step] / reference_errors[step]
+    return FlightFigures(
+        window.flight,
+        closed_loop.gains_known,
+        free_energies,
+        log_densities,
+        error_ratios,
+    )
+
+
+def _errors(model: Forecaster, question: Question, window: Window) -> dict[int, float]:
+    """Returns the error ratios of a model's forecasts by the number of steps at 100 Hz.
+
+    Args:
+        model: the model.
+        question: what the forecasts are given.
+        window: the window.
+    """
+    method = Method("", learn, predicts=True)
+    scores, _ = evaluate_model(method, window, model)
+    numbers = sorted({*STEPS[KNOWN], *STEPS[UNKNOWN]})
+    return dict(zip(numbers, scores[question].ratio.tolist(), strict=True))
+
+
+def free_energy_table(figures: list[FlightFigures]) -> Table:
+    """Returns the first table, with a row for each flight."""
+    columns = [
+        "flight",
+        "gains",
+        "F̄ closed loop",
+        "F̄ joint VAR",
+        "held out: closed loop",
+        "joint VAR",
+        "DEM's plant",
+    ]
+    rows = []
+    for flight in figures:
+        rows.append(
+            [
+                flight.flight,
+                "known" if flight.gains_known else "unknown",
+                f"{flight.free_energies['closed loop']:.0f}",
+                f"{flight.free_energies['joint VAR']:.0f}",
+                f"{flight.log_densities['closed loop']:.2f}",
+                f"{flight.log_densities['joint VAR']:.2f}",
+                f"{flight.log_densities[DEM_PLANT]:.2f}",
+            ]
+        )
+    return Table(columns, rows)
+
+
+def forecast_table(figures: list[FlightFigures]) -> Table:
+    """Returns the second table: a row for each model and half, a column for each number of steps."""
+    columns = ["model", "flights"]
+    for question, steps in STEPS.items():
+        columns += [f"{question}, {step}" for step in steps]
+    rows = []
+    halves = {"A": "A", "B": "B", "all": "AB"}
+    for model in MODELS:
+        for name, half in halves.items():
+            chosen = [flight for flight in figures if flight.half in half]
+            if not chosen:
+                continue
+            row = [model, f"{name} ({len(chosen)})"]
+            for question, steps in STEPS.items():
+                for step in steps:
+                    ratios = [flight.error_ratios[model, question, step] for flight in chosen]
+                    row.append(f"{np.exp(np.mean(np.log(ratios))):.2f}")
+            rows.append(row)
+    return Table(columns, rows)
+
+
+@click.command(help=__doc__)
+@click.option("--window", "index", default=0, help="Which window of each flight, from 0.")
+@click.option("--flight", "text", default="", help="Only flights whose name contains this text.")
+def main(index: int, text: str) -> None:
+    figures = []
+    for name, flight in recorded_flights():
+        if text not in name:
+            continue
+        flight_windows = windows(name, flight)
+        window = flight_windows[min(index, len(flight_windows) - 1)]
+        try:
+            figures.append(flight_figures(window))
+        except ValueError as error:
+            print(f"{name}: {error}", file=sys.stderr)
+            continue
+        print(markdown([free_energy_table(figures[-1:])]), file=sys.stderr, flush=True)
+    if not figures:
+        sys.exit(
+            f"There are no such flights in {DATA_FOLDER}; MAVDEM_SHARED_DATA names their folder."
+        )
+    print(markdown([free_energy_table(figures), forecast_table(figures)]))
+
+
+if __name__ == "__main__":
+    main()
