@@ -36,11 +36,11 @@ class Change(Document):
     quantity: Quantity
     """which quantity"""
     before: PerSecondOrSeconds
-    """mean of A; null for shares and effects"""
+    """mean of A; null for shares and effects of motors"""
     after: PerSecondOrSeconds
-    """mean of B; null for shares and effects"""
+    """mean of B; null for shares and effects of motors"""
     difference: PerSecondOrSeconds
-    """B less A; relative for shares and effects"""
+    """B less A; relative for shares, effects, maximum sensitivity and rise"""
     half_width: PerSecondOrSeconds
     """half width of its 90 % interval"""
     p: Number

@@ -31,11 +31,11 @@ It is that of drag which acts half an arm's length above or below the centre of 
 LOOP_CHANGES_PER_LOG_EFFECT = {
     GAIN_MARGIN: 8.7,
     PHASE_MARGIN: 0.7,
-    MAX_SENSITIVITY: 2.0,
+    MAX_SENSITIVITY: 1.2,
     OVERSHOOT: 0.4,
-    RISE: 0.05,
+    RISE: 1.0,
 }
-"""Change of a loop's figure by the logarithm of the mean effect: dB, rad, 1, fraction of the step, and s.
+"""Change of a loop's figure by the logarithm of the mean effect: dB, rad, relative, fraction of the step, relative.
 
 The gain of the loop is proportional to the effect, and 1 is 8.7 dB. The crossover frequency too is about proportional
 to it, and lag and delay turn the phase there by 40° over a factor e of frequency.

@@ -49,11 +49,11 @@ RISE = "rise"
 LOOP_KINDS = PHASE_MARGIN, GAIN_MARGIN, MAX_SENSITIVITY, OVERSHOOT, RISE
 """Kinds of quantities of a rate loop, which depend on the gains."""
 
-LOGARITHMIC_KINDS = SHARE, EFFECT, MEAN_EFFECT
+LOGARITHMIC_KINDS = SHARE, EFFECT, MEAN_EFFECT, MAX_SENSITIVITY, RISE
 """Kinds of quantities that are compared by their logarithm."""
 
 MAX_RELATIVE_HALF_WIDTH = 0.5
-"""Largest half width of the interval of a share or an effect, relative to it: a choice.
+"""Largest half width of the interval of a quantity that is compared by its logarithm, relative to it: a choice.
 
 With a wider interval the error of its logarithm is not nearly normal.
 """
@@ -109,9 +109,9 @@ def flight_estimates(flight: AxisRows) -> dict[Quantity, Estimate]:
         axis_estimates = {
             PHASE_MARGIN: estimate_from_interval(row.phase_margin, row.phase_margin_interval),
             GAIN_MARGIN: estimate_from_interval(row.gain_margin, row.gain_margin_interval),
-            MAX_SENSITIVITY: estimate_from_interval(row.ms, row.ms_interval),
+            MAX_SENSITIVITY: log_estimate(row.ms, row.ms_interval),
             OVERSHOOT: estimate_from_interval(row.rate_overshoot, row.rate_overshoot_interval),
-            RISE: estimate_from_interval(row.rate_rise, row.rate_rise_interval),
+            RISE: log_estimate(row.rate_rise, row.rate_rise_interval),
         }
         if row.damping_status == Status.REPORTED:
             axis_estimates[DAMPING] = estimate_from_interval(row.damping, row.damping_interval)
@@ -144,6 +144,24 @@ def estimate_from_interval(value: float | None, half_width: float | None) -> Est
     return Estimate(value, half_width / HALF_WIDTH_PER_SD)
 
 
+def log_estimate(value: float | None, half_width: float | None) -> Estimate | None:
+    """Returns the logarithm of a positive quantity with its error; None where it is unknown or too uncertain.
+
+    The error of ln x is that of x divided by x, to first order. This holds for small errors only, so a value with a
+    wider interval than ``MAX_RELATIVE_HALF_WIDTH`` is left out.
+
+    Args:
+        value: the quantity. Its sign is ignored: an effect has that of the motor's side.
+        half_width: half width of its 90 % interval, in the same unit.
+    """
+    if value is None or half_width is None:
+        return None
+    size = abs(value)
+    if not half_width < MAX_RELATIVE_HALF_WIDTH * size:
+        return None
+    return Estimate(log(size), half_width / size / HALF_WIDTH_PER_SD)
+
+
 def mean_estimate(estimates: Iterable[Estimate]) -> Estimate:
     """Returns the mean of estimates whose errors have much in common: it is known no better than the worst of them."""
     estimates = list(estimates)
@@ -156,11 +174,8 @@ def mean_estimate(estimates: Iterable[Estimate]) -> Estimate:
 def motor_log_estimates(values: Numbers | None, half_widths: Numbers | None) -> dict[int, Estimate]:
     """Returns the logarithm of a quantity of each motor, so that a change by a factor is a difference.
 
-    The error of ln x is that of x divided by x, to first order. This holds for small errors only, so values with wider
-    intervals than ``MAX_RELATIVE_HALF_WIDTH`` are left out.
-
     Args:
-        values: one value for each motor (r,), in any unit. Signs are ignored: an effect has that of the motor's side.
+        values: one value for each motor (r,), in any unit.
         half_widths: half widths of their 90 % intervals (r,), in the same unit.
 
     Returns:
@@ -169,9 +184,9 @@ def motor_log_estimates(values: Numbers | None, half_widths: Numbers | None) -> 
     estimates = {}
     values_and_half_widths = zip(values or (), half_widths or (), strict=False)
     for motor, (value, half_width) in enumerate(values_and_half_widths, start=1):
-        if half_width is not None and half_width < MAX_RELATIVE_HALF_WIDTH * abs(value):
-            sd = half_width / abs(value) / HALF_WIDTH_PER_SD
-            estimates[motor] = Estimate(log(abs(value)), sd)
+        estimate = log_estimate(value, half_width)
+        if estimate is not None:
+            estimates[motor] = estimate
     return estimates
 
 

@@ -24,6 +24,7 @@ from mavdem.fleet.quantities import (
     GAIN_MARGIN,
     LAG,
     LOGARITHMIC_KINDS,
+    LOOP_KINDS,
     MAX_SENSITIVITY,
     MEAN_EFFECT,
     OVERSHOOT,
@@ -43,16 +44,17 @@ SD_BETWEEN_FLIGHTS = {
     LAG: 0.004,
     PHASE_MARGIN: 0.07,
     GAIN_MARGIN: 0.9,
-    MAX_SENSITIVITY: 0.25,
+    MAX_SENSITIVITY: 0.12,
     OVERSHOOT: 0.04,
-    RISE: 0.006,
+    RISE: 0.1,
 }
 """Assumed standard deviation of a quantity from flight to flight of the same vehicle.
 
-That of shares and effects is relative, that of the damping in 1/s, that of the motor time constant in s, those of the
-margins in rad and dB. Shares have what the health of motors assumes for the three axes; docs/evidence/motors.md shows
-where the others come from. Figures of loops have what the mean effect does to a loop: a tenth of the gain is 0.9 dB,
-moves the phase at the crossover by about 4°, and Ms, overshoot and rise time of usual loops by so much.
+Those of ``LOGARITHMIC_KINDS`` are relative, that of the damping is in 1/s, that of the motor time constant in s, those
+of the margins in rad and dB, that of the overshoot a fraction of the step. Shares have what the health of motors
+assumes for the three axes; docs/evidence/motors.md shows where the others come from. Figures of loops have what the
+mean effect does to a loop: a tenth of the gain is 0.9 dB, moves the phase at the crossover by about 4°, and Ms,
+overshoot and rise time of usual loops by so much.
 """
 
 PRIOR_FREEDOM = 8
@@ -69,9 +71,9 @@ EQUIVALENCE_LIMITS = {
     LAG: 0.02,
     PHASE_MARGIN: 0.2,
     GAIN_MARGIN: 3.0,
-    MAX_SENSITIVITY: 0.5,
+    MAX_SENSITIVITY: 0.3,
     OVERSHOOT: 0.15,
-    RISE: 0.02,
+    RISE: 0.3,
 }
 """Largest difference of a quantity that is called the same, in the units of ``SD_BETWEEN_FLIGHTS``.
 
@@ -86,13 +88,13 @@ class QuantityChange(NamedTuple):
     """The quantity."""
 
     before: float | None
-    """Mean of the first state; ``None`` for shares and effects, which are relative."""
+    """Mean of the first state; ``None`` for shares and effects of motors, which are relative."""
 
     after: float | None
     """Mean of the second state, likewise."""
 
     difference: float
-    """Second state less first; relative for shares and effects."""
+    """Second state less first; relative for ``LOGARITHMIC_KINDS``."""
 
     half_width: float
     """Half width of the 90 % interval of the difference."""
@@ -193,7 +195,11 @@ def quantity_change(
         )
     # The difference of logarithms is the logarithm of the ratio; its interval is linearized at the estimate.
     ratio = exp(difference)
-    return QuantityChange(quantity, None, None, ratio - 1, ratio * half_width, p, allowance)
+    value_before = exp(mean_before) if quantity.kind in LOOP_KINDS else None
+    value_after = exp(mean_after) if quantity.kind in LOOP_KINDS else None
+    return QuantityChange(
+        quantity, value_before, value_after, ratio - 1, ratio * half_width, p, allowance
+    )
 
 
 def variance_between_flights(kind: str, states: Sequence[StateEstimates], freedom: int) -> float:

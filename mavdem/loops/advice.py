@@ -45,7 +45,7 @@ from mavdem.loops.limit_cycles import Oscillation
 
 GAIN_REDUCTION = 2 / 3
 """Factor on the gains that make a vehicle oscillate: 3.5 dB less."""
-MAX_AT_LIMIT_SHARE = 0.15
+MAX_AT_LIMIT_SHARE = 0.18
 """Largest share of a flight with a motor at a limit from which gains are advised.
 
 Identification allows for limits. Gains from 42 loops of simulated flights with shares of 0.05 to 0.18 had their margins

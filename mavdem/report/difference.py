@@ -16,6 +16,7 @@ from mavdem.fleet.quantities import (
     EFFECT,
     GAIN_MARGIN,
     LAG,
+    LOGARITHMIC_KINDS,
     LOOP_KINDS,
     MAX_SENSITIVITY,
     MEAN_EFFECT,
@@ -263,8 +264,8 @@ def _motor_name(change: QuantityChange, difference: VehicleDifference) -> str:
 def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
     """Returns a change as text, such as "motor 3's share −18 % ± 6 %" or "rate damping on roll 4 → 6 1/s (+2 ± 1)".
 
-    Shares and effects are compared as ratios and have no value before and after; their change is in percent. For the
-    other quantities both values are shown, and then the change with the half width of its 90 % interval.
+    Shares and effects of motors have no value before and after. For the other quantities both values are shown, and
+    then the change with the half width of its 90 % interval; that of quantities compared as ratios is in percent.
     """
     quantity = change.quantity
     shown = SHOWN_QUANTITIES[quantity.kind]
@@ -273,15 +274,21 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
         name = f"{_motor_name(change, difference)}'s {shown.name}"
     else:
         name = f"{shown.name} on {quantity.axis}"
-    increase = shown.scale * change.difference
-    half_width = shown.scale * change.half_width
+    relative_change = ""
+    if quantity.kind in LOGARITHMIC_KINDS:
+        percent = 100 * change.half_width
+        decimals = 0 if percent >= MIN_WHOLE_PERCENT else 1
+        increase = _signed(f"{100 * change.difference:z.{decimals}f}")
+        relative_change = f"{increase} % ± {percent:.{decimals}f} %"
     if change.before is None or change.after is None:
-        decimals = 0 if half_width >= MIN_WHOLE_PERCENT else 1
-        return f"{name} {_signed(f'{increase:z.{decimals}f}')} % ± {half_width:.{decimals}f} %"
+        return f"{name} {relative_change}"
     before = rounded(shown.scale * change.before)
     after = rounded(shown.scale * change.after)
     space = " " if shown.unit not in ("°", "") else ""
-    return f"{name} {before} → {after}{space}{shown.unit} ({_signed(plus_minus(increase, half_width))})"
+    absolute_change = _signed(
+        plus_minus(shown.scale * change.difference, shown.scale * change.half_width)
+    )
+    return f"{name} {before} → {after}{space}{shown.unit} ({relative_change or absolute_change})"
 
 
 def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
@@ -295,8 +302,10 @@ def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
         for change in of_kind:
             motor = change.quantity.motor
             names.append(f"motor {motor}" if motor else change.quantity.axis)
-        widest = shown.scale * max(change.half_width for change in of_kind)
-        width = f"{rounded(widest)} {shown.unit}".rstrip()
+        widest = max(change.half_width for change in of_kind)
+        width = f"{rounded(shown.scale * widest)} {shown.unit}"
+        if kind in LOGARITHMIC_KINDS:
+            width = f"{rounded(100 * widest)} %"
         yield f"{shown.name} of {listed(names)} (± {width})"
 
 

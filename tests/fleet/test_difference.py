@@ -20,6 +20,7 @@ from mavdem.fleet.quantities import (
     EFFECT,
     GAIN_MARGIN,
     LAG,
+    LOGARITHMIC_KINDS,
     LOOP_KINDS,
     MAX_SENSITIVITY,
     MEAN_EFFECT,
@@ -99,6 +100,8 @@ def margins(rng):
     for kind, name in COLUMNS_OF_LOOPS.items():
         within = half_widths[kind] / Z90 * rng.normal()
         between = SD_BETWEEN_FLIGHTS[kind] * rng.normal()
+        if kind in LOGARITHMIC_KINDS:
+            between *= values[kind]
         columns[name] = values[kind] + within + between
         columns[f"{name}_interval"] = half_widths[kind]
     return columns
@@ -211,9 +214,9 @@ def allowances_of_effect(ratio):
         MEAN_EFFECT: np.log(ratio),
         GAIN_MARGIN: 8.7 * np.log(ratio),
         PHASE_MARGIN: 0.7 * np.log(ratio),
-        MAX_SENSITIVITY: 2.0 * np.log(ratio),
+        MAX_SENSITIVITY: 1.2 * np.log(ratio),
         OVERSHOOT: 0.4 * np.log(ratio),
-        RISE: 0.05 * np.log(ratio),
+        RISE: np.log(ratio),
     }
 
 

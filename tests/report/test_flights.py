@@ -7,8 +7,9 @@ from fleet_rows import WEAK, flight_row
 
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
 from mavdem.fleet.flights import flights_of, summary
+from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.report.blocks import plain_text
-from mavdem.report.difference import baseline_blocks, difference_blocks
+from mavdem.report.difference import baseline_blocks, difference_blocks, next_blocks
 from mavdem.report.fleet import fleet_blocks, vehicle_health, vehicle_words
 
 
@@ -93,6 +94,15 @@ def test_wind_battery_and_lean_are_conditions():
     )
     for words in ("battery 16.0 → 14.0 V", "+11° of roll", "wind torque on roll 46 → 229 °/s²"):
         assert words in text
+
+
+def test_motors_are_not_checked_for_what_new_gains_explain():
+    before = flown(0, phase_margin=1.0, phase_margin_interval=0.05)
+    after = flown(1, phase_margin=0.3, phase_margin_interval=0.05)
+    difference = vehicle_difference(before, after)
+    gains = [ParameterChange(f"ATC_RAT_{axis}_P", 0.1, 0.2) for axis in ("RLL", "PIT")]
+    assert "check motors" in plain_text(next_blocks(difference))
+    assert not next_blocks(difference, gains)
 
 
 def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():

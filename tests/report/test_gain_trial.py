@@ -5,11 +5,12 @@ from made_up_loop import made_up
 from partial_records import partial_record
 from pytest import approx
 
-from mavdem.assessment.axis.twin import GainTrial, TwinMotion
+from mavdem.assessment.axis.twin import GainTrial, TwinMotion, samples_of_most_movement
 from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact
 from mavdem.facts.loops import Loops
 from mavdem.loops.advice import advise
+from mavdem.loops.twin_flight import ReplaySegment
 from mavdem.report.charts import gain_trial
 from mavdem.report.charts.gain_trial import gain_trial_groups
 
@@ -48,3 +49,15 @@ def test_motions_of_the_twin_stand_below_the_steps_with_their_errors(monkeypatch
     assert [line.name for line in wind.lines] == ["now", "advised"]
     assert tracking.lines[0].y.max() == approx(np.degrees(0.1))
     assert f"{motion.present_error:.2g} → {motion.advised_error:.2g}°" in tracking.title
+
+
+def test_the_twin_repeats_the_part_in_which_the_setpoint_moves_most():
+    time = np.arange(0, 60, 0.1)
+    angle_setpoint = np.where((time > 40) & (time < 43), 0.1, 0.0)
+    setpoints = np.column_stack([angle_setpoint, np.zeros_like(time)])
+    segment = ReplaySegment(np.zeros_like(setpoints), setpoints)
+    repeated = time[samples_of_most_movement({"roll": segment}, 0.1)]
+    assert repeated[0] < 37 and repeated[-1] > 42.8, "the movement, after three seconds to settle"
+    assert len(repeated) == 150
+    short = ReplaySegment(setpoints[:50], setpoints[:50])
+    assert len(time[:50][samples_of_most_movement({"roll": short}, 0.1)]) == 50

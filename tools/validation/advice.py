@@ -2,10 +2,10 @@
 """Gains of mavdem, of AutoTune and of QuickTune, judged by the true plants of the simulated flights of loops.py.
 
 mavdem --more is asked anew after each step, by the plant that the first flight showed. The goal is that of --margins,
-in the rate and the attitude loop of the true plant, with the flight's control effectiveness, and with 1.2 and 1.44
-times that, as by 20 % more volts. Bandwidth of the rate loop and lean in the flight's wind are over those before, in
-the median; Ms is that of the rate loop; flights are those after which the goal is met, in the median of those that meet
-it. Loops for which mavdem refuses advice are "refused", and do not count further.
+in the rate and the attitude loop of the true plant, with the flight's control effectiveness, and with 0.8, 1.2 and 1.44
+times that, the last as by 20 % more volts. Bandwidth of the rate loop and lean in the flight's wind are over those
+before, in the median; Ms is that of the rate loop; flights are those after which the goal is met, in the median of
+those that meet it. Loops for which mavdem refuses advice are "refused", and do not count further.
 
 Usage: tools/validation/advice.py [--half NAME] [--rate HZ of the messages] [--margins NAME] [--flights N] [--jobs N]
 """
@@ -29,7 +29,7 @@ from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, MarginTarget, margin_s
 from mavdem.loops.gain_design import bandwidth_of_estimate
 from mavdem.loops.margins import FrequencyGrid
 
-EFFECTS = {"met": 1.0, "1.2 times": 1.2, "1.44 times": 1.44}
+EFFECTS = {"met": 1.0, "0.8 times": 0.8, "1.2 times": 1.2, "1.44 times": 1.44}
 """Factors on the control effectiveness of the flight, by the column of the table."""
 
 MAX_FLIGHTS = 6

@@ -129,7 +129,7 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
     if not recorded_segments:
         return GainTrial({}, {})
     dt = loops["roll"].record.dt
-    replayed_samples = _samples_of_most_movement(recorded_segments, dt)
+    replayed_samples = samples_of_most_movement(recorded_segments, dt)
     hover_samples = slice(round((SETTLING_SECONDS + WIND_SECONDS) / dt))
     replayed = dict[str, ReplaySegment]()
     hover = dict[str, ReplaySegment]()
@@ -147,7 +147,7 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
         return error.fact
 
 
-def _samples_of_most_movement(segments: Mapping[str, ReplaySegment], dt: float) -> slice:
+def samples_of_most_movement(segments: Mapping[str, ReplaySegment], dt: float) -> slice:
     """Returns the samples of a recorded flight that are repeated: those in which the setpoints of angles move most.
 
     They last ``REPLAY_SECONDS``, after ``SETTLING_SECONDS`` in which the twin settles. Windows that begin at each full

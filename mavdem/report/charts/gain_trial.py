@@ -26,8 +26,8 @@ TRIAL_TIME = Axis("time (s)")
 """Time since the twin's flight began."""
 CAPTION = (
     "Blue: with the gains that flew; green: with the advised ones. The twin, a simulation by the identified loops, "
-    "flies the recorded setpoints, and hovers, both in wind and gyro noise of the recorded spectra: the error of its "
-    "angle is larger than the lean by wind alone."
+    "flies the recorded setpoints, and hovers, both in wind and gyro noise of the recorded spectra. Errors are the "
+    "standard deviations of these seconds; those expected by wind torque alone are of long flights."
 )
 """What stands below the charts of the twin."""
 STEP_CAPTION = "Steps by the identified loops. "
@@ -73,9 +73,10 @@ def gain_trial_groups(
         if isinstance(trial, GainTrial):
             charts += _twin_charts(axis, trial)
         if charts:
-            # Charts stand in rows of two, so that four leave no gap.
-            columns = (tuple(charts[::2]), tuple(charts[1::2]))
-            groups[axis] = Group(tuple(column for column in columns if column), caption)
+            # Four charts stand in two rows, so that they leave no gap; fewer stand side by side.
+            column_count = 2 if len(charts) == 4 else len(charts)
+            columns = [tuple(charts[number::column_count]) for number in range(column_count)]
+            groups[axis] = Group(tuple(columns), caption)
     return groups
 
 

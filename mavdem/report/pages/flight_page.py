@@ -279,7 +279,11 @@ def responses_chapter(responses: Responses, advised: StepsByLoop = NO_STEPS) -> 
     text = "Grey: measured, with its 90 % band. Blue, where the loop is identified: predicted."
     if advised:
         text += " Green: predicted with the advised gains."
-    if any(loops["attitude"].has_feedforward for loops in responses.values()):
+    attitudes = [loops["attitude"] for loops in responses.values() if "attitude" in loops]
+    if any(
+        attitude.has_feedforward and isinstance(attitude.measured, StepResponse)
+        for attitude in attitudes
+    ):
         text += " Attitudes follow their setpoint with ArduPilot's feedforward (ATC_RATE_FF_ENAB), as flown."
     return Chapter("Step response", blocks, [Group(columns, text)])
 
@@ -340,8 +344,12 @@ def _loops_chapter(assessment: Assessment, evidence: Evidence, advice: AdviceByA
         "Open loops with 90 % bands. Blue: with the gains that flew; green: with the advised ones. "
         "Dashed: where the gain is 1, with the phase margin."
     )
-    trials = gain_trial_groups(evidence, advice, assessment.responses)
-    groups = [Group(tuple(columns), text), *trials.values()]
+    groups = [Group(tuple(columns), text)]
+    for trial in gain_trial_groups(evidence, advice, assessment.responses).values():
+        # All axes have one caption, below the last.
+        if len(groups) > 1:
+            groups[-1] = groups[-1]._replace(caption="")
+        groups.append(trial)
     # What to do comes before the figures.
     return Chapter("Control loops", [*decisions, *margin_tables(loops), *blocks], groups)
 
