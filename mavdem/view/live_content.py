@@ -32,8 +32,9 @@ CARD_COUNT = 5
 
 LEGEND = (
     "Error ratios: beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
-    "median: 1 is the worst of twenty samples. Unexpected motion is an event; one in "
-    f"{MEAN_SECONDS_BETWEEN_FALSE_MARKS / 60:.0f} minutes is expected without a change."
+    "median: 1 is the worst of twenty samples. Where it stays high, an event says so; one in "
+    f"{MEAN_SECONDS_BETWEEN_FALSE_MARKS / 60:.0f} minutes is expected without a change. It is a model misfit where the "
+    "motors' command explains the acceleration, and a disturbance where it does not."
 )
 
 
