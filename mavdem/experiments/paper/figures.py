@@ -21,6 +21,9 @@ ROW_HEIGHT = 1.7
 HISTOGRAM_HEIGHT = 0.8
 """Inches, the height of one histogram."""
 
+MAX_LEGEND_LINES = 7
+"""Names that the legend inside a panel may have; more would cover its lines, and go below the panels; a choice."""
+
 GAUSSIAN_GRID = np.linspace(-4, 4, 161)
 """Standard deviations from the mean at which the Gaussian over a histogram is drawn."""
 
@@ -39,7 +42,8 @@ def draw_lines(
     """Draws panels side by side, each with lines over whole numbers.
 
     Args:
-        panels: values (N,) by panel and name; a panel whose series have no names has no legend.
+        panels: values (N,) by panel and name; a panel whose series have no names has no legend. More than
+            ``MAX_LEGEND_LINES`` names must be the same in all panels: they have one legend below.
         x_label: label of the horizontal axis.
         first: the number of the first value on the horizontal axis.
         scale: matplotlib's name of the scale of the vertical axis.
@@ -54,8 +58,11 @@ def draw_lines(
             for bound in bounds:
                 axes.axhline(bound, color=BOUND, linewidth=0.8)
             axes.set(title=title, xlabel=x_label, yscale=scale)
-            if all(series):
+            if all(series) and len(series) <= MAX_LEGEND_LINES:
                 axes.legend(fontsize=7)
+        handles, names = row[0].get_legend_handles_labels()
+        if len(names) > MAX_LEGEND_LINES:
+            figure.legend(handles, names, loc="outside lower center", ncols=3, fontsize=7)
         return figure
 
 

@@ -16,11 +16,13 @@ from mavdem.experiments.paper.estimation.observers import (
 )
 from mavdem.experiments.paper.estimation.roll_windows import (
     FIRST_SAMPLE,
+    WITH_WIND,
+    WITHOUT_WIND,
     RollWindow,
     flight_windows,
-    is_without_wind,
     simulated_window,
     smooth_noise,
+    wind_of_flight,
 )
 from mavdem.experiments.paper.estimation.state_estimation import TrimmedMean
 from mavdem.experiments.paper.runner import Runner
@@ -173,7 +175,8 @@ def test_windows_follow_each_other_and_still_flights_are_left_out():
     assert [window.flight for window in windows] == ["exp_1_WM_1", "exp_1_WM_1"]
     assert np.array_equal(windows[1].states[0], flight.outputs[FIRST_SAMPLE + 120])
     assert windows[0].inputs.mean(axis=0) == approx(np.zeros(4), abs=1e-12)
-    assert is_without_wind("exp_2_WM_0") and not is_without_wind("exp_1_WM_1")
+    assert wind_of_flight("exp_2_WM_0") == WITHOUT_WIND
+    assert wind_of_flight("exp_1_WM_1") == WITH_WIND
 
 
 def test_estimates_that_are_one_sample_late_fit_best_at_a_delay(window):

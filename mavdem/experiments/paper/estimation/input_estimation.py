@@ -21,16 +21,14 @@ from mavdem.experiments.paper.estimation.observers import DiscreteModel, kalman_
 from mavdem.experiments.paper.estimation.roll_windows import (
     MEASUREMENT_VARIANCE,
     ROLL_SYSTEM_MATRIX,
-    RollWindow,
-    flight_windows,
-    is_without_wind,
-    simulated_window,
-)
-from mavdem.experiments.paper.estimation.state_estimation import (
     SIMULATED_SMOOTHNESS,
     TRIM,
     WITH_WIND,
     WITHOUT_WIND,
+    RollWindow,
+    flight_windows,
+    simulated_window,
+    wind_of_flight,
 )
 from mavdem.experiments.paper.runner import Runner
 from mavdem.report.blocks import Block, Sentence, Table
@@ -280,9 +278,10 @@ def run(runner: Runner) -> ExperimentResult:
     tables: tuple[Block, ...] = ()
     remarks = []
     if recorded:
-        in_wind = {
-            flight: errors for flight, errors in recorded.items() if not is_without_wind(flight)
-        }
+        in_wind = {}
+        for flight, errors_of_flight in recorded.items():
+            if wind_of_flight(flight) == WITH_WIND:
+                in_wind[flight] = errors_of_flight
         if in_wind:
             checks += input_checks(in_wind, "flights in wind")
         tables += recorded_table(recorded)
@@ -346,7 +345,7 @@ def recorded_table(recorded: Mapping[str, Mapping[str, float]]) -> tuple[Block, 
     for wind in (WITH_WIND, WITHOUT_WIND):
         flights = {}
         for flight, errors in recorded.items():
-            if is_without_wind(flight) == (wind == WITHOUT_WIND):
+            if wind_of_flight(flight) == wind:
                 flights[flight] = errors
         if not flights:
             continue

@@ -41,6 +41,13 @@ WINDOW_SAMPLES = 240
 WINDOWS_PER_FLIGHT = 5
 """Windows of one flight, as in the authors' scripts, which use the 1,200 samples after the first one."""
 
+TRIM = 10
+"""Samples that are left out of the errors at each end of a window, as in the authors' scripts."""
+
+WITH_WIND = "with wind"
+WITHOUT_WIND = "without wind"
+"""Names of the two groups of recorded flights."""
+
 WITHOUT_WIND_SUFFIX = "WM_0"
 """End of the names of the published flights without blower; those with it end in ``WM_1`` or ``WM_2``.
 
@@ -104,9 +111,11 @@ def held_input_transition(B: Array, dt: float) -> ArrayPair:
     return transition.Phi, transition.Gamma0 + transition.Gamma1
 
 
-def is_without_wind(flight: str) -> bool:
-    """Returns whether a published flight was flown without blower, by its name."""
-    return flight.endswith(WITHOUT_WIND_SUFFIX)
+def wind_of_flight(flight: str) -> str:
+    """Returns whether a published flight was flown with blower, by its name: ``WITH_WIND`` or ``WITHOUT_WIND``."""
+    if flight.endswith(WITHOUT_WIND_SUFFIX):
+        return WITHOUT_WIND
+    return WITH_WIND
 
 
 def flight_windows(
@@ -167,6 +176,13 @@ NOISE_SD = np.array([5e-4, 0.06])
 """Standard deviations of the simulated process noise of roll (rad) and roll rate (rad/s) in one sample.
 
 In the published flights with blower they are 5e-4 to 1.5e-3 rad and 0.05 to 0.075 rad/s.
+"""
+
+SIMULATED_SMOOTHNESS = {"white noise": 0.0, "s = 0.006 s": 0.006, "s = 0.02 s": 0.02}
+"""Width s of the simulated process noise's kernel, seconds, by its name; DEM assumes 0.006 s throughout.
+
+Neighbouring samples of such noise correlate by 0, 0.62 and 0.96; those of the flights' by 0.4 to 0.6 without blower,
+and by 0.7 to 0.9 with it.
 """
 
 MEASUREMENT_VARIANCE = 8.1214e-9

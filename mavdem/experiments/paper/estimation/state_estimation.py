@@ -31,18 +31,19 @@ from mavdem.experiments.paper.estimation.observers import (
 from mavdem.experiments.paper.estimation.roll_windows import (
     MEASUREMENT_VARIANCE,
     ROLL_SYSTEM_MATRIX,
+    SIMULATED_SMOOTHNESS,
+    TRIM,
+    WITH_WIND,
+    WITHOUT_WIND,
     RollWindow,
     flight_windows,
-    is_without_wind,
     simulated_window,
+    wind_of_flight,
 )
 from mavdem.experiments.paper.runner import Runner
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.figures.style import Picture
 from mavdem.report.numbers import listed, rounded
-
-TRIM = 10
-"""Samples that are left out of the errors at each end of a window, as in the authors' scripts."""
 
 OUTLIER_SSE = 100.0
 """SSE, (rad/s)², from which on the authors leave a window out: their SMIKF diverges in some."""
@@ -102,13 +103,6 @@ PUBLISHED_SSE_BY_ORDER = {1: 2.92, 2: 1.18, 3: 1.13, 4: 1.09, 5: 1.19, 6: 0.746}
 """Mean SSE of DEM with wind by embedding order p, (rad/s)², read from the authors' figure ``Figures/vary_p.eps``.
 
 Order 0, without derivatives, has 17.3 there.
-"""
-
-SIMULATED_SMOOTHNESS = {"white noise": 0.0, "s = 0.006 s": 0.006, "s = 0.02 s": 0.02}
-"""Width s of the simulated process noise's kernel, seconds, by its name; DEM assumes 0.006 s throughout.
-
-Neighbouring samples of such noise correlate by 0, 0.62 and 0.96; those of the flights' by 0.4 to 0.6 without blower,
-and by 0.7 to 0.9 with it.
 """
 
 SIMULATED_WINDOWS = 10
@@ -314,11 +308,6 @@ def run(runner: Runner) -> ExperimentResult:
     return ExperimentResult(tuple(checks), numbers, tables, pictures, tuple(remarks))
 
 
-WITH_WIND = "with wind"
-WITHOUT_WIND = "without wind"
-"""Names of the two groups of recorded flights."""
-
-
 def recorded_errors(runner: Runner) -> dict[str, list[WindowErrors]]:
     """Returns the errors in the windows of the recorded flights, by whether they were flown in wind.
 
@@ -332,8 +321,7 @@ def recorded_errors(runner: Runner) -> dict[str, list[WindowErrors]]:
     errors = runner.map_jobs(window_errors, windows)
     groups: dict[str, list[WindowErrors]] = {WITH_WIND: [], WITHOUT_WIND: []}
     for window, errors_of_window in zip(windows, errors, strict=True):
-        wind = WITHOUT_WIND if is_without_wind(window.flight) else WITH_WIND
-        groups[wind].append(errors_of_window)
+        groups[wind_of_flight(window.flight)].append(errors_of_window)
     return {wind: group for wind, group in groups.items() if group}
 
 
