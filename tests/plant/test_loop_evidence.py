@@ -189,10 +189,10 @@ def test_wind_moves_the_rate_by_the_plant_over_one_plus_the_loop_gain() -> None:
 
     delay = parameters.delay * s
     dead_time = 1 - delay / (1 + delay / 2 + delay**2 / 12)
-    cutoff_ratio = s / (2 * np.pi * CONTROLLER.gyro_cutoff)
+    cutoff_ratio = s / (2 * np.pi * parameters.gyro_cutoff)
     gyro = 1 / (1 + np.sqrt(2) * cutoff_ratio + cutoff_ratio**2)
-    target = 1 / (1 + s / (2 * np.pi * CONTROLLER.target_cutoff))
-    derivative = s / (1 + s / (2 * np.pi * CONTROLLER.derivative_cutoff))
+    target = 1 / (1 + s / (2 * np.pi * parameters.target_cutoff))
+    derivative = s / (1 + s / (2 * np.pi * parameters.derivative_cutoff))
     from_setpoint = parameters.p * (1 + parameters.integral_ratio / s)
     from_rate = from_setpoint + parameters.p * parameters.derivative_ratio * derivative
     plant = 1 / (s + parameters.damping)

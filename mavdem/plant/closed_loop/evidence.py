@@ -62,13 +62,16 @@ START_LAGS = 4
 MIN_START_ERROR = 1e-5
 """Least such error, in standard deviations of the channel, so that it has a logarithm."""
 
+MARGIN_OF_ERRORS = 3.0
+"""Factor from these errors to the noises to begin with: a choice."""
+
 MAX_HALVINGS = 6
 """Times that the effect is halved until a loop is stable: a choice."""
 
 FIRST_STEPS = 4
 """Steps of each ascent before the best of them is chosen: a choice."""
 
-MAX_ASCENT_STEPS = 20
+MAX_ASCENT_STEPS = 30
 """Largest number of steps of the chosen ascent: a choice."""
 
 
@@ -374,16 +377,18 @@ def _stable_start(posterior: LoopPosterior, plant: InitialPlant) -> Array:
     start[NAMES.index("lag")] = np.log(plant.lag)
     start[NAMES.index("delay")] = np.log(plant.delay)
     data = posterior.data
-    angle_error, rate_error, motors_error = data.prediction_errors().tolist()
+    # Too large noises lose a few nats a sample, too small ones thousands.
+    angle_error, rate_error, motors_error = (MARGIN_OF_ERRORS * data.prediction_errors()).tolist()
+    torque_error = rate_error / data.dt
     sizes = {
         "angle_noise": angle_error,
-        "filtered_noise": rate_error / 2,
+        "filtered_noise": rate_error,
         "gyro_noise": rate_error,
-        "output_noise": motors_error / 4,
-        "actuation": motors_error / 4,
-        "drift_size": rate_error / data.dt,
-        "eddy_size": rate_error / data.dt,
-        "gust_size": rate_error / data.dt,
+        "output_noise": motors_error,
+        "actuation": motors_error,
+        "drift_size": torque_error,
+        "eddy_size": torque_error,
+        "gust_size": torque_error,
         "setpoint_size": float(data.scale[0]),
     }
     for name, size in sizes.items():

@@ -84,7 +84,7 @@ STATES = State.GUST + len(GAUSSIAN_KERNEL.A)
 
 
 class LoopController(NamedTuple):
-    """The controller of one axis as far as it is known: prior medians of its gains, and its filters."""
+    """The controller of one axis as far as it is known: prior medians of its gains and cut-offs, and its form."""
 
     angle_gain: float
     """Rate setpoint per error of the angle, 1/s."""
@@ -117,11 +117,11 @@ class LoopController(NamedTuple):
     """Cut-off of the rate setpoint's low-pass, Hz."""
 
     log_gain_sd: float
-    """Prior standard deviation of the logarithm of each gain."""
+    """Prior standard deviation of the logarithm of each gain and cut-off."""
 
 
-UNKNOWN_GYRO_CUTOFF = 100.0
-"""Cut-off of the gyro's low-pass where the controller is not known, Hz: a choice."""
+UNKNOWN_GYRO_CUTOFF = 40.0
+"""Cut-off of the gyro's low-pass where the controller is not known, Hz: twice ArduPilot's default, PX4's own."""
 
 UNKNOWN_DERIVATIVE_CUTOFF = 20.0
 """Cut-off of the derivative's low-pass where the controller is not known, Hz: ArduPilot's default."""
@@ -174,6 +174,12 @@ class GenerativeParameters(NamedTuple):
     """I / P, 1/s."""
     derivative_ratio: Array
     """D / P, s."""
+    gyro_cutoff: Array
+    """Cut-off of the gyro's low-pass, Hz."""
+    derivative_cutoff: Array
+    """Cut-off of the derivative's low-pass, Hz."""
+    target_cutoff: Array
+    """Cut-off of the rate setpoint's low-pass, Hz."""
     setpoint_size: Array
     """Standard deviation of the angle's setpoint, rad."""
     setpoint_time: Array
@@ -241,6 +247,9 @@ def loop_prior(controller: LoopController, output_size: float) -> LoopPrior:
         "p": Prior(np.log(controller.p), gain_sd),
         "integral_ratio": Prior(np.log(controller.integral_ratio), gain_sd),
         "derivative_ratio": Prior(np.log(controller.derivative_ratio), gain_sd),
+        "gyro_cutoff": Prior(np.log(controller.gyro_cutoff), gain_sd),
+        "derivative_cutoff": Prior(np.log(controller.derivative_cutoff), gain_sd),
+        "target_cutoff": Prior(np.log(controller.target_cutoff), gain_sd),
         "setpoint_size": Prior(np.log(0.05), 2.0),
         "setpoint_time": Prior(np.log(0.5), 1.0),
         "gyro_noise": Prior(typical["gyro_noise"], 2.0),
@@ -305,7 +314,7 @@ def continuous_loop(parameters: GenerativeParameters, controller: LoopController
 
     Args:
         parameters: parameters, (…) each.
-        controller: controller, of which the filters and the feed-forwards are used.
+        controller: controller, of which the form and the feed-forwards are used.
     """
     shape = np.shape(parameters.effect)
     A = np.zeros((*shape, STATES, STATES))
@@ -321,8 +330,8 @@ def continuous_loop(parameters: GenerativeParameters, controller: LoopController
     differentiated = -unit[State.GYRO]
     if controller.derivative_of_error:
         differentiated = error
-    derivative_bandwidth = 2 * np.pi * controller.derivative_cutoff
-    derivative = derivative_bandwidth * (differentiated - unit[State.DERIVATIVE])
+    derivative_bandwidth = 2 * np.pi * parameters.derivative_cutoff
+    derivative = derivative_bandwidth[..., None] * (differentiated - unit[State.DERIVATIVE])
     law = (
         error
         + parameters.integral_ratio[..., None] * unit[State.INTEGRAL]
@@ -353,17 +362,15 @@ def continuous_loop(parameters: GenerativeParameters, controller: LoopController
     )
 
     # Filters of the gyro (Butterworth, second order), the derivative and the rate setpoint, and the integral.
-    gyro_bandwidth = 2 * np.pi * controller.gyro_cutoff
+    gyro_bandwidth = 2 * np.pi * parameters.gyro_cutoff
     A[..., State.GYRO, State.GYRO_SLOPE] = 1.0
-    A[..., State.GYRO_SLOPE, :] = (
-        gyro_bandwidth**2 * (unit[State.RATE] - unit[State.GYRO])
-        - np.sqrt(2) * gyro_bandwidth * unit[State.GYRO_SLOPE]
-    )
+    A[..., State.GYRO_SLOPE, State.RATE] = gyro_bandwidth**2
+    A[..., State.GYRO_SLOPE, State.GYRO] = -(gyro_bandwidth**2)
+    A[..., State.GYRO_SLOPE, State.GYRO_SLOPE] = -np.sqrt(2) * gyro_bandwidth
     A[..., State.INTEGRAL, :] = error
     A[..., State.DERIVATIVE, :] = derivative
-    A[..., State.TARGET, :] = (
-        2 * np.pi * controller.target_cutoff * (rate_setpoint - unit[State.TARGET])
-    )
+    target_bandwidth = 2 * np.pi * parameters.target_cutoff
+    A[..., State.TARGET, :] = target_bandwidth[..., None] * (rate_setpoint - unit[State.TARGET])
 
     # A Matérn process of smoothness 3/2 has a double pole at −κ.
     kappa = 1 / parameters.setpoint_time
