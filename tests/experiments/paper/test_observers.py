@@ -20,11 +20,13 @@ from mavdem.experiments.paper.estimation.roll_windows import (
     WITHOUT_WIND,
     RollWindow,
     flight_windows,
+    missing_flights_remark,
     simulated_window,
     smooth_noise,
     wind_of_flight,
 )
 from mavdem.experiments.paper.estimation.state_estimation import TrimmedMean
+from mavdem.experiments.paper.figures import draw_lines
 from mavdem.experiments.paper.runner import Runner
 from mavdem.flight import Flight
 
@@ -84,33 +86,24 @@ def test_filter_and_fixed_lag_smoother_equal_the_regression_on_the_joint_gaussia
     assert later[T - 1] == approx(to_lagged[T - 1], rel=0.01, abs=1e-4)
 
 
-def test_smikf_with_its_cross_covariance_equals_the_regression_on_coloured_noise(window, model):
-    outputs, inputs = started_from_zero(window)
-    T = 25
-    noise = np.zeros((400, 2))
-    noise[:, 1] = lfilter([1.0], [1.0, -0.7], default_rng(3).normal(size=400)) * 0.05
-    noise[:, 0] = default_rng(4).normal(size=400) * 5e-4
-    fits = [fit_autoregression(series, 1) for series in noise.T]
-    certain = model._replace(R=np.array([[1e-6]]))
-    coefficients = np.diag([fit.coefficients[0] for fit in fits])
-    variances = np.array([fit.variance for fit in fits])
-    # The filter's noise begins with the variance of its innovation, and grows to the stationary one.
-    marginal = [np.diag(variances)]
-    for _ in range(T):
-        marginal.append(coefficients @ marginal[-1] @ coefficients + np.diag(variances))
-    joint = np.zeros(((T - 1) * 2, (T - 1) * 2))
-    for i in range(T - 1):
-        for j in range(i, T - 1):
-            block = np.linalg.matrix_power(coefficients, j - i) @ marginal[i]
-            joint[2 * j : 2 * j + 2, 2 * i : 2 * i + 2] = block
-            joint[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = block.T
-    batch = batch_states(certain, joint, outputs[:T], inputs[:T])
-    # The cross-covariance with the correction is exact at a fixed gain; the filter's is optimal but for the colour that
-    # it does not estimate, so that it lies near the regression and not on it.
-    estimates = smikf_states(certain, noise, outputs[:T], inputs[:T])
-    plain = kalman_states(certain, outputs[:T], inputs[:T])
-    assert np.abs(estimates[-5:, 0] - batch[-5:, 0]).max() < 1e-3
-    assert np.isfinite(plain).all()
+def test_smikf_of_white_noise_is_the_kalman_filter(window, model):
+    # A series whose neighbours do not correlate at all.
+    uncorrelated = np.tile([1.0, 0.0, -1.0, 0.0], 25)[:, None] * np.array([1e-3, 0.1])
+    white = model._replace(Q=np.diag(np.mean(uncorrelated**2, axis=0)))
+    estimates = smikf_states(white, uncorrelated, window.outputs, window.inputs)
+    expected = kalman_states(white, window.outputs, window.inputs)
+    # The two begin differently, which is forgotten.
+    assert estimates[-1] == approx(expected[-1], rel=1e-6, abs=1e-9)
+
+
+def test_smikf_is_better_than_the_kalman_filter_where_noise_is_coloured():
+    coloured = simulated_window(0, smoothness=0.02, samples=150)
+    white_model = state_estimation.white_noise_model(coloured)
+    noise = coloured.process_noise
+    smikf = smikf_states(white_model, noise, coloured.outputs, coloured.inputs)[:, 1]
+    kalman = kalman_states(white_model, coloured.outputs, coloured.inputs)[:, 1]
+    smikf_error = state_estimation.squared_error(smikf, coloured)
+    assert smikf_error < 0.8 * state_estimation.squared_error(kalman, coloured)
 
 
 def test_burgs_method_finds_the_coefficients_of_a_long_series():
@@ -169,12 +162,14 @@ def recorded_flight(seed, samples):
 
 def test_windows_follow_each_other_and_still_flights_are_left_out():
     flight = recorded_flight(0, FIRST_SAMPLE + 250)
-    still = Flight(flight.time, flight.inputs, np.zeros_like(flight.outputs), dt=flight.dt)
+    frozen_rate = flight.outputs * [1, 0]
+    still = Flight(flight.time, flight.inputs, frozen_rate, dt=flight.dt)
     flights = {"exp_1_WM_1": flight, "exp_2_WM_0": still}
     windows = flight_windows(flights, samples=120)
     assert [window.flight for window in windows] == ["exp_1_WM_1", "exp_1_WM_1"]
     assert np.array_equal(windows[1].states[0], flight.outputs[FIRST_SAMPLE + 120])
     assert windows[0].inputs.mean(axis=0) == approx(np.zeros(4), abs=1e-12)
+    assert "None of the 1" in missing_flights_remark({"exp_2_WM_0": still})
     assert wind_of_flight("exp_2_WM_0") == WITHOUT_WIND
     assert wind_of_flight("exp_1_WM_1") == WITH_WIND
 
@@ -220,8 +215,17 @@ def test_the_reports_have_the_least_error_first_and_all_flights(monkeypatch):
     assert recorded_table.rows[-2] == ["DEM, published", "43.1"]
     assert len(inputs.checks) == 6
     without_flights = input_estimation.run(Runner())
-    assert without_flights.remarks
+    assert "--flights" in without_flights.remarks[0]
     assert len(without_flights.checks) == 3
+
+
+def test_many_lines_have_one_legend_below_their_panels():
+    few = {"a": {f"line {index}": np.arange(3.0) for index in range(3)}}
+    many = {name: {f"line {index}": np.arange(3.0) for index in range(9)} for name in "ab"}
+    assert not draw_lines(few, "x").legends
+    figure = draw_lines(many, "x")
+    assert len(figure.legends) == 1
+    assert all(axes.get_legend() is None for axes in figure.axes)
 
 
 def test_a_model_without_noise_follows_its_inputs(model, window):

@@ -27,6 +27,7 @@ from mavdem.experiments.paper.estimation.roll_windows import (
     WITHOUT_WIND,
     RollWindow,
     flight_windows,
+    missing_flights_remark,
     simulated_window,
     wind_of_flight,
 )
@@ -286,7 +287,7 @@ def run(runner: Runner) -> ExperimentResult:
             checks += input_checks(in_wind, "flights in wind")
         tables += recorded_table(recorded)
     else:
-        remarks.append("Recorded flights are left out: --flights names their folder.")
+        remarks.append(missing_flights_remark(runner.recorded_flights))
     checks += input_checks(simulated, "simulated")
     tables += (
         Sentence("SSE of the hidden command in 10 s of each noise.", "Simulated:"),

@@ -129,7 +129,7 @@ def flight_windows(
         count: windows of a flight; a short flight has fewer.
 
     Returns:
-        The windows flight by flight. A window in which nothing moves, or with values that are not finite, is left out.
+        The windows flight by flight. One with a signal that does not move, or is not finite, is left out.
     """
     windows = []
     for name, flight in flights.items():
@@ -137,14 +137,22 @@ def flight_windows(
             first = FIRST_SAMPLE + number * samples
             states = np.asarray(flight.outputs[first : first + samples], float)
             motors = np.asarray(flight.inputs[first : first + samples], float)
-            is_complete = len(states) == samples
-            if (
-                is_complete
-                and np.isfinite(states).all()
-                and np.ptp(states[:, 0]) > 0 < np.ptp(motors)
-            ):
+            if len(states) == samples and is_moving(states) and is_moving(motors):
                 windows.append(roll_window(name, states, states[:, :1], motors, float(flight.dt)))
     return windows
+
+
+def missing_flights_remark(flights: Mapping[str, Flight]) -> str:
+    """Returns the sentence on why a report has no windows of recorded flights: none are given, or none is usable."""
+    if flights:
+        return f"None of the {len(flights)} recorded flights has a whole window in which it moves."
+    return "Recorded flights are left out: --flights names their folder."
+
+
+def is_moving(signals: Array) -> bool:
+    """Returns whether all signals (T, channels) are finite and change: a tracker that has lost the vehicle repeats."""
+    spans = np.ptp(signals, axis=0)
+    return bool(np.isfinite(spans).all() and (spans > 0).all())
 
 
 def roll_window(

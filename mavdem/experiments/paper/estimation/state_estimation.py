@@ -37,6 +37,7 @@ from mavdem.experiments.paper.estimation.roll_windows import (
     WITHOUT_WIND,
     RollWindow,
     flight_windows,
+    missing_flights_remark,
     simulated_window,
     wind_of_flight,
 )
@@ -304,7 +305,7 @@ def run(runner: Runner) -> ExperimentResult:
         )
         pictures = (_delay_picture(by_delay),)
     else:
-        remarks.append("Recorded flights are left out: --flights names their folder.")
+        remarks.append(missing_flights_remark(runner.recorded_flights))
     return ExperimentResult(tuple(checks), numbers, tables, pictures, tuple(remarks))
 
 
