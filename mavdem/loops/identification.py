@@ -10,7 +10,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from mavdem.arrays import Array
 from mavdem.dataset.attitude import Attitude
@@ -30,29 +29,22 @@ from mavdem.flight import Flight, boot_number
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import gyro_delay, gyro_response
+from mavdem.loops.identified_plant import physical_plant
 from mavdem.loops.loop_construction import inputs_per_demand, logged_controller
-from mavdem.loops.margins import controller_response, rate_loop
+from mavdem.loops.margins import OpenLoop, controller_response, rate_loop
 from mavdem.plant import Physical
 from mavdem.plant.closed_loop.identification import IdentifiedAxis, identify_axis
 from mavdem.plant.closed_loop.likelihood import AxisPosterior
-from mavdem.plant.closed_loop.parameters import PLANT, LoopParameters
 from mavdem.plant.closed_loop.response import KnownController, Quantity
 from mavdem.plant.closed_loop.spectra import (
+    LOWEST_FREQUENCY,
     SPECTRUM_SECONDS,
     CrossSpectra,
     Messages,
     cross_spectra,
 )
-from mavdem.plant.estimation import MOTION_BAND_HZ
 from mavdem.plant.identifiability import PARAMETERS
-from mavdem.plant.parameters import (
-    DYNAMICS,
-    EFFECTS,
-    LAG_AND_DELAY,
-    PLANT_MINIMUM,
-    wind_torque_density,
-)
-from mavdem.plant.sampled_plant import FIRST_ORDER, GAUSSIAN_KERNEL, WindComponent
+from mavdem.plant.parameters import DYNAMICS, EFFECTS, PLANT_MINIMUM
 
 MIN_WINDOWS = 4
 """Least number of windows of ``SPECTRUM_SECONDS``, which overlap by half: a choice."""
@@ -71,33 +63,13 @@ flights of ``tools/validation/loops.py`` phase margins then erred by 14°; above
 """
 MAX_EXPLAINED_FREQUENCY = 4.0
 """Highest frequency at which the output is compared with what the controller makes of the setpoint, Hz: a choice."""
-MAX_PHASE_MARGIN_HALF_WIDTH = 15.0
-"""Largest half width of the phase margin's 90 % interval, degrees: a choice."""
+MAX_PHASE_MARGIN_HALF_WIDTH = 10.0
+"""Largest half width of the phase margin's 90 % interval, degrees.
+
+A tuner aims at 45° and is warned below 35°: an interval that is wider than from the one to the other helps nobody.
+"""
 MARGIN_DRAWS = 100
 """Number of draws of the plant for that interval."""
-
-LOG_MODEL_DEVIATIONS = {"effect": 0.02, "damping": 0.1, "lag": 0.0, "delay": 0.03}
-"""Standard deviation of the model's error of the logarithm of each parameter, besides that of the likelihood.
-
-Signals do not change evenly between their samples, as the model assumes. Chosen on half of the flights of
-``tools/validation/loops.py``, as are the next four.
-"""
-SATURATION_EFFECT_DEVIATION = 0.1
-"""The same for the effect, where limits cut off all of the output: rotors spin up faster than they slow down."""
-UNSEEN_EFFECT_DEVIATION = 1.5
-"""The same for the effect, per second between messages beyond a control cycle: commands between messages are unseen."""
-LAG_DELAY_DEVIATION = 1 / 24
-"""Standard deviation by which the lag is too long and the delay too short, relative to the surplus interval.
-
-The surplus interval is the time between messages beyond a control cycle. Messages hardly separate lag from delay within
-it. The deviation triples where limits cut off all of the output, which then jumps unseen.
-"""
-DELAY_PER_EFFECT = 0.2
-"""Error of the delay that comes with an error of the effect, in motor lags per unit of the effect's logarithm.
-
-An effect that is too large comes with a lag that is too long and a delay that is too short: the response to quick
-changes, which a flight shows best, then stays the same.
-"""
 
 
 def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
@@ -117,7 +89,7 @@ def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physi
     # The fit takes seconds and is cached. What follows is quick.
     identified = _identified_loop(signals, tuple(flights_of_longest_boot(flights)))
     with one_thread(), np.errstate(all="ignore"):
-        plant = _physical_plant(identified.fit, identified.inputs_per_demand)
+        plant = physical_plant(identified.fit, identified.inputs_per_demand)
         try:
             plant = _checked_plant(plant, identified.inputs_per_demand, identified.controller)
         except np.linalg.LinAlgError:
@@ -427,8 +399,8 @@ def _coherent_share(spectra: CrossSpectra) -> float:
 def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -> Physical:
     """Checks an identified plant by the phase margin of the loop that it makes with its controller.
 
-    The rate loop is computed for the estimated plant and for draws from its posterior. If the 90 % interval of its
-    phase margin over the draws is wide, the flight did not determine the plant, and it is refused.
+    The rate loop is computed for the estimated plant and for draws from its posterior. If it crosses over below the
+    spectra, or the 90 % interval of its phase margin over the draws is wide, the plant is refused.
 
     The parameters are marked as biased if the loop rings, that is if its phase margin is less than half of the usual
     one, and if it also crosses over beyond the corner frequency of the motors, 1 / lag. Then most of the motion is at
@@ -444,12 +416,31 @@ def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -
         The plant, with its parameters marked as biased where its loop rings.
 
     Raises:
-        NotLearnable: the phase margin is too uncertain, or the loop is unstable by the estimate, though it flew.
+        NotLearnable: as :func:`_require_known_margin`.
     """
     draws = plant.draws(MARGIN_DRAWS)
     effectiveness = draws[:, EFFECTS] @ per_demand
     dynamics = np.maximum(draws[:, DYNAMICS], PLANT_MINIMUM)
     rate = rate_loop(controller, effectiveness, dynamics)
+    _require_known_margin(rate)
+    # The corner frequency of a first-order lag is at ω · lag = 1.
+    is_beyond_motors = 2 * np.pi * rate.crossover * plant.lag > 1
+    if is_beyond_motors and rate.phase_margin < MARGIN_TARGETS["default"].phase_margin / 2:
+        rings = Fact(ParameterDoubt.LOOP_RINGS, frequency=rate.crossover)
+        status = dict.fromkeys(PARAMETERS, Status.BIASED)
+        return plant._replace(status=status, reasons=dict.fromkeys(PARAMETERS, rings))
+    return plant
+
+
+def _require_known_margin(rate: OpenLoop) -> None:
+    """Raises ``NotLearnable`` if the flight does not determine the phase margin of an identified rate loop.
+
+    That is so if its 90 % interval is wider than ``MAX_PHASE_MARGIN_HALF_WIDTH`` to either side; if the loop is
+    unstable by the estimate, though it flew; or if it crosses over below the lowest frequency of the spectra.
+
+    Args:
+        rate: rate loop of the estimated plant and of draws from its posterior.
+    """
     low, high = rate.phase_margin_interval
     is_certain = high - low <= 2 * MAX_PHASE_MARGIN_HALF_WIDTH
     if not (is_certain and rate.stable[0]):
@@ -460,127 +451,7 @@ def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -
             phase_margin_interval=interval,
             is_stable=bool(rate.stable[0]),
         )
-    # The corner frequency of a first-order lag is at ω · lag = 1.
-    is_beyond_motors = 2 * np.pi * rate.crossover * plant.lag > 1
-    if is_beyond_motors and rate.phase_margin < MARGIN_TARGETS["default"].phase_margin / 2:
-        rings = Fact(ParameterDoubt.LOOP_RINGS, frequency=rate.crossover)
-        status = dict.fromkeys(PARAMETERS, Status.BIASED)
-        return plant._replace(status=status, reasons=dict.fromkeys(PARAMETERS, rings))
-    return plant
-
-
-def _physical_plant(fit: IdentifiedAxis, per_demand: Array) -> Physical:
-    """Converts the fitted parameters of a loop to physical parameters, without the gyro's filters.
-
-    The fit has logarithms, and one effect, that of the demand. A plant has an effect for each input. So the effect is
-    spread over the inputs in proportion to how much a demand moves each of them, and the covariance is propagated by
-    the derivatives of the parameters by their logarithms. The errors of the model are added to it.
-
-    Args:
-        fit: posterior of the logarithms of the parameters.
-        per_demand: change of each input per unit of demand (r,).
-    """
-    values = LoopParameters.from_logarithms(fit.theta)
-    # The effects of all inputs, weighted by how much a demand moves them, add up to the identified effect of a demand.
-    effect = values.effect * per_demand / (per_demand @ per_demand)
-    # Derivatives of effect, damping, lag and delay by the four logarithms, (r + 3, 4).
-    jacobian = block_diag(effect[:, None], [values.damping], [values.lag], [values.delay])
-    covariance = jacobian @ fit.covariance[np.ix_(PLANT, PLANT)] @ jacobian.T
-    plant = Physical(
-        effect=effect,
-        damping=values.damping,
-        lag=values.lag,
-        delay=values.delay,
-        covariance=covariance,
-        status=dict.fromkeys(PARAMETERS, Status.REPORTED),
-        reasons=dict.fromkeys(PARAMETERS),
-        bias=0.0,
-        wind_share=np.nan,
-        components=(
-            WindComponent(FIRST_ORDER, values.drift_size, values.drift_time),
-            WindComponent(FIRST_ORDER, values.eddy_size, values.eddy_time),
-            WindComponent(GAUSSIAN_KERNEL, values.gust_size, values.gust_time),
-        ),
-        noise=np.hypot(values.gyro_noise, values.filtered_noise),
-        refinements={},
-        windows=len(fit.posterior.spectra.densities),
-        filtered=False,
-    )
-    return plant._replace(
-        wind_share=_wind_share(plant, values, fit.posterior.spectra),
-        covariance=covariance + _model_error_covariance(fit, effect, values, jacobian),
-    )
-
-
-def _wind_share(plant: Physical, values: LoopParameters, spectra: CrossSpectra) -> float:
-    """Returns the share of the wind in the variance of all torque, in the band of the vehicle's motion.
-
-    The rest is the torque of the motors, with the density |effect / (1 + jω lag)|² S_u for an output u of density S_u.
-    Integrals are sums over the bands of the spectra, up to the highest frequency of ``MOTION_BAND_HZ``.
-
-    Args:
-        plant: the plant, with the components of the wind torque.
-        values: parameters of the loop, with the effect of a demand, rad/s², and the motors' lag, s.
-        spectra: cross-spectra of the loop, with the density of the output.
-
-    Returns:
-        Variance of the wind torque over that of all torque, 0 to 1.
-    """
-    _, highest = MOTION_BAND_HZ
-    frequency = spectra.frequency[spectra.frequency <= highest]
-    torque_per_demand = values.effect / (1 + 2j * np.pi * frequency * values.lag)
-    output_density = spectra.mean_density[: len(frequency), Quantity.OUTPUT, Quantity.OUTPUT].real
-    bandwidth = np.gradient(frequency)
-    wind_variance = bandwidth @ wind_torque_density(plant, frequency)
-    # The density of the output is two-sided, that of the wind is one-sided.
-    motor_variance = 2 * bandwidth @ (np.abs(torque_per_demand) ** 2 * output_density)
-    return float(wind_variance / (wind_variance + motor_variance))
-
-
-def _model_error_covariance(
-    fit: IdentifiedAxis, effect: Array, values: LoopParameters, jacobian: Array
-) -> Array:
-    """Returns the covariance of effects, damping, lag and delay by errors of the model.
-
-    The likelihood's covariance takes the model for exact. But commands between messages are unseen, and limits of the
-    outputs are not modelled. This covariance has four independent errors, of the logarithms of effect, damping, lag and
-    delay. Their standard deviations are those of ``LOG_MODEL_DEVIATIONS``, and others that grow with the time between
-    messages and with the share of the output that limits cut off.
-
-    A flight shows the response to quick changes best, so errors leave that response nearly as it is: an error of the
-    effect or the lag comes with errors of the others that compensate for it. Each column of ``directions`` is one such
-    combination, for an error of 1 of the logarithm.
-
-    Args:
-        fit: posterior, with the time between messages beyond a control cycle and the fraction that limits cut off.
-        effect: effect of each input (r,).
-        values: parameters of the axis.
-        jacobian: derivatives of effects, damping, lag and delay by their four logarithms (r + 3, 4).
-
-    Returns:
-        Covariance (r + 3, r + 3), in the order effects, damping, lag, delay.
-    """
-    lag, delay = values.lag, values.delay
-    effect_column, lag_column = 0, 2
-    directions = jacobian.copy()
-    # With more effect by one in its logarithm, the lag is longer by one lag and the delay shorter by a part of it.
-    directions[LAG_AND_DELAY, effect_column] = lag, -DELAY_PER_EFFECT * lag
-    # A lag that is longer by itself comes with a delay that is shorter by half as much, and half the relative change of
-    # the effect.
-    directions[:, lag_column] += np.concatenate([effect, [0.0, 0.0, -lag]]) / 2
-    surplus_interval = fit.posterior.densities.surplus_interval
-    lag_against_delay = LAG_DELAY_DEVIATION * (1 + 2 * fit.saturation_loss) * surplus_interval
-    effect_deviation = np.hypot(
-        SATURATION_EFFECT_DEVIATION * fit.saturation_loss,
-        UNSEEN_EFFECT_DEVIATION * surplus_interval,
-    )
-    # In the order of LOG_MODEL_DEVIATIONS: effect, damping, lag, delay.
-    sampling_deviations = [
-        effect_deviation,
-        0.0,
-        lag_against_delay / lag,
-        lag_against_delay / delay,
-    ]
-    model_deviations = list(LOG_MODEL_DEVIATIONS.values())
-    variances = np.square(model_deviations) + np.square(sampling_deviations)
-    return directions * variances @ directions.T
+    if rate.crossover < LOWEST_FREQUENCY:
+        raise NotLearnable(
+            Loops.CROSSOVER_UNSEEN, crossover=rate.crossover, rate=None, frequency=LOWEST_FREQUENCY
+        )

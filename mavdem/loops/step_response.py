@@ -1,7 +1,8 @@
 """Step responses of the closed rate and attitude loop as a flight shows them, at any rate of its messages.
 
 The impulse response is estimated as in ``impulse_response``; steps, frequency responses and their figures follow from
-it, with 90 % intervals from draws of its values.
+it, with 90 % intervals from draws of its values. A rate loop that rises within a few messages has the step response of
+the identified loop instead (``identified_step``).
 """
 
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.random import default_rng
 
 from mavdem.arrays import Array
-from mavdem.confidence import INTERVAL_QUANTILES, Interval, coverage_factor
+from mavdem.confidence import coverage_factor
 from mavdem.dataset.segments import Segments
 from mavdem.dataset.signals import (
     MIN_SLOW_MOTION_RATE,
@@ -26,6 +27,8 @@ from mavdem.facts import Fact
 from mavdem.facts.loops import StepResponses
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.vocabulary import wrapped_angle
+from mavdem.loops.axis_loops import Loop
+from mavdem.loops.identified_step import identified_steps
 from mavdem.loops.impulse_response import (
     STEADY_STATE_ERROR,
     ImpulseResponse,
@@ -33,6 +36,7 @@ from mavdem.loops.impulse_response import (
 )
 from mavdem.loops.margins import Complex
 from mavdem.loops.resonance import DEFAULT_ANGLE_GAIN, MAX_FREQUENCY_RATIO, controller_if_known
+from mavdem.loops.step_figures import IntervalEstimate, rise_times, step_figures
 from mavdem.loops.welch import (
     MIN_COHERENCE,
     MIN_WINDOWS,
@@ -57,6 +61,11 @@ MAX_TIMING_ERROR_STEPS = 0.5
 
 PX4's rates in ATTITUDE_TARGET are up to 8 ms newer than their stamp too (``mavdem.dataset.setpoints``).
 """
+MIN_RISE_MESSAGES = 5.0
+"""Least rise time of a rate that deconvolution resolves, in intervals of its messages.
+
+At 100 Hz, 90 % bands of faster loops held 24 to 97 % of the true step (docs/evidence/loops.md).
+"""
 STEP_POINTS = 200
 """Number of time steps of a step response, and of frequencies of a frequency response: more than a chart shows."""
 RESPONSE_DRAWS = 300
@@ -70,10 +79,6 @@ MAX_GAIN_DEVIATION = 0.25
 """Largest standard deviation of |T| with which it counts as known: a choice."""
 MAX_STEP_HALF_WIDTH = 0.3
 """Half width of a step's band from which on it shows nothing: an overshoot of 30 % and none lie within it."""
-SETTLING_BAND = 0.05
-"""Distance from 1 within which a step has settled: the usual 5 %."""
-FREQUENCY_STEP = 0.05
-"""Step of the integral over a predicted frequency response, Hz."""
 MAX_DISAGREEING_SHARE = 0.3
 """Largest share of the frequencies at which a right prediction lies outside the band; by chance, a tenth does."""
 MIN_PIECE_RESPONSES = 4
@@ -83,22 +88,6 @@ DRAWS_SEED = 31
 
 FIGURES = ("overshoot", "rise_time", "settling", "delay", "peak", "peak_frequency")
 """Figures of a :class:`StepResponse`, by the names of its attributes."""
-
-
-class IntervalEstimate(NamedTuple):
-    """A figure with its 90 % interval."""
-
-    value: float
-    """The estimate."""
-    low: float
-    """Lower end of the interval."""
-    high: float
-    """Upper end of the interval."""
-
-    @property
-    def interval(self) -> Interval:
-        """The ends of the interval."""
-        return self.low, self.high
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +119,7 @@ class StepResponse(ImmutableResult):
     rise_time: IntervalEstimate
     """Time from 10 to 90 % of the step, s."""
     settling: IntervalEstimate
-    """Time until the step stays within ``SETTLING_BAND``, s."""
+    """Time until the step stays within 5 % of 1, s."""
     delay: IntervalEstimate
     """Time until the step is at one half, s."""
     peak: IntervalEstimate
@@ -197,7 +186,9 @@ class StepResponse(ImmutableResult):
         )
 
 
-def rate_step_response(signals: Signals, segments: Segments) -> StepResponse | Fact:
+def rate_step_response(
+    signals: Signals, segments: Segments, loop: Loop | None = None
+) -> StepResponse | Fact:
     """Measures the response of the body rate to its setpoint in flight.
 
     ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate setpoint. It is added where it is
@@ -206,6 +197,7 @@ def rate_step_response(signals: Signals, segments: Segments) -> StepResponse | F
     Args:
         signals: signals of the vehicle, for the axis.
         segments: segments of the flight to use.
+        loop: the identified loop of the axis, for a rate that is too fast for its messages; ``None`` without one.
 
     Returns:
         The step response, or a fact with the reason.
@@ -221,7 +213,7 @@ def rate_step_response(signals: Signals, segments: Segments) -> StepResponse | F
         is_ardupilot = signals.telemetry.autopilot == "ARDUPILOTMEGA"
         if is_ardupilot and signals.angle_setpoint is not None:
             series.append(_unwrapped(signals.angle_setpoint))
-    return _measured_step_response(signals, "rate", series, segments, MIN_STREAM_RATE)
+    return _measured_step_response(signals, "rate", series, segments, MIN_STREAM_RATE, loop)
 
 
 def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse | Fact:
@@ -253,6 +245,7 @@ def _measured_step_response(
     series: Sequence[TimeSeries],
     segments: Segments,
     min_rate: float,
+    rate_loop: Loop | None = None,
 ) -> StepResponse | Fact:
     """Measures the step response of the rate or the attitude loop of one axis.
 
@@ -266,6 +259,7 @@ def _measured_step_response(
         series: setpoint, response and, for the rate loop, the angle and its setpoint as far as they were recorded.
         segments: segments of the flight to use.
         min_rate: lowest accepted rate of messages, Hz.
+        rate_loop: the identified loop, for a rate that is too fast for its messages; ``None`` without one.
 
     Returns:
         The step response; or the fact that messages are too slow or too few, or that the setpoint hardly moves.
@@ -312,7 +306,9 @@ def _measured_step_response(
     )
     if impulse_response is None:
         return setpoint_moves_too_little
-    return _step_response_with_figures(signals.axis, loop, impulse_response, timing_error, spectra)
+    return _step_response_with_figures(
+        signals.axis, loop, impulse_response, timing_error, spectra, rate_loop
+    )
 
 
 def _bring_setpoint_within_half_turn(pieces: Sequence[Array]) -> None:
@@ -434,13 +430,19 @@ def _responses(estimate: ImpulseResponse, timing_error: float, max_frequency: fl
 
 
 def _step_response_with_figures(
-    axis: str, loop: str, estimate: ImpulseResponse, timing_error: float, spectra: WelchSpectra
+    axis: str,
+    loop: str,
+    estimate: ImpulseResponse,
+    timing_error: float,
+    spectra: WelchSpectra,
+    rate_loop: Loop | None,
 ) -> StepResponse | Fact:
     """Describes an estimated impulse response by its step and frequency response, with figures and 90 % intervals.
 
     Step and frequency responses are computed for the estimate and for random draws from its normal distribution. The
     spread of the draws shows the error: a half width is their standard deviation times a factor. The frequency response
-    ends where the setpoint does not move fast enough to show more of it.
+    ends where the setpoint does not move fast enough to show more of it. The identified loop changes the step alone, so
+    that the measured frequency response remains a test of the loop.
 
     Args:
         axis: "roll", "pitch" or "yaw".
@@ -448,6 +450,7 @@ def _step_response_with_figures(
         estimate: the impulse response.
         timing_error: largest time by which the setpoint may be early or late, s.
         spectra: cross-spectra of setpoint and response, for their coherence.
+        rate_loop: the identified loop, for a rate that is too fast for its messages; ``None`` without one.
 
     Returns:
         The step response; or the fact that setpoints moved too little, where fewer than two frequencies are known or
@@ -457,21 +460,27 @@ def _step_response_with_figures(
     nyquist_frequency = estimate.sampling_rate / 2
     usable_frequency = nyquist_frequency if loop == "rate" else nyquist_frequency / 2
     responses = _responses(estimate, timing_error, MAX_FREQUENCY_RATIO * usable_frequency)
+    steps = responses.steps
+    if rate_loop is not None:
+        identified = identified_steps(rate_loop, responses.time, RESPONSE_DRAWS)
+        message_interval = timing_error / MAX_TIMING_ERROR_STEPS
+        if identified is not None and _is_too_fast(responses.time, identified, message_interval):
+            steps = identified
     gains = np.abs(responses.responses)
     coherence = _coherence_where_driven(spectra)
     # Row 0 of all responses is the estimate, the others are draws.
     known_count = _known_frequency_count(responses.frequency, gains, spectra.frequency, coherence)
-    step_half_width = coverage_factor() * responses.steps[1:].std(axis=0)
+    step_half_width = coverage_factor() * steps[1:].std(axis=0)
     if known_count < 2 or step_half_width.max() >= MAX_STEP_HALF_WIDTH:
         return Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
     frequency = responses.frequency[:known_count]
     gains = gains[:, :known_count]
-    figures = _figures(responses.time, responses.steps, frequency, gains)
+    figures = step_figures(responses.time, steps, frequency, gains)
     return StepResponse(
         axis=axis,
         loop=loop,
         time=responses.time,
-        step=responses.steps[0],
+        step=steps[0],
         step_half=step_half_width,
         frequency=frequency,
         response=responses.responses[0, :known_count],
@@ -521,117 +530,13 @@ def _known_frequency_count(
     return min(certain_count, coherent_count)
 
 
-def _figures(
-    time: Array, steps: Array, frequency: Array, gains: Array
-) -> dict[str, IntervalEstimate]:
-    """Computes each of ``FIGURES``, such as the rise time, with its 90 % interval.
-
-    A figure is computed for the estimate and for each draw, and the interval follows from the draws. All figures are
-    those of :class:`StepResponse`.
+def _is_too_fast(time: Array, steps: Array, message_interval: float) -> bool:
+    """Returns whether a rate loop rises within so few messages that deconvolution would blur it.
 
     Args:
         time: times after the step (K,), s.
-        steps: responses to a step of 1 (N, K), that of the estimate in row 0, then those of draws.
-        frequency: known frequencies (F,), Hz.
-        gains: gains |T| (N, F), in the same order.
-
-    Returns:
-        Figures by name; times in s, frequencies in Hz.
+        steps: step responses of the identified loop (N, K), that of the estimate first.
+        message_interval: time between two messages, s.
     """
-    to_tenth = _first_times(time, steps, 0.1)
-    to_half = _first_times(time, steps, 0.5)
-    to_nine_tenths = _first_times(time, steps, 0.9)
-    # A step that never reaches 90 % has no rise time: the whole duration stands for it.
-    duration = time[-1]
-    has_risen = to_nine_tenths < duration
-    rise_time = np.where(has_risen, to_nine_tenths - to_tenth, to_nine_tenths)
-    # A step settles at the last time at which it is outside the band around 1.
-    is_unsettled = abs(steps - 1) > SETTLING_BAND
-    settling_time = np.where(is_unsettled, time, 0.0).max(axis=1, initial=time[0])
-    values = {
-        "overshoot": _unbiased_overshoots(steps),
-        "rise_time": rise_time,
-        "settling": settling_time,
-        "delay": to_half,
-        "peak": gains.max(axis=1),
-        "peak_frequency": frequency[gains.argmax(axis=1)],
-    }
-    return {name: _with_interval(figure) for name, figure in values.items()}
-
-
-def _unbiased_overshoots(steps: Array) -> Array:
-    """Returns the overshoots of the estimate and of draws, without what noise adds to a largest value.
-
-    Noise raises the highest value of a step. The estimate contains noise once, and a draw, made around the estimate,
-    twice. So the mean excess of the draws over the estimate is the bias of the estimate, as in a bootstrap. The excess
-    of each draw is reflected about the uncorrected estimate, which gives the basic bootstrap's interval (A. C. Davison
-    and D. V. Hinkley, Bootstrap Methods and their Application, sec. 5.2).
-
-    Args:
-        steps: responses to a step of 1 (N, K), that of the estimate in row 0, then those of draws.
-
-    Returns:
-        Overshoots (N,), 0 or more, as fractions of the step, in the same order.
-    """
-    raw_overshoots = np.maximum(steps.max(axis=1) - 1, 0.0)
-    raw_estimate = raw_overshoots[0]
-    excess = raw_overshoots - raw_estimate
-    bias = excess[1:].mean()
-    excess[0] = bias
-    return np.maximum(raw_estimate - excess, 0.0)
-
-
-def _first_times(time: Array, steps: Array, level: float) -> Array:
-    """Returns the times at which responses to a step first exceed a level, linearly interpolated.
-
-    Args:
-        time: times after the step (K,), s.
-        steps: responses (N, K), which are 0 at time 0.
-        level: level to be exceeded, as a fraction of the step.
-
-    Returns:
-        Times (N,), s; the last of ``time`` where a response never exceeds the level.
-    """
-    # The running maximum never falls, so it exceeds the level once.
-    running_maximum = np.maximum.accumulate(steps, axis=1)
-    is_below = running_maximum <= level
-    # The values before and after the level is exceeded; the first sample, which is 0, is below any level.
-    value_before = running_maximum.max(axis=1, where=is_below, initial=0.0)
-    value_after = running_maximum.min(axis=1, where=~is_below, initial=np.inf)
-    last_below = is_below.sum(axis=1) - 1
-    # Where the level is never exceeded, the value after is infinite, the fraction 0, and the sample the last one.
-    sample = last_below + (level - value_before) / (value_after - value_before)
-    return np.interp(sample, np.arange(len(time)), time)
-
-
-def _with_interval(values: Array) -> IntervalEstimate:
-    """Returns a figure with its 90 % interval.
-
-    Args:
-        values: figures (N,), that of the estimate first, then those of draws. 5 % of the draws lie below the interval
-            and 5 % above it; it is widened to hold the estimate.
-    """
-    low, high = np.quantile(values[1:], INTERVAL_QUANTILES).tolist()
-    value = values[0]
-    return IntervalEstimate(value, min(low, value), max(high, value))
-
-
-def step_from_frequency_response(frequency: Array, closed: Complex, time: Array) -> Array:
-    """Returns the response of a closed loop to a step of 1 of its setpoint: 2/π ∫ Re(T) sin(ωt) / ω dω.
-
-    This inverse Fourier transform of a causal, stable response needs its real part only. The integral is a sum over
-    midpoints of even steps of ``FREQUENCY_STEP``, up to the highest frequency.
-
-    Args:
-        frequency: frequencies (F,), Hz, ascending.
-        closed: frequency response T of the closed loop (F,).
-        time: times after the step (K,), s.
-
-    Returns:
-        Step response (K,).
-    """
-    midpoints = np.arange(FREQUENCY_STEP / 2, frequency[-1], FREQUENCY_STEP)
-    real_part = np.interp(midpoints, frequency, closed.real)
-    phases = 2 * np.pi * np.outer(time, midpoints)
-    kernel = np.sin(phases) / midpoints
-    return kernel @ real_part * FREQUENCY_STEP * 2 / np.pi
+    rise_time = rise_times(time, steps[:1])[0]
+    return bool(rise_time < MIN_RISE_MESSAGES * message_interval)

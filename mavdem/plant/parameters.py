@@ -93,6 +93,8 @@ class Physical(NamedTuple):
         windows: number of windows of the flight that were fitted.
         filtered: whether the lag includes that of the gyro's filters; the delay always does.
         refusal: why these are not the parameters of the plant in its closed loop, where that was asked for.
+        unexplained_output: standard deviation of what the output does besides the logged controller, relative to that
+            of the output; NaN where the plant was identified without its controller.
     """
 
     effect: Array
@@ -110,6 +112,7 @@ class Physical(NamedTuple):
     windows: int
     filtered: bool = True
     refusal: Fact | None = None
+    unexplained_output: float = np.nan
 
     def __repr__(self) -> str:
         mean, half = self.mean_effect()

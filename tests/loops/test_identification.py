@@ -183,12 +183,13 @@ def test_a_plant_without_draws_is_refused_and_unknown_margins_end_at_half_a_turn
 
     assert refused(plant_with, np.nan).code is Loops.LOOP_NOT_FOUND
     widths = []
-    for share in (14.0, 1e5):
+    for share in (7.0, 1e5):
         uncertain = refused(plant_with, share)
         assert uncertain.code is Loops.MARGIN_UNCERTAIN
         widths.append(np.ptp(uncertain.figures["phase_margin_interval"]))
     assert uncertain.figures["phase_margin_interval"][1] == 180.0
-    assert widths[0] == approx(31.5, abs=1.5) and plant_with(10.0), "15° to each side"
+    assert 20.0 < widths[0] < 30.0
+    assert plant_with(3.0).lag > 0, "less than 10° to each side"
 
 
 @mark.parametrize(

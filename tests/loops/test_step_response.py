@@ -16,12 +16,9 @@ from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.facts.loops import StepResponses
 from mavdem.ingest.vocabulary import IGNORE_ATTITUDE
+from mavdem.loops.identified_step import step_from_frequency_response
 from mavdem.loops.impulse_response import estimate_impulse_response
-from mavdem.loops.step_response import (
-    attitude_step_response,
-    rate_step_response,
-    step_from_frequency_response,
-)
+from mavdem.loops.step_response import attitude_step_response, rate_step_response
 
 HOVER = Hover(hovering=60.0)
 TIME = HOVER.stamps(200.0)

@@ -56,6 +56,9 @@ HALVES = {"choose": range(1000, 1024), "report": range(2000, 2024)}
 LOOP_RATE = DEFAULT_LOOP_RATES["ardupilot"]
 """Rate of the simulated autopilots' loops, and of their messages, Hz."""
 
+CACHE_FOLDER = Path.home() / ".cache" / "mavdem" / "loops"
+"""Folder in which simulated flights are kept, 4 MB each, unless another is given."""
+
 MAX_AT_LIMIT_SHARE = 0.15
 """Largest share of the time in the air with a motor at a limit."""
 
@@ -387,12 +390,12 @@ def error_statistics(rows: Any) -> pd.Series:
 
 
 HALF = click.option("--half", type=click.Choice(list(HALVES)), default="choose", show_default=True)
-CACHE = click.option("--cache", default="/tmp/loops", show_default=True, type=Path)
+CACHE = click.option("--cache", default=CACHE_FOLDER, show_default=True, type=Path)
 
 
 @command(__doc__, flights=24)
 @click.argument("logs", nargs=-1, type=Path)
-@click.option("--rates", default="400 200 100 50 25 10", help="Hz; inf: as recorded.")
+@click.option("--rates", default="400 200 100 80 50 25 10", help="Hz; inf: as recorded.")
 @HALF
 @CACHE
 def main(

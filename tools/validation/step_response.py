@@ -2,12 +2,14 @@
 """Step responses measured on simulated flights, compared with the true ones; prints a row for each flight.
 
 Vehicles, gains, autopilots, winds, manoeuvres and rates are drawn by the flight's number. The truth is that of
-``sitl_scenarios.truth``: the controller, hold, rotors, body and delay, linearised. It takes about two minutes on two
-processors. ``--rate`` sends all messages at another rate, Hz; PX4 sends at most at the 250 Hz of its loop.
+``sitl_scenarios.truth``: the controller, hold, rotors, body and delay, linearised. The rate loop of roll is identified
+too, as in a review: it shows a rate that is too fast for its messages. It takes about four minutes on two processors.
+``--rate`` sends all messages at another rate, Hz; PX4 sends at most at the 250 Hz of its loop.
 
 Usage: tools/validation/step_response.py [--flights N] [--first N] [--rate HZ] [--jobs N]
 """
 
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -20,18 +22,19 @@ from flights import (
     evaluate_flights,
     print_table,
     scenario_from_values,
-    simulated_telemetry,
 )
 from numpy.random import default_rng
 
+from mavdem.assessment.axis.loops import loop_of_axis
 from mavdem.assessment.flights import settled_flight
 from mavdem.dataset.signals import Signals
+from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
-from mavdem.loops.step_response import (
-    attitude_step_response,
-    rate_step_response,
-    step_from_frequency_response,
-)
+from mavdem.ingest.mavlink.vehicles import assemble
+from mavdem.loops.axis_loops import Loop
+from mavdem.loops.identified_step import step_from_frequency_response
+from mavdem.loops.step_response import attitude_step_response, rate_step_response
+from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.parameter_controller import controller_for
 from sitl_scenarios.scenario import Scenario
@@ -58,20 +61,24 @@ def evaluate_flight(number: int, rate: float) -> list[Values]:
         values["stream"]["rate"] = rate
     scenario = scenario_from_values(values, "ATTITUDE_TARGET")
     motion = fly(scenario)
-    signals = Signals(simulated_telemetry(scenario, motion))
+    log = assemble(recorded(scenario, motion))
+    signals = Signals(log.vehicles[0])
+    loop: Loop | None = None
+    with suppress(NotLearnable):
+        loop = loop_of_axis(signals, log)
     settled_parts = settled_flight(signals)
     frequency, responses = true_closed_loops(scenario, motion)
     measured_responses = {
-        "rate": rate_step_response(signals, settled_parts),
+        "rate": rate_step_response(signals, settled_parts, loop),
         "attitude": attitude_step_response(signals, settled_parts),
     }
     rows = []
-    for loop, measured in measured_responses.items():
-        row = {"loop": loop, "flight": number}
+    for name, measured in measured_responses.items():
+        row = {"loop": name, "flight": number}
         if isinstance(measured, Fact):
             row["why not"] = measured.code.name
         else:
-            true_response = responses[loop]
+            true_response = responses[name]
             true_step = step_from_frequency_response(frequency, true_response, measured.time)
             is_inside = abs(true_step - measured.step) <= measured.step_half
             row["inside, %"] = 100 * is_inside.mean()

@@ -12,12 +12,12 @@ from mavdem.dataset.axes import AXES
 from mavdem.facts import Fact, Facts
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import Loop
+from mavdem.loops.identified_step import step_from_frequency_response
 from mavdem.loops.margins import Complex, OpenLoop
 from mavdem.loops.step_response import (
     StepResponse,
     attitude_step_response,
     rate_step_response,
-    step_from_frequency_response,
 )
 
 RATE_FEEDFORWARD_PARAMETER = "ATC_RATE_FF_ENAB"
@@ -77,7 +77,7 @@ def responses_of(evidence: Evidence) -> Responses:
         signals = evidence.signals.for_axis(axis)
         loop = evidence.loops.get(axis)
         has_feedforward = bool(signals.telemetry.parameters.get(RATE_FEEDFORWARD_PARAMETER))
-        rate = rate_step_response(signals, segments)
+        rate = rate_step_response(signals, segments, loop if isinstance(loop, Loop) else None)
         attitude = attitude_step_response(signals, segments)
         if isinstance(loop, Loop):
             attitude_prediction = predicted_attitude_response(loop, has_feedforward)

@@ -57,7 +57,7 @@ INITIAL_STEPS = 8
 CONTINUED_ASCENTS = 2
 """Number of ascents, those with the highest posterior, that go on to convergence."""
 
-LOG_STEP_TIME_ODDS = (-2.0, 0.0, 2.0)
+LOG_STEP_TIME_ODDS = (-4.0, 0.0, 4.0)
 """Logarithms of ``step_time_odds`` from which each of these ascents goes on, where messages do not come every cycle.
 
 The posterior may have a mode with another plant near each of them. With one ascent only, one flight in five of those at

@@ -10,7 +10,8 @@ from mavdem.assessment.axis.twin import GainTrial, TwinMotion, try_gains
 from mavdem.assessment.evidence import Evidence
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.step_response import StepResponse, step_from_frequency_response
+from mavdem.loops.identified_step import step_from_frequency_response
+from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
 from mavdem.report.palette import PHYSICAL, PREDICTED, TRUTH
 

@@ -30,7 +30,8 @@ from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETER
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.filters import gyro_filters
-from mavdem.loops.step_response import IntervalEstimate, StepResponse
+from mavdem.loops.step_figures import IntervalEstimate
+from mavdem.loops.step_response import StepResponse
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, warning
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Group

@@ -1,0 +1,92 @@
+"""Step response of the identified rate loop, for loops that are too fast for deconvolution of their messages.
+
+Deconvolution knows setpoint and rate only at the stamps of their messages, so it blurs a loop that rises within a few
+of them. Identification models the sampling and the controller's cycle, and shows such a loop better.
+"""
+
+import numpy as np
+from numpy.random import default_rng
+
+from mavdem.arrays import Array
+from mavdem.loops.axis_loops import Loop
+from mavdem.loops.margins import Complex
+
+FREQUENCY_STEP = 0.05
+"""Step of the integral over a predicted frequency response, Hz."""
+MAX_UNEXPLAINED_OUTPUT = 0.05
+"""Largest share of the output besides the logged controller's with which its response to setpoints is trusted.
+
+A wrong controller shows there. Of the flights of ``tools/validation/step_response.py`` that chose methods, all that fly
+another controller than their parameters state have more, the others less.
+"""
+GAIN_DEVIATION = 0.02
+"""Standard deviation of the error of the identified loop's gain that its posterior lacks, relative to the gain.
+
+Below 1 Hz drag and position control act too, which identification leaves out.
+"""
+GAIN_SEED = 37
+"""Seed of the draws of that error, so that the same flight has the same figures."""
+
+
+def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
+    """Returns step responses of an identified rate loop: of the estimate, then of draws from its posterior.
+
+    How the controller treats the setpoint is known from its parameters alone: it is no part of the open loop. So the
+    controller must explain the logged output, and the closed loop must not contradict the measured rate.
+
+    Args:
+        loop: the identified loop.
+        time: times after the step (K,), s.
+        count: number n of draws.
+
+    Returns:
+        Step responses (n + 1, K). None where the controller does not explain the output, or the loop is unstable.
+    """
+    # A share of NaN, of a plant that was identified without its controller, fails the comparison.
+    if not loop.plant.unexplained_output <= MAX_UNEXPLAINED_OUTPUT:
+        return None
+    rate = loop.rate
+    if loop.agrees is False or not rate.stable[0]:
+        return None
+    closed = rate.closed[rate.stable][: count + 1]
+    steps = steps_from_frequency_responses(rate.frequency, closed, time)
+    # Few draws are unstable; stable ones take their places.
+    steps = np.resize(steps, (count + 1, len(time)))
+    gains = 1 + GAIN_DEVIATION * default_rng(GAIN_SEED).standard_normal(count)
+    steps[1:] *= gains[:, None]
+    return steps
+
+
+def step_from_frequency_response(frequency: Array, closed: Complex, time: Array) -> Array:
+    """Returns the response of one closed loop to a step of 1 of its setpoint.
+
+    Args:
+        frequency: frequencies (F,), Hz, ascending.
+        closed: frequency response T of the closed loop (F,).
+        time: times after the step (K,), s.
+
+    Returns:
+        Step response (K,).
+    """
+    return np.asarray(steps_from_frequency_responses(frequency, closed[None], time)[0])
+
+
+def steps_from_frequency_responses(frequency: Array, closed: Complex, time: Array) -> Array:
+    """Returns the responses of N closed loops to a step of 1 of their setpoint: 2/π ∫ Re(T) sin(ωt) / ω dω.
+
+    This inverse Fourier transform of a causal, stable response needs its real part only. The integral is a sum over
+    midpoints of even steps of ``FREQUENCY_STEP``, up to the highest frequency.
+
+    Args:
+        frequency: frequencies (F,), Hz, ascending.
+        closed: frequency responses T of the closed loops (N, F).
+        time: times after the step (K,), s.
+
+    Returns:
+        Step responses (N, K).
+    """
+    midpoints = np.arange(FREQUENCY_STEP / 2, frequency[-1], FREQUENCY_STEP)
+    real_parts = np.array([np.interp(midpoints, frequency, row.real) for row in closed])
+    phases = 2 * np.pi * np.outer(midpoints, time)
+    kernel = np.sin(phases) / midpoints[:, None]
+    return np.asarray(real_parts @ kernel * FREQUENCY_STEP * 2 / np.pi)

@@ -1,0 +1,129 @@
+"""Figures of a step response and of its frequency response, such as overshoot and rise time, with 90 % intervals."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.confidence import INTERVAL_QUANTILES, Interval
+
+SETTLING_BAND = 0.05
+"""Distance from 1 within which a step has settled: the usual 5 %."""
+
+
+class IntervalEstimate(NamedTuple):
+    """A figure with its 90 % interval."""
+
+    value: float
+    """The estimate."""
+    low: float
+    """Lower end of the interval."""
+    high: float
+    """Upper end of the interval."""
+
+    @property
+    def interval(self) -> Interval:
+        """The ends of the interval."""
+        return self.low, self.high
+
+
+def step_figures(
+    time: Array, steps: Array, frequency: Array, gains: Array
+) -> dict[str, IntervalEstimate]:
+    """Computes each figure of a step response, such as the rise time, with its 90 % interval.
+
+    A figure is computed for the estimate and for each draw, and the interval follows from the draws. All figures are
+    attributes of :class:`mavdem.loops.step_response.StepResponse`.
+
+    Args:
+        time: times after the step (K,), s.
+        steps: responses to a step of 1 (N, K), that of the estimate in row 0, then those of draws.
+        frequency: known frequencies (F,), Hz.
+        gains: gains |T| (N, F), in the same order.
+
+    Returns:
+        Figures by name; times in s, frequencies in Hz.
+    """
+    to_half = _first_times(time, steps, 0.5)
+    # A step settles at the last time at which it is outside the band around 1.
+    is_unsettled = abs(steps - 1) > SETTLING_BAND
+    settling_time = np.where(is_unsettled, time, 0.0).max(axis=1, initial=time[0])
+    values = {
+        "overshoot": _unbiased_overshoots(steps),
+        "rise_time": rise_times(time, steps),
+        "settling": settling_time,
+        "delay": to_half,
+        "peak": gains.max(axis=1),
+        "peak_frequency": frequency[gains.argmax(axis=1)],
+    }
+    return {name: _with_interval(figure) for name, figure in values.items()}
+
+
+def rise_times(time: Array, steps: Array) -> Array:
+    """Returns the times in which responses to a step rise from 10 to 90 % of it (N,), s.
+
+    Args:
+        time: times after the step (K,), s.
+        steps: responses (N, K), which are 0 at time 0. One that never reaches 90 % has the whole duration.
+    """
+    to_tenth = _first_times(time, steps, 0.1)
+    to_nine_tenths = _first_times(time, steps, 0.9)
+    has_risen = to_nine_tenths < time[-1]
+    return np.where(has_risen, to_nine_tenths - to_tenth, to_nine_tenths)
+
+
+def _unbiased_overshoots(steps: Array) -> Array:
+    """Returns the overshoots of the estimate and of draws, without what noise adds to a largest value.
+
+    Noise raises the highest value of a step. The estimate contains noise once, and a draw, made around the estimate,
+    twice. So the mean excess of the draws over the estimate is the bias of the estimate, as in a bootstrap. The excess
+    of each draw is reflected about the uncorrected estimate, which gives the basic bootstrap's interval (A. C. Davison
+    and D. V. Hinkley, Bootstrap Methods and their Application, sec. 5.2).
+
+    Args:
+        steps: responses to a step of 1 (N, K), that of the estimate in row 0, then those of draws.
+
+    Returns:
+        Overshoots (N,), 0 or more, as fractions of the step, in the same order.
+    """
+    raw_overshoots = np.maximum(steps.max(axis=1) - 1, 0.0)
+    raw_estimate = raw_overshoots[0]
+    excess = raw_overshoots - raw_estimate
+    bias = excess[1:].mean()
+    excess[0] = bias
+    return np.maximum(raw_estimate - excess, 0.0)
+
+
+def _first_times(time: Array, steps: Array, level: float) -> Array:
+    """Returns the times at which responses to a step first exceed a level, linearly interpolated.
+
+    Args:
+        time: times after the step (K,), s.
+        steps: responses (N, K), which are 0 at time 0.
+        level: level to be exceeded, as a fraction of the step.
+
+    Returns:
+        Times (N,), s; the last of ``time`` where a response never exceeds the level.
+    """
+    # The running maximum never falls, so it exceeds the level once.
+    running_maximum = np.maximum.accumulate(steps, axis=1)
+    is_below = running_maximum <= level
+    # The values before and after the level is exceeded; the first sample, which is 0, is below any level.
+    value_before = running_maximum.max(axis=1, where=is_below, initial=0.0)
+    value_after = running_maximum.min(axis=1, where=~is_below, initial=np.inf)
+    last_below = is_below.sum(axis=1) - 1
+    # Where the level is never exceeded, the value after is infinite, the fraction 0, and the sample the last one.
+    sample = last_below + (level - value_before) / (value_after - value_before)
+    return np.interp(sample, np.arange(len(time)), time)
+
+
+def _with_interval(values: Array) -> IntervalEstimate:
+    """Returns a figure with its 90 % interval.
+
+    Args:
+        values: figures (N,), that of the estimate first, then those of draws. 5 % of the draws lie below the interval
+            and 5 % above it; it is widened to hold the estimate.
+    """
+    low, high = np.quantile(values[1:], INTERVAL_QUANTILES).tolist()
+    value = values[0]
+    return IntervalEstimate(value, min(low, value), max(high, value))

@@ -1,0 +1,96 @@
+"""Step responses of identified rate loops: which are trusted, and that a loop that flew has no draw without margin."""
+
+from dataclasses import replace
+
+import numpy as np
+from made_up_loop import made_up
+from numpy.testing import assert_allclose
+from pytest import approx, fixture, mark, raises
+
+from mavdem.errors import NotLearnable
+from mavdem.facts import Fact
+from mavdem.facts.loops import Loops, Responses
+from mavdem.loops.identification import MAX_PHASE_MARGIN_HALF_WIDTH, _require_known_margin
+from mavdem.loops.identified_step import (
+    MAX_UNEXPLAINED_OUTPUT,
+    identified_steps,
+    step_from_frequency_response,
+)
+from mavdem.loops.loop_construction import loop_from_plant
+from mavdem.loops.margins import rate_loop
+from mavdem.loops.measured_response import MeasuredResponse
+from mavdem.loops.step_response import MIN_RISE_MESSAGES, _is_too_fast
+
+TIME = np.linspace(0.0, 0.5, 101)
+
+
+@fixture(scope="module")
+def loop():
+    """A loop whose controller explains nearly all of the output."""
+    made = made_up()
+    return replace(made, plant=made.plant._replace(unexplained_output=0.01))
+
+
+def test_the_step_of_an_identified_loop_is_that_of_its_estimate_with_draws_about_it(loop):
+    steps = identified_steps(loop, TIME, 50)
+    true = step_from_frequency_response(loop.rate.frequency, loop.rate.closed[0], TIME)
+    assert steps.shape == (51, 101)
+    assert_allclose(steps[0], true)
+    assert steps[1:].mean(axis=0) == approx(true, abs=0.05)
+    assert steps[1:].std(axis=0).max() < 0.1
+    assert steps[0, -1] == approx(1.0, abs=0.1)
+
+
+def test_a_controller_that_explains_too_little_of_the_output_shows_no_step(loop):
+    other = loop.plant._replace(unexplained_output=2 * MAX_UNEXPLAINED_OUTPUT)
+    assert identified_steps(replace(loop, plant=other), TIME, 5) is None
+    # The made-up plant, as one of inputs and outputs alone, has a share of NaN.
+    assert identified_steps(made_up(), TIME, 5) is None
+
+
+def test_a_loop_that_the_flight_contradicts_shows_no_step(loop):
+    reason = Fact(Responses.RESPONSE_DISAGREES, share=0.3, needed=0.8)
+    measured = MeasuredResponse((0.3, 8.0), 20.0, 30.0, 1.0, reason)
+    assert identified_steps(replace(loop, measured=measured), TIME, 5) is None
+
+
+def test_only_a_loop_that_rises_within_a_few_messages_is_too_fast():
+    """A step that rises evenly in 0.1 s takes 0.08 s from 10 to 90 %."""
+    steps = np.minimum(TIME / 0.1, 1.0)[None]
+    longest = 0.08 / MIN_RISE_MESSAGES
+    assert _is_too_fast(TIME, steps, 1.1 * longest)
+    assert not _is_too_fast(TIME, steps, 0.9 * longest)
+
+
+def test_draws_without_which_it_could_not_have_flown_are_left_out():
+    sound = made_up(2.5)
+    unsure = sound.plant._replace(covariance=30 * sound.plant.covariance)
+    loop = loop_from_plant(unsure, sound.record)
+    assert loop.rate.stable.all() and loop.attitude.stable.all()
+    assert 50 < len(loop.effectiveness) < len(sound.effectiveness)
+    assert loop.phase_margin_interval[0] >= 0
+
+
+@mark.parametrize(
+    "scale, deviation, code",
+    [
+        (1.0, 0.0, None),
+        (0.02, 0.0, Loops.CROSSOVER_UNSEEN),
+        (8.0, 0.0, Loops.MARGIN_UNCERTAIN),  # unstable
+        (1.0, 0.012, Loops.MARGIN_UNCERTAIN),
+    ],
+)
+def test_a_rate_loop_whose_margin_is_not_known_is_refused(loop, scale, deviation, code):
+    """Too slow for the spectra, unstable, or with a delay that is uncertain by 12 ms."""
+    effectiveness = np.full(101, scale * loop.effectiveness[0])
+    dynamics = np.tile(loop.dynamics[0], (101, 1))
+    dynamics[1:, 2] += np.linspace(-deviation, deviation, 100).clip(-dynamics[0, 2])
+    rate = rate_loop(loop.controller, effectiveness, dynamics)
+    if code is None:
+        _require_known_margin(rate)
+        return
+    with raises(NotLearnable) as refusal:
+        _require_known_margin(rate)
+    assert refusal.value.fact.code is code
+    assert MAX_PHASE_MARGIN_HALF_WIDTH == 10.0
+    assert str(refusal.value.fact).startswith("No margins: ")
