@@ -100,7 +100,7 @@ def _derivatives_by_logarithms(effect: Array, values: LoopParameters) -> Array:
         effect: effect of each of the r inputs (r,).
         values: parameters of the axis.
     """
-    derivatives: Array = block_diag(effect[:, None], values.damping, values.lag, values.delay)
+    derivatives: Array = block_diag(effect[:, None], [values.damping], [values.lag], [values.delay])
     return derivatives
 
 
