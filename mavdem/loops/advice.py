@@ -104,9 +104,9 @@ class Advice(ImmutableResult):
         ``SURE_SHARE`` of the models. Else they are called a step towards the margins.
 
         The figures of the fact are ``share``, the fraction of these models; ``has_room``, whether the logged gains
-        surely have the margins already; ``stage`` and ``flights``; ``bandwidth``, that of the rate loop, Hz, before and
-        after; ``expected``, the rating of the loops with the new gains; and the margins of the target, each under its
-        own name.
+        surely have the margins already; ``can_go_on``, whether more may be asked of loops that have them; ``stage`` and
+        ``flights``; ``bandwidth`` and ``crossover``, those of the rate loop, Hz, before and after; ``expected``, the
+        rating of the loops with the new gains; and the margins of the target, each under its own name.
         """
         if self.refusals:
             return Fact(Gains.NO_GAINS_ADVISED, reasons=self.refusals)
@@ -120,12 +120,14 @@ class Advice(ImmutableResult):
             code,
             share=self.sure,
             has_room=self.rating.is_good,
+            can_go_on=not reasons_for_no_gains(self.before, raises=True),
             stage=int(self.stage or 0),
             flights=self.flights,
             bandwidth=(
                 bandwidth_of_estimate(self.before.rate),
                 bandwidth_of_estimate(self.after.rate),
             ),
+            crossover=(self.before.rate.crossover, self.after.rate.crossover),
             expected=margin_rating(self.after, self.target),
             **self.target._asdict(),
         )

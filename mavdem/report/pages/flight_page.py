@@ -341,10 +341,9 @@ def _loops_chapter(assessment: Assessment, evidence: Evidence, advice: AdviceByA
         return Chapter("Control loops", [*decisions, *blocks])
     # Each axis has a column of charts, in which the loop now and the loop with advised gains are drawn together.
     columns = [loop_charts(axis_loops) for axis_loops in loops_by_axis.values()]
-    text = (
-        "Open loops with 90 % bands. Blue: with the gains that flew; green: with the advised ones. "
-        "Dashed: where the gain is 1, with the phase margin."
-    )
+    text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
+    if any(len(compared) > 1 for compared in loops_by_axis.values()):
+        text += " Blue: with the gains that flew; green: with the advised ones."
     groups = [Group(tuple(columns), text)]
     for trial in gain_trial_groups(evidence, advice, assessment.responses).values():
         # All axes have one caption, below the last.
