@@ -95,6 +95,8 @@ def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Fac
 def _attitude_statements(signals: Signals, boot: int, interval: Interval) -> Facts:
     """Returns that the attitude left its setpoint; nothing where it did not: the other motors may hold it.
 
+    Without a setpoint, half of the lean is taken for its error; then the statement has the whole lean.
+
     Args:
         signals: of the vehicle.
         boot: number of the boot.
@@ -107,7 +109,13 @@ def _attitude_statements(signals: Signals, boot: int, interval: Interval) -> Fac
     angle = float(error.magnitude[rows].max(initial=0.0))
     if angle < MIN_LEAN_ERROR:
         return ()
-    return (supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle),)
+    has_setpoint = bool(error.has_setpoint[rows].any())
+    if not has_setpoint:
+        angle *= 2
+    statement = supporting_statement(
+        Witness.ATTITUDE_LEFT_SETPOINT, angle=angle, has_setpoint=has_setpoint
+    )
+    return (statement,)
 
 
 def _sink_statements(signals: Signals, boot: int, interval: Interval) -> Facts:
