@@ -6,15 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from known_gains import ARDUPILOT, X_ROLL
+from loop_samples import CONTROLLER, DT, dense_covariance, simulated
+from refusals import refused
 
 from mavdem.arrays import Array
 from mavdem.baselines import ClosedLoop, closed_loop
 from mavdem.dem.engine.gauss_newton import QuadraticExpansion
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
+from mavdem.experiments.methods.plant_in_loop import recorded_controller
+from mavdem.facts.loops import Loops
+from mavdem.loops.loop_construction import inputs_per_demand, logged_controller
 from mavdem.plant.closed_loop.evidence import LoopData, LoopPosterior
 from mavdem.plant.closed_loop.state_space import NAMES, sampled_loop, wind_torque_output
-from tests.plant.test_loop_evidence import CONTROLLER, DT, dense_covariance, simulated
 
 TRAINING = 25
 """Samples of the training data."""
@@ -126,3 +131,36 @@ def test_several_combinations_of_motors_are_refused() -> None:
     motors = np.column_stack([samples[:, 2], samples[::-1, 2]])
     with pytest.raises(ValueError, match="one combination"):
         closed_loop(Record(motors, samples[:, :2], DT, (60,)))
+
+
+def recorded(parameters: dict[str, float]) -> Record:
+    """Returns a record of a quadrotor X with these parameters, its motors half way between 1000 and 2000 µs."""
+    samples = simulated(20, seed=6)
+    return Record(
+        np.full((20, 4), 1500.0),
+        samples[:, :2],
+        DT,
+        (20,),
+        effect_directions=np.array(X_ROLL),
+        parameters=parameters,
+        input_range=(1000.0, 2000.0),
+    )
+
+
+def test_gains_are_those_of_the_parameters() -> None:
+    record = recorded(ARDUPILOT)
+    mixer_row = np.array(X_ROLL) / 2
+    controller = recorded_controller(record, mixer_row)
+    assert controller.angle_gain == ARDUPILOT["ATC_ANG_RLL_P"]
+    assert controller.integral_ratio == pytest.approx(0.3 / 0.14)
+    assert controller.derivative_ratio == pytest.approx(0.004 / 0.14)
+    logged = logged_controller(ARDUPILOT, "roll", np.array(X_ROLL))
+    per_demand = mixer_row @ inputs_per_demand(logged, record)
+    assert controller.p == pytest.approx(0.14 * per_demand)
+
+
+def test_gains_without_a_logarithm_are_refused() -> None:
+    row = np.array(X_ROLL) / 2
+    without_gain = recorded({**ARDUPILOT, "ATC_RAT_RLL_P": 0.0})
+    assert refused(recorded_controller, without_gain, row).code == Loops.NO_PROPORTIONAL_GAIN
+    assert refused(recorded_controller, recorded(ARDUPILOT), -row).code == Loops.MIXER_REVERSED

@@ -20,6 +20,7 @@ from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record, TrainingData
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
+from mavdem.facts.loops import Loops
 from mavdem.loops.loop_construction import inputs_per_demand, logged_controller, record_axis
 from mavdem.loops.margins import OpenLoop, rate_loop
 from mavdem.plant.closed_loop.evidence import LoopData, LoopPosterior, fit_closed_loop
@@ -67,7 +68,7 @@ def closed_loop(train: TrainingData, controller_known: bool = True) -> ClosedLoo
         The model at the maximum of its posterior.
 
     Raises:
-        NotLearnable: no mixer can be estimated.
+        NotLearnable: a channel is constant, or no segment is long enough to estimate the mixer.
         ValueError: the outputs are not an angle and its rate, the motors have more than one combination that turns the
             axis, or no loop is stable.
     """
@@ -75,6 +76,7 @@ def closed_loop(train: TrainingData, controller_known: bool = True) -> ClosedLoo
     pairs = derivative_pairs(record)
     if record.outputs.shape[1] != 2 or not pairs:
         raise ValueError("a closed loop needs two outputs, an angle and its rate")
+    record.require_varying(known_inputs=True)
     with one_thread():
         mixer = axis_mixer(record)
         if mixer.shape[1] != 1:
@@ -120,12 +122,18 @@ def recorded_controller(record: Record, mixer_row: Array) -> LoopController:
         mixer_row: (r,) the combination.
 
     Raises:
-        NotLearnable: the parameters, or the mixer, are not known.
+        NotLearnable: the parameters, or the mixer, are not known; there is no proportional gain; or the combination
+            turns the axis against the demand.
     """
     axis = record_axis(record)
     controller = logged_controller(record.parameters, axis, record.effect_directions)
+    if not controller.p > 0:
+        name = controller.parameter_names["p"]
+        raise NotLearnable(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p)
     # How much the combination changes by a unit of demand.
     per_demand = float(mixer_row @ inputs_per_demand(controller, record))
+    if not per_demand > 0:
+        raise NotLearnable(Loops.MIXER_REVERSED)
     return LoopController(
         angle_gain=controller.angle_gain,
         p=controller.p * per_demand,
