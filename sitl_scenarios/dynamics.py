@@ -28,7 +28,6 @@ from sitl_scenarios.vectors import (
     Vector3,
     Vector4,
     advanced,
-    dot,
     normalised,
     rotated,
     rotation_matrix,
@@ -130,7 +129,8 @@ def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> D
     """
     body = airframe(vehicle)
     condition = condition or sound_condition(body.rotors)
-    rotor_effects = _rotor_effects(vehicle, condition)
+    # Plain tuples are unpacked faster than named ones.
+    rotor_effects = [tuple(effect) for effect in _rotor_effects(vehicle, condition)]
     centre_forward, centre_right = condition.centre_of_mass
     mass = body.mass
     hub_height = body.hub_height
@@ -154,19 +154,21 @@ def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> D
     def accelerations(
         attitude: Quaternion, velocity: Vector3, rates: Vector3, rotors: Vector4, air: AirState
     ) -> Accelerations:
-        # Written out in floats: NumPy's calls on arrays of three would take ten times as long.
+        # Written out in floats: NumPy's calls on arrays of three would take ten times as long, and loops over three
+        # numbers twice as long.
         p, q, r = rates
         wind_north, wind_east, wind_down, air_p, air_q, roll_moment, pitch_moment, yaw_moment = air
-        rows = rotation_matrix(attitude)
+        # Elements of the rotation matrix, by the axis in NED and the body axis.
+        (nx, ny, nz), (ex, ey, ez), (dx, dy, dz) = rotation_matrix(attitude)
         north_speed, east_speed, down_speed = velocity
-        relative_air = (
-            wind_north - north_speed,
-            wind_east - east_speed,
-            wind_down - down_speed,
-        )
+        north_air = wind_north - north_speed
+        east_air = wind_east - east_speed
+        down_air = wind_down - down_speed
         # The transposed matrix rotates the relative air from NED into body axes.
-        ax, ay, az = [dot(column, relative_air) for column in zip(*rows, strict=True)]
-        airspeed = sqrt(dot(relative_air, relative_air))
+        ax = nx * north_air + ex * east_air + dx * down_air
+        ay = ny * north_air + ey * east_air + dy * down_air
+        az = nz * north_air + ez * east_air + dz * down_air
+        airspeed = sqrt(north_air * north_air + east_air * east_air + down_air * down_air)
         rotor_speed_sum = sum(rotors)
         drag_x = hull_drag_x * airspeed + rotor_drag_x * rotor_speed_sum
         force_x = drag_x * ax
@@ -210,18 +212,21 @@ def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> D
             total_moment_x -= right * thrust
             total_moment_y += forward * thrust
 
-        force = [dot(row, (force_x, force_y, force_z)) for row in rows]
-        north, east, down = [
-            (part - row[2] * total_thrust) / mass for part, row in zip(force, rows, strict=True)
-        ]
+        north_force = nx * force_x + ny * force_y + nz * force_z
+        east_force = ex * force_x + ey * force_y + ez * force_z
+        down_force = dx * force_x + dy * force_y + dz * force_z
         # Euler's equations of a rigid body without products of inertia.
         p_dot = (total_moment_x + (iy - iz) * q * r) / ix
         q_dot = (total_moment_y + (iz - ix) * r * p) / iy
         r_dot = (moment_z + total_torque + (ix - iy) * p * q) / iz
         return Accelerations(
-            (north, east, down + GRAVITY),
+            (
+                (north_force - nz * total_thrust) / mass,
+                (east_force - ez * total_thrust) / mass,
+                (down_force - dz * total_thrust) / mass + GRAVITY,
+            ),
             (p_dot, q_dot, r_dot),
-            tuple(force),
+            (north_force, east_force, down_force),
             (moment_x, moment_y, moment_z),
         )
 
@@ -267,13 +272,19 @@ class Body:
         self._vehicle = vehicle
         self._airframe = airframe(vehicle)
         self._step = step
+        self._half_step = step / 2
         self.apply_damage(sound_condition(self._airframe.rotors))
         rise_lag, fall_lag = self._airframe.rotor_lags
-        # Remaining fractions of a deviation after half a step and a step: exp(−t/τ).
-        self._half_step_rise = self._remaining_fraction(rise_lag / 0.5)
-        self._step_rise = self._remaining_fraction(rise_lag)
-        self._half_step_fall = self._remaining_fraction(fall_lag / 0.5)
-        self._step_fall = self._remaining_fraction(fall_lag)
+        # Remaining fractions of a deviation after half a step and a step: exp(−t/τ). One pair is for rotors that speed
+        # up, the other for those that slow down.
+        self._rise = (
+            self._remaining_fraction(rise_lag / 0.5),
+            self._remaining_fraction(rise_lag),
+        )
+        self._fall = (
+            self._remaining_fraction(fall_lag / 0.5),
+            self._remaining_fraction(fall_lag),
+        )
 
     def _remaining_fraction(self, time_constant: float) -> float:
         """Returns the fraction of a deviation that a first-order lag leaves after one step; 0 without a lag."""
@@ -332,28 +343,34 @@ class Body:
             State at the end of the step, with the accelerations at its middle.
         """
         step = self._step
-        half = self._step / 2
-        position, velocity, attitude, rates, rotors, previous = state
+        half = self._half_step
+        position, velocity, attitude, rates, rotors, (previous_linear, previous_angular, _, _) = (
+            state
+        )
         middle_rotors, rotors = self.lagged_speeds(rotors, settled_speeds)
         p, q, r = rates
         # State at the middle. The attitude turns with the rates at the beginning; their own change would be of higher
         # order.
-        half_angles_to_middle = p * half / 2, q * half / 2, r * half / 2
-        middle_attitude = rotated(attitude, half_angles_to_middle)
-        middle_velocity = advanced(velocity, previous.linear, half)
-        middle_rates = advanced(rates, previous.angular, half)
         accelerations = self.dynamics(
-            middle_attitude, middle_velocity, middle_rates, middle_rotors, air
+            rotated(attitude, (p * half / 2, q * half / 2, r * half / 2)),
+            advanced(velocity, previous_linear, half),
+            advanced(rates, previous_angular, half),
+            middle_rotors,
+            air,
         )
-        mean_velocity = advanced(velocity, accelerations.linear, half)
+        linear, angular, _, _ = accelerations
         # State at the end. Positions and angles change with the mean velocity and the mean rates of the step.
-        position = advanced(position, mean_velocity, step)
-        velocity = advanced(velocity, accelerations.linear, step)
-        mean_p, mean_q, mean_r = advanced(rates, accelerations.angular, half)
+        mean_velocity = advanced(velocity, linear, half)
+        mean_p, mean_q, mean_r = advanced(rates, angular, half)
         half_angles = (half * mean_p, half * mean_q, half * mean_r)
-        attitude = normalised(rotated(attitude, half_angles))
-        rates = advanced(rates, accelerations.angular, step)
-        return State(position, velocity, attitude, rates, rotors, accelerations)
+        return State(
+            advanced(position, mean_velocity, step),
+            advanced(velocity, linear, step),
+            normalised(rotated(attitude, half_angles)),
+            advanced(rates, angular, step),
+            rotors,
+            accelerations,
+        )
 
     def lagged_speeds(self, speeds: Vector4, settled_speeds: Vector4) -> LaggedSpeeds:
         """Returns the rotor speeds half a step and a step later, by the exact solution of their first-order lag.
@@ -370,10 +387,7 @@ class Body:
         for speed, settled_speed in zip(speeds, settled_speeds, strict=True):
             deviation = speed - settled_speed
             # A rotor below its settled speed speeds up.
-            if deviation < 0.0:
-                half_step.append(settled_speed + deviation * self._half_step_rise)
-                full_step.append(settled_speed + deviation * self._step_rise)
-            else:
-                half_step.append(settled_speed + deviation * self._half_step_fall)
-                full_step.append(settled_speed + deviation * self._step_fall)
+            half_step_fraction, step_fraction = self._rise if deviation < 0.0 else self._fall
+            half_step.append(settled_speed + deviation * half_step_fraction)
+            full_step.append(settled_speed + deviation * step_fraction)
         return LaggedSpeeds(tuple(half_step), tuple(full_step))

@@ -9,7 +9,6 @@ from operator import add
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import bilinear, butter, sosfreqz
 
 from mavdem.loops.autopilot_parameters import Notch
 from mavdem.loops.controllers import Controller
@@ -45,6 +44,9 @@ class Gyro:
         self.filtered_rates: Vector3 = NO_ROTATION
         sections: list[ArrayLike] = [IDENTITY_SECTION]
         if filters is not None:
+            # Importing scipy.signal takes half a second.
+            from scipy.signal import butter
+
             if 0 < filters.gyro_filter * step < MAX_NOTCH_FREQUENCY_RATIO:
                 sections += butter(2, filters.gyro_filter, fs=1 / step, output="sos").tolist()
             for notch in filters.notches:
@@ -59,6 +61,9 @@ class Gyro:
 
     def response(self, frequency: Array) -> Complex:
         """Returns the frequency response of the filters, (F,), at frequencies (F,) in Hz."""
+        # Importing scipy.signal takes half a second.
+        from scipy.signal import sosfreqz
+
         _, responses = sosfreqz(self._sections, frequency, fs=1 / self._step)
         return responses
 
@@ -134,6 +139,9 @@ def _notch_section(notch: Notch, step: float) -> ArrayLike:
     Returns:
         (6,) second-order section b0, b1, b2, a0, a1, a2, with a0 = 1.
     """
+    # Importing scipy.signal takes half a second.
+    from scipy.signal import bilinear
+
     k = tan(pi * notch.frequency * step)
     damping = k * notch.bandwidth / notch.frequency
     damping_at_centre = damping * 10 ** (-notch.attenuation / 20)

@@ -79,30 +79,37 @@ def ardupilot_thrusts(columns: Array, demands: Vector4) -> Array:
         Thrust of each motor, (n,), 0 to 1.
     """
     roll, pitch, yaw, thrust = demands
-    yaw_column = columns[2]
-    tilt_thrusts = (roll, pitch) @ columns[:2]
+    # From here on in floats: NumPy's calls on such small arrays take several times as long.
+    yaw_column = columns[2].tolist()
+    tilt_thrusts = ((roll, pitch) @ columns[:2]).tolist()
 
     # Each motor has room for yaw up to 1 or down to 0, by the direction in which yaw moves it. The motor with the least
     # room limits yaw.
     centred_thrust = min(MAX_CENTRED_THRUST, thrust)
-    room_upwards = 1 - centred_thrust - tilt_thrusts
-    room_downwards = centred_thrust + tilt_thrusts
-    rooms = np.where(yaw * yaw_column > 0, room_upwards, room_downwards)
-    yaw_room = (rooms / abs(yaw_column)).min()
-    max_yaw = max(yaw_room, YAW_HEADROOM)
+    yaw_rooms = []
+    for tilt_thrust, yaw_element in zip(tilt_thrusts, yaw_column, strict=True):
+        is_raised_by_yaw = yaw * yaw_element > 0
+        room_upwards = 1 - centred_thrust - tilt_thrust
+        room_downwards = centred_thrust + tilt_thrust
+        room = room_upwards if is_raised_by_yaw else room_downwards
+        yaw_rooms.append(room / abs(yaw_element))
+    max_yaw = max(min(yaw_rooms), YAW_HEADROOM)
     limited_yaw = min(max(yaw, -max_yaw), max_yaw)
 
     # One factor for all motors: their spread fits into 1, and none falls below 0 at the demanded thrust.
-    differential = tilt_thrusts + limited_yaw * yaw_column
-    depth = -differential.min()
-    spread_scale = 1 / max(np.ptp(differential), 1.0)
-    depth_scale = thrust / max(depth, thrust, MIN_DENOMINATOR)
+    differential = [
+        tilt_thrust + limited_yaw * yaw_element
+        for tilt_thrust, yaw_element in zip(tilt_thrusts, yaw_column, strict=True)
+    ]
+    lowest = min(differential)
+    highest = max(differential)
+    spread_scale = 1 / max(highest - lowest, 1.0)
+    depth_scale = thrust / max(-lowest, thrust, MIN_DENOMINATOR)
     scale = min(spread_scale, depth_scale)
-    differential *= scale
 
-    max_collective = 1 - differential.max()
-    collective = min(max(thrust, depth * scale), max_collective)
-    return collective + differential
+    max_collective = 1 - highest * scale
+    collective = min(max(thrust, -lowest * scale), max_collective)
+    return np.array([collective + scale * part for part in differential])
 
 
 def px4_thrusts(columns: Array, demands: Vector4) -> Array:

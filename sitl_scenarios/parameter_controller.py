@@ -5,6 +5,8 @@ demand and the motors are the autopilot's mixer, its inverse thrust curve and it
 control are the simulation's own. ``mavdem.loops.controllers`` says what each parameter means.
 """
 
+from math import sqrt
+
 import numpy as np
 
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
@@ -179,11 +181,14 @@ class ParameterController(FlightController):
         collective_thrust = self._thrust_of_command(collective_command)
         thrusts = self._mixed_thrusts(self._mixer_columns, (roll, pitch, yaw, collective_thrust))
         f = self._thrust_expo
-        discriminant = (1 - f) ** 2 + 4 * f * thrusts.clip(MIN_THRUST)
-        denominator = 1 - f + np.sqrt(discriminant)
         motor_range = self._range_end - self._range_start
-        commands = self._range_start + 2 * motor_range * thrusts / denominator
-        return tuple(commands.tolist())
+        commands = []
+        # In floats: NumPy's calls on such small arrays take several times as long.
+        for thrust in thrusts.tolist():
+            discriminant = (1 - f) ** 2 + 4 * f * max(thrust, MIN_THRUST)
+            denominator = 1 - f + sqrt(discriminant)
+            commands.append(self._range_start + 2 * motor_range * thrust / denominator)
+        return tuple(commands)
 
     def _thrust_of_command(self, command: float) -> float:
         """Returns the normalised thrust of a normalised command, by the autopilot's thrust curve."""

@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.signal import fftconvolve, lfilter
 from scipy.special import gamma, gammainc, kv
 
 from sitl_scenarios.motion import Array
@@ -74,6 +73,9 @@ def gaussian_noise(s: float, dt: float, samples: int, noise: Generator) -> Array
     Returns:
         (samples,) noise.
     """
+    # Importing scipy.signal takes half a second.
+    from scipy.signal import fftconvolve
+
     # Long periods are divided into steps, of which only the last of each period is returned.
     steps_per_sample = max(1, ceil(dt / (MAX_KERNEL_STEP * s)))
     step = dt / steps_per_sample
@@ -200,6 +202,9 @@ def dryden_transverse(time_constant: float, dt: float, samples: int, noise: Gene
 
 def _first_order_recursion(decay: float, drive: Array) -> Array:
     """Returns x with x[0] = drive[0] and x[k] = decay x[k − 1] + drive[k]; (N,) like the drive."""
+    # Importing scipy.signal takes half a second.
+    from scipy.signal import lfilter
+
     return lfilter([1.0], [1.0, -decay], drive)
 
 
