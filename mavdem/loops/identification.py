@@ -37,7 +37,6 @@ from mavdem.plant.closed_loop.identification import IdentifiedAxis, identify_axi
 from mavdem.plant.closed_loop.likelihood import AxisPosterior
 from mavdem.plant.closed_loop.response import KnownController, Quantity
 from mavdem.plant.closed_loop.spectra import (
-    LOWEST_FREQUENCY,
     SPECTRUM_SECONDS,
     CrossSpectra,
     Messages,
@@ -399,8 +398,8 @@ def _coherent_share(spectra: CrossSpectra) -> float:
 def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -> Physical:
     """Checks an identified plant by the phase margin of the loop that it makes with its controller.
 
-    The rate loop is computed for the estimated plant and for draws from its posterior. If it crosses over below the
-    spectra, or the 90 % interval of its phase margin over the draws is wide, the plant is refused.
+    The rate loop is computed for the estimated plant and for draws from its posterior. If the 90 % interval of its
+    phase margin over the draws is wide, the flight did not determine the plant, and it is refused.
 
     The parameters are marked as biased if the loop rings, that is if its phase margin is less than half of the usual
     one, and if it also crosses over beyond the corner frequency of the motors, 1 / lag. Then most of the motion is at
@@ -435,8 +434,8 @@ def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -
 def _require_known_margin(rate: OpenLoop) -> None:
     """Raises ``NotLearnable`` if the flight does not determine the phase margin of an identified rate loop.
 
-    That is so if its 90 % interval is wider than ``MAX_PHASE_MARGIN_HALF_WIDTH`` to either side; if the loop is
-    unstable by the estimate, though it flew; or if it crosses over below the lowest frequency of the spectra.
+    That is so if its 90 % interval is wider than ``MAX_PHASE_MARGIN_HALF_WIDTH`` to either side, or if the loop is
+    unstable by the estimate, though it flew.
 
     Args:
         rate: rate loop of the estimated plant and of draws from its posterior.
@@ -450,8 +449,4 @@ def _require_known_margin(rate: OpenLoop) -> None:
             Loops.MARGIN_UNCERTAIN,
             phase_margin_interval=interval,
             is_stable=bool(rate.stable[0]),
-        )
-    if rate.crossover < LOWEST_FREQUENCY:
-        raise NotLearnable(
-            Loops.CROSSOVER_UNSEEN, crossover=rate.crossover, rate=None, frequency=LOWEST_FREQUENCY
         )

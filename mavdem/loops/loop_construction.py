@@ -20,6 +20,7 @@ from mavdem.loops.controllers import Controller, controller_from_parameters
 from mavdem.loops.filters import gyro_delay
 from mavdem.loops.measured_response import measured_rate_response
 from mavdem.plant import Physical
+from mavdem.plant.closed_loop.spectra import LOWEST_FREQUENCY
 from mavdem.plant.likelihood import DELAY_PRIOR
 from mavdem.plant.parameters import (
     DELAY,
@@ -140,9 +141,14 @@ def _cautions(loop: Loop) -> list[Fact]:
     Raises:
         NotLearnable: the loop crosses over above half of the Nyquist frequency, by a plant whose lag contains that of
             the gyro's filters. (The loop of ArduCopter's simulator, with a margin of 19° at a crossover of 20 Hz, had
-            44° by messages at 50 Hz.)
+            44° by messages at 50 Hz.) Or it crosses over below the lowest frequency of the spectra, where position
+            control and drag move the vehicle too, which the model of one axis leaves out.
     """
     plant, record, rate = loop.plant, loop.record, loop.rate
+    if rate.crossover < LOWEST_FREQUENCY:
+        raise NotLearnable(
+            Loops.CROSSOVER_UNSEEN, crossover=rate.crossover, rate=None, frequency=LOWEST_FREQUENCY
+        )
     cautions = []
     if plant.bias:
         cautions.append(Fact(Loops.EFFECT_BIASED, because=plant.reasons["effect"]))

@@ -128,6 +128,8 @@ class StepResponse(ImmutableResult):
     """Frequency of the largest |T|, Hz."""
     coherence: float
     """Coherence of setpoint and response at that frequency."""
+    is_identified: bool = False
+    """Whether the step is that of the identified loop, because the rate is too fast for deconvolution."""
 
     @property
     def gain(self) -> Array:
@@ -145,6 +147,7 @@ class StepResponse(ImmutableResult):
             peak_interval=self.peak.interval,
             coherence=self.coherence,
             highest=self.max_frequency,
+            is_identified=self.is_identified,
             **figures,
         )
 
@@ -461,11 +464,15 @@ def _step_response_with_figures(
     usable_frequency = nyquist_frequency if loop == "rate" else nyquist_frequency / 2
     responses = _responses(estimate, timing_error, MAX_FREQUENCY_RATIO * usable_frequency)
     steps = responses.steps
+    identified = None
     if rate_loop is not None:
         identified = identified_steps(rate_loop, responses.time, RESPONSE_DRAWS)
-        message_interval = timing_error / MAX_TIMING_ERROR_STEPS
-        if identified is not None and _is_too_fast(responses.time, identified, message_interval):
-            steps = identified
+    message_interval = timing_error / MAX_TIMING_ERROR_STEPS
+    is_identified = identified is not None and _is_too_fast(
+        responses.time, identified, message_interval
+    )
+    if identified is not None and is_identified:
+        steps = identified
     gains = np.abs(responses.responses)
     coherence = _coherence_where_driven(spectra)
     # Row 0 of all responses is the estimate, the others are draws.
@@ -488,6 +495,7 @@ def _step_response_with_figures(
         max_frequency=frequency[-1],
         windows=estimate.windows,
         coherence=np.interp(figures["peak_frequency"].value, spectra.frequency, coherence),
+        is_identified=is_identified,
         **figures,
     )
 

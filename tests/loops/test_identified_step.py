@@ -10,7 +10,7 @@ from pytest import approx, fixture, mark, raises
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import Loops, Responses
-from mavdem.loops.identification import MAX_PHASE_MARGIN_HALF_WIDTH, _require_known_margin
+from mavdem.loops.identification import _require_known_margin
 from mavdem.loops.identified_step import (
     MAX_UNEXPLAINED_OUTPUT,
     identified_steps,
@@ -75,13 +75,12 @@ def test_draws_without_which_it_could_not_have_flown_are_left_out():
     "scale, deviation, code",
     [
         (1.0, 0.0, None),
-        (0.02, 0.0, Loops.CROSSOVER_UNSEEN),
         (8.0, 0.0, Loops.MARGIN_UNCERTAIN),  # unstable
         (1.0, 0.012, Loops.MARGIN_UNCERTAIN),
     ],
 )
 def test_a_rate_loop_whose_margin_is_not_known_is_refused(loop, scale, deviation, code):
-    """Too slow for the spectra, unstable, or with a delay that is uncertain by 12 ms."""
+    """It is unstable, or its delay is uncertain by 12 ms."""
     effectiveness = np.full(101, scale * loop.effectiveness[0])
     dynamics = np.tile(loop.dynamics[0], (101, 1))
     dynamics[1:, 2] += np.linspace(-deviation, deviation, 100).clip(-dynamics[0, 2])
@@ -92,5 +91,15 @@ def test_a_rate_loop_whose_margin_is_not_known_is_refused(loop, scale, deviation
     with raises(NotLearnable) as refusal:
         _require_known_margin(rate)
     assert refusal.value.fact.code is code
-    assert MAX_PHASE_MARGIN_HALF_WIDTH == 10.0
     assert str(refusal.value.fact).startswith("No margins: ")
+
+
+def test_a_loop_that_crosses_over_where_position_control_acts_too_has_no_margins():
+    sound = made_up()
+    slow = sound.plant._replace(effect=0.02 * sound.plant.effect)
+    with raises(NotLearnable) as refusal:
+        loop_from_plant(slow, sound.record)
+    fact = refusal.value.fact
+    assert fact.code is Loops.CROSSOVER_UNSEEN
+    assert "below 0.8 Hz drag and position control move the vehicle too" in str(fact)
+    assert "P gain" in fact.remedy

@@ -102,11 +102,19 @@ def loop_of_axis(
     return replace(loop, cautions=(*cautions, *loop.cautions))
 
 
+MARGIN_REFUSALS = (Loops.MARGIN_UNCERTAIN,)
+"""Refusals of a plant that was identified in its closed loop, but too poorly for margins.
+
+Inputs and outputs alone show the plant worse, so that the fit by these does not replace it.
+"""
+
+
 def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physical:
     """Identifies the plant of an axis, with the known controller if possible.
 
     Identification in the closed loop uses the logged controller and setpoints. Where these are not known, the gray-box
-    fit by inputs and outputs alone has to do, with the reason of the refusal in it.
+    fit by inputs and outputs alone has to do, with the reason of the refusal in it. It does not replace a plant that
+    the closed loop shows, if too poorly for margins.
 
     Args:
         signals: signals of the vehicle, for the axis.
@@ -119,6 +127,8 @@ def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physi
     try:
         return identify_plant_in_loop(signals, flights)
     except NotLearnable as error:
+        if error.fact.code in MARGIN_REFUSALS:
+            raise
         plant = (fitted or physical(flights))._replace(refusal=error.fact)
     if isinstance(plant, Physical) and plant.identifiable:
         return plant

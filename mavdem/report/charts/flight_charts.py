@@ -119,7 +119,8 @@ def _response_charts(
         advised_step: predicted response to a step with the advised gains, at the times of the measured one; None where
             the gains are kept.
     """
-    steps = [Line.with_band("measured", MEASURED, measured.time, measured.step, measured.step_half)]
+    step_name = "identified" if measured.is_identified else "measured"
+    steps = [Line.with_band(step_name, MEASURED, measured.time, measured.step, measured.step_half)]
     # On the logarithmic axis the lower end of the band must stay above zero.
     low = np.maximum(measured.gain - measured.gain_half, measured.gain / MIN_GAIN_RATIO)
     high = measured.gain + measured.gain_half
@@ -128,7 +129,9 @@ def _response_charts(
         predicted_step = Line(
             "predicted", PREDICTED, measured.time, response.predicted_step, style=LineStyle.DASHES
         )
-        steps.append(predicted_step)
+        # An identified step is the predicted one already.
+        if not measured.is_identified:
+            steps.append(predicted_step)
         gains.append(predicted_step._replace(x=measured.frequency, y=response.predicted_gain))
     if advised_step is not None:
         steps.append(Line("advised gains", PHYSICAL, measured.time, advised_step))
