@@ -5,15 +5,15 @@ from numpy.testing import assert_allclose
 from pytest import mark
 from simulated import DT, MOTORS, in_closed_loop
 
-import mavdem
 from mavdem import OnlineLearner, Settings
+from mavdem.dem.learning import prepared_training
 from mavdem.dem.online.anomaly_marks import AnomalyMarks
 from mavdem.dem.online.surprise_cause import cause_of_surprise, explained_share
 from mavdem.facts.online import SurpriseCause
 
 pytestmark = mark.usefixtures("without_wind_fits")
-SETTINGS = mavdem.learn(in_closed_loop(seed=1, samples=200), Settings(horizon=None)).settings
 MANOEUVRE = in_closed_loop(seed=2, steering=1.5, samples=300, wind=0.3)
+SETTINGS = prepared_training(MANOEUVRE, None)[1]
 
 
 def cause_in(flight, directions=MOTORS):

@@ -1,20 +1,20 @@
 #!/usr/bin/env python
 """How rightly the cause of a surprise is named in simulated flights, and how often falsely; prints two tables.
 
-Flights of six kinds are given to the online learner sample by sample. In three the pilot or the autopilot flies fast
-manoeuvres in light wind; in the others a gust comes, a motor loses thrust, or a load shifts. The first table has the
-causes at the largest surprise of each event, marked or not: a disturbance in the six seconds after it began, a
-manoeuvre in each six seconds that tilt the vehicle by more than 8°. The second has the marks of the learner: a mark in
-a flight of manoeuvres that names a disturbance is false, and so is one after a disturbance that names a model misfit.
-The constants of ``surprise_cause.py`` were chosen on the half of even numbers.
+In three kinds of flights the pilot or the autopilot flies fast manoeuvres in light wind; in three others a gust comes,
+a motor loses thrust, or a load shifts. The first table has the causes at the largest surprise of each event: a
+disturbance in the six seconds after it began, a manoeuvre in each six seconds that tilt the vehicle by more than 8°.
+The model is learned from the 15 s before. A manoeuvre that is called a disturbance is false, and so is a disturbance
+that is called a model misfit. The constants of ``surprise_cause.py`` were chosen on the half of even numbers.
 
-A flight takes some five seconds to simulate, and ten to learn: with --folder, logs of the flights are kept there, and
-not flown again.
+With --marks the flights are given to the online learner sample by sample, and the second table has its marks.
 
-Usage: tools/validation/surprise.py [--flights N of each kind] [--jobs N] [--folder FOLDER]
+A flight takes some five seconds to simulate, and with --marks ten to learn: logs of the flights are kept in --folder,
+and not flown again.
+
+Usage: tools/validation/surprise.py [--flights N of each kind] [--jobs N] [--folder FOLDER] [--marks]
 """
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -33,8 +33,11 @@ from flights import (
 )
 from numpy.random import default_rng
 
-from mavdem import Flight, Learned, OnlineLearner, read_segments
+from mavdem import Flight, OnlineLearner, learn, read_segments
+from mavdem.dem.fitting import generalized_data
+from mavdem.dem.online.free_energy_monitor import Surprise
 from mavdem.dem.online.surprise_cause import cause_of_surprise, explained_share
+from mavdem.dem.record import Record
 from mavdem.facts.online import SurpriseCause
 from mavdem.files import atomic_write
 from mavdem.ingest.tlog import write_tlog
@@ -56,8 +59,8 @@ EVENT_SECONDS = 6.0
 MARK_SECONDS = 15.0
 """Time after the beginning of a disturbance in which a mark belongs to it, s."""
 
-FIRST_SECONDS = 20.0
-"""Time at the beginning of a flight without events, s: the learner's memory fills."""
+FIRST_SECONDS = 15.0
+"""Time before an event from which its model is learned, s."""
 
 MANOEUVRE_TILT = np.radians(8.0)
 """Deviation of the angle from its median, rad, that light wind does not cause: a choice."""
@@ -84,33 +87,6 @@ class Mark(NamedTuple):
 
     cause: SurpriseCause | None
     """What the learner names as its cause."""
-
-
-@dataclass
-class Peak:
-    """The sample of an event with the largest surprise so far."""
-
-    start: float
-    """When the event begins, s."""
-
-    evidence: float = 0.0
-    """Average of log(1 + surprise) at the sample."""
-
-    sample: int = 0
-    """Number of the sample in its segment."""
-
-    learned: Learned | None = None
-    """The model at that sample; None before any."""
-
-
-class StreamResult(NamedTuple):
-    """What the online learner found in one segment."""
-
-    marks: list[Mark]
-    """Marks in the order of time."""
-
-    peaks: list[Peak]
-    """The largest surprise of each event."""
 
 
 def flight_plan(kind: str, number: int) -> FlightPlan:
@@ -161,13 +137,8 @@ def event_starts(flight: Flight, disturbance_start: float | None) -> list[float]
     return starts
 
 
-def learned_stream(flight: Flight, starts: list[float]) -> StreamResult:
-    """Gives a segment to the online learner, and returns its marks and the largest surprise of each event.
-
-    Args:
-        flight: the segment.
-        starts: when the events begin, s.
-    """
+def learner_marks(flight: Flight) -> list[Mark]:
+    """Gives a segment to the online learner, and returns its marks in the order of time."""
     learner = OnlineLearner(
         dt=flight.dt,
         n_inputs=flight.inputs.shape[1],
@@ -177,22 +148,54 @@ def learned_stream(flight: Flight, starts: list[float]) -> StreamResult:
     learner.follows_torque = False
     learner.fits_physical = False
     marks = []
-    peaks = [Peak(start) for start in starts]
-    evidence = 0.0
     for sample, time in enumerate(flight.time):
         estimate = learner.update(time, flight.outputs[sample], flight.inputs[sample])
         if estimate.unusual and estimate.latest_mark is not None:
             marks.append(Mark(time, estimate.latest_mark.cause))
-        if not np.isfinite(estimate.surprise):
-            continue
-        evidence += EVIDENCE_STEP * (np.log1p(max(estimate.surprise, 0.0)) - evidence)
-        for peak in peaks:
-            is_in_event = peak.start <= time < peak.start + EVENT_SECONDS
-            if is_in_event and evidence > peak.evidence:
-                peak.evidence = evidence
-                peak.sample = sample
-                peak.learned = learner.learned
-    return StreamResult(marks, peaks)
+    return marks
+
+
+def event_row(flight: Flight, start: float) -> Values | None:
+    """Returns the row of an event: the cause at its largest surprise by the model of the time before.
+
+    Args:
+        flight: the segment.
+        start: when the event begins, s.
+
+    Returns:
+        The row; None where too little was flown before the event, or after its beginning.
+    """
+    first = int(np.searchsorted(flight.time, start - FIRST_SECONDS))
+    begin = int(np.searchsorted(flight.time, start))
+    end = begin + round(EVENT_SECONDS / flight.dt)
+    is_whole = flight.time[0] <= start - FIRST_SECONDS and end <= len(flight)
+    if not is_whole or flight.effect_directions is None:
+        return None
+    learned = learn(flight[first:begin])
+    assert learned.sample_free_energy is not None
+    event = Record.from_flights(flight[first:end])
+    data = np.concatenate(generalized_data(learned.settings, learned.scaling, event))
+    free_energy = learned.sample_free_energy.evaluate(data)
+    # Surprise as of the learner, by the past before the event, and its average as of the marks.
+    training_count = len(learned.free_energy_of_samples)
+    surprise = Surprise(flight.dt, free_energy[:training_count])
+    evidence = 0.0
+    largest_evidence = 0.0
+    largest_sample = begin
+    for number, value in enumerate(free_energy[training_count:]):
+        evidence += EVIDENCE_STEP * (np.log1p(max(surprise.add(value), 0.0)) - evidence)
+        if evidence > largest_evidence:
+            largest_evidence = evidence
+            largest_sample = begin + number
+    samples = slice(largest_sample + 1)
+    command = flight.inputs[samples] @ flight.effect_directions
+    arguments = command, flight.outputs[samples], flight.dt, learned.settings
+    return {
+        "what": "event",
+        "evidence": largest_evidence,
+        "share": explained_share(*arguments),
+        "cause": cause_name(cause_of_surprise(*arguments)),
+    }
 
 
 def cause_name(cause: SurpriseCause | None) -> str:
@@ -200,28 +203,13 @@ def cause_name(cause: SurpriseCause | None) -> str:
     return "undecided" if cause is None else cause.value
 
 
-def event_row(flight: Flight, peak: Peak, learned: Learned) -> Values:
-    """Returns the row of an event: its evidence, and the cause at its largest surprise."""
-    samples = slice(peak.sample + 1)
-    directions = flight.effect_directions
-    if directions is None:
-        raise ValueError("a simulated flight states how its motors turn the vehicle")
-    command = flight.inputs[samples] @ directions
-    arguments = command, flight.outputs[samples], flight.dt, learned.settings
-    return {
-        "what": "event",
-        "evidence": peak.evidence,
-        "share": explained_share(*arguments),
-        "cause": cause_name(cause_of_surprise(*arguments)),
-    }
-
-
-def evaluate_flight(case: tuple[str, int], folder: Path) -> list[Values]:
-    """Returns a row for each event and each mark of a flight, and one for its length.
+def evaluate_flight(case: tuple[str, int], folder: Path, marks: bool) -> list[Values]:
+    """Returns a row for each event of a flight, and one for its length; also one for each mark if they are asked for.
 
     Args:
         case: kind and number of the flight.
         folder: where logs of flights are kept.
+        marks: whether the flight is given to the online learner.
     """
     kind, number = case
     plan = flight_plan(kind, number)
@@ -229,15 +217,15 @@ def evaluate_flight(case: tuple[str, int], folder: Path) -> list[Values]:
     rows: list[Values] = []
     for flight in flown_segments(plan, folder / f"{kind}_{number}.tlog"):
         rows.append(common | {"what": "hours", "hours": len(flight) * flight.dt / 3600})
-        result = learned_stream(flight, event_starts(flight, plan.disturbance_start))
-        for mark in result.marks:
+        for start in event_starts(flight, plan.disturbance_start):
+            row = event_row(flight, start)
+            if row is not None:
+                rows.append(common | row)
+        for mark in learner_marks(flight) if marks else ():
             delay = np.nan
             if plan.disturbance_start is not None:
                 delay = mark.time - plan.disturbance_start
             rows.append(common | {"what": "mark", "delay": delay, "cause": cause_name(mark.cause)})
-        for peak in result.peaks:
-            if peak.learned is not None:
-                rows.append(common | event_row(flight, peak, peak.learned))
     return rows
 
 
@@ -273,13 +261,15 @@ def mark_statistics(rows: pd.DataFrame) -> pd.Series:
 
 @command(__doc__, flights=6)
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), default="flights")
-def main(flights: int, folder: Path, jobs: int) -> None:
+@click.option("--marks", is_flag=True)
+def main(flights: int, folder: Path, marks: bool, jobs: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     cases = [(kind, number) for number in range(flights) for kind in KINDS]
-    rows = evaluate_flights(partial(evaluate_flight, folder=folder), cases, jobs)
-    groups = rows.groupby(["flights", "half"], sort=False)
+    evaluate = partial(evaluate_flight, folder=folder, marks=marks)
+    groups = evaluate_flights(evaluate, cases, jobs).groupby(["flights", "half"], sort=False)
     print_table("The largest surprise of each event", groups.apply(event_statistics).reset_index())
-    print_table("Marks of the learner", groups.apply(mark_statistics).reset_index())
+    if marks:
+        print_table("Marks of the learner", groups.apply(mark_statistics).reset_index())
 
 
 if __name__ == "__main__":
