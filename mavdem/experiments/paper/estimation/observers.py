@@ -214,20 +214,22 @@ def smikf_states(
     cross_covariance = np.zeros((n, n))
     states = np.zeros((len(outputs), n))
     for t in range(1, len(outputs)):
-        crossing = model.Phi @ cross_covariance
+        # E x̃ wᵀ after the step, of the part of the error that earlier noise has left.
+        propagated = model.Phi @ cross_covariance
         predicted_covariance = (
-            model.Phi @ covariance @ model.Phi.T + crossing + crossing.T + noise_covariance
+            model.Phi @ covariance @ model.Phi.T + propagated + propagated.T + noise_covariance
         )
         F = model.C @ predicted_covariance @ model.C.T + model.R
         gain = predicted_covariance @ model.C.T @ np.linalg.inv(F)
         predicted = model.Phi @ state + model.Gamma @ inputs[t - 1]
         state = predicted + gain @ (outputs[t] - model.C @ predicted)
-        remaining = identity - gain @ model.C
-        covariance = remaining @ predicted_covariance
-        carried = noise_covariance
+        I_minus_KC = identity - gain @ model.C
+        covariance = I_minus_KC @ predicted_covariance
+        predicted_cross_covariance = noise_covariance
         if accumulates:
-            carried = carried + crossing
-        cross_covariance = remaining @ carried @ D.T
+            predicted_cross_covariance = noise_covariance + propagated
+        # The next noise is D w + e.
+        cross_covariance = I_minus_KC @ predicted_cross_covariance @ D.T
         noise_covariance = D @ noise_covariance @ D.T + innovation_covariance
         states[t] = state
     return states

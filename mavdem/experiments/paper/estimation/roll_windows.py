@@ -80,7 +80,7 @@ class RollWindow:
     @cached_property
     def transition(self) -> ArrayPair:
         """Φ (2, 2) and Γ (2, 4) of one sampling step, over which the inputs are held."""
-        return held_input_transition(self.B, self.dt)
+        return zero_order_hold_transition(self.B, self.dt)
 
     @cached_property
     def process_noise(self) -> Array:
@@ -100,7 +100,7 @@ def input_matrix(acceleration_per_input: Array) -> Array:
     return np.vstack([np.zeros_like(acceleration_per_input), acceleration_per_input])
 
 
-def held_input_transition(B: Array, dt: float) -> ArrayPair:
+def zero_order_hold_transition(B: Array, dt: float) -> ArrayPair:
     """Returns Φ (2, 2) and Γ (2, r) of the roll axis over one step of ``dt`` seconds, for inputs that are held over it.
 
     Args:
@@ -230,7 +230,7 @@ def simulated_window(seed: int, smoothness: float, samples: int = WINDOW_SAMPLES
     dither = rng.standard_normal((total, len(ROLL_MIXER)))
     dither = DITHER_SD * smooth_noise(dither, DITHER_SAMPLES)
     acceleration_per_command = ROLL_EFFECTIVENESS * ROLL_MIXER
-    Phi, Gamma = held_input_transition(input_matrix(acceleration_per_command), dt)
+    Phi, Gamma = zero_order_hold_transition(input_matrix(acceleration_per_command), dt)
     states = np.zeros((total + 1, 2))
     motors = np.zeros((total, len(ROLL_MIXER)))
     for t in range(total):

@@ -348,9 +348,9 @@ def trimmed_errors(errors: Sequence[WindowErrors]) -> dict[str, TrimmedMean]:
     means = {}
     for name in PUBLISHED_SSE:
         sse = np.array([window.authors_timing[name] for window in errors])
-        kept = sse[sse < OUTLIER_SSE]
-        mean = float(kept.mean()) if len(kept) else np.nan
-        means[name] = TrimmedMean(mean, len(sse) - len(kept))
+        sse_below_limit = sse[sse < OUTLIER_SSE]
+        mean = float(sse_below_limit.mean()) if len(sse_below_limit) else np.nan
+        means[name] = TrimmedMean(mean, len(sse) - len(sse_below_limit))
     return means
 
 
