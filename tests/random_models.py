@@ -5,12 +5,12 @@ from hypothesis import strategies as st
 from numpy.random import default_rng
 
 from mavdem.dem.engine.free_energy import Posterior
+from mavdem.dem.engine.generalized_coordinates import temporal_precision
 from mavdem.dem.engine.generative import (
     GeneralizedMoments,
     GenerativeModel,
     Prior,
     SufficientStatistics,
-    temporal_precision,
 )
 
 

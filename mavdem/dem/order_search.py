@@ -21,15 +21,12 @@ from scipy.ndimage import gaussian_filter1d
 
 from mavdem.arrays import Array
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
-from mavdem.dem.engine.ascent import Iterate, initial_iterate, run_rounds
-from mavdem.dem.engine.generative import (
-    GenerativeModel,
-    Prior,
-    SufficientStatistics,
-    temporal_precision,
-)
+from mavdem.dem.engine.ascent import Iterate, initial_iterate
+from mavdem.dem.engine.generalized_coordinates import temporal_precision
+from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE, raise_on_overflow
 from mavdem.dem.engine.model import pack
+from mavdem.dem.engine.quasi_newton import maximise_by_quasi_newton
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
@@ -72,8 +69,8 @@ KNOWN_INPUT_PRECISION = Settings.input_precision
 UNKNOWN_INPUT_PRECISION = e**2
 """Prior precision of unknown inputs about 0, as in the paper."""
 
-MAX_ROUNDS = 200
-"""Largest number of rounds of D, E and M steps of one fit."""
+MAX_EVALUATIONS = 400
+"""Largest number of evaluations of F̄ and its gradient in one fit: a guard, since most fits converge in far fewer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,17 +330,17 @@ def fits_by_order(data: BlackBoxData, max_order: int) -> tuple[Iterate | None, .
 
 
 def _fit(data: BlackBoxData, order: int) -> Iterate:
-    """Fits a black-box model with a given number of states by DEM.
+    """Fits a black-box model with a given number of states: maximises F̄ by rounds of DEM and a quasi-Newton search.
 
-    The rounds of DEM start from θ by regressions (:func:`theta_from_data`), since the free energy has many maxima, and
-    from the prior means of the noise precisions.
+    It starts from θ by regressions (:func:`theta_from_data`), since the free energy has many maxima, and from the prior
+    means of the noise precisions. Rounds alone converge slowly here, where the outputs show few of the states.
 
     Args:
         data: the generalized data.
         order: number of states.
 
     Returns:
-        The last iterate, which has the highest free energy.
+        The iterate of highest free energy.
 
     Raises:
         numpy.linalg.LinAlgError: the fit breaks down.
@@ -356,8 +353,7 @@ def _fit(data: BlackBoxData, order: int) -> Iterate:
         start=(theta_from_data(data, order), prior.lambda_mean),
         lambda_covariance=np.zeros_like(prior.lambda_precision),
     )
-    iterates, _ = run_rounds(start, MAX_ROUNDS)
-    return iterates[-1]
+    return maximise_by_quasi_newton(start, MAX_EVALUATIONS)
 
 
 def theta_from_data(data: BlackBoxData, order: int) -> Array:

@@ -4,7 +4,8 @@ import numpy as np
 from pytest import mark
 from recorded_flights import SHARED
 
-from mavdem.dem.engine.generative import GenerativeModel, Prior, embed, temporal_precision
+from mavdem.dem.engine.generalized_coordinates import embed, temporal_precision
+from mavdem.dem.engine.generative import GenerativeModel, Prior
 from mavdem.dem.engine.model import pack
 
 ORACLE = SHARED / "oracle"

@@ -15,7 +15,7 @@ from scipy.stats import multivariate_normal
 from textbook_filter import TextbookFilter
 
 from mavdem.dem.engine import kalman
-from mavdem.dem.engine.generative import (
+from mavdem.dem.engine.generalized_coordinates import (
     taylor_weights,
     temporal_covariance,
     temporal_precision,

@@ -276,6 +276,21 @@ def condition_on_theta(theta: Array, posterior: Posterior) -> Posterior:
     return steps.with_optimal_covariances(posterior)
 
 
+def iterate_at(theta: Array, lambda_: Array, posterior: Posterior) -> Iterate:
+    """Returns the iterate of given parameters and noise precisions: their states, and optimal covariances.
+
+    Args:
+        theta: (k,) parameters.
+        lambda_: (g,) log noise precisions.
+        posterior: a posterior near by, whose covariances the D step uses.
+
+    Raises:
+        numpy.linalg.LinAlgError: a curvature is not negative definite, or a noise precision vanishes or diverges.
+    """
+    _require_bounded(lambda_)
+    return _optimal_iterate(_after_d_step(posterior._replace(theta=theta, lambda_=lambda_)))
+
+
 def _next_iterate(current: Iterate, start: Posterior) -> Iterate:
     """Takes one round of D, E and M steps, and rejects its result where the free energy F̄ᵒ has decreased.
 
@@ -312,9 +327,14 @@ def _after_d_step(posterior: Posterior) -> Posterior:
 def _bounded_m_step(posterior: Posterior) -> Array:
     """Returns λ (g,) of the M step; raises ``LinAlgError`` where a noise precision vanishes or diverges."""
     lambda_ = steps.m_step(posterior)
+    _require_bounded(lambda_)
+    return lambda_
+
+
+def _require_bounded(lambda_: Array) -> None:
+    """Raises ``LinAlgError`` where a log noise precision of λ (g,) is beyond ``MAX_ABS_LAMBDA``, or NaN."""
     if not abs(lambda_).max() < MAX_ABS_LAMBDA:
         raise LinAlgError("a noise precision diverges")
-    return lambda_
 
 
 def _optimal_iterate(posterior: Posterior) -> Iterate:

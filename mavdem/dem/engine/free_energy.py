@@ -240,7 +240,7 @@ def theta_curvature(posterior: Posterior) -> Array:
         posterior: the posterior, at whose means the derivative is taken.
     """
     error_curvature = posterior.model.error_curvature_in_theta(
-        np.exp(posterior.lambda_), posterior.moments.joint_moments
+        np.exp(posterior.lambda_), posterior.moments.regressor_moments
     )
     return -posterior.model.prior.theta_precision - error_curvature
 

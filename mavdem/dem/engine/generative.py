@@ -12,12 +12,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import factorial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import inv
-from scipy.ndimage import correlate1d
 
 from mavdem.arrays import Array, Indices
 from mavdem.dem.engine.linalg import logdet
@@ -35,111 +32,6 @@ class ModelSizes(NamedTuple):
 
     m: int
     """Number of outputs."""
-
-
-def taylor_weights(
-    order: int,
-    dt: float,
-    window: int,
-    position: float,
-) -> Array:
-    """Returns the weights by which the samples of a window give a signal and its derivatives.
-
-    They belong to the least-squares polynomial of degree ``order`` over the window (a Savitzky-Golay filter). With
-    ``window = order + 1`` the polynomial interpolates, and the weights are the inverse of the Taylor matrix, as the DEM
-    literature embeds. A wider window averages measurement noise, at the price of bandwidth.
-
-    Args:
-        order: highest derivative.
-        dt: sampling step, s.
-        window: number of samples, more than ``order``.
-        position: where in the window the derivatives are taken, in samples from the first one.
-
-    Returns:
-        Weights (order + 1, window): row k times the samples is the k-th derivative, per second to the k.
-    """
-    # The fit is made in units of the sampling step, where it is well conditioned, and scaled to seconds afterwards.
-    steps_from_position = np.arange(window) - position
-    taylor_terms = [steps_from_position**k / factorial(k) for k in range(order + 1)]
-    taylor_matrix = np.stack(taylor_terms, axis=1)
-    weights_per_step = np.linalg.pinv(taylor_matrix)
-    derivative_orders = np.arange(order + 1)
-    return weights_per_step / dt ** derivative_orders[:, None]
-
-
-def embed(
-    samples: Array,
-    order: int,
-    dt: float,
-    window: int,
-    position: int,
-) -> Array:
-    """Embeds samples into generalized coordinates, by the polynomial fit of :func:`taylor_weights`.
-
-    Args:
-        samples: (T, m) uniformly sampled signals.
-        order: highest derivative.
-        dt: sampling step, s.
-        window: number of samples of the polynomial fit.
-        position: sample of the window at which the derivatives are taken.
-
-    Returns:
-        Generalized vectors (T − window + 1, (order + 1) · m), order after order. Row i belongs to sample
-        i + ``position``; there are none where the window would reach beyond the samples.
-    """
-    weights = taylor_weights(order, dt, window, position)
-    # The correlation centres its window on window // 2 and pads the ends; the padded rows are cut off again.
-    samples_before_center = window // 2
-    samples_after_center = window - 1 - samples_before_center
-    complete_windows = slice(samples_before_center, len(samples) - samples_after_center)
-    derivatives = []
-    for derivative_weights in weights:
-        derivative = correlate1d(samples, derivative_weights, axis=0)
-        derivatives.append(derivative[complete_windows])
-    return np.hstack(derivatives)
-
-
-def temporal_covariance(order: int, smoothness: float) -> Array:
-    """Returns the covariance of [w, w', w'', …] for smooth noise w of variance 1.
-
-    The noise is white noise filtered by a Gaussian kernel of width s, with the autocorrelation ρ(τ) = exp(−τ²/4s²).
-    Entry (i, j) is (−1)ⁱ times the (i + j)-th derivative of ρ at 0, which is zero where i + j is odd (the matrix that
-    Eq. ``Smatrix`` inverts).
-
-    Args:
-        order: highest derivative of w.
-        smoothness: width s of the Gaussian kernel, in seconds.
-
-    Returns:
-        Covariance (order + 1, order + 1), entry (i, j) in s^−(i + j).
-    """
-    covariance = np.zeros((order + 1, order + 1))
-    for i in range(order + 1):
-        # Only the j with an even i + j = 2k.
-        for j in range(i % 2, order + 1, 2):
-            k = (i + j) // 2
-            # The 2k-th derivative of ρ(τ) = exp(−τ²/4s²) at τ = 0, from its Taylor series.
-            rho_derivative = (-1) ** k * factorial(2 * k) / factorial(k) / (4 * smoothness**2) ** k
-            covariance[i, j] = (-1) ** i * rho_derivative
-    return covariance
-
-
-def temporal_precision(order: int, smoothness: float) -> Array:
-    """Returns S(s²), Eq. ``Smatrix``: the precision of [w, w', w'', …] for smooth noise w of variance 1.
-
-    It is the inverse of :func:`temporal_covariance`, computed with the width s as the unit of time: the condition of
-    the matrix then does not depend on s.
-
-    Args:
-        order: highest derivative of w.
-        smoothness: width s of the Gaussian kernel, in seconds.
-
-    Returns:
-        Precision (order + 1, order + 1), entry (i, j) in s^(i + j).
-    """
-    precision_in_widths = inv(temporal_covariance(order, smoothness=1.0))
-    width_powers = smoothness ** np.arange(order + 1)
-    return precision_in_widths * np.outer(width_powers, width_powers)
 
 
 class Prior(NamedTuple):
@@ -226,6 +118,32 @@ class OperatorStructure(NamedTuple):
 
     parameters: Indices
     """(P,) index in θ of each such entry."""
+
+
+class RegressorLayout(NamedTuple):
+    """Where the regressors of [A B] and of C, with their derivatives, stand in the joint vector [ỹ; η̃; X]."""
+
+    state_columns: Indices
+    """(q + 1, n + r) columns of [x; v] by order; one past the last column for derivatives that inputs do not have."""
+
+    output_columns: Indices
+    """(p + 1, n) columns of x by order."""
+
+    state_parameters: Indices
+    """(n, n + r) indices in θ of the rows of [A B]."""
+
+    output_parameters: Indices
+    """(m, n) indices in θ of the rows of C."""
+
+
+class RegressorMoments(NamedTuple):
+    """Second moments of the regressors, summed over the samples, and over their orders with the weights S."""
+
+    states: Array
+    """(n + r, n + r) moments of [x; v], which [A B] multiplies."""
+
+    outputs: Array
+    """(n, n) moments of x, which C multiplies."""
 
 
 class PrecisionStructure(NamedTuple):
@@ -386,43 +304,65 @@ class GenerativeModel:
         return OperatorStructure(constant, entry_rows, entry_columns, parameters)
 
     @cached_property
-    def _entry_parameters(self) -> Array:
-        """(P, k) indicator of the parameter in each entry of E: its transpose sums over the entries of a parameter."""
-        return np.eye(len(self.prior.theta_mean))[self._operator_structure.parameters]
+    def _regressor_layout(self) -> RegressorLayout:
+        """Which columns of the joint vector [ỹ; η̃; X] and which parameters belong to each row of [A B] and of C."""
+        n, r, m = self.sizes
+        joint_size = self.hidden_columns.start + n * (self.p + 1) + r * (self.d + 1)
+        x_columns = self.hidden_columns.start + np.arange(n * (self.p + 1)).reshape(-1, n)
+        # Inputs have derivatives up to order d only. Those of higher order are marked by a column after the last one.
+        v_columns = np.full((self.q + 1, r), joint_size)
+        modelled_orders = min(self.d, self.q) + 1
+        first_v_column = x_columns[-1, -1] + 1
+        v_columns[:modelled_orders] = first_v_column + np.arange(modelled_orders * r).reshape(-1, r)
+        A, B, C = unpack(np.arange(n * n + n * r + m * n), n, r, m)
+        return RegressorLayout(
+            state_columns=np.hstack([x_columns[: self.q + 1], v_columns]),
+            output_columns=x_columns,
+            state_parameters=np.hstack([A, B]),
+            output_parameters=C,
+        )
 
-    def _entry_products(self, error_precision: Array, moments: Array) -> Array:
-        """Returns the second derivatives of ½ Σ ε̃ᵀ Π̃ ε̃ by the entries of E that are parameters.
+    def regressor_moments(self, moments: Array) -> RegressorMoments:
+        """Returns the second moments of the regressors, whose orders are weighted by the temporal precisions S.
 
-        With ε̃ = E z and z = [ỹ; η̃; X], the entry in row i and column a of E adds E_ia z_a to error i. So the second
-        derivative by the entries (i, a) and (j, b) is Π̃_ij Σ z_a z_b.
+        Row i of [A B] multiplies the regressors [x; v], and its derivatives multiply theirs, so that the row's part of
+        ½ Σ ε̃ᵀ Π̃ ε̃ is quadratic in it, with the matrix e^λ_i Σ_kl S_kl Σ_t [x; v]⁽ᵏ⁾ [x; v]⁽ˡ⁾ᵀ. The noises of different
+        channels are independent, so no two rows are coupled. The same holds for C, with the regressors x.
 
         Args:
-            error_precision: (dim ε̃, dim ε̃) precision Π̃ of the errors.
-            moments: (dim z, dim z) second moments Σ z zᵀ, summed over the samples.
-
-        Returns:
-            (P, P): for entries e and f the precision of their rows times the moment of their columns.
+            moments: (dim z, dim z) second moments of z = [ỹ; η̃; X], summed over the samples.
         """
-        rows = self._operator_structure.rows
-        columns = self._operator_structure.columns
-        return error_precision[np.ix_(rows, rows)] * moments[np.ix_(columns, columns)]
+        layout = self._regressor_layout
+        # A last row and column of zeros are the moments of derivatives that the inputs do not have.
+        padded = np.pad(moments, (0, 1))
+        return RegressorMoments(
+            states=_sum_over_orders(padded, layout.state_columns, self.state_temporal_precision),
+            outputs=_sum_over_orders(padded, layout.output_columns, self.output_temporal_precision),
+        )
 
-    def error_curvature_in_theta(self, noise_precisions: Array, moments: Array) -> Array:
+    def error_curvature_in_theta(
+        self, noise_precisions: Array, regressors: RegressorMoments
+    ) -> Array:
         """Returns the second derivative of ½ Σ ε̃ᵀ Π̃ ε̃ by the parameters θ.
-
-        A parameter stands in several entries of E, one for each derivative order. So the second derivatives by entries
-        are summed over the entries of each parameter.
 
         Args:
             noise_precisions: (g,) e^λ.
-            moments: (dim z, dim z) second moments of z = [ỹ; η̃; X], summed over the samples.
+            regressors: second moments of the regressors.
 
         Returns:
-            The second derivative (k, k).
+            The second derivative (k, k). Parameters of different rows of [A B] and C are not coupled.
         """
-        error_precision = self.error_precision(noise_precisions)
-        curvature_in_entries = self._entry_products(error_precision, moments)
-        return self._entry_parameters.T @ curvature_in_entries @ self._entry_parameters
+        layout = self._regressor_layout
+        curvature = np.zeros((len(self.prior.theta_mean),) * 2)
+        state_precisions = noise_precisions[self.state_groups]
+        curvature[_blocks(layout.state_parameters)] = (
+            state_precisions[:, None, None] * regressors.states
+        )
+        output_precisions = noise_precisions[self.output_groups]
+        curvature[_blocks(layout.output_parameters)] = (
+            output_precisions[:, None, None] * regressors.outputs
+        )
+        return curvature
 
     def error_gradient_in_theta(self, noise_precisions: Array, cross_moments: Array) -> Array:
         """Returns the gradient of −½ Σ ε̃ᵀ Π̃ ε̃ by the parameters θ.
@@ -440,7 +380,7 @@ class GenerativeModel:
         structure = self._operator_structure
         gradient_in_operator = self.error_precision(noise_precisions) @ cross_moments
         gradient_in_entries = gradient_in_operator[structure.rows, structure.columns]
-        return gradient_in_entries @ self._entry_parameters
+        return np.bincount(structure.parameters, gradient_in_entries)
 
     def mean_field_curvature_in_states(
         self, noise_precisions: Array, theta_covariance: Array
@@ -459,40 +399,58 @@ class GenerativeModel:
         Returns:
             M, (dim X, dim X).
         """
-        _, rows, columns, parameters = self._operator_structure
-        # For each pair of entries, the precision of their rows times the covariance of their parameters.
-        entry_precision = self.error_precision(noise_precisions)[np.ix_(rows, rows)]
-        entry_products = entry_precision * theta_covariance[np.ix_(parameters, parameters)]
-        # The indicator of the state in each entry sums up the products by the states that the entries multiply.
-        hidden_size = self.n * (self.p + 1) + self.r * (self.d + 1)
-        entry_states = np.eye(hidden_size)[columns - self.hidden_columns.start]
-        return entry_states.T @ entry_products @ entry_states
+        layout = self._regressor_layout
+        # Only the covariance within a row counts, since the noises of different channels are independent.
+        state_weights = np.tensordot(
+            noise_precisions[self.state_groups],
+            theta_covariance[_blocks(layout.state_parameters)],
+            axes=1,
+        )
+        output_weights = np.tensordot(
+            noise_precisions[self.output_groups],
+            theta_covariance[_blocks(layout.output_parameters)],
+            axes=1,
+        )
+        # The last row and column collect what falls on derivatives that the inputs do not have.
+        joint_size = self.hidden_columns.start + self.n * (self.p + 1) + self.r * (self.d + 1)
+        curvature = np.zeros((joint_size + 1, joint_size + 1))
+        columns = layout.state_columns.ravel()
+        curvature[np.ix_(columns, columns)] = np.kron(self.state_temporal_precision, state_weights)
+        columns = layout.output_columns.ravel()
+        curvature[np.ix_(columns, columns)] += np.kron(
+            self.output_temporal_precision, output_weights
+        )
+        hidden = slice(self.hidden_columns.start, joint_size)
+        return curvature[hidden, hidden]
 
-    def mean_field_squared_errors(self, moments: Array, theta_covariance: Array) -> Array:
+    def mean_field_squared_errors(
+        self, regressors: RegressorMoments, theta_covariance: Array
+    ) -> Array:
         """Returns what the uncertainty of θ adds to the expected squared errors Σ ε̃ᵀ (S⊗Ω_g) ε̃ of each noise.
 
-        The prediction errors are ε̃ = E z, with z = [ỹ; η̃; X]. Some entries of E are parameters, −θ_l. If θ deviates
-        from its mean by δ ~ N(0, Σ^θ), the entry e, which is parameter l in row i and column a, changes error i by
-        −δ_l z_a. Squared, weighted by the precision and averaged over δ, these changes do not cancel: each pair of
-        entries e = (l, i, a) and f = (m, j, b) adds Π̃_ij Σ^θ_lm Σ z_a z_b. Here Π̃ is the precision at λ = 0, S⊗I, in
-        which S is the precision of smooth noise and its derivatives; Ω_g selects the channels of noise g. The M step
-        needs these sums to learn the noise precisions e^λ.
+        Row i of [A B] is uncertain by δ ~ N(0, Σ_i), which changes the error of state i by −δᵀ [x; v]. Squared,
+        weighted by S over the orders and averaged over δ, these changes do not cancel: they add tr(Σ_i R), with the
+        moments R of the regressors. The same holds for C. Ω_g selects the channels of noise g. The M step needs these
+        sums to learn the noise precisions e^λ.
 
         Args:
-            moments: (dim z, dim z) second moments Σ z zᵀ, summed over the samples.
+            regressors: second moments R of the regressors.
             theta_covariance: (k, k) covariance Σ^θ.
 
         Returns:
             Added squared errors (g,), one for each entry of λ; they are not yet multiplied by e^λ.
         """
-        precision_at_zero, noise_of_error = self._precision_structure
-        _, rows, _, parameters = self._operator_structure
-        # Π̃_ij is zero unless the errors i and j are of the same channel, and so have the same noise g. Each column of
-        # products, which is one entry f of E, can therefore be summed, and the sum added to the noise of f's row.
-        entry_covariance = theta_covariance[np.ix_(parameters, parameters)]
-        entry_products = self._entry_products(precision_at_zero, moments) * entry_covariance
-        noise_of_entry = noise_of_error[rows]
-        return np.asarray(np.bincount(noise_of_entry, entry_products.sum(axis=0)), float)
+        layout = self._regressor_layout
+        state_covariances = theta_covariance[_blocks(layout.state_parameters)]
+        output_covariances = theta_covariance[_blocks(layout.output_parameters)]
+        added_by_channel = np.concatenate(
+            [
+                np.sum(state_covariances * regressors.states, axis=(1, 2)),
+                np.sum(output_covariances * regressors.outputs, axis=(1, 2)),
+            ]
+        )
+        group_of_channel = np.concatenate([self.state_groups, self.output_groups])
+        return np.bincount(group_of_channel, added_by_channel)
 
     def error_precision(self, noise_precisions: Array) -> Array:
         """Returns the precision Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) of the prediction errors ε̃.
@@ -578,6 +536,35 @@ class GenerativeModel:
         return np.asarray(squares, float)
 
 
+def _sum_over_orders(moments: Array, columns: Indices, temporal_precision: Array) -> Array:
+    """Sums the second moments of generalized signals over their orders, weighted by the temporal precision.
+
+    Args:
+        moments: (N, N) second moments of a vector that contains the signals.
+        columns: (K, s) indices in that vector of s signals, by order.
+        temporal_precision: (K, K) weights S_kl of the orders k and l.
+
+    Returns:
+        (s, s): Σ_kl S_kl times the moments of the k-th with the l-th derivatives.
+    """
+    orders, signals = columns.shape
+    flat = columns.ravel()
+    by_order = moments[np.ix_(flat, flat)].reshape(orders, signals, orders, signals)
+    return np.einsum("kl,kilj->ij", temporal_precision, by_order)
+
+
+def _blocks(parameters: Indices) -> tuple[Indices, Indices]:
+    """Returns the index of one square block for each row of parameters, in a matrix of all parameters.
+
+    Args:
+        parameters: (rows, s) indices of the parameters of each row.
+
+    Returns:
+        Two index arrays that together select an array (rows, s, s).
+    """
+    return parameters[:, :, None], parameters[:, None, :]
+
+
 @dataclass(frozen=True, eq=False)
 class GeneralizedMoments:
     """Second moments of the data [ỹ; η̃] and of the state estimates X = L [ỹ; η̃], summed over the samples."""
@@ -609,6 +596,11 @@ class GeneralizedMoments:
     def joint_moments(self) -> Array:
         """Σ_t [ỹ; η̃; X][ỹ; η̃; X]ᵀ."""
         return self.joint_map @ self.samples.gram @ self.joint_map.T
+
+    @cached_property
+    def regressor_moments(self) -> RegressorMoments:
+        """Second moments of the regressors of [A B] and C, summed over the samples."""
+        return self.model.regressor_moments(self.joint_moments)
 
     def cross_moments(self, theta: Array) -> Array:
         """Returns the second moments Σ_t ε̃ [ỹ; η̃; X]ᵀ of errors and joint vector, for parameters θ (k,)."""

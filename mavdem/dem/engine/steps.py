@@ -90,46 +90,63 @@ def e_step(posterior: Posterior) -> Array:
     Returns:
         θ (k,) at the maximum.
     """
-    gradient, precision = theta_gradient(posterior)
-    return posterior.theta + solve(precision, gradient)
+    return posterior.theta + solve(theta_precision(posterior), theta_gradient(posterior))
 
 
-def theta_gradient(posterior: Posterior) -> ArrayPair:
-    """Returns the first and the negative second derivative of F̄ by θ.
+def theta_gradient(posterior: Posterior) -> Array:
+    """Returns the first derivative of F̄ by θ.
 
-    Both have three parts: the prior of θ, the squared errors at the means of the states, and the mean-field term by
-    which the uncertainty of the states adds to these squared errors. The uncertainty of λ raises the noise precisions
-    of the second part.
+    It has three parts: the prior of θ, the squared errors at the means of the states, and the mean-field term by which
+    the uncertainty of the states adds to these squared errors. The uncertainty of λ raises the noise precisions of the
+    second part.
 
     Args:
         posterior: the posterior of the states, θ and λ.
 
     Returns:
-        ∂F̄/∂θ (k,) and −∂²F̄/∂θ² (k, k), at the θ of the posterior.
+        ∂F̄/∂θ (k,), at the θ of the posterior.
     """
     model = posterior.model
     prior = model.prior
-    moments = posterior.moments
     noise_precisions = np.exp(posterior.lambda_)
     expected_precisions = expected_noise_precisions(posterior.lambda_, posterior.lambda_covariance)
-    # The uncertainty of the states adds their covariance to the second moments of each sample.
-    state_spread = np.zeros_like(moments.joint_moments)
-    state_spread[model.hidden_columns, model.hidden_columns] = (
-        posterior.samples.sample_count * posterior.state_covariance
-    )
-    gradient = (
+    return (
         prior.theta_precision @ (prior.theta_mean - posterior.theta)
-        + model.error_gradient_in_theta(expected_precisions, moments.cross_moments(posterior.theta))
         + model.error_gradient_in_theta(
-            noise_precisions, model.error_operator(posterior.theta) @ state_spread
+            expected_precisions, posterior.moments.cross_moments(posterior.theta)
+        )
+        + model.error_gradient_in_theta(
+            noise_precisions, model.error_operator(posterior.theta) @ _state_spread(posterior)
         )
     )
-    precision = (
-        prior.theta_precision
-        + model.error_curvature_in_theta(expected_precisions, moments.joint_moments)
-        + model.error_curvature_in_theta(noise_precisions, state_spread)
+
+
+def theta_precision(posterior: Posterior) -> Array:
+    """Returns the negative second derivative of F̄ by θ, which has the same three parts as :func:`theta_gradient`.
+
+    Args:
+        posterior: the posterior of the states, θ and λ.
+
+    Returns:
+        −∂²F̄/∂θ² (k, k); it does not depend on θ.
+    """
+    model = posterior.model
+    expected_precisions = expected_noise_precisions(posterior.lambda_, posterior.lambda_covariance)
+    return (
+        model.prior.theta_precision
+        + model.error_curvature_in_theta(expected_precisions, posterior.moments.regressor_moments)
+        + model.error_curvature_in_theta(
+            np.exp(posterior.lambda_), model.regressor_moments(_state_spread(posterior))
+        )
     )
-    return gradient, precision
+
+
+def _state_spread(posterior: Posterior) -> Array:
+    """Returns what the uncertainty of the states adds to the second moments of [ỹ; η̃; X], summed over the samples."""
+    hidden = posterior.model.hidden_columns
+    state_spread = np.zeros_like(posterior.moments.joint_moments)
+    state_spread[hidden, hidden] = posterior.samples.sample_count * posterior.state_covariance
+    return state_spread
 
 
 def m_step(posterior: Posterior) -> Array:
@@ -199,7 +216,7 @@ class FreeEnergyOfLambda(NamedTuple):
             E_X @ posterior.state_covariance @ E_X.T
         )
         theta_spread = model.mean_field_squared_errors(
-            posterior.moments.joint_moments, posterior.theta_covariance
+            posterior.moments.regressor_moments, posterior.theta_covariance
         )
         expected_squares = (
             squares * (1.0 + 0.5 * posterior.lambda_covariance.diagonal())

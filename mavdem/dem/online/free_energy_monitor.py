@@ -14,7 +14,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.dem.engine.free_energy import SampleFreeEnergy
-from mavdem.dem.engine.generative import taylor_weights
+from mavdem.dem.engine.generalized_coordinates import taylor_weights
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
 from mavdem.dem.learned import Learned
 from mavdem.dem.online.memory import SampleMemory

@@ -126,14 +126,14 @@ def test_free_energy_saturates_where_higher_orders_gain_nothing(free_energy, exp
     assert model_order.saturation_order(np.array(free_energy, float)) == expected
 
 
-def test_free_energy_must_saturate_at_the_order_of_the_system_with_all_inputs():
+def test_free_energy_must_choose_the_order_of_the_system_with_all_inputs():
     checks = model_order.order_checks({"unknown": [1, 2, 3, 4], "known": [1, 3, 3, 4]})
     assert holds(checks) == [True, False, True, True]
     assert model_order.ORDERS == (1, 2, 3, 4, 5, 6)
-    assert checks[0].finding == "F̄ of system 1 saturates at order 1"
+    assert checks[0].finding == "for system 1 F̄ chooses order 1"
     assert (
         checks[1].finding
-        == "F̄ of system 2 saturates at order 2 with unknown inputs and 3 with known inputs"
+        == "for system 2 F̄ chooses order 2 with unknown inputs and 3 with known inputs"
     )
 
 

@@ -1,0 +1,113 @@
+"""Quasi-Newton maximisation of F̄ over θ and λ, for models in which rounds of D, E and M steps converge slowly.
+
+Where hidden states and θ are strongly coupled, each round goes a small part of the way. F̄ at the states of the D step
+and at optimal covariances is a function of θ and λ alone, whose gradient is that of F̄ with the states and covariances
+held, since F̄ is at its maximum over them (the envelope theorem). L-BFGS maximises it, in coordinates in which the E and
+M steps are steps of length one: M. Jamshidian and R. Jennrich, "Acceleration of the EM algorithm by using quasi-Newton
+methods", J. R. Statist. Soc. B 59, 1997; R. Byrd et al., "A limited memory algorithm for bound constrained
+optimization", SIAM J. Sci. Comput. 16, 1995.
+"""
+
+import numpy as np
+from numpy.linalg import LinAlgError
+from scipy.linalg import block_diag
+
+from mavdem.arrays import Array
+from mavdem.dem.engine.ascent import CONVERGED_ROUND_NATS, Iterate, iterate_at, run_rounds
+from mavdem.dem.engine.linalg import inverse, raise_on_overflow
+from mavdem.dem.engine.steps import FreeEnergyOfLambda, theta_gradient, theta_precision
+
+FIRST_ROUNDS = 5
+"""Rounds of D, E and M steps before the search, whose coordinates are scaled by the curvatures there. A choice."""
+
+REMEMBERED_STEPS = 30
+"""Number of steps from which L-BFGS estimates curvatures; more hardly save evaluations."""
+
+BREAKDOWN_NATS = 1e9
+"""Nats below the start that stand for F̄ where a step breaks down, so that the line search returns from there."""
+
+
+def maximise_by_quasi_newton(start: Iterate, max_evaluations: int) -> Iterate:
+    """Maximises F̄ᵒ over θ and λ, from a given iterate.
+
+    Args:
+        start: the first iterate.
+        max_evaluations: largest number of evaluations of F̄ᵒ and its gradient.
+
+    Returns:
+        The iterate of highest F̄ᵒ.
+    """
+    # Importing scipy.optimize takes half a second.
+    from scipy.optimize import minimize
+
+    iterates, _ = run_rounds(start, FIRST_ROUNDS)
+    search = _Search(iterates[-1])
+    minimize(
+        search.evaluate,
+        np.zeros(len(search.origin)),
+        jac=True,
+        method="L-BFGS-B",
+        options={
+            "maxfun": max_evaluations,
+            "maxiter": max_evaluations,
+            "maxcor": REMEMBERED_STEPS,
+            # SciPy takes the gain relative to the value.
+            "ftol": CONVERGED_ROUND_NATS / max(abs(search.best.free_energy), 1.0),
+            "gtol": 0.0,
+        },
+    )
+    return search.best
+
+
+class _Search:
+    """F̄ᵒ as a function of coordinates of θ and λ, and the best iterate at which it has been evaluated so far."""
+
+    best: Iterate
+    """The iterate of highest F̄ᵒ."""
+
+    origin: Array
+    """(k + g,) θ and λ at coordinates zero."""
+
+    _root: Array
+    """(k + g, k + g) root of the inverse curvatures of F̄ in θ and λ at the origin, which scales coordinates."""
+
+    _breakdown_value: float
+    """−F̄ᵒ, nats, where it cannot be evaluated."""
+
+    def __init__(self, start: Iterate) -> None:
+        posterior = start.posterior
+        self.best = start
+        self.origin = np.concatenate([posterior.theta, posterior.lambda_])
+        _, lambda_precision = FreeEnergyOfLambda.from_posterior(posterior).gradient(
+            posterior.lambda_
+        )
+        self._root = block_diag(
+            np.linalg.cholesky(inverse(theta_precision(posterior))),
+            np.linalg.cholesky(inverse(lambda_precision)),
+        )
+        self._breakdown_value = BREAKDOWN_NATS - start.free_energy
+
+    def evaluate(self, coordinates: Array) -> tuple[float, Array]:
+        """Evaluates −F̄ᵒ and its gradient, and remembers the iterate if it is the best so far.
+
+        Args:
+            coordinates: (k + g,) deviations of θ and λ from the origin, scaled.
+
+        Returns:
+            −F̄ᵒ, nats, and its gradient by the coordinates (k + g,); a large value and no gradient where the states or
+            the covariances have no finite solution.
+        """
+        theta, lambda_ = np.split(
+            self.origin + self._root @ coordinates, [len(self.best.posterior.theta)]
+        )
+        try:
+            with raise_on_overflow():
+                iterate = iterate_at(theta, lambda_, self.best.posterior)
+                posterior = iterate.posterior
+                lambda_gradient, _ = FreeEnergyOfLambda.from_posterior(posterior).gradient(lambda_)
+                gradient = np.concatenate([theta_gradient(posterior), lambda_gradient])
+        except LinAlgError:
+            return self._breakdown_value, np.zeros_like(coordinates)
+        if iterate.free_energy > self.best.free_energy:
+            self.best = iterate
+        return -iterate.free_energy, -self._root.T @ gradient
