@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.dem.engine.generative import embed
+from mavdem.dem.engine.generalized_coordinates import embed
 from mavdem.dem.settings import CompleteSettings
 from mavdem.facts.online import SurpriseCause
 

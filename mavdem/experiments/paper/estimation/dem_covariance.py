@@ -6,13 +6,12 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dem.engine.free_energy import Posterior
+from mavdem.dem.engine.generalized_coordinates import embed, temporal_precision
 from mavdem.dem.engine.generative import (
     GeneralizedMoments,
     GenerativeModel,
     Prior,
     SufficientStatistics,
-    embed,
-    temporal_precision,
 )
 from mavdem.dem.engine.model import pack
 from mavdem.dem.engine.steps import d_step, m_step, with_optimal_covariances
