@@ -380,7 +380,7 @@ class GenerativeModel:
         structure = self._operator_structure
         gradient_in_operator = self.error_precision(noise_precisions) @ cross_moments
         gradient_in_entries = gradient_in_operator[structure.rows, structure.columns]
-        return np.bincount(structure.parameters, gradient_in_entries)
+        return np.asarray(np.bincount(structure.parameters, gradient_in_entries), float)
 
     def mean_field_curvature_in_states(
         self, noise_precisions: Array, theta_covariance: Array
@@ -450,7 +450,7 @@ class GenerativeModel:
             ]
         )
         group_of_channel = np.concatenate([self.state_groups, self.output_groups])
-        return np.bincount(group_of_channel, added_by_channel)
+        return np.asarray(np.bincount(group_of_channel, added_by_channel), float)
 
     def error_precision(self, noise_precisions: Array) -> Array:
         """Returns the precision Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) of the prediction errors ε̃.
