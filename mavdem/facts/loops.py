@@ -46,6 +46,7 @@ class Responses(Code):
     """Of the rate's response in flight beside the predicted one."""
 
     RESPONSE_UNEXPLAINED = "response_unexplained"
+    RESPONSE_LIMITED = "response_limited"
     RESPONSE_DISAGREES = "response_disagrees"
     CONTROLLER_GAIN_DIFFERS = "controller_gain_differs"
 

@@ -42,6 +42,7 @@ from mavdem.loops.gain_design import (
     scores_of_models,
 )
 from mavdem.loops.limit_cycles import Oscillation
+from mavdem.loops.loop_construction import at_limit_share
 
 GAIN_REDUCTION = 2 / 3
 """Factor on the gains that make a vehicle oscillate: 3.5 dB less."""
@@ -242,7 +243,7 @@ def reasons_for_no_gains(loop: Loop, *, raises: bool = False) -> Facts:
     changed = parameters_changed_in_flight(record, loop.controller)
     if changed:
         return (Fact(Gains.GAINS_CHANGED, names=sorted(changed)),)
-    limited_share = _share_at_limit(loop)
+    limited_share = at_limit_share(record, loop.controller)
     if limited_share > MAX_AT_LIMIT_SHARE:
         return (Fact(Gains.MOTOR_AT_LIMIT, share=limited_share),)
     # Row 0 is the estimated plant.
@@ -269,20 +270,6 @@ def _shows_lag(loop: Loop) -> bool:
     is_identified_in_loop = not loop.plant.filtered
     # Row 0 is the estimated plant; column 1 its motor lag without the gyro's filters.
     return is_identified_in_loop or bool(loop.dynamics[0, 1] >= loop.record.dt)
-
-
-def _share_at_limit(loop: Loop) -> float:
-    """Returns the fraction of a flight with a motor at a limit; 0 if the range of the inputs is not known.
-
-    Args:
-        loop: rate and attitude loop of one axis, whose record has the inputs.
-    """
-    record = loop.record
-    if len(record.input_range) != 2:
-        return 0.0
-    lowest, highest = record.input_range
-    range_fractions = (record.inputs - lowest) / (highest - lowest)
-    return float(loop.controller.outputs_at_limit(range_fractions).mean())
 
 
 def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> Fact:

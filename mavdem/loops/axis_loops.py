@@ -162,12 +162,14 @@ class Loop(Margins):
     def agrees(self) -> bool | None:
         """Whether the response of the rate that was measured in flight is the one that the model of the loop predicts.
 
-        ``None`` where that is not known: without setpoints in the log, or where they explain too little of the rate.
+        ``None`` where that is not known: without setpoints in the log, where they explain too little of the rate, or
+        where motors were at a limit.
         """
         if self.measured is None:
             return None
         reason = self.measured.reason
-        if reason is not None and reason.code is Responses.RESPONSE_UNEXPLAINED:
+        unknown_codes = (Responses.RESPONSE_UNEXPLAINED, Responses.RESPONSE_LIMITED)
+        if reason is not None and reason.code in unknown_codes:
             return None
         return reason is None
 

@@ -108,6 +108,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
             rate.frequency,
             rate.closed[0],
             is_controller_identified=not plant.filtered,
+            limited_share=at_limit_share(record, controller),
         )
     return replace(loop, cautions=(*cautions, *controller.cautions), measured=measured)
 
@@ -188,6 +189,20 @@ def logged_controller(parameters: Parameters, axis: str, motor_weights: Array | 
         raise NotLearnable(Loops.CONTROLLER_UNKNOWN)
     weights = () if motor_weights is None else motor_weights.tolist()
     return controller_from_parameters(parameters, axis, weights)
+
+
+def at_limit_share(record: Record, controller: Controller) -> float:
+    """Returns the fraction of a flight with a motor at a limit; 0 if the range of the inputs is not known.
+
+    Args:
+        record: the flight, with the inputs.
+        controller: controller of the axis, which knows the limits.
+    """
+    if len(record.input_range) != 2:
+        return 0.0
+    lowest, highest = record.input_range
+    range_fractions = (record.inputs - lowest) / (highest - lowest)
+    return float(controller.outputs_at_limit(range_fractions).mean())
 
 
 def inputs_per_demand(controller: Controller, record: Record) -> Array:

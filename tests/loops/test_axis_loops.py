@@ -427,14 +427,17 @@ def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
 
 
 @mark.parametrize(
-    "by_wind, factor, code, agrees",
+    "by_wind, factor, limited_share, code, agrees",
     [
-        (0.0, 1.0, None, True),
-        (0.0, 3.0, Responses.RESPONSE_DISAGREES, False),
-        (30.0, 1.0, Responses.RESPONSE_UNEXPLAINED, None),
+        (0.0, 1.0, 0.1, None, True),
+        (0.0, 3.0, 0.0, Responses.RESPONSE_DISAGREES, False),
+        (0.0, 3.0, 0.1, Responses.RESPONSE_LIMITED, None),
+        (30.0, 1.0, 0.0, Responses.RESPONSE_UNEXPLAINED, None),
     ],
 )
-def test_a_response_that_is_not_the_predicted_one_says_how(by_wind, factor, code, agrees):
+def test_a_response_that_is_not_the_predicted_one_says_how(
+    by_wind, factor, limited_share, code, agrees
+):
     """A rate that follows its setpoint by the closed loop, or ``factor`` times as far, and wind."""
     sound = made_up()
     rng = default_rng(8)
@@ -453,6 +456,8 @@ def test_a_response_that_is_not_the_predicted_one_says_how(by_wind, factor, code
         setpoints=setpoint[:, None],
         setpoint_names=("roll rate setpoint",),
     )
-    measured = measured_rate_response(record, sound.controller, np.array(X_ROLL), *predicted)
+    measured = measured_rate_response(
+        record, sound.controller, np.array(X_ROLL), *predicted, limited_share=limited_share
+    )
     assert getattr(measured.reason, "code", None) == code
     assert replace(sound, measured=measured).agrees is agrees
