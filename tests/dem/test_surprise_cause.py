@@ -8,7 +8,11 @@ from simulated import DT, MOTORS, in_closed_loop
 from mavdem import OnlineLearner, Settings
 from mavdem.dem.learning import prepared_training
 from mavdem.dem.online.anomaly_marks import AnomalyMarks
-from mavdem.dem.online.surprise_cause import cause_of_surprise, explained_share
+from mavdem.dem.online.surprise_cause import (
+    cause_of_surprise,
+    explained_share,
+    sustained_share,
+)
 from mavdem.facts.online import SurpriseCause
 
 pytestmark = mark.usefixtures("without_wind_fits")
@@ -39,6 +43,15 @@ def test_motors_that_turn_the_vehicle_the_other_way_explain_nothing():
 def test_the_cause_is_undecided_with_few_samples_or_without_a_command():
     assert cause_in(MANOEUVRE[:200]) is None
     assert cause_in(MANOEUVRE, 0 * MOTORS) is None
+
+
+def test_a_command_that_stays_away_opposes_a_torque_from_outside():
+    steady = MANOEUVRE.inputs.copy()
+    steady[-150:] += 5000.0 * MOTORS
+    cause = cause_of_surprise(steady @ MOTORS, MANOEUVRE.outputs, DT, SETTINGS)
+    assert cause is SurpriseCause.DISTURBANCE
+    assert sustained_share(steady @ MOTORS, DT) > 0.8
+    assert sustained_share(MANOEUVRE.inputs @ MOTORS, DT) < 0.2
 
 
 def test_the_share_is_that_of_a_regression_on_the_lagged_command():

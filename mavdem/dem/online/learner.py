@@ -24,7 +24,11 @@ from mavdem.dem.online.estimate import Estimate, SurpriseMark
 from mavdem.dem.online.forecaster import OnlineForecaster
 from mavdem.dem.online.free_energy_monitor import FreeEnergyMonitor, Surprise
 from mavdem.dem.online.memory import SampleMemory, drop_blocks_since
-from mavdem.dem.online.surprise_cause import CAUSE_SAMPLE_SECONDS, cause_of_surprise
+from mavdem.dem.online.surprise_cause import (
+    CAUSE_SECONDS,
+    REFERENCE_SECONDS,
+    cause_of_surprise,
+)
 from mavdem.dem.record import Record
 from mavdem.dem.settings import Settings
 from mavdem.dem.validation import (
@@ -426,7 +430,7 @@ class OnlineLearner:
         directions = self._memory.effect_directions
         if directions is None:
             return None
-        sample_count = round(CAUSE_SAMPLE_SECONDS / self._dt) + learned.settings.window
+        sample_count = round((CAUSE_SECONDS + REFERENCE_SECONDS) / self._dt)
         inputs, outputs = self._memory.latest_samples(sample_count)
         command = inputs @ directions
         return cause_of_surprise(command, outputs, self._dt, learned.settings)

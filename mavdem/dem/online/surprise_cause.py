@@ -1,9 +1,10 @@
 """What caused a surprise: a manoeuvre that the model predicts wrongly, or a disturbance.
 
 In a manoeuvre the motors cause the angular acceleration: it follows their command with their lag, however much the
-model errs. A disturbance accelerates the vehicle first, and the command then opposes it. So the share of the
-acceleration that the command explains tells the two apart. The model itself could not: learned in the closed loop of a
-calm flight, where the command follows the disturbance, its control effectiveness may even have the wrong sign.
+model errs; and since the body rate returns, the command does, too. A disturbance accelerates the vehicle first, and the
+command then opposes it: the acceleration is another, or the command stays away from where it was, against the torque.
+The model itself cannot tell: learned in the closed loop of a calm flight, where the command follows the disturbance,
+its control effectiveness may even have the wrong sign.
 """
 
 from __future__ import annotations
@@ -27,14 +28,17 @@ MOTOR_LAGS = (0.01, 0.02, 0.04, 0.07, 0.12)
 SETTLING_SECONDS = 1.0
 """Time before ``CAUSE_SECONDS`` in which the lagged command forgets where it began, s: eight of the longest lags."""
 
-CAUSE_SAMPLE_SECONDS = CAUSE_SECONDS + SETTLING_SECONDS
-"""Length of the samples that a decision takes, s, besides a window of the derivatives."""
+REFERENCE_SECONDS = 10.0
+"""Time before ``CAUSE_SECONDS`` that shows where the command usually is, s: as long as the past of a surprise."""
 
 MIN_EXPLAINED_SHARE = 0.6
-"""Share of the acceleration that the command explains, from which on a surprise is a misfit of the model.
+"""Share of the acceleration that the command explains, below which a surprise is a disturbance.
 
 Chosen on simulated flights of even numbers (``tools/validation/surprise.py``).
 """
+
+MAX_SUSTAINED_SHARE = 0.4
+"""Share of the command's deviation that is constant, above which a surprise is a disturbance; chosen likewise."""
 
 
 def cause_of_surprise(
@@ -55,9 +59,26 @@ def cause_of_surprise(
     share = explained_share(command, outputs, dt, settings)
     if share is None:
         return None
-    if share >= MIN_EXPLAINED_SHARE:
-        return SurpriseCause.MODEL_MISFIT
-    return SurpriseCause.DISTURBANCE
+    if share < MIN_EXPLAINED_SHARE or sustained_share(command, dt) > MAX_SUSTAINED_SHARE:
+        return SurpriseCause.DISTURBANCE
+    return SurpriseCause.MODEL_MISFIT
+
+
+def sustained_share(command: Array, dt: float) -> float:
+    """Returns the share of the command's deviation over the last ``CAUSE_SECONDS`` that is constant.
+
+    It is the square of the mean deviation over the mean square, where the command deviates from its median before. Over
+    a manoeuvre the torques of the motors sum to almost zero, since the body rate returns; a constant one opposes a
+    torque from outside.
+
+    Args:
+        command: (T,) command of the axis, longer than ``CAUSE_SECONDS``; it varies.
+        dt: Sampling step, s.
+    """
+    latest = round(CAUSE_SECONDS / dt)
+    reference = command[-latest - round(REFERENCE_SECONDS / dt) : -latest]
+    deviations = command[-latest:] - np.median(reference)
+    return float(deviations.mean() ** 2 / np.mean(deviations**2))
 
 
 def explained_share(
