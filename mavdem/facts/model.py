@@ -5,6 +5,26 @@ from enum import StrEnum
 from mavdem.facts.fact import Code
 
 
+class ModelName(StrEnum):
+    """A model of mavdem, as documents, pages and dashboards name it beside the figures that it made."""
+
+    DEM = "DEM"
+    """The linear state-space model that dynamic expectation maximization learns: A, B and C, its free energy and its
+    process noise."""
+
+    JOINT_VAR = "joint VAR"
+    """The Bayesian vector autoregression of motors and motion together: forecasts, predictions and their bands."""
+
+    GRAY_BOX = "gray-box"
+    """The vehicle's axis with its physical parameters and the wind torque, by recorded motors."""
+
+    CLOSED_LOOP = "closed loop"
+    """The same axis in its loop with the controller, by recorded setpoints and gains: parameters and margins."""
+
+    WIND = "wind"
+    """The vehicle with its drag in moving air: velocity and direction of the wind."""
+
+
 class Refinement(StrEnum):
     """A parameter of the gray-box model that some flights have, where it predicts unseen windows better."""
 

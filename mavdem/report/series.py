@@ -136,6 +136,11 @@ def _model_series(
         yield WIND_TORQUE, Series(time, ("torque", "band"), torque)
 
 
+def free_energy_per_sample(learned: Learned) -> float:
+    """Returns the free energy action F̄ of a model divided by the number of its samples, nats: a level for F(t)."""
+    return float(learned.free_energy[-1]) / len(learned.free_energy_of_samples)
+
+
 def _held_out_series(outputs: Sequence[str], held_out: HeldOut) -> Iterator[tuple[str, Series]]:
     """Yields the name and the series of what was measured and forecast in held-out windows, and of band and residual.
 

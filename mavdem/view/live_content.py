@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -10,6 +11,7 @@ from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.dem.online.anomaly_marks import MEAN_SECONDS_BETWEEN_FALSE_MARKS
 from mavdem.dem.online.learner import TOO_FEW_SAMPLES
+from mavdem.facts.model import ModelName
 from mavdem.live import SessionStatus
 from mavdem.live.display import DisplayRow
 from mavdem.live.history import REPORTED_HORIZON
@@ -17,20 +19,20 @@ from mavdem.report.blocks import markdown
 from mavdem.report.live import watched_quantities
 from mavdem.report.numbers import (
     TORQUE_UNIT,
+    display_unit,
     name_with_unit,
     unit_per_input,
 )
 from mavdem.report.screen import assessment_blocks
 from mavdem.report.templates import render_section
-from mavdem.view.plots import BOOT_CLOCK, blueprint, events_view
+from mavdem.view.axes import WIDTH_PER_SPAN
+from mavdem.view.first_tab import SideTexts, first_tab, plot_titles
+from mavdem.view.plots import BOOT_CLOCK, LEGEND, blueprint, events_view
 
 FLIGHT_SECONDS = 20.0
 """s of flight that the plots show."""
 
-CARD_COUNT = 5
-"""Texts above the plots: state, prediction, wind, wind torque and physical parameters."""
-
-LEGEND = (
+STATUS_LEGEND = (
     "Error ratios: beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
     "median: 1 is the worst of twenty samples. Where it stays high, an event says so; one in "
     f"{MEAN_SECONDS_BETWEEN_FALSE_MARKS / 60:.0f} minutes is expected without a change. It is a model misfit where the "
@@ -52,63 +54,84 @@ class Channels(NamedTuple):
     input_units: Names
     output_units: Names
 
+    @property
+    def shown_horizon(self) -> int:
+        """Index of the horizon that is drawn: the one nearest to ``REPORTED_HORIZON``."""
+        seconds = self.dt * np.array(self.horizons)
+        return int(abs(seconds - REPORTED_HORIZON).argmin())
+
 
 def live_blueprint(channels: Channels) -> rrb.Blueprint:
-    """Returns the layout of a live flight in three tabs: the flight, details of its samples, and the status.
+    """Returns the layout of a live flight in four tabs: the flight, the rest of its motion, free energy, status.
 
-    The first tab has texts at the top, plots over the last seconds below, and what is watched with the events beside
-    them. The paths of entities are those that ``LiveWriter`` and ``SinkThread`` write to.
+    The first tab has five plots over the last seconds, and beside them the figures of now with the events. The paths of
+    entities are those that ``LiveWriter`` and ``SinkThread`` write to.
 
     Args:
         channels: names and units of what is shown.
     """
+    axis = channels.output_names[0]
+    angle_unit = display_unit(channels.output_units[0]).name
+    seconds = channels.dt * channels.horizons[channels.shown_horizon]
+    titles = plot_titles(axis, angle_unit, f"its prediction {seconds:.2g} s ahead")
+    paths = first_tab_paths(axis)
+    plots = {name: live_plot(title, paths[name]) for name, title in titles.items()}
+    texts = rrb.TextDocumentView(origin="figures", name="Figures", titlebar=False)
+    events = rrb.TextDocumentView(origin="events", name="Events", titlebar=False)
+    flight = first_tab(plots, SideTexts([texts, events], [58, 42]))
 
-    def plot(name: str, origin: str) -> rrb.TimeSeriesView:
-        """Returns a plot of the last ``FLIGHT_SECONDS`` before the time cursor, and of the predictions after it.
-
-        The viewer loads only the samples of this range, which keeps it fast during a long flight.
-
-        Args:
-            name: title of the plot.
-            origin: path of the entity whose lines the plot shows.
-        """
-        start = rr.TimeRangeBoundary.cursor_relative(seconds=-FLIGHT_SECONDS)
-        end = rr.TimeRangeBoundary.cursor_relative(seconds=REPORTED_HORIZON)
-        axis = rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
-        visible_range = rrb.VisibleTimeRange(BOOT_CLOCK, start=start, end=end)
-        return rrb.TimeSeriesView(
-            name=name,
-            origin=origin,
-            axis_x=axis,
-            time_ranges=[visible_range],
-            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
-        )
-
-    axes = [plot(name_with_unit(axis.capitalize(), "°"), f"axes/{axis}") for axis in AXES]
     input_unit = channels.input_units[0] if channels.input_units else ""
-    motors = name_with_unit("Motors", input_unit)
-    plots = rrb.Vertical(
-        *axes,
-        plot("Rates, °/s", "rates"),
-        plot(motors, "motors"),
-        plot("Wind, m/s", "air"),
-        plot(f"Wind torque on {channels.output_names[0]}, {TORQUE_UNIT.name}", "wind"),
+    other_axes = [other_axis for other_axis in AXES if other_axis != axis]
+    motion = rrb.Vertical(
+        *[live_plot(name_with_unit(name.capitalize(), "°"), f"axes/{name}") for name in other_axes],
+        live_plot("Rates, °/s", "rates"),
+        live_plot(name_with_unit("Motors", input_unit), "motors"),
+        name="Motion",
     )
-    documents = [
-        rrb.TextDocumentView(origin=f"figures/{number}", name=f"Figure {number}", titlebar=False)
-        for number in range(CARD_COUNT + 1)
-    ]
-    # The last text, what is watched, is longer than the others and stands beside the plots.
-    cards = documents[:CARD_COUNT]
-    watched = documents[CARD_COUNT]
-    side = rrb.Vertical(watched, events_view(), row_shares=[20, 80])
-    bottom = rrb.Horizontal(plots, side, column_shares=[70, 30])
-    flight = rrb.Vertical(rrb.Horizontal(*cards), bottom, row_shares=[15, 85], name="Flight")
-    surprise = plot("Surprise: how unusual a sample is", "surprise")
-    samples = plot("F(t), nats: low at an unusual sample", "free_energy_of_samples")
-    details = rrb.Vertical(surprise, samples, name="Details")
-    status = rrb.TextDocumentView(origin="status", name="Status")
-    return blueprint(rrb.Tabs(flight, details, status, active_tab=0), play_state="following")
+    by_dem = f"model: {ModelName.DEM}"
+    free_energy = rrb.Vertical(
+        live_plot(f"Terms of F(t), nats · {by_dem}", "free_energy_terms"),
+        live_plot(f"F̄ of each learning run, nats · {by_dem}", "free_energy_action"),
+        live_plot(f"Surprise: how unusual a sample is · {by_dem}", "surprise"),
+        row_shares=[50, 25, 25],
+        name="Free energy",
+    )
+    status = rrb.TextDocumentView(origin="status", name="Status", titlebar=False)
+    status_and_log = rrb.Horizontal(status, events_view(), name="Status")
+    tabs = rrb.Tabs(flight, motion, free_energy, status_and_log, active_tab=0)
+    return blueprint(tabs, play_state="following")
+
+
+def first_tab_paths(axis: str) -> dict[str, str]:
+    """Returns the entities of the plots of the first tab, by the keys of ``PLOTS``, for the learned axis."""
+    return {
+        "angle": f"axes/{axis}",
+        "free_energy": "free_energy",
+        "parameters": "parameters",
+        "wind": "air",
+        "torque": "wind",
+    }
+
+
+def live_plot(title: str, origin: str) -> rrb.View:
+    """Returns a plot of the last ``FLIGHT_SECONDS`` before the time cursor, and of the predictions after it.
+
+    The viewer loads only the samples of this range, which keeps it fast during a long flight. The axis goes on after
+    them, where the legend is.
+
+    Args:
+        title: title of the plot.
+        origin: path of the entity whose lines the plot shows.
+    """
+    start = rr.TimeRangeBoundary.cursor_relative(seconds=-FLIGHT_SECONDS)
+    last_sample = rr.TimeRangeBoundary.cursor_relative(seconds=REPORTED_HORIZON)
+    width = WIDTH_PER_SPAN * (FLIGHT_SECONDS + REPORTED_HORIZON)
+    end = rr.TimeRangeBoundary.cursor_relative(seconds=width - FLIGHT_SECONDS)
+    axis = rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
+    visible_range = rrb.VisibleTimeRange(BOOT_CLOCK, start=start, end=last_sample)
+    return rrb.TimeSeriesView(
+        name=title, origin=origin, axis_x=axis, time_ranges=[visible_range], plot_legend=LEGEND
+    )
 
 
 def figures(
@@ -176,5 +199,5 @@ def status_document(
         blocks = assessment_blocks(status.findings, status.overall_judgement)
         paragraphs.append(markdown(blocks))
     paragraphs += [detail.text for detail in details]
-    paragraphs.append(LEGEND)
+    paragraphs.append(STATUS_LEGEND)
     return "\n\n".join(paragraphs)

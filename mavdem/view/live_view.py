@@ -24,10 +24,14 @@ from mavdem.live.display import DisplayRow
 from mavdem.live.link import RETRY_SECONDS
 from mavdem.live.samples import MAX_SAMPLES
 from mavdem.live.session_status import STATUS_PERIOD
+from mavdem.view.first_tab import events_text
 from mavdem.view.live_content import Channels, figures, status_document
 from mavdem.view.live_writer import LiveWriter
 from mavdem.view.plots import BOOT_CLOCK, log_event
 from mavdem.view.sinks import CLOSING_SECONDS, Sink
+
+MAX_LISTED_EVENTS = 30
+"""Latest events that the first tab lists: several screens; the tab "Status" has all."""
 
 FLUSH_SECONDS = 5.0
 """Time limit for sending a batch, s; a slower one is still under way."""
@@ -65,6 +69,7 @@ class SinkThread(threading.Thread):
         self._recording_id = recording_id
         self._rows: deque[tuple[Channels, DisplayRow]] = deque(maxlen=MAX_SAMPLES)
         self._events: deque[Event] = deque(maxlen=MAX_SAMPLES)
+        self._listed_events: deque[Event] = deque(maxlen=MAX_LISTED_EVENTS)
         self._recording: rr.RecordingStream | None = None
         self._writer: LiveWriter | None = None
         self._last_row: DisplayRow | None = None
@@ -207,6 +212,10 @@ class SinkThread(threading.Thread):
         such from the time on at which it began.
         """
         log_event(recording, event.seconds, event.sentence, event.fact.level)
+        # The newest event stands first, since the viewer does not scroll a text to its end.
+        self._listed_events.appendleft(event)
+        text = events_text(self._listed_events)
+        recording.log("events", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         cause = event.fact.figures.get("because", event.fact)
         if self._writer is not None and isinstance(cause, Fact):
             if cause.code in (InFlight.MOTOR_LOST_THRUST, InFlight.MOTOR_RECOVERED):
@@ -229,11 +238,11 @@ class SinkThread(threading.Thread):
             sentence = f"{new_drops} rows are not shown here: this view is too slow"
             log_event(recording, row.timeline_time, sentence, Level.WATCH)
             self._reported_drops += new_drops
+        cards = figures(self.status, row, channels, self._trained_until)
         documents = {
-            f"figures/{number}": text
-            for number, text in enumerate(figures(self.status, row, channels, self._trained_until))
+            "figures": "\n\n".join(cards),
+            "status": status_document(self.status, row, channels, self._trained_until),
         }
-        documents["status"] = status_document(self.status, row, channels, self._trained_until)
         recording.set_time(BOOT_CLOCK, duration=row.timeline_time)
         for path, text in documents.items():
             recording.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))

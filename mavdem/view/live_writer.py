@@ -1,4 +1,4 @@
-"""Rows of a live flight as lines of a Rerun recording: motors, angles, rates, wind, wind torque and free energy."""
+"""Rows of a live flight as lines of a Rerun recording: motion, free energy, parameters, wind and wind torque."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -13,7 +13,6 @@ from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dem import Estimate
 from mavdem.dem.engine.free_energy import Term
 from mavdem.live.display import DisplayRow
-from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.samples import MAX_SAMPLES
 from mavdem.report.numbers import TORQUE_UNIT, display_unit, motor_position
 from mavdem.report.palette import (
@@ -22,19 +21,32 @@ from mavdem.report.palette import (
     BOUND,
     DISTINCT,
     DISTURBANCE,
+    LIMITED,
     MEASURED,
     PREDICTED,
     TRUTH,
     distinct,
 )
-from mavdem.view.live_content import Channels, live_blueprint
-from mavdem.view.plots import CLIP_SPANS, Lines, colour_on_dark
-
-WIND_INTERVAL_OPACITY = 0.5
-"""Opacity of the lines at the ends of the wind's interval."""
+from mavdem.report.series import free_energy_per_sample
+from mavdem.view.axes import range_with_ticks
+from mavdem.view.first_tab import PLOTS
+from mavdem.view.live_content import (
+    FLIGHT_SECONDS,
+    Channels,
+    first_tab_paths,
+    live_blueprint,
+)
+from mavdem.view.parameter_traces import ParameterTrace, parameter_estimates, parameter_traces
+from mavdem.view.plots import BOOT_CLOCK, CLIP_SPANS, Lines, colour_on_dark
 
 MARK_SECONDS = 1e-3
 """s before an alarm at which the line of its mark breaks."""
+
+WIND_EDGE_OPACITY = 0.5
+"""Opacity of the lines at the ends of the wind's interval."""
+
+INVISIBLE = (0, 0, 0, 0)
+"""Colour of lines that only widen the range of an axis: red, green, blue and opacity."""
 
 
 TERM_NAMES = tuple(term.value for term in Term)
@@ -75,6 +87,15 @@ class LatestSample(NamedTuple):
     time: float
 
 
+class PlotRange(NamedTuple):
+    """Smallest and largest value that a plot got at one time."""
+
+    time: float
+    """s on the timeline"""
+    low: float
+    high: float
+
+
 class LiveWriter:
     """Writes rows of one set of channels into one recording, to which it sends their layout.
 
@@ -88,16 +109,25 @@ class LiveWriter:
         recording.send_blueprint(live_blueprint(channels))
         self.channels = channels
         self._recording = recording
-        # By plot, the smallest and the largest value that was drawn without clipping.
+        # By plot, the smallest and the largest value that was drawn without clipping; and the same of each batch of
+        # the seconds in sight, for the plots of the first tab.
         self._plot_ranges: dict[str, Interval] = {}
+        self._tick_intervals = {}
+        for name, path in first_tab_paths(channels.output_names[0]).items():
+            self._tick_intervals[path] = PLOTS[name].tick_intervals
+        self._latest_ranges: dict[str, deque[PlotRange]] = {}
+        # By plot of the first tab, the name of the line that was drawn first.
+        self._first_names: dict[str, str] = {}
+        # How the parameters are drawn, from their first estimate on.
+        self._parameter_traces: tuple[ParameterTrace, ...] = ()
         self._latest_samples: dict[Lines, LatestSample] = {}
         # The latest samples of the wind torque: the alarm of a motor is about the last seconds.
         self._torque_samples = deque[Sample](maxlen=MAX_SAMPLES)
 
     def write(self, rows: list[DisplayRow]) -> None:
-        """Draws rows into the plots: motors, angles with their prediction, rates, wind, wind torque and free energy.
+        """Draws rows into the plots: motion with its prediction, motors, free energy, parameters, wind, wind torque.
 
-        Wind torque and free energy are estimates of the model, and are drawn only of rows that have an estimate.
+        What a model estimates is drawn only of rows that have an estimate.
 
         Args:
             rows: rows of the live flight, in the order of their times. A row has the inputs and outputs of the model at
@@ -112,6 +142,13 @@ class LiveWriter:
         estimates = [(row, row.estimate) for row in rows if row.estimate is not None]
         self._draw_wind_torque(estimates)
         self._draw_free_energy(estimates)
+        self._draw_parameters(estimates)
+        for row, estimate in estimates:
+            if estimate.unusual:
+                angle_plot = f"axes/{self.channels.output_names[0]}"
+                mark = Lines(f"{angle_plot}/8_surprises", ("surprise",), (LIMITED,), filled=True)
+                self._mark(mark, estimate.seen + row.timeline_offset)
+        self._widen_axes()
 
     def mark_motor_torque(self, start_time: float) -> None:
         """Marks the wind torque from ``start_time``, s, until now: it was the torque of a motor that changed."""
@@ -123,19 +160,49 @@ class LiveWriter:
         self._draw(Lines("wind/2_motor", ("of a motor",), (BAD,), 3.0), samples)
 
     def mark_alarm(self, time: float) -> None:
-        """Marks an alarm by an upright line in every plot, as high as the values that were drawn there so far.
+        """Marks an alarm by an upright line in every plot but that of the parameters, whose legend has no more room.
 
         Args:
             time: time of the alarm, s on the timeline; NaN, for an alarm without a time, marks nothing.
         """
-        if not np.isfinite(time):
+        for plot in self._plot_ranges:
+            if plot != "parameters":
+                self._mark(Lines(f"{plot}/9_alarms", ("alarm",), (BAD,), filled=True), time)
+
+    def _mark(self, line: Lines, time: float) -> None:
+        """Marks a time by an upright line, as high as the values that were drawn in its plot so far.
+
+        Args:
+            line: the entity, one for all marks of a kind.
+            time: s on the timeline; NaN marks nothing.
+        """
+        plot_range = self._plot_ranges.get(plot_of(line))
+        if not np.isfinite(time) or plot_range is None:
             return
-        for plot, (low, high) in self._plot_ranges.items():
-            line = Lines(f"{plot}/9_alarms", ("alarm",), (BAD,), filled=True)
-            line.send_style(self._recording)
-            # All alarms of a plot are one line. The NaN just before each breaks it, so that they are not joined.
-            edges = np.array([[np.nan, np.nan], [low, high]])
-            line.send(self._recording, np.array([time - MARK_SECONDS, time]), edges)
+        line.send_style(self._recording)
+        # The NaN just before each mark breaks the line, so that marks are not joined.
+        edges = np.array([[np.nan, np.nan], plot_range])
+        line.send(self._recording, np.array([time - MARK_SECONDS, time]), edges)
+
+    def _widen_axes(self) -> None:
+        """Draws two invisible lines in each plot of the first tab, so that its axis has enough numbered ticks.
+
+        The viewer fits the axis of values to all lines in sight. The two are at the ends of the range with ticks of
+        what was drawn in the last ``FLIGHT_SECONDS``.
+        """
+        for plot, ranges in self._latest_ranges.items():
+            newest = ranges[-1].time
+            while ranges[0].time < newest - FLIGHT_SECONDS:
+                ranges.popleft()
+            lowest = min(one.low for one in ranges)
+            highest = max(one.high for one in ranges)
+            ends = range_with_ticks(lowest, highest, self._tick_intervals[plot])
+            path = f"{plot}/90_axis"
+            # The legend has one entry for all lines of a name, so that these two add none.
+            style = rr.SeriesLines(names=[self._first_names[plot]] * 2, colors=[INVISIBLE] * 2)
+            self._recording.log(path, style, static=True)
+            self._recording.set_time(BOOT_CLOCK, duration=newest)
+            self._recording.log(path, rr.Scalars(ends))
 
     def _draw(self, lines: Lines, samples: Sequence[Sample], clip: bool = False) -> None:
         """Draws the samples that are later than those before; lines break between segments.
@@ -162,6 +229,12 @@ class LiveWriter:
         segments = [latest.segment, *(sample.segment for sample in new_samples.values())]
         self._latest_samples[lines] = LatestSample(segments[-1], time[-1])
         values = self._clipped_to_plot(lines, values, finite_values, clip)
+        finite_values = values[np.isfinite(values)]
+        if plot_of(lines) in self._tick_intervals and len(finite_values):
+            self._first_names.setdefault(plot_of(lines), lines.names[0])
+            ranges = self._latest_ranges.setdefault(plot_of(lines), deque())
+            plot_range = PlotRange(time[-1], float(finite_values.min()), float(finite_values.max()))
+            ranges.append(plot_range)
         # A NaN half a step before a new segment breaks the line.
         breaks = np.flatnonzero(np.diff(segments))
         values = np.insert(values, breaks, np.nan, axis=0)
@@ -179,7 +252,7 @@ class LiveWriter:
             finite_values: those that are finite.
             clip: whether to clip. In a plot without a range nothing is clipped.
         """
-        plot = lines.path.rpartition("/")[0] or lines.path
+        plot = plot_of(lines)
         plot_range = self._plot_ranges.get(plot)
         if clip and plot_range is not None:
             low, high = plot_range
@@ -198,9 +271,8 @@ class LiveWriter:
         A prediction is drawn at the time that it is for, not at the time at which it was made. Rows without an estimate
         give NaN, which breaks the line.
         """
-        horizon_seconds = np.array(self.channels.horizons) * self.channels.dt
-        horizon = abs(horizon_seconds - REPORTED_HORIZON).argmin()
-        seconds = horizon_seconds[horizon]
+        horizon = self.channels.shown_horizon
+        seconds = self.channels.horizons[horizon] * self.channels.dt
         scale = display_unit(self.channels.output_units[0]).scale
         plot = f"axes/{self.channels.output_names[0]}"
         # The numbers in the paths put the band below the lines.
@@ -292,20 +364,40 @@ class LiveWriter:
         self._draw(rates, samples)
 
     def _draw_wind(self, rows: list[DisplayRow]) -> None:
-        """Draws the wind speed with the ends of its 90 % interval, m/s, in the rows that have an estimate."""
-        interval_colour = colour_on_dark(DISTURBANCE, WIND_INTERVAL_OPACITY)
-        speed = Lines(
-            "air/speed",
-            ("wind", "90 % from", "to"),
-            (DISTURBANCE, interval_colour, interval_colour),
-        )
-        samples = []
+        """Draws the wind speed with its 90 % interval, m/s, in the rows that have an estimate."""
+        speeds = []
+        edges = []
         for row in rows:
             if row.wind is not None:
                 time = row.wind.time + row.timeline_offset
-                # The first three values are the speed and its interval; the direction follows.
-                samples.append(Sample(0, time, row.wind.compass[:3]))
-        self._draw(speed, samples)
+                wind = row.wind.compass
+                speeds.append(Sample(0, time, [wind.speed]))
+                edges.append(Sample(0, time, [wind.speed_low, wind.speed_high]))
+        shade = colour_on_dark(DISTURBANCE, WIND_EDGE_OPACITY)
+        # Estimates are half a second apart: edges are lines, since upright strokes would leave gaps.
+        names = ("90 % band", "90 % band")
+        self._draw(Lines("air/0_band", names, (shade, shade)), edges)
+        self._draw(Lines("air/1_speed", ("wind",), (DISTURBANCE,)), speeds)
+
+    def _draw_parameters(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
+        """Draws control effectiveness, damping and motor time constant, each with its 90 % band.
+
+        Args:
+            estimates: rows with their estimates; those without physical parameters break the lines.
+        """
+        values: list[list[EstimateWithBand]] = [[], [], []]
+        for row, estimate in estimates:
+            if estimate.physical is None:
+                continue
+            if not self._parameter_traces:
+                unit = self.channels.input_units[0]
+                self._parameter_traces = parameter_traces(estimate.physical, unit)
+            parameters = parameter_estimates(estimate.physical).tolist()
+            for samples, (value, half_width) in zip(values, parameters, strict=True):
+                samples.append(EstimateWithBand(row.segment, row.timeline_time, value, half_width))
+        for number, trace in enumerate(self._parameter_traces):
+            line = Lines(f"parameters/{number + 3}_line", (trace.name,), (trace.colour,))
+            self._draw_with_band(f"parameters/{number}_band", line, values[number], trace.scale)
 
     def _draw_wind_torque(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
         """Draws the estimated wind torque with its 90 % band, at the time that it acted.
@@ -336,13 +428,18 @@ class LiveWriter:
         """Draws the free energy F(t) of the samples with its terms, nats, their surprise, and F̄ of each learning run.
 
         F(t) is known only when the window of samples around a time is complete, so it is drawn at its centre,
-        ``estimate.seen``. F̄ of a model is drawn at the last sample that it was learned from. A constant line at 1 shows
-        the surprise of the worst of twenty samples.
+        ``estimate.seen``. F̄ of a model is drawn at the last sample that it was learned from; divided by the number of
+        its samples, it is the mean of their F(t). A constant line at 1 shows the surprise of the worst of twenty
+        samples.
+
+        Args:
+            estimates: rows with their estimates.
         """
         energies = []
         terms = []
         actions = []
         surprises = []
+        means = []
         for row, estimate in estimates:
             if np.isfinite(estimate.seen):
                 time = estimate.seen + row.timeline_offset
@@ -353,8 +450,18 @@ class LiveWriter:
                 actions.append(Sample(0, end_time, [estimate.free_energy_action]))
                 # The first value is the constant line.
                 surprises.append(Sample(0, time, [1.0, estimate.surprise]))
-        self._draw(Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)), energies)
+            if row.learned is not None and np.isfinite(estimate.until):
+                end_time = estimate.until + row.timeline_offset
+                means.append(Sample(0, end_time, [free_energy_per_sample(row.learned)]))
+        self._draw(Lines("free_energy/0_samples", ("F(t)",), (MEASURED,)), energies)
+        runs = Lines("free_energy/1_runs", ("F̄ per sample",), (PREDICTED,), 3.0)
+        self._draw(runs, means)
         self._draw(Lines("free_energy_terms", TERM_NAMES, TERM_COLOURS), terms)
         self._draw(Lines("free_energy_action", ("F̄",), (PREDICTED,)), actions)
         lines = Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED))
         self._draw(lines, surprises)
+
+
+def plot_of(lines: Lines) -> str:
+    """Returns the path of the plot that lines are drawn in: all but the last part of their own."""
+    return lines.path.rpartition("/")[0] or lines.path

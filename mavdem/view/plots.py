@@ -19,7 +19,7 @@ from mavdem.files import atomic_write
 from mavdem.fleet.row import utf8_text
 from mavdem.report import palette
 from mavdem.report.charts.chart import Chart, Line
-from mavdem.report.numbers import rounded
+from mavdem.view.axes import MAX_TICK_INTERVALS, WIDTH_PER_SPAN, range_with_ticks
 
 BOOT_CLOCK = "boot clock"
 """Timeline of flights, s: the vehicle's boot clock. A live flight continues that of its first boot."""
@@ -44,8 +44,14 @@ would decide the range of the axis."""
 MAX_STROKES = 20_000
 """Points of an area or a path at most: the viewer draws every one at once."""
 
+MIN_STROKES = 2_000
+"""Points of an area at least: more than the pixels across a plot."""
+
 AXIS_MARGIN = 0.05
 """Space above and below the values of a plot, in spans of these."""
+
+LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
+"""Legend of a plot, where ``LEGEND_SHARE`` keeps lines out."""
 
 
 @dataclass(frozen=True)
@@ -123,6 +129,7 @@ def draw_chart(
     chart: Chart,
     span: Interval,
     marks: Sequence[EventMarks] = (),
+    intervals: float = MAX_TICK_INTERVALS,
 ) -> rrb.View:
     """Draws a chart over the boot clock, later lines over earlier ones.
 
@@ -130,14 +137,14 @@ def draw_chart(
         recording: where to.
         origin: the entity that its lines are below.
         chart: the lines with their bands.
-        span: the first and the last time of the axis, s.
+        span: the first and the last time of the lines, s; the axis ends later, where the legend is.
         marks: events that are marked.
+        intervals: how many intervals between ticks the plot has room to number.
 
     Returns:
-        The view of the chart, with a legend where there is more than one line. The range of values is in its title,
-        since the viewer numbers hardly an axis of a low plot.
+        The view of the chart, with a legend where there is more than one line.
     """
-    value_range = range_of(*_finite_bounds(chart))
+    value_range = range_with_ticks(*range_of(*_finite_bounds(chart)), intervals)
     drawn_lines: list[_DrawnLine] = []
     for line in chart.lines:
         drawn_lines += _band_and_line(line, value_range)
@@ -154,16 +161,16 @@ def draw_chart(
         lines = Lines(path, (drawn.name,), (drawn.colour,), drawn.width, filled=is_band)
         lines.send_style(recording)
         lines.send(recording, drawn.time, drawn.values)
-    # A constant has no span: its axis has some room all the same.
-    smallest_span = 1e-9 * max(abs(low), abs(high), 1.0)
-    margin = AXIS_MARGIN * max(high - low, smallest_span)
-    start, end = (rr.TimeRangeBoundary.absolute(seconds=seconds) for seconds in span)
+    margin = AXIS_MARGIN * (high - low)
+    first, last = span
+    start = rr.TimeRangeBoundary.absolute(seconds=first)
+    end = rr.TimeRangeBoundary.absolute(seconds=first + WIDTH_PER_SPAN * (last - first))
     return rrb.TimeSeriesView(
-        name=f"{chart.y.label} ({rounded(low, 3)} to {rounded(high, 3)})",
+        name=chart.y.label,
         origin=origin,
         axis_x=rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
         axis_y=rrb.ScalarAxis(range=(low - margin, high + margin)),
-        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=len(drawn_lines) > 1),
+        plot_legend=LEGEND if len(drawn_lines) > 1 else rrb.PlotLegend(visible=False),
     )
 
 
@@ -186,13 +193,18 @@ def _band_and_line(line: Line, value_range: Interval) -> Iterator[_DrawnLine]:
     """
     if line.lower_edge is not None and line.upper_edge is not None:
         low, high = value_range
-        # Edges far beyond what is in sight are drawn as far as the viewer may be scrolled.
-        edges = np.clip([line.lower_edge, line.upper_edge], 2 * low - high, 2 * high - low).T
-        # Of a long band every so many samples are drawn.
-        step = ceil(len(line.x) / MAX_STROKES)
         # The colour is opaque, since the opacities of strokes that overlap would add up.
         shade = colour_on_dark(line.colour, palette.BAND_OPACITY)
-        yield _DrawnLine("90 % band", shade, 0.0, line.x[::step], edges[::step])
+        band = line
+        if len(line.x) < MIN_STROKES:
+            # Strokes at few samples would leave gaps between them.
+            band = line.resampled(np.linspace(line.x[0], line.x[-1], MIN_STROKES))
+        assert band.lower_edge is not None and band.upper_edge is not None
+        # Edges far beyond what is in sight are drawn as far as the viewer may be scrolled.
+        edges = np.clip([band.lower_edge, band.upper_edge], 2 * low - high, 2 * high - low).T
+        # Of a long band every so many samples are drawn.
+        step = ceil(len(band.x) / MAX_STROKES)
+        yield _DrawnLine("90 % band", shade, 0.0, band.x[::step], edges[::step])
     yield _DrawnLine(line.name, line.colour, LINE_WIDTH, line.x, line.y)
 
 

@@ -1,4 +1,4 @@
-"""A learned flight as a Rerun recording with its layout: flight, wind, loops, forecasts, learning and report."""
+"""A learned flight as a Rerun recording with its layout: flight, motion, wind, loops, forecasts, learning, report."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -10,26 +10,40 @@ import rerun.blueprint as rrb
 from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.dem import Learned
+from mavdem.dem.online.unusual_samples import unusual_samples
 from mavdem.experiments.held_out import FORECAST, HeldOut
+from mavdem.facts.model import ModelName
 from mavdem.fleet.row import utf8_text
 from mavdem.loops.step_response import StepResponse
+from mavdem.plant.parameter_history import parameter_history
 from mavdem.report import palette
-from mavdem.report.blocks import Block, Blocks, Sentence, markdown
+from mavdem.report.blocks import Block, Blocks, markdown
 from mavdem.report.charts.chart import Chart, Line, over_time
+from mavdem.report.charts.model_charts import torque_line
 from mavdem.report.charts.timeline import Timeline, timeline_of
 from mavdem.report.labels import Labels
 from mavdem.report.loops import decision_sentences, margin_tables
-from mavdem.report.numbers import display_unit
+from mavdem.report.numbers import TORQUE_UNIT, display_unit
 from mavdem.report.screen import analysis_blocks, detail_blocks, flight_title, motor_blocks
-from mavdem.report.series import FREE_ENERGY, OUTPUTS, PROCESS_NOISE, Series, series_of
+from mavdem.report.series import (
+    FREE_ENERGY,
+    FREE_ENERGY_ACTION,
+    FREE_ENERGY_TERMS,
+    OUTPUTS,
+    PROCESS_NOISE,
+    Series,
+    free_energy_per_sample,
+    series_of,
+)
 from mavdem.report.templates import headline
+from mavdem.view.first_tab import PLOTS, SideTexts, events_text, first_tab, plot_titles
+from mavdem.view.parameter_traces import parameter_estimates, parameter_traces
 from mavdem.view.plots import (
     CLIP_SPANS,
     EventMarks,
     Target,
     blueprint,
     draw_chart,
-    events_view,
     log_event,
     range_of,
     recorded,
@@ -48,8 +62,8 @@ SENSITIVITY_FREQUENCIES = np.linspace(0.5, 30.0, 60)
 def write_recording(target: Target, assessment: Assessment) -> None:
     """Writes an assessment with a model, and forecasts of held-out windows, as a recording.
 
-    It opens with its own layout: the flight as a whole, its wind and loops, forecasts, how the model was learned, and
-    the report. Angles are in degrees; alarms are marked in every plot.
+    It opens with its own layout: the tab that a live session opens with, the motion, wind and loops, forecasts, how the
+    model was learned, and the report. Angles are in degrees; alarms are marked in every plot.
 
     Args:
         target: a file, which appears completely or not at all, or a stream.
@@ -70,9 +84,12 @@ def write_recording(target: Target, assessment: Assessment) -> None:
         title = flight_title(analysis.flights, assessment.simulated)
         report = [title, *analysis_blocks(assessment)]
         views: list[rrb.Container | rrb.View] = [
-            tabs.flight(),
+            tabs.flight(learned, held_out, series),
+            tabs.motion(),
+            *tabs.vehicle(),
             *tabs.wind(learned, series[OUTPUTS].time),
             *tabs.loops(),
+            *tabs.free_energy(series),
             tabs.forecasts(learned, held_out, series),
             tabs.learning(learned),
             log_text(recording, "report", "Report", report),
@@ -122,41 +139,94 @@ class RecordingTabs:
             if event.is_alarm and first < event.seconds < last
         ]
 
-    def flight(self) -> rrb.Container:
-        """Draws the first tab: headline and next step above the charts of the flight, lights and events beside them.
+    def flight(
+        self, learned: Learned, held_out: HeldOut, series: Mapping[str, Series]
+    ) -> rrb.Container:
+        """Draws the first tab: the plots of a live session, over the whole flight, with headline, lights and events.
 
         A light is the judgement of one part of the vehicle, such as its motors: good, watch, bad or unknown.
+
+        Args:
+            learned: the model.
+            held_out: the forecasts, by windows that the model was not trained on.
+            series: outputs and free energy (T, k) by name.
         """
         judgement = self._assessment.judgement
-        conclusion = (
-            f"**{headline(judgement.headline)}**\n\n**Next:** {judgement.next_step.advised}"
-        )
-        top = log_text(self._recording, "headline", "", conclusion)
-        lights = [
-            Sentence(fact.advised, f"{name.capitalize()} – {fact.level}:")
-            for name, fact in judgement.lights.items()
+        lines = [
+            f"**{headline(judgement.headline)}**",
+            f"**Next:** {judgement.next_step.advised}",
         ]
-        lights_view = log_text(self._recording, "lights", "Lights", lights)
-        side = rrb.Vertical(lights_view, events_view(), row_shares=[55, 45])
-        plots = rrb.Vertical(*self._draw_charts("flight", self._flight_charts()))
-        bottom = rrb.Horizontal(plots, side, column_shares=[75, 25])
-        return rrb.Vertical(top, bottom, row_shares=[9, 91], name="Flight")
+        for name, fact in judgement.lights.items():
+            lines.append(f"**{name.capitalize()} – {fact.level}:** {fact.advised}")
+        conclusion = log_text(self._recording, "headline", "", "\n\n".join(lines))
+        events = log_text(self._recording, "events", "", events_text(self._timeline.events))
 
-    def _flight_charts(self) -> list[Chart]:
-        """Returns a chart of each axis's angle, one chart of all rates, and the other charts of the timeline.
+        energy = series[FREE_ENERGY]
+        unusual = unusual_samples(energy.values[:, 0], learned.dt)
+        surprises = EventMarks("surprise", palette.LIMITED, energy.time[unusual].tolist())
+        axis = series[OUTPUTS].names[0]
+        unit = Labels.of(learned).output_units[0]
+        forecast = f"forecasts for {held_out.seconds:.2g} s"
+        titles = plot_titles(axis, display_unit(unit).name, forecast)
+        angle_chart = forecast_chart(0, held_out, series[OUTPUTS], unit)
+        setpoint = self._setpoint_of(axis)
+        charts = {
+            "angle": angle_chart._replace(lines=(*setpoint, *angle_chart.lines)),
+            "free_energy": free_energy_chart(learned, energy),
+            "parameters": parameter_chart(self._assessment),
+            "wind": self._wind_chart("Wind, m/s"),
+            "torque": torque_chart(learned),
+        }
+        alarms = EventMarks("went wrong", palette.BAD, self._alarm_times)
+        plots = {}
+        for name, chart in charts.items():
+            if not chart.lines:
+                continue
+            marks = (surprises, alarms) if name == "angle" else (alarms,)
+            view = draw_chart(
+                self._recording,
+                f"flight/{name}",
+                chart._replace(y=chart.y._replace(label=titles[name])),
+                self._timeline.span,
+                marks,
+                PLOTS[name].tick_intervals,
+            )
+            plots[name] = view
+        return first_tab(plots, SideTexts([conclusion, events], [60, 40]))
 
-        A page has a chart of its own for each rate. Here rates share one, without setpoints, since plots are low.
-        """
-        angle_charts: list[Chart] = []
+    def _setpoint_of(self, axis: str) -> Sequence[Line]:
+        """Returns the line of an axis's angle setpoint; none where it was not recorded."""
+        for chart in self._timeline.axis_charts.get(axis, ())[:1]:
+            return [line for line in chart.lines if line.name == "setpoint"]
+        return ()
+
+    def _wind_chart(self, title: str) -> Chart:
+        """Returns the chart of the wind with this title; one without lines where it is not known."""
+        for chart in self._timeline.wind_charts:
+            if chart.y.label == title:
+                return chart
+        return over_time("Wind", "m/s", ())
+
+    def motion(self) -> rrb.Container:
+        """Draws the angles of all axes with their setpoints, and the rates, which share one plot."""
+        charts: list[Chart] = []
         rate_lines = []
         # Each axis has a chart of its angle, and where the rate was recorded a second one.
-        for number, (axis, charts) in enumerate(self._timeline.axis_charts.items()):
-            angle_charts += charts[:1]
-            if len(charts) > 1:
+        for number, (axis, axis_charts) in enumerate(self._timeline.axis_charts.items()):
+            charts += axis_charts[:1]
+            if len(axis_charts) > 1:
                 # The first line is the setpoint where one was recorded, and otherwise the measured rate.
-                rate = charts[1].lines[0]
+                rate = axis_charts[1].lines[0]
                 rate_lines.append(rate._replace(name=axis, colour=palette.distinct(number)))
-        return [*angle_charts, over_time("Rates", "°/s", rate_lines), *self._timeline.flight_charts]
+        charts.append(over_time("Rates", "°/s", rate_lines))
+        return rrb.Vertical(*self._draw_charts("motion", charts), name="Motion")
+
+    def vehicle(self) -> list[rrb.Container]:
+        """Draws height, motors and battery, those that were recorded."""
+        if not self._timeline.flight_charts:
+            return []
+        views = self._draw_charts("vehicle", self._timeline.flight_charts)
+        return [rrb.Vertical(*views, name="Vehicle")]
 
     def wind(self, learned: Learned, clock: Array) -> list[rrb.Container]:
         """Draws the wind and its torque, with marks where gusts begin; nothing where neither is known.
@@ -220,15 +290,38 @@ class RecordingTabs:
             parts.append(rrb.Tabs(margins, *sensitivity_views))
         return [rrb.Horizontal(*parts, name="Loops")] if parts else []
 
+    def free_energy(self, series: Mapping[str, Series]) -> list[rrb.Container]:
+        """Draws the terms of F(t) and their running sum, which ends at F̄; nothing of a model without terms.
+
+        Args:
+            series: values (T, k) by name.
+        """
+        terms = series.get(FREE_ENERGY_TERMS)
+        if terms is None:
+            return []
+        term_lines = []
+        for number, name in enumerate(terms.names):
+            colour = palette.distinct(number)
+            term_lines.append(Line(name, colour, terms.time, terms.values[:, number]))
+        action = series[FREE_ENERGY_ACTION]
+        sum_line = Line("sum of F(t)", palette.PREDICTED, action.time, action.values[:, 0])
+        by_dem = f"nats · model: {ModelName.DEM}"
+        charts = [
+            over_time("Terms of F(t)", by_dem, term_lines),
+            over_time("Sum of F(t) from the first sample, which ends at F̄", by_dem, (sum_line,)),
+        ]
+        views = self._draw_charts("free_energy", charts)
+        return [rrb.Vertical(*views, row_shares=[65, 35], name="Free energy")]
+
     def forecasts(
         self, learned: Learned, held_out: HeldOut, series: Mapping[str, Series]
     ) -> rrb.Container:
-        """Draws outputs with their forecasts in held-out windows, and process noise and F(t) of DEM by sample.
+        """Draws outputs with their forecasts in held-out windows, and the process noise of DEM by sample.
 
         Args:
             learned: the model.
             held_out: the forecasts, by windows that the model was not trained on.
-            series: times (T,) and values (T, k) by name: outputs, process noise of the states, and free energy.
+            series: times (T,) and values (T, k) by name: outputs, and process noise of the states.
         """
         charts = []
         for output, unit in enumerate(Labels.of(learned).output_units):
@@ -238,10 +331,8 @@ class RecordingTabs:
         for state, name in enumerate(process_noise.names):
             values = np.degrees(process_noise.values[:, state])
             noise_lines.append(Line(name, palette.distinct(state), process_noise.time, values))
-        charts.append(over_time("Process noise w of DEM", "° and s", noise_lines))
-        free_energy = series[FREE_ENERGY]
-        line = Line("F(t)", palette.BOUND, free_energy.time, free_energy.values[:, 0])
-        charts.append(over_time("Free energy F(t) of each sample", "nats", (line,)))
+        title = f"Process noise w, ° and s · model: {ModelName.DEM}"
+        charts.append(over_time(title, "", noise_lines))
         return rrb.Vertical(*self._draw_charts("forecast", charts), name="Forecast")
 
     def learning(self, learned: Learned) -> rrb.Container:
@@ -337,4 +428,58 @@ def forecast_chart(output: int, held_out: HeldOut, measured: Series, label: str)
         Line("measured", palette.MEASURED, measured.time, values),
         Line("forecast", palette.PREDICTED, time, forecast, lower_edge, upper_edge),
     )
-    return over_time(f"{name}, and its forecast for {held_out.seconds:.2g} s", unit.name, lines)
+    chart = over_time(f"{name}, and its forecast for {held_out.seconds:.2g} s", unit.name, lines)
+    return chart._replace(
+        y=chart.y._replace(label=f"{chart.y.label} · model: {ModelName.JOINT_VAR}")
+    )
+
+
+def free_energy_chart(learned: Learned, free_energy: Series) -> Chart:
+    """Returns a chart of F(t) of each sample, and of F̄ divided by the number of samples.
+
+    Args:
+        learned: the model.
+        free_energy: F(t), (T, 1), nats.
+    """
+    time = free_energy.time
+    level = np.full(len(time), free_energy_per_sample(learned))
+    lines = (
+        Line("F(t)", palette.MEASURED, time, free_energy.values[:, 0]),
+        Line("F̄ per sample", palette.PREDICTED, time, level),
+    )
+    return over_time("Free energy", "nats", lines)
+
+
+def parameter_chart(assessment: Assessment) -> Chart:
+    """Returns a chart of the physical parameters of each part of the flight, with their bands; without lines if none.
+
+    Args:
+        assessment: of a log with a model.
+    """
+    analysis = assessment.analysis
+    assert analysis is not None
+    history = parameter_history(analysis.flights)
+    if not history:
+        return over_time("Physical parameters", "", ())
+    times = []
+    values = []
+    for part in history:
+        # The NaN after each part breaks the lines there.
+        times += [part.samples.time, part.samples.time[-1:]]
+        estimates = parameter_estimates(part.physical).ravel()
+        count = len(part.samples.time)
+        values += [np.tile(estimates, (count, 1)), np.full((1, len(estimates)), np.nan)]
+    time = np.concatenate(times)
+    table = np.vstack(values)
+    lines = []
+    traces = parameter_traces(history[0].physical, analysis.flights[0].input_units[0])
+    for number, trace in enumerate(traces):
+        value, half_width = trace.scale * table[:, 2 * number : 2 * number + 2].T
+        lines.append(Line.with_band(trace.name, trace.colour, time, value, half_width))
+    return over_time("Physical parameters", "", lines)
+
+
+def torque_chart(learned: Learned) -> Chart:
+    """Returns a chart of the wind torque, °/s², with its band; without lines where it is not identifiable."""
+    line = torque_line(learned, "torque", palette.DISTURBANCE)
+    return over_time("Wind torque", TORQUE_UNIT.name, () if line is None else (line,))

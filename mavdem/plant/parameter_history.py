@@ -1,0 +1,57 @@
+"""Physical parameters of one axis by parts of a flight: whether they stayed as they were while it flew."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.flight import Flight, Flights
+from mavdem.plant.estimation import physical
+from mavdem.plant.parameters import Physical
+
+PART_SECONDS = 20.0
+"""Least length of a part, s: the memory of the online learner, so that a log shows what a live session does."""
+
+MAX_PARTS = 12
+"""Most parts of a flight: a choice. Estimating the parameters of one takes some tenths of a second."""
+
+
+class ParametersOfPart(NamedTuple):
+    """Physical parameters that were estimated from one part of a flight alone."""
+
+    samples: Flight
+    """The part."""
+
+    physical: Physical
+    """The parameters."""
+
+
+def parameter_history(flights: Flights) -> list[ParametersOfPart]:
+    """Estimates the physical parameters of each part of a flight, from this part alone.
+
+    Parts are at least ``PART_SECONDS`` long, unless a segment is shorter, and at most ``MAX_PARTS`` in all where the
+    flight has no more segments. Parts without an estimate, such as those in which no motor moves, are left out.
+
+    Args:
+        flights: segments of one flight, in order of time.
+
+    Returns:
+        The parameters of the parts, in order of time.
+    """
+    history = []
+    for part in _parts(flights):
+        parameters = physical(part)
+        if isinstance(parameters, Physical):
+            history.append(ParametersOfPart(part, parameters))
+    return history
+
+
+def _parts(flights: Flights) -> Iterator[Flight]:
+    """Yields the parts of each segment of a flight, which are equally long within a segment."""
+    total_seconds = sum(len(flight.time) * flight.dt for flight in flights)
+    part_seconds = max(PART_SECONDS, total_seconds / MAX_PARTS)
+    for flight in flights:
+        count = max(1, int(len(flight.time) * flight.dt / part_seconds))
+        bounds = np.linspace(0, len(flight.time), count + 1).astype(int).tolist()
+        for start, end in zip(bounds[:-1], bounds[1:], strict=True):
+            yield flight[start:end]

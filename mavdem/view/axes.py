@@ -1,0 +1,54 @@
+"""Axes of plots in the Rerun viewer: ranges with numbered ticks, and room for a legend beside the lines.
+
+The viewer numbers an axis of values at multiples of one power of ten only, and draws the legend over the plot.
+"""
+
+from math import ceil, floor, log10
+
+from mavdem.confidence import Interval
+
+MIN_TICKS = 3
+"""Numbered ticks that an axis of values must have, to read values between them: a choice."""
+
+MAX_TICK_INTERVALS = 4.0
+"""Intervals between ticks that a plot has room to number: a fifth of the window, about 95 points high, in which the
+viewer leaves at least 20 points between two numbers."""
+
+SMALLEST_RELATIVE_SPAN = 0.01
+"""Least span of an axis, as a share of the largest value: a smaller one would be numbered with many decimals."""
+
+SMALLEST_SPAN = 1e-9
+"""Least span of an axis of values near zero, in their unit."""
+
+LEGEND_SHARE = 0.2
+"""Share of the width of a plot that stays free of lines for its legend, on the right: as wide as the longest entry."""
+
+WIDTH_PER_SPAN = 1 / (1 - LEGEND_SHARE)
+"""Width of a plot with room for its legend, in spans of its lines."""
+
+
+def range_with_ticks(low: float, high: float, intervals: float = MAX_TICK_INTERVALS) -> Interval:
+    """Widens a range of values until the viewer numbers at least ``MIN_TICKS`` ticks in it.
+
+    Ticks are the multiples of the smallest power of ten of which the range has room to number all. The range is
+    extended to the next tick on either side, the nearer one first, while it holds fewer than are wanted. It is not
+    extended below zero, since values without a negative one are mostly sizes.
+
+    Args:
+        low: smallest value.
+        high: largest value.
+        intervals: how many intervals between ticks the plot has room for.
+    """
+    span = max(high - low, SMALLEST_RELATIVE_SPAN * max(abs(low), abs(high)), SMALLEST_SPAN)
+    distance = 10.0 ** ceil(log10(span / intervals))
+    first_tick = ceil(low / distance)
+    last_tick = floor(high / distance)
+    while last_tick - first_tick + 1 < MIN_TICKS:
+        distance_below = low - distance * (first_tick - 1)
+        distance_above = distance * (last_tick + 1) - high
+        crosses_zero = low >= 0 and first_tick <= 0
+        if distance_below < distance_above and not crosses_zero:
+            first_tick -= 1
+        else:
+            last_tick += 1
+    return min(low, distance * first_tick), max(high, distance * last_tick)

@@ -1,0 +1,100 @@
+"""The first tab of both dashboards, of a live flight and of a log: the same five plots, with texts beside them.
+
+From the top: the angle that the model is of, with its prediction; the free energy; the physical parameters; the wind;
+and the torque of the wind.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import rerun.blueprint as rrb
+
+from mavdem.facts import Level
+from mavdem.facts.event import Event
+from mavdem.facts.model import ModelName
+from mavdem.fleet.row import utf8_text
+from mavdem.report.numbers import TORQUE_UNIT, name_with_unit
+
+
+class PlotHeight(NamedTuple):
+    """Height of a plot of the first tab."""
+
+    share: float
+    """Height, in percent of all five plots."""
+
+    tick_intervals: float
+    """How many intervals between ticks it has room to number: in a window of 1600 by 1000 points, in which the viewer
+    leaves at least 20 points between two numbers."""
+
+
+PLOTS = {
+    "angle": PlotHeight(23, 7.2),
+    "free_energy": PlotHeight(19, 5.6),
+    "parameters": PlotHeight(20, 6.0),
+    "wind": PlotHeight(19, 5.6),
+    "torque": PlotHeight(19, 5.6),
+}
+"""The plots of the first tab, from the top. The legend of the angle has up to six entries, that of the parameters four,
+the others three."""
+
+SIDE_WIDTH_SHARE = 28
+"""Width of the column of texts beside the plots, in percent of the tab."""
+
+EVENT_MARKS = {Level.BAD: "**bad** · ", Level.WATCH: "**watch** · "}
+"""What stands before an event of a level that needs attention."""
+
+
+def plot_titles(axis: str, angle_unit: str, prediction: str) -> dict[str, str]:
+    """Returns the titles of the five plots, by the keys of ``PLOTS``; each names the model of its figures.
+
+    Args:
+        axis: "roll" or "pitch".
+        angle_unit: unit of the angle.
+        prediction: what is predicted of the angle, such as "0.25 s ahead".
+    """
+    angle = name_with_unit(axis.capitalize(), angle_unit)
+    energy = "Free energy F(t) of each sample, and F̄ per sample of each learning run, nats"
+    return {
+        "angle": f"{angle}, with {prediction} · model: {ModelName.JOINT_VAR}",
+        "free_energy": f"{energy} · model: {ModelName.DEM}",
+        "parameters": f"Physical parameters of {axis} · model: {ModelName.GRAY_BOX}",
+        "wind": f"Wind, m/s · model: {ModelName.WIND}",
+        "torque": f"Wind torque on {axis}, {TORQUE_UNIT.name} · model: {ModelName.GRAY_BOX}",
+    }
+
+
+class SideTexts(NamedTuple):
+    """Texts beside the plots."""
+
+    views: Sequence[rrb.View]
+    """Views of the texts, from the top."""
+
+    shares: Sequence[float]
+    """Their heights relative to each other."""
+
+
+def first_tab(plots: Mapping[str, rrb.View], side: SideTexts) -> rrb.Container:
+    """Returns the layout of the first tab.
+
+    Args:
+        plots: views of the plots that there are, by the keys of ``PLOTS``.
+        side: what stands beside the plots.
+    """
+    shares = [PLOTS[name].share for name in plots]
+    column = rrb.Vertical(*plots.values(), row_shares=shares)
+    texts = rrb.Vertical(*side.views, row_shares=list(side.shares))
+    widths = [100 - SIDE_WIDTH_SHARE, SIDE_WIDTH_SHARE]
+    return rrb.Horizontal(column, texts, column_shares=widths, name="Flight")
+
+
+def events_text(events: Iterable[Event]) -> str:
+    """Returns events as Markdown, whose lines the viewer wraps; rows of its event log are cut at the edge.
+
+    Args:
+        events: events in the order in which they are listed.
+    """
+    lines = ["**Events**"]
+    for event in events:
+        mark = EVENT_MARKS.get(event.fact.level, "")
+        lines.append(f"{event.seconds:.1f} s · {mark}{event.sentence}")
+    return utf8_text("\n\n".join(lines))
