@@ -14,7 +14,7 @@ FLIGHT = simulated(wind=2.0)
 TRAIN = FLIGHT[:700]
 TEST = FLIGHT[700:820]
 METHODS = {
-    "DEM joint": lambda: learn(TRAIN, Settings(window=9)),
+    "joint VAR (Bayesian)": lambda: learn(TRAIN, Settings(window=9)),
     "DEM plant": lambda: learn(TRAIN, Settings(window=9, forecasts="plant")),
     "DEM paper": lambda: learn(TRAIN, Settings.paper()),
     "subspace": lambda: baselines.subspace(TRAIN, 2),

@@ -32,7 +32,7 @@ from mavdem.dem.settings import CompleteSettings
 from mavdem.errors import NotLearnable
 from mavdem.extras import require_extra
 from mavdem.facts import Fact
-from mavdem.facts.model import ModelCaution, NoPhysical
+from mavdem.facts.model import ModelCaution, ModelName, NoPhysical
 from mavdem.immutable import ImmutableResult
 
 if TYPE_CHECKING:
@@ -257,6 +257,11 @@ class Learned(ImmutableResult, ForecasterBase):
         if self.settings.forecasts == "joint" and self.scaling.known:
             return self.joint
         return self.plant
+
+    @property
+    def forecast_model(self) -> ModelName:
+        """Name of the model that forecasts with given inputs: the joint VAR, or DEM's own A, B and C."""
+        return ModelName.JOINT_VAR if self._forecaster is self.joint else ModelName.DEM
 
     @may_overflow
     def rolling_forecast_known_inputs(

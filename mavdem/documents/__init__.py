@@ -29,16 +29,16 @@ class Published(NamedTuple):
 
 
 DOCUMENTS = {
-    "review": Published(Review, 10, "report.json of review, and `--json` of review"),
-    "learn": Published(LearnReport, 9, "report.json, and `--json` of learn and open"),
-    "info": Published(Inventory, 5, "`--json` of info"),
-    "wind": Published(Wind, 3, "`--json` of wind"),
-    "tune": Published(Tune, 5, "`--json` of tune"),
+    "review": Published(Review, 11, "report.json of review, and `--json` of review"),
+    "learn": Published(LearnReport, 10, "report.json, and `--json` of learn and open"),
+    "info": Published(Inventory, 6, "`--json` of info"),
+    "wind": Published(Wind, 4, "`--json` of wind"),
+    "tune": Published(Tune, 6, "`--json` of tune"),
     "compare": Published(CompareReport, 4, "`--json` of compare"),
     "order": Published(Order, 4, "`--json` of order"),
     "diff": Published(Diff, 4, "`--json` of diff"),
     "track": Published(Track, 3, "`--json` of track"),
-    "live": Published(Live, 5, "`--json` of live"),
+    "live": Published(Live, 6, "`--json` of live"),
     "convert": Published(Convert, 2, "`--json` of convert"),
     "twin": Published(Twin, 5, "`--json` of twin"),
     "fly": Published(Fly, 3, "`--json` of fly"),

@@ -36,6 +36,9 @@ def _sentence_with_remedy(value: Any) -> Any:
 SentenceText = Annotated[str, BeforeValidator(_sentence)]
 """Type of a field with the sentence of a fact; empty without a fact."""
 
+ModelField = Annotated[str, BeforeValidator(str)]
+"""Type of a field with the name of the model that made the figures beside it (``mavdem.facts.model.ModelName``)."""
+
 AdviceText = Annotated[str, BeforeValidator(_sentence_with_remedy)]
 """Type of a field with the sentence of a fact and what to do about it; empty without a fact."""
 

@@ -14,6 +14,7 @@ from mavdem.documents.document import (
     Document,
     Error,
     FactList,
+    ModelField,
     SentenceAndFact,
     SentenceText,
     fact_field,
@@ -33,6 +34,7 @@ from mavdem.documents.vehicle import (
 from mavdem.documents.wind import WindVelocity, reported_wind
 from mavdem.experiments import held_out
 from mavdem.experiments.held_out import CONSTANT_MEAN, HOLD_LAST
+from mavdem.facts.model import ModelName
 from mavdem.units import (
     AngularAcceleration,
     Effectiveness,
@@ -131,6 +133,8 @@ class ModelErrors(Document):
 class FreeEnergy(Document):
     """Free energy action F̄ of A, B and C."""
 
+    model: ModelField = ModelName.DEM
+    """model whose free energy it is"""
     start: Nats
     """F̄ of the first iteration"""
     end: Nats
@@ -164,6 +168,7 @@ class HeldOut(Document):
         error_ratios = windows.error_ratios()
         worse_shares = windows.worse_shares
         return {
+            "model": windows.model,
             "windows": len(windows),
             "seconds": windows.seconds,
             "start": windows.time[:, 0],
@@ -179,6 +184,8 @@ class HeldOut(Document):
             "failures": windows.failures,
         }
 
+    model: ModelField
+    """model of the forecast and the prediction"""
     windows: int
     """number of windows"""
     seconds: Seconds
@@ -221,6 +228,8 @@ class Errors(Document):
 class Prediction(Document):
     """How far ahead predictions without the motors are useful."""
 
+    model: ModelField = ModelName.JOINT_VAR
+    """model that predicts"""
     half_explained_seconds: list[Seconds]
     """horizon up to which half of the variance is predicted, of each output"""
     error_ratio: Number
@@ -230,6 +239,8 @@ class Prediction(Document):
 class SimulationFit(Document):
     """Simulation-error fit of A, B and C."""
 
+    model: ModelField = ModelName.DEM
+    """model whose A, B and C are fitted"""
     samples: int
     """length of a simulation segment"""
     converged: bool
@@ -247,6 +258,8 @@ class SimulationFit(Document):
 class Joint(Document):
     """The joint model of outputs and motors, which forecasts."""
 
+    model: ModelField = ModelName.JOINT_VAR
+    """model that the figures are of"""
     lags: int
     """number of samples from which the next one is predicted"""
     prior_precision: float
@@ -281,6 +294,8 @@ class PhysicalInterval(Document):
 class Physical(Document):
     """Physical parameters of the axis."""
 
+    model: ModelField
+    """model that they were estimated by"""
     effect: list[Effectiveness]
     """control effectiveness of each motor"""
     damping: PerSecond
@@ -334,6 +349,8 @@ class Spectrum(Document):
 class WindTorque(Document):
     """Torque of the wind about the axis."""
 
+    model: ModelField = ModelName.GRAY_BOX
+    """model that it was estimated by"""
     mean: AngularAcceleration
     """steady part, if motors are equal and the load is centred"""
     mean_band: AngularAcceleration

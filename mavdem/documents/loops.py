@@ -9,6 +9,7 @@ from mavdem.documents.document import (
     Document,
     Error,
     Judged,
+    ModelField,
     OptionalFact,
     SentenceAndFact,
     SentenceText,
@@ -90,6 +91,8 @@ class Loop(Document):
 
     axis: str
     """roll, pitch or yaw"""
+    model: ModelField
+    """model that the plant was identified by"""
     rate: Margins
     """figures of the rate loop"""
     attitude: Margins

@@ -11,11 +11,13 @@ from mavdem.containers import JsonValues
 from mavdem.documents.document import (
     AdviceAndFact,
     Document,
+    ModelField,
     Sentence,
     SentenceAndFact,
     SentenceText,
 )
 from mavdem.documents.vehicle import Finding, MotorHealth, Override
+from mavdem.facts.model import ModelName
 from mavdem.facts.session import Spent
 from mavdem.motors.motor_changes import alarm_figures
 from mavdem.units import Degrees, Hertz, Number, Seconds, Speed
@@ -57,6 +59,8 @@ class Latency(Document):
 class Ahead(Document):
     """Uncertainty of a prediction."""
 
+    model: ModelField = ModelName.JOINT_VAR
+    """model that predicts"""
     seconds: Seconds
     """how far ahead"""
     half_width_rad: Number
@@ -66,6 +70,8 @@ class Ahead(Document):
 class Useful(Document):
     """Longest useful horizon of predictions."""
 
+    model: ModelField = ModelName.JOINT_VAR
+    """model that predicts"""
     seconds: Seconds
     """the horizon"""
     error_ratio: Number
@@ -75,6 +81,8 @@ class Useful(Document):
 class LiveWind(Document):
     """Latest wind in m/s."""
 
+    model: ModelField = ModelName.WIND
+    """model that it was estimated by"""
     speed: Speed
     """speed"""
     speed_from: Speed

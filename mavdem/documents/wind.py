@@ -8,7 +8,8 @@ from pydantic import field_validator, model_validator
 from mavdem.arrays import Array
 from mavdem.assessment import Assessment
 from mavdem.containers import JsonValues
-from mavdem.documents.document import Document, Judged, SentenceText
+from mavdem.documents.document import Document, Judged, ModelField, SentenceText
+from mavdem.facts.model import ModelName
 from mavdem.units import (
     Degrees,
     Metres,
@@ -82,6 +83,8 @@ class Drag(Document):
 class WindVelocity(Document):
     """The wind in m/s: its mean, its gusts and its course over time."""
 
+    model: ModelField = ModelName.WIND
+    """model that it was estimated by"""
     speed: Speed
     """speed of the mean wind"""
     speed_interval: list[Speed]

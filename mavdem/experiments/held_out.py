@@ -29,6 +29,7 @@ from mavdem.experiments.scores import error_over
 from mavdem.experiments.window import part_samples
 from mavdem.facts import Facts
 from mavdem.facts.forecasts import HeldOutForecast
+from mavdem.facts.model import ModelName
 from mavdem.flight import Flight
 from mavdem.immutable import ImmutableResult
 
@@ -85,6 +86,9 @@ class HeldOut(ImmutableResult):
 
     failures: Facts = ()
     """Reasons why models of parts could not be learned."""
+
+    model: ModelName = ModelName.JOINT_VAR
+    """Model of "forecast" and "prediction"."""
 
     def __len__(self) -> int:
         """Returns the number of windows."""

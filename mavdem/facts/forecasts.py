@@ -37,9 +37,9 @@ class TestResult(StrEnum):
 
 
 class MethodName(StrEnum):
-    """Fits of DEM and the joint autoregression, as documents name them; p = 1 is without generalized coordinates."""
+    """Fits of DEM and the joint autoregressions, as documents name them; p = 1 is without generalized coordinates."""
 
-    JOINT = "DEM joint"
+    JOINT = "joint VAR (Bayesian)"
     PLANT = "DEM plant"
     PLANT_P1 = "DEM plant p=1"
     PAPER = "DEM paper"

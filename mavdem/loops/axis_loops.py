@@ -18,6 +18,7 @@ from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Loops, Responses
+from mavdem.facts.model import ModelName
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.controllers import Controller
 from mavdem.loops.margins import (
@@ -92,6 +93,11 @@ class Loop(Margins):
     """Frequencies of the responses."""
     refusal: ClassVar[None] = None
     """Why the loops are not known. They are; in the place of a loop there may be a fact that says why not."""
+
+    @property
+    def model(self) -> ModelName:
+        """Name of the model that the plant was identified by."""
+        return self.plant.model
 
     @property
     def advice(self) -> Advice:

@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 
 from mavdem.arrays import Array
 from mavdem.facts.identifiability import Status
+from mavdem.facts.model import ModelName
 from mavdem.plant import Physical
 from mavdem.plant.closed_loop.identification import IdentifiedAxis
 from mavdem.plant.closed_loop.parameters import PLANT, LoopParameters
@@ -83,6 +84,7 @@ def physical_plant(fit: IdentifiedAxis, inputs_per_demand: Array) -> Physical:
         refinements={},
         windows=len(fit.posterior.spectra.densities),
         filtered=False,
+        model=ModelName.CLOSED_LOOP,
         unexplained_output=values.actuation,
     )
     return plant._replace(

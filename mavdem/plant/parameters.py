@@ -11,7 +11,7 @@ from mavdem.dem.engine.gauss_newton import FINITE_DIFFERENCE_STEP
 from mavdem.dem.engine.linalg import normal_draws
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
-from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
+from mavdem.facts.model import ModelName, NoPhysical, ParameterDoubt, Refinement
 from mavdem.plant.identifiability import PARAMETERS, OmissionErrors
 from mavdem.plant.sampled_plant import WindComponent
 
@@ -95,6 +95,7 @@ class Physical(NamedTuple):
         refusal: why these are not the parameters of the plant in its closed loop, where that was asked for.
         unexplained_output: standard deviation of what the output does besides the logged controller, relative to that
             of the output; NaN where the plant was identified without its controller.
+        model: model that the parameters were estimated with, "gray-box" or "closed loop".
     """
 
     effect: Array
@@ -113,6 +114,7 @@ class Physical(NamedTuple):
     filtered: bool = True
     refusal: Fact | None = None
     unexplained_output: float = np.nan
+    model: ModelName = ModelName.GRAY_BOX
 
     def __repr__(self) -> str:
         mean, half = self.mean_effect()

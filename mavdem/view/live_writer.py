@@ -116,8 +116,6 @@ class LiveWriter:
         for name, path in first_tab_paths(channels.output_names[0]).items():
             self._tick_intervals[path] = PLOTS[name].tick_intervals
         self._latest_ranges: dict[str, deque[PlotRange]] = {}
-        # By plot of the first tab, the name of the line that was drawn first.
-        self._first_names: dict[str, str] = {}
         # How the parameters are drawn, from their first estimate on.
         self._parameter_traces: tuple[ParameterTrace, ...] = ()
         self._latest_samples: dict[Lines, LatestSample] = {}
@@ -197,12 +195,8 @@ class LiveWriter:
             lowest = min(one.low for one in ranges)
             highest = max(one.high for one in ranges)
             ends = range_with_ticks(lowest, highest, self._tick_intervals[plot])
-            path = f"{plot}/90_axis"
-            # The legend has one entry for all lines of a name, so that these two add none.
-            style = rr.SeriesLines(names=[self._first_names[plot]] * 2, colors=[INVISIBLE] * 2)
-            self._recording.log(path, style, static=True)
             self._recording.set_time(BOOT_CLOCK, duration=newest)
-            self._recording.log(path, rr.Scalars(ends))
+            self._recording.log(axis_path(plot), rr.Scalars(ends))
 
     def _draw(self, lines: Lines, samples: Sequence[Sample], clip: bool = False) -> None:
         """Draws the samples that are later than those before; lines break between segments.
@@ -231,8 +225,11 @@ class LiveWriter:
         values = self._clipped_to_plot(lines, values, finite_values, clip)
         finite_values = values[np.isfinite(values)]
         if plot_of(lines) in self._tick_intervals and len(finite_values):
-            self._first_names.setdefault(plot_of(lines), lines.names[0])
             ranges = self._latest_ranges.setdefault(plot_of(lines), deque())
+            if not ranges:
+                # The legend has one entry for all lines of a name, so that the two lines add none.
+                style = rr.SeriesLines(names=[lines.names[0]] * 2, colors=[INVISIBLE] * 2)
+                self._recording.log(axis_path(plot_of(lines)), style, static=True)
             plot_range = PlotRange(time[-1], float(finite_values.min()), float(finite_values.max()))
             ranges.append(plot_range)
         # A NaN half a step before a new segment breaks the line.
@@ -460,6 +457,11 @@ class LiveWriter:
         self._draw(Lines("free_energy_action", ("F̄",), (PREDICTED,)), actions)
         lines = Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED))
         self._draw(lines, surprises)
+
+
+def axis_path(plot: str) -> str:
+    """Returns the entity of the invisible lines that widen the axis of a plot."""
+    return f"{plot}/90_axis"
 
 
 def plot_of(lines: Lines) -> str:

@@ -41,12 +41,13 @@ def parameter_traces(physical: Physical, input_unit: str) -> tuple[ParameterTrac
         physical: the first estimate, whose sizes decide the power of ten of each unit.
         input_unit: unit of the inputs.
     """
-    effect, damping, lag = parameter_estimates(physical)[:, 0].tolist()
+    # Estimates of parameters that are not identifiable yet are numbers, too, and give a scale.
+    mean_effect, _ = physical.mean_effect()
     effect_unit = unit_per_input(TORQUE_UNIT, input_unit)
     return (
-        _trace("effectiveness", effect_unit, TORQUE_UNIT.scale, effect, distinct(0)),
-        _trace("damping", "1/s", 1.0, damping, distinct(1)),
-        _trace("time constant", "ms", 1e3, lag, distinct(2)),
+        _trace("effectiveness", effect_unit, TORQUE_UNIT.scale, mean_effect, distinct(0)),
+        _trace("damping", "1/s", 1.0, physical.damping, distinct(1)),
+        _trace("time constant", "ms", 1e3, physical.lag, distinct(2)),
     )
 
 

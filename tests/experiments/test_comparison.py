@@ -151,7 +151,7 @@ def test_predictions_are_compared_of_the_methods_that_make_them(compared):
 
 @fixture(scope="module")
 def predicted():
-    return compare(WINDOWS, [Method("DEM joint", learn, predicts=True), HOLD, MEAN])
+    return compare(WINDOWS, [Method("joint VAR (Bayesian)", learn, predicts=True), HOLD, MEAN])
 
 
 @mark.slow

@@ -54,6 +54,21 @@ def model(seed):
     return LinearModel(*(default_rng(seed).uniform(0.1, 1.0, size) for size in sizes))
 
 
+# The half width of a 90 % interval is 1.645 standard deviations: that of the effect is 0.01.
+PHYSICAL = partial_record(
+    Physical,
+    effect=np.array([0.1]),
+    damping=3.0,
+    lag=0.02,
+    covariance=np.diag([(0.01 / 1.645) ** 2, 1.0, 1e-6, 1e-6]),
+    status={
+        "effect": Status.REPORTED,
+        "damping": Status.NOT_IDENTIFIABLE,
+        "lag": Status.REPORTED,
+    },
+)
+
+
 def estimate(i, time):
     """All its numbers differ, and differ from those of other samples."""
     rng = default_rng(i)
@@ -63,6 +78,9 @@ def estimate(i, time):
         until=time - 0.1,
         wind_time=time - 0.25,
         free_energy=-100.0 - i,
+        free_energy_terms=np.arange(10.0) - i,
+        free_energy_action=-1000.0 - i,
+        physical=PHYSICAL,
         surprise=i % 50 / 10,
         unusual=i % 50 == 40,
         model=MODELS[i // 10],
@@ -90,7 +108,7 @@ def texts(path, column="TextLog:text"):
     """The texts of the log or of the status, in the order of their times."""
     dated = []
     for name, _, batch in chunks(path):
-        if column in batch.schema.names and not name.startswith("figures"):
+        if column in batch.schema.names and name not in ("figures", "events"):
             times = batch.column("boot clock").cast("int64").to_pylist()
             dated += zip(times, (text for (text,) in batch.column(column).to_pylist()), strict=True)
     return [text for _, text in sorted(dated, key=lambda pair: pair[0])]
@@ -156,10 +174,9 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
     document = texts(recording, "TextDocument:text")[-1]
     assert CHANNELS.title in document and "No motion." in document
     entities = {name: batch.num_rows for name, _, batch in chunks(recording)}
-    assert (
-        min(rows for name, rows in entities.items() if name.startswith(("axes", "motors"))) >= 100
-    )
-    assert len(views(recording)) == 17
+    lines = ("axes/pitch/1_measured", "axes/roll/1_measured", "axes/roll/2_predicted", "motors")
+    assert min(entities[name] for name in lines) >= 100
+    assert {"axes/roll", "free_energy", "parameters", "air", "wind"} <= set(views(recording))
     for origin in set(views(recording)):
         assert any(f"{entity}/".startswith(f"{origin}/") for entity in entities), (
             f"the view of {origin} is empty"
@@ -179,7 +196,8 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
         lost = MotorAlarm(52.9, 52.0, 0, "motor 1", 0.2, 0.99, loss=(0.1, 0.3))
         view.log(Occurrence(52.95, lost.event, lost.since))
     marks = {name: line for name, line in drawn(path).items() if name.endswith("alarms")}
-    assert len(marks) == 5
+    plots = {"axes/roll", "free_energy", "motors", "surprise", "wind"}
+    assert plots <= {name.removesuffix("/9_alarms") for name in marks}
     for times, values in marks.values():
         assert_allclose(np.unique(times[np.isfinite(values[:, 0])]), [51.25, 52.0])
         assert np.nanmin(values) < np.nanmax(values)
@@ -188,6 +206,22 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
     levels = dict(zip(texts(path), texts(path, "TextLog:level"), strict=True))
     assert levels.pop("Alarm: motor 1 lost some thrust.") == "ERROR"
     assert set(levels.values()) <= {"INFO", "ERROR"}
+
+
+def test_parameters_and_surprises_are_drawn_and_axes_have_three_ticks(recording):
+    lines = drawn(recording)
+    effect, lag = (lines[f"parameters/{number}_line"][1] for number in (3, 5))
+    # 0.1 rad/s² is 5.7 °/s², in units of ten; what is not identifiable is not drawn.
+    assert_allclose([effect[0, 0], lag[0, 0]], [0.573, 2.0], rtol=1e-3)
+    assert "parameters/4_line" not in lines
+    half_width = np.ptp(lines["parameters/0_band"][1][:2]) / 2
+    assert half_width == approx(0.0573, rel=1e-3)
+    surprised = [known.seen for known in ESTIMATES if known is not None and known.unusual]
+    times, values = lines["axes/roll/8_surprises"]
+    assert_allclose(np.unique(times[np.isfinite(values[:, 0])]), surprised, atol=1e-8)
+    for plot in ("axes/roll", "free_energy", "parameters", "air", "wind"):
+        low, high = lines[f"{plot}/90_axis"][1][-1]
+        assert high - low >= 2 * 10.0 ** np.floor(np.log10((high - low) / 2))
 
 
 @mark.slow
@@ -235,7 +269,7 @@ def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_b
             and (np.diff(times) > 0).all()
         )
     assert_allclose(np.delete(lines["motors"][0], [10, 21]), shown, atol=1e-8)
-    assert_allclose(lines["free_energy_of_samples"][0], shown - LATE, atol=1e-8)
+    assert_allclose(lines["free_energy/0_samples"][0], shown - LATE, atol=1e-8)
     assert "boot clock: 3.1 s" in texts(path, "TextDocument:text")[-1]
 
 
@@ -284,26 +318,13 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
         status, row, CHANNELS, None
     )
     assert "learned up to 5.0 s ago" in status_document(status, row, CHANNELS, 55.0)
-    # The half width of a 90 % interval is 1.645 standard deviations.
-    effect_variance = (0.01 / 1.645) ** 2
-    physical = partial_record(
-        Physical,
-        effect=np.array([0.1]),
-        damping=3.0,
-        covariance=np.diag([effect_variance, 1.0, 1.0, 1.0]),
-        status={
-            "effect": Status.REPORTED,
-            "damping": Status.NOT_IDENTIFIABLE,
-            "lag": Status.REPORTED,
-        },
-    )
     status = SessionStatus(
         wind=WIND,
         learned_rows=4200,
         prediction_band=PredictionBand(0.25, np.radians(2.0)),
         useful_horizon=UsefulHorizon(0.5, 0.41),
     )
-    now = estimate(60, 60.0)._replace(physical=physical)
+    now = estimate(60, 60.0)
     shown = "\n".join(figures(status, row._replace(estimate=now), CHANNELS, 59.0))
     for words in (
         "42 s learned",

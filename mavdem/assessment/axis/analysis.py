@@ -151,7 +151,8 @@ def analyse(
     axis_figures = None if other_axis is None else other_axis.axes.get(axis)
     learned = _with_physical_parameters(learned, signals, flights, analysis, axis_figures, is_slow)
     learned = with_oscillation_torque_marked(learned, analysis.condition.oscillation is not None)
-    analysis = replace(analysis, flights=flights, learned=learned, held_out=trained.held_out)
+    held_out = replace(trained.held_out, model=learned.forecast_model)
+    analysis = replace(analysis, flights=flights, learned=learned, held_out=held_out)
     if options.truth is not None:
         truth = truth_of(flights, options.truth)
         analysis = replace(analysis, truth=compare_with_truth(learned, flights, truth))
