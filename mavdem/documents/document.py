@@ -11,10 +11,18 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    field_validator,
+    model_validator,
+)
 
 from mavdem.containers import JsonValues
 from mavdem.facts import Fact
+from mavdem.facts.model import ModelName
 
 
 def _sentence(value: Any) -> Any:
@@ -114,6 +122,14 @@ class Document(BaseModel):
     def _array_as_list(cls, value: Any) -> Any:
         """Converts NumPy arrays and NumPy numbers to plain lists and numbers before a field is checked."""
         return value.tolist() if hasattr(value, "tolist") else value
+
+    @model_validator(mode="after")
+    def _keep_model_name(self) -> Self:
+        """Counts the name of the model as set where one model makes all figures: keys that are not set are absent."""
+        field = type(self).model_fields.get("model")
+        if field is not None and isinstance(field.default, ModelName):
+            self.__pydantic_fields_set__.add("model")
+        return self
 
     @classmethod
     def from_results(cls, *results: Any, **values: Any) -> Self:
