@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import Interval, half_width
+from mavdem.confidence import CONFIDENCE_LEVEL, Interval, coverage_factor, half_width
 from mavdem.dem.engine.kalman import SteadyStateFilter
 from mavdem.dem.online.memory import (
     MemoryBlock,
@@ -29,6 +29,7 @@ from mavdem.dem.online.memory import (
 from mavdem.dem.record import Record
 from mavdem.facts.model import Refinement
 from mavdem.plant.estimation import physical
+from mavdem.plant.gusts import MAX_ERROR_SHARE
 from mavdem.plant.identifiability import NotIdentifiable, OmissionErrors
 from mavdem.plant.parameters import Physical
 from mavdem.plant.sampled_plant import SampledPlant, sampled_plant
@@ -137,6 +138,21 @@ class WindTorqueSmoother(NamedTuple):
         # The smoother estimates the wind torque about its mean, since the mean is part of the commanded torque.
         mean = self.constant + parameters.effect @ self.trim_torque_gradient
         return np.column_stack([smoothed.mean + mean, half_width(variance)])
+
+
+def is_torque_resolved(physical: Physical, half_width_of_band: float) -> bool:
+    """Returns whether an estimate of the wind torque may be shown as that of the wind, by the rule for logs.
+
+    The effectiveness of the motors must be identifiable, and the variance of the error at most ``MAX_ERROR_SHARE`` of
+    that of the estimate. The latter is the variance of the modelled wind torque without what its error takes away.
+
+    Args:
+        physical: physical parameters of the axis.
+        half_width_of_band: half width of the 90 % band of the torque, rad/s².
+    """
+    error_variance = (half_width_of_band / coverage_factor(CONFIDENCE_LEVEL)) ** 2
+    estimate_variance = physical.wind**2 - error_variance
+    return physical.identifiable and error_variance <= MAX_ERROR_SHARE * estimate_variance
 
 
 def fit_wind_torque_smoother(record: Record, prior: Physical | None = None) -> WindTorqueSmoother:

@@ -205,7 +205,7 @@ def margin_tables(loops: LoopsByAxis) -> Iterator[Table]:
     """
     for loop_name in ("rate", "attitude"):
         open_loops = [getattr(loop, loop_name) for loop in loops.values()]
-        rows = []
+        rows = [["model of the plant", *[loop.model for loop in loops.values()]]]
         for attribute, figure in LOOP_FIGURES.items():
             cells = [_figure_text(open_loop, attribute, figure.scale) for open_loop in open_loops]
             rows.append([figure.header, *cells])

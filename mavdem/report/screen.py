@@ -56,10 +56,10 @@ from mavdem.report.trust import trust_table
 from mavdem.report.truth import truth_blocks
 
 FORECAST_NAMES = {
-    FORECAST: "forecast, motors recorded",
-    PREDICTION: "prediction, motors unknown",
+    FORECAST: "{}, motors recorded",
+    PREDICTION: "{}, motors unknown",
 }
-"""Names of the model's forecasts in the table of errors; baselines have their own names."""
+"""Names of forecasts in the table of errors, with {} for the model that makes them; baselines have their own names."""
 
 UNKNOWN_FIGURE = "-"
 """What a table shows in the place of a figure that is not known."""
@@ -327,7 +327,7 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
     ]
     rows = []
     for forecast in held_out.ranked_errors:
-        cells = [FORECAST_NAMES.get(forecast.name, str(forecast.name))]
+        cells = [FORECAST_NAMES.get(forecast.name, str(forecast.name)).format(held_out.model)]
         for unit, rmse in zip(units, forecast.rmse, strict=True):
             cells.append(rounded(unit.scale * rmse))
         cells.append(rounded(forecast.error_ratio))
@@ -355,7 +355,8 @@ def vehicle_blocks(axes: Mapping[str, AxisFigures], is_doubtful: bool) -> Blocks
     for axis, figures in axes.items():
         cells = _axis_cells(figures)
         if any(cell != UNKNOWN_FIGURE for cell in cells):
-            rows.append([axis, *cells])
+            model = UNKNOWN_FIGURE if figures.physical is None else figures.physical.model
+            rows.append([axis, *cells, model])
     blocks = Blocks()
     if rows:
         blocks.append(Table(_axis_header(axes), rows))
@@ -390,6 +391,7 @@ def _axis_header(axes: Mapping[str, AxisFigures]) -> list[str]:
         "rate damping (1/s)",
         "time constant (ms)",
         "wind torque, sd (°/s²)",
+        "model",
     ]
 
 

@@ -15,6 +15,7 @@ from mavdem.facts.model import ModelName
 from mavdem.live import SessionStatus
 from mavdem.live.display import DisplayRow
 from mavdem.live.history import REPORTED_HORIZON
+from mavdem.plant.online_wind_torque import is_torque_resolved
 from mavdem.report.blocks import markdown
 from mavdem.report.live import watched_quantities
 from mavdem.report.numbers import (
@@ -147,10 +148,14 @@ def figures(
             the first model.
 
     Returns:
-        Markdown: state, prediction, wind, wind torque, physical parameters, and what is watched.
+        Markdown: state, prediction, wind, wind torque, physical parameters, free energy, and what is watched.
     """
     judgement = status.model_judgement
     estimate = row.estimate
+    physical = None if estimate is None else estimate.physical
+    is_resolved = False
+    if estimate is not None and physical is not None:
+        is_resolved = is_torque_resolved(physical, estimate.wind_torque_band)
     cards = render_section(
         "live_cards",
         status=status,
@@ -161,7 +166,8 @@ def figures(
         reason=_missing_model_reason(status, trained_until),
         is_bad=judgement is not None and judgement.headline.is_bad,
         now=estimate,
-        physical=None if estimate is None else estimate.physical,
+        physical=physical,
+        is_torque_resolved=is_resolved,
         level=CONFIDENCE_LEVEL,
         unit=TORQUE_UNIT,
         per_input=unit_per_input(TORQUE_UNIT, channels.input_units[0]),

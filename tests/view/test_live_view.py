@@ -33,6 +33,8 @@ from mavdem.live.stream import LatestPose
 from mavdem.live.wind import WindEstimate
 from mavdem.motors.motor_changes import MotorAlarm
 from mavdem.plant import Physical
+from mavdem.plant.online_wind_torque import is_torque_resolved
+from mavdem.plant.sampled_plant import GAUSSIAN_KERNEL, WindComponent
 from mavdem.view.live_content import Channels, figures, status_document
 from mavdem.view.live_view import LiveView, SinkThread
 from mavdem.view.sinks import RecordingFile, Viewer, WebServer, sinks_for
@@ -60,6 +62,7 @@ PHYSICAL = partial_record(
     effect=np.array([0.1]),
     damping=3.0,
     lag=0.02,
+    components=(WindComponent(GAUSSIAN_KERNEL, 9.0, 0.2),),
     covariance=np.diag([(0.01 / 1.645) ** 2, 1.0, 1e-6, 1e-6]),
     status={
         "effect": Status.REPORTED,
@@ -208,6 +211,18 @@ def test_an_alarm_is_an_error_in_the_log_and_marks_its_beginning_in_every_plot(
     assert set(levels.values()) <= {"INFO", "ERROR"}
 
 
+def test_a_wind_torque_smaller_than_its_error_is_not_identifiable():
+    assert is_torque_resolved(PHYSICAL, 5.0)
+    assert not is_torque_resolved(PHYSICAL, 12.0)
+    unknown = PHYSICAL._replace(status={**PHYSICAL.status, "effect": Status.NOT_IDENTIFIABLE})
+    assert not is_torque_resolved(unknown, 5.0)
+    row = ROW._replace(estimate=estimate(60, 60.0)._replace(wind_torque_band=12.0))
+    assert (
+        "not identifiable\nsmaller than its error of ± 700 °/s²"
+        in figures(SessionStatus(), row, CHANNELS, 59.0)[3]
+    )
+
+
 def test_parameters_and_surprises_are_drawn_and_axes_have_three_ticks(recording):
     lines = drawn(recording)
     effect, lag = (lines[f"parameters/{number}_line"][1] for number in (3, 5))
@@ -313,7 +328,7 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path,
 def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight():
     row = ROW._replace(time=60.0)
     status = SessionStatus(obstacle=prose("The vehicle is on the ground."))
-    assert all("### –" in figure for figure in figures(status, row, CHANNELS, None)[1:5])
+    assert all("### –" in figure for figure in figures(status, row, CHANNELS, None)[1:6])
     assert "No model yet. The vehicle is on the ground." in status_document(
         status, row, CHANNELS, None
     )

@@ -236,6 +236,6 @@ def test_without_physical_parameters_only_what_needs_them_is_refused(learned, mo
 @mark.slow
 def test_details_say_how_it_was_learned_and_a_notebook_what_it_is_good_for(learned):
     leads = {block.lead for block in detail_blocks(learned)}
-    assert any(lead.startswith("Poles of A") for lead in leads) and len(leads) >= 2
+    assert any(lead.startswith("Modes of DEM") for lead in leads) and len(leads) >= 2
     notebook = "".join(ElementTree.fromstring(learned._repr_html_()).itertext())
     assert "control effectiveness" in notebook and "3 states, from 12 s at 100 Hz" in notebook
