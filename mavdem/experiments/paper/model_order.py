@@ -115,6 +115,7 @@ def run(runner: Runner) -> ExperimentResult:
     """
     flights = runner.map_jobs(lateral_flight, runner.experiment_numbers)
     choices = _order_choices(runner, flights)
+    calm_choice = _calm_choice(runner)
     free_energies, failures = _paper_free_energies(runner, flights)
     chosen_orders = {}
     saturation_orders = {}
@@ -134,6 +135,10 @@ def run(runner: Runner) -> ExperimentResult:
                     for inputs in SETTINGS_BY_INPUTS
                 }
             ),
+            "system 1 without wind": {
+                "model_search_chooses": calm_choice.chosen,
+                "model_search_free_energy": calm_choice.free_energy.tolist(),
+            },
             "saturates_at": _by_system(saturation_orders),
             "free_energy": _by_system(
                 {inputs: values.tolist() for inputs, values in free_energies.items()}
@@ -143,6 +148,7 @@ def run(runner: Runner) -> ExperimentResult:
         tables=_order_tables(choices, free_energies, saturation_orders),
         pictures=(_free_energy_picture(free_energies),),
         remarks=(
+            _calm_remark(calm_choice),
             f"The paper’s rule: an order counts as saturated when no higher one up to {ORDERS[-1]} gains more than "
             f"{percent(NEGLIGIBLE_GAIN)} of the range of F̄ over all orders. It is relative to the scale of the "
             "curve: in nats, higher orders may still gain tens of thousands. A system of order 1 has no lower order to "
@@ -169,6 +175,29 @@ def _order_choices(runner: Runner, flights: Sequence[Flight]) -> dict[tuple[str,
         for system in SYSTEMS:
             choices[inputs, system] = OrderChoice(tuple(next(results) for _ in flights))
     return choices
+
+
+def _calm_choice(runner: Runner) -> OrderChoice:
+    """Returns the choice of the model search for system 1 without wind, with known inputs."""
+    flights = runner.map_jobs(partial(lateral_flight, has_wind=False), runner.experiment_numbers)
+    searches = [SystemFlight(1, KNOWN_INPUTS, _system_flight(flight, 1)) for flight in flights]
+    return OrderChoice(tuple(runner.map_jobs(search_orders, searches)))
+
+
+def _calm_remark(choice: OrderChoice) -> str:
+    """Returns the sentence on the order of system 1 without wind, which says where its further state comes from."""
+    sentence = (
+        f"Without the blower’s wind the model search chooses order {choice.chosen} for system 1, with the mean F̄ "
+        f"{_listed_means(choice)} nats of orders {ORDERS[0]} to {ORDERS[-1]}"
+    )
+    if choice.chosen > 1:
+        return f"{sentence}."
+    return f"{sentence}: the further state with wind is that of the wind torque, whose noise is coloured."
+
+
+def _listed_means(choice: OrderChoice) -> str:
+    """Returns the mean F̄ of each order as a list in one text, nats."""
+    return ", ".join(rounded(value, 4) for value in choice.mean)
 
 
 def _paper_free_energies(
@@ -205,9 +234,16 @@ def _by_system(values: Mapping[str, list[Any]]) -> JsonValues:
     }
 
 
-def lateral_flight(experiment: int) -> Flight:
-    """Simulates an experiment and returns the first 700 samples of its hover, with y, ẏ, φ and φ̇ as outputs."""
+def lateral_flight(experiment: int, has_wind: bool = True) -> Flight:
+    """Simulates an experiment and returns the first 700 samples of its hover, with y, ẏ, φ and φ̇ as outputs.
+
+    Args:
+        experiment: number of the experiment.
+        has_wind: whether the blower is on, as in the experiment.
+    """
     scenario = load(f"paper_{experiment}")
+    if not has_wind:
+        scenario = scenario.model_copy(update={"wind": ()})
     return settled_hover(scenario, fly(scenario))[:TRAINING_SAMPLES]
 
 
@@ -300,7 +336,6 @@ def _order_tables(
     for inputs in SETTINGS_BY_INPUTS:
         for index, system in enumerate(SYSTEMS):
             choice = choices[inputs, system]
-            search_means = ", ".join(rounded(value, 4) for value in choice.mean)
             paper_means = free_energies[inputs][index].mean(axis=0)
             # The number of a system is its order, and the first column has order 1.
             surplus = np.nanmax(paper_means) - paper_means[system - 1]
@@ -309,7 +344,7 @@ def _order_tables(
                     str(system),
                     inputs,
                     str(choice.chosen),
-                    search_means,
+                    _listed_means(choice),
                     str(saturation_orders[inputs][index]),
                     rounded(surplus, 3),
                 ]

@@ -25,7 +25,12 @@ from mavdem.experiments.paper.checks import (
     claim_status,
     joined_findings,
 )
-from mavdem.experiments.paper.estimation import input_estimation, noise_covariance, state_estimation
+from mavdem.experiments.paper.estimation import (
+    input_estimation,
+    noise_covariance,
+    noise_smoothness,
+    state_estimation,
+)
 from mavdem.facts import Level
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table
 from mavdem.report.pages.page import Chapter
@@ -42,6 +47,7 @@ EXPERIMENTS = (
     state_estimation.run,
     input_estimation.run,
     noise_covariance.run,
+    noise_smoothness.run,
 )
 """The functions that run the experiments, in the order of ``CLAIMS``."""
 

@@ -1,0 +1,292 @@
+"""Anil Meera and Wisse on the smoothness of noise: s learned by F̄, its coverage, and what it earns on real flights.
+
+A. Anil Meera and M. Wisse, "Free Energy Principle for the Noise Smoothness Estimation of Linear Systems with Colored
+Noise", 2022 (arXiv:2204.01796), known here by its abstract. The simulated systems and the criteria are this project's.
+
+For simulated noise of known smoothness the system and the variances are known, and s is learned with the states. On
+recorded flights everything is learned, and the forecasts are compared with those of the default, s = dt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import norm, t
+
+from mavdem.dem import Settings, learn
+from mavdem.dem.engine.generative import SufficientStatistics
+from mavdem.dem.engine.linalg import one_thread, raise_on_overflow
+from mavdem.dem.fitting import generalized_data as flight_data
+from mavdem.dem.fitting import generative_model as flight_model
+from mavdem.dem.learning import prepared_training
+from mavdem.dem.scaling import Scaling
+from mavdem.experiments.comparison import PLANT, Method, run_trial
+from mavdem.experiments.paired_test import Paired, paired
+from mavdem.experiments.paper.checks import Check, ExperimentResult, percent
+from mavdem.experiments.paper.estimation.dem_covariance import (
+    KNOWN_PRECISION,
+    generalized_data,
+    generative_model,
+)
+from mavdem.experiments.paper.estimation.noisy_records import SIMULATED_DT, random_record
+from mavdem.experiments.paper.estimation.smoothness_learning import (
+    fit_all,
+    fit_states,
+    learn_smoothness,
+    smoothness_uncertainty,
+)
+from mavdem.experiments.paper.flights import ARDRONE_NAME
+from mavdem.experiments.paper.runner import DATA_START, Runner, forecast_errors
+from mavdem.experiments.window import Window
+from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.numbers import rounded
+
+TRUE_WIDTHS = (2, 3, 4, 6)
+"""True smoothness of the simulated noises, in sampling steps."""
+
+RECORD_COUNT = 50
+"""Simulated records of each smoothness; a choice."""
+
+COVERAGE = 0.9
+"""Probability of the interval of ln s whose coverage is counted."""
+
+MAX_COVERAGE_ERROR = 0.1
+"""Largest difference of the counted coverage from ``COVERAGE``; two standard errors of 50 records are 0.085."""
+
+CANDIDATE_WIDTHS = tuple(2.0**power for power in range(-2, 6))
+"""Grid of s in sampling steps, from which the search by the gradient starts."""
+
+WINDOW_STEP = 4
+"""Every fourth window of the recorded flights is used: windows overlap by half, and each takes several fits."""
+
+MIN_GAIN = 0.05
+"""Share by which the forecast error must fall on unseen data for s to be learned by default."""
+
+FLIGHT_SETTINGS = {
+    "DEM alone": replace(PLANT, horizon=None),
+    "with simulation fit": PLANT,
+}
+"""Settings of DEM whose forecasts are compared, by name: without and with the simulation-error fit of θ."""
+
+
+class SimulatedResult(NamedTuple):
+    """The smoothness learned from one simulated record, beside the true one."""
+
+    log_ratio: float
+    """ln of the learned over the true smoothness."""
+
+    laplace_covers: bool
+    """Whether the interval by the curvature of F̄ alone contains the true one."""
+
+    sandwich_covers: bool
+    """Whether the interval by the sandwich contains it."""
+
+
+class WindowResult(NamedTuple):
+    """The smoothness learned on one window of a flight, and errors of forecasts."""
+
+    width: float
+    """Learned smoothness in sampling steps."""
+
+    is_inside: bool
+    """Whether it lies inside the grid."""
+
+    default_error: float
+    """MSPE of the forecast with s = dt."""
+
+    learned_error: float
+    """MSPE of the forecast with the learned s; infinite where it fails."""
+
+
+def run(runner: Runner) -> ExperimentResult:
+    """Learns the smoothness of simulated noise and, if there are any, of recorded flights.
+
+    Args:
+        runner: has the windows of recorded flights, and runs the fits in several processes.
+
+    Returns:
+        Checks and tables; ``numbers`` has the results of all records and windows.
+    """
+    jobs = [(width, seed) for width in TRUE_WIDTHS for seed in range(RECORD_COUNT)]
+    results = runner.map_jobs(_learn_simulated, jobs)
+    simulated: dict[int, list[SimulatedResult]] = {width: [] for width in TRUE_WIDTHS}
+    for (width, _), result in zip(jobs, results, strict=True):
+        simulated[width].append(result)
+    checks = [coverage_check(simulated)]
+    tables = _simulated_table(simulated)
+    recorded = {}
+    windows = runner.recorded_windows[::WINDOW_STEP]
+    for name, settings in FLIGHT_SETTINGS.items():
+        if windows:
+            recorded[name] = runner.map_jobs(partial(_learn_window, settings=settings), windows)
+    comparisons = {name: _comparison(found, windows) for name, found in recorded.items()}
+    if comparisons:
+        checks.append(gain_check(comparisons))
+        tables += _recorded_table(recorded, comparisons)
+    remarks = () if windows else ("Recorded flights are left out: --flights names their folder.",)
+    return ExperimentResult(
+        checks=tuple(checks),
+        numbers={
+            "simulated": {
+                str(width): [result._asdict() for result in found]
+                for width, found in simulated.items()
+            },
+            "recorded": {
+                name: [result._asdict() for result in found] for name, found in recorded.items()
+            },
+        },
+        tables=tables,
+        remarks=remarks,
+    )
+
+
+def _learn_simulated(job: tuple[int, int]) -> SimulatedResult:
+    """Learns the smoothness of one record of a known system, with known noise variances.
+
+    Args:
+        job: true smoothness in sampling steps, and seed of the record.
+    """
+    width, seed = job
+    record = random_record(seed, width * SIMULATED_DT)
+    model = generative_model(record)
+    # The noise of the continuous model has the unit of the states per second.
+    variances = np.append(record.noise_variances, record.process_variances / record.dt**2)
+    prior = model.prior._replace(
+        lambda_mean=-np.log(variances), lambda_precision=KNOWN_PRECISION * np.eye(len(variances))
+    )
+    data = generalized_data(record)
+    statistics = SufficientStatistics.from_segments(data)
+    fit_at = partial(fit_states, replace(model, prior=prior), statistics)
+    with one_thread():
+        learned = learn_smoothness(fit_at, [width * SIMULATED_DT for width in CANDIDATE_WIDTHS])
+        uncertainty = smoothness_uncertainty(learned, fit_at, data, record.dt)
+    log_ratio = float(np.log(learned.smoothness / record.smoothness))
+    tail = (1 + COVERAGE) / 2
+    return SimulatedResult(
+        log_ratio,
+        laplace_covers=bool(abs(log_ratio) < norm.ppf(tail) * uncertainty.laplace),
+        sandwich_covers=bool(
+            abs(log_ratio) < t.ppf(tail, uncertainty.blocks - 1) * uncertainty.sandwich
+        ),
+    )
+
+
+def _learn_window(window: Window, settings: Settings) -> WindowResult:
+    """Learns the smoothness on the training part of a window, and forecasts the test part with it and with s = dt.
+
+    Args:
+        window: a window of a recorded flight.
+        settings: settings of DEM, in which the smoothness is left open.
+    """
+    with one_thread(), raise_on_overflow():
+        record, complete = prepared_training(window.train, settings)
+        scaling = Scaling.from_record(record, complete)
+        model = flight_model(complete, scaling, record)
+        statistics = SufficientStatistics.from_segments(*flight_data(complete, scaling, record))
+        learned = learn_smoothness(
+            partial(fit_all, model, statistics), [width * record.dt for width in CANDIDATE_WIDTHS]
+        )
+    errors = []
+    for smoothness in (None, learned.smoothness):
+        method = Method("DEM", partial(learn, settings=replace(settings, smoothness=smoothness)))
+        errors.append(float(forecast_errors([run_trial((method, window))], DATA_START)[0]))
+    return WindowResult(learned.smoothness / record.dt, learned.is_inside, *errors)
+
+
+def _comparison(results: Sequence[WindowResult], windows: Sequence[Window]) -> Paired:
+    """Compares the forecast errors with the learned smoothness to those of the default."""
+    return paired(
+        [result.learned_error for result in results],
+        [result.default_error for result in results],
+        windows,
+    )
+
+
+def coverage_check(simulated: Mapping[int, Sequence[SimulatedResult]]) -> Check:
+    """Checks that the interval of the learned smoothness covers the true one as often as it should, at every width.
+
+    Args:
+        simulated: results by true smoothness in sampling steps.
+    """
+    coverages = {
+        width: float(np.mean([result.sandwich_covers for result in results]))
+        for width, results in simulated.items()
+    }
+    listed = ", ".join(f"{percent(share)} at {width} dt" for width, share in coverages.items())
+    return Check(
+        f"the {percent(COVERAGE)} interval of s, by the sandwich, covers the true s within "
+        f"{percent(MAX_COVERAGE_ERROR)} at every smoothness",
+        all(abs(share - COVERAGE) <= MAX_COVERAGE_ERROR for share in coverages.values()),
+        f"the {percent(COVERAGE)} interval of s covers the true one in {listed}",
+    )
+
+
+def gain_check(comparisons: Mapping[str, Paired]) -> Check:
+    """Checks that a learned smoothness lowers the forecast error by ``MIN_GAIN`` on the median window.
+
+    Args:
+        comparisons: errors with the learned smoothness compared with the default's, by name of the settings.
+    """
+    findings = []
+    for name, comparison in comparisons.items():
+        findings.append(
+            f"{rounded(comparison.ratio, 3)} {name}, lower in {comparison.less} of "
+            f"{comparison.windows} windows"
+        )
+    return Check(
+        f"on {ARDRONE_NAME} the median of the error with s learned over that with s = dt is at most "
+        f"{1 - MIN_GAIN:g}",
+        all(comparison.ratio <= 1 - MIN_GAIN for comparison in comparisons.values()),
+        f"on {ARDRONE_NAME} the error with s learned over that with s = dt is {'; '.join(findings)}",
+    )
+
+
+def _simulated_table(
+    simulated: Mapping[int, Sequence[SimulatedResult]],
+) -> tuple[Block, ...]:
+    """Returns the table of the learned smoothness of simulated noise, after a sentence that introduces it."""
+    rows = []
+    for width, results in simulated.items():
+        log_ratios = np.array([result.log_ratio for result in results])
+        rows.append(
+            [
+                f"{width} dt",
+                rounded(float(np.exp(np.median(log_ratios))), 3),
+                percent(float(log_ratios.std())),
+                percent(float(np.mean([result.sandwich_covers for result in results]))),
+                percent(float(np.mean([result.laplace_covers for result in results]))),
+            ]
+        )
+    introduction = Sentence(
+        f"{RECORD_COUNT} random systems for each smoothness, with known matrices and variances.",
+        "Simulated noise:",
+    )
+    header = ["true s", "learned over true, median", "spread", "sandwich covers", "F̄ alone covers"]
+    return introduction, Table(header, rows)
+
+
+def _recorded_table(
+    recorded: Mapping[str, Sequence[WindowResult]], comparisons: Mapping[str, Paired]
+) -> tuple[Block, ...]:
+    """Returns the table of recorded flights: the learned smoothness, and the errors over those of the default."""
+    rows = []
+    for name, results in recorded.items():
+        widths = np.array([result.width for result in results])
+        inside = sum(result.is_inside for result in results)
+        comparison = comparisons[name]
+        rows.append(
+            [
+                name,
+                f"{rounded(float(np.median(widths)), 3)} dt",
+                f"{inside} of {len(results)}",
+                rounded(comparison.ratio, 3),
+                f"{comparison.less} of {comparison.windows}",
+                comparison.result.value,
+            ]
+        )
+    header = ["settings", "learned s, median", "inside the grid", "error ratio", "lower in", "test"]
+    return Sentence(f"every {WINDOW_STEP}th window.", f"{ARDRONE_NAME}:"), Table(header, rows)

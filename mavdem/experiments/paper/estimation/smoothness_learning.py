@@ -1,0 +1,198 @@
+"""The smoothness s of the noises learned by DEM: F̄ maximised over s, and how sure the estimate is.
+
+A. Anil Meera and M. Wisse, "Free Energy Principle for the Noise Smoothness Estimation of Linear Systems with Colored
+Noise", 2022 (arXiv:2204.01796).
+
+F̄ depends on s by the temporal precisions S(s) alone, which scale the k-th derivative of a noise by sᵏ. So ln|S| has
+the derivative p (p + 1) by ln s, and S itself K S + S K with K = diag(0, 1, …, p). At the maximum of F̄ over states, θ
+and λ these are the only terms of its gradient by ln s (the envelope theorem).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dem.engine.ascent import Iterate, initial_iterate, run_rounds
+from mavdem.dem.engine.free_energy import Posterior, expected_noise_precisions
+from mavdem.dem.engine.generalized_coordinates import temporal_precision
+from mavdem.dem.engine.generative import (
+    GeneralizedMoments,
+    GenerativeModel,
+    SufficientStatistics,
+)
+from mavdem.dem.engine.steps import FreeEnergyOfLambda
+
+MAX_ROUNDS = 100
+"""Largest number of rounds of D, E and M steps for one value of s."""
+
+LOG_TOLERANCE = 0.01
+"""Error of ln s at which the search ends: one percent of s, well below its standard deviation."""
+
+DIFFERENCE_STEP = 1e-3
+"""Change of ln s by which the second derivative of F̄ is computed."""
+
+BLOCK_WIDTHS = 10.0
+"""Length of a block of samples, in kernel widths: noise has the autocorrelation e⁻²⁵ over it."""
+
+
+FitAt = Callable[[float], Iterate]
+"""Returns the states, and whatever else is unknown, at the maximum of F̄ for one value of s."""
+
+
+class LearnedSmoothness(NamedTuple):
+    """The smoothness at the maximum of F̄."""
+
+    smoothness: float
+    """Kernel width s of both noises, in the model's unit of time."""
+
+    fit: Iterate
+    """The fit at this s."""
+
+    is_inside: bool
+    """Whether the maximum lies between the candidates, and not at the smallest or largest of them."""
+
+
+class SmoothnessUncertainty(NamedTuple):
+    """Standard deviations of ln s, by two approximations."""
+
+    laplace: float
+    """From the curvature of F̄, which counts every sample as independent."""
+
+    sandwich: float
+    """From the curvature and the variance of the gradient between blocks, which counts overlapping samples as such."""
+
+    blocks: int
+    """Number of blocks: one less is the number of degrees of freedom of the sandwich."""
+
+
+def with_smoothness(model: GenerativeModel, smoothness: float) -> GenerativeModel:
+    """Returns the model with the smoothness of both noises, in its unit of time."""
+    return replace(
+        model,
+        output_temporal_precision=temporal_precision(model.p, smoothness),
+        state_temporal_precision=temporal_precision(model.q, smoothness),
+    )
+
+
+def fit_states(model: GenerativeModel, statistics: SufficientStatistics, s: float) -> Iterate:
+    """Maximises F̄ over the states alone for one smoothness s; θ and λ are known, and are the prior means."""
+    return initial_iterate(with_smoothness(model, s), statistics)
+
+
+def fit_all(model: GenerativeModel, statistics: SufficientStatistics, s: float) -> Iterate:
+    """Maximises F̄ over states, θ and λ for one smoothness s."""
+    start = initial_iterate(with_smoothness(model, s), statistics)
+    iterates, _ = run_rounds(start, MAX_ROUNDS)
+    return iterates[-1]
+
+
+def smoothness_gradient(posterior: Posterior) -> float:
+    """Returns ∂F̄/∂ln s at a posterior of states, θ and λ, nats.
+
+    F̄ is linear in S but for ln|S|. So its derivative is F̄'s sum of squared errors, mean-field terms included, with the
+    derivative of S in the place of S.
+
+    Args:
+        posterior: the posterior; at the maximum of F̄ over it, this is the total derivative of the maximum by ln s.
+    """
+    model = posterior.model
+    # ln|S ⊗ Π| of m noises with p derivatives changes by m p (p + 1) for a change of ln s by 1.
+    log_det_gradient = model.m * model.p * (model.p + 1) + model.n * model.q * (model.q + 1)
+    derivative_model = _derivative_by_log_smoothness(model)
+    moments = GeneralizedMoments(derivative_model, posterior.samples, posterior.moments.joint_map)
+    squares = FreeEnergyOfLambda.from_posterior(posterior._replace(moments=moments)).c
+    return float(
+        0.5 * posterior.samples.sample_count * log_det_gradient
+        - 0.5 * squares @ np.exp(posterior.lambda_)
+    )
+
+
+def _derivative_by_log_smoothness(model: GenerativeModel) -> GenerativeModel:
+    """Returns the model with ∂S/∂ln s in the place of both S, and no errors but those of the noises."""
+    derivatives = []
+    for S in (model.output_temporal_precision, model.state_temporal_precision):
+        orders = np.arange(len(S))
+        derivatives.append(S * (orders + orders[:, None]))
+    return replace(
+        model,
+        output_temporal_precision=derivatives[0],
+        state_temporal_precision=derivatives[1],
+        input_precision=np.zeros_like(model.input_precision),
+    )
+
+
+def learn_smoothness(fit_at: FitAt, candidates: Sequence[float]) -> LearnedSmoothness:
+    """Maximises F̄ over s: on a grid first, since F̄ may have several maxima, then by the gradient about the best.
+
+    Args:
+        fit_at: the fit for one value of s.
+        candidates: the grid, increasing, in the model's unit of time.
+
+    Returns:
+        The smoothness of highest F̄, within ``LOG_TOLERANCE``.
+    """
+    fits = [fit_at(candidate) for candidate in candidates]
+    best = int(np.argmax([fit.free_energy for fit in fits]))
+    if best in (0, len(candidates) - 1):
+        return LearnedSmoothness(candidates[best], fits[best], is_inside=False)
+    lower, upper = np.log([candidates[best - 1], candidates[best + 1]])
+    # Bisection: the gradient is positive below the maximum and negative above it.
+    while upper - lower > LOG_TOLERANCE:
+        middle = (lower + upper) / 2
+        if smoothness_gradient(fit_at(float(np.exp(middle))).posterior) > 0:
+            lower = middle
+        else:
+            upper = middle
+    smoothness = float(np.exp((lower + upper) / 2))
+    return LearnedSmoothness(smoothness, fit_at(smoothness), is_inside=True)
+
+
+def smoothness_uncertainty(
+    learned: LearnedSmoothness, fit_at: FitAt, data: Array, dt: float
+) -> SmoothnessUncertainty:
+    """Estimates how sure ln s is, for known θ and λ.
+
+    F̄ sums the free energies of generalized samples whose windows overlap and whose noise is correlated: a composite
+    likelihood, of which the curvature alone is no measure of uncertainty. The sandwich J / H² is one, with the
+    curvature H and the variance J of the gradient (C. Varin, N. Reid and D. Firth, "An overview of composite likelihood
+    methods", Statistica Sinica 21, 2011). J is estimated from sums over blocks that are longer than the correlation.
+
+    Args:
+        learned: the smoothness at the maximum of F̄.
+        fit_at: the fit for one value of s.
+        data: (T, dim [ỹ; η̃]) generalized data.
+        dt: sampling step, in the unit of the smoothness.
+    """
+    s = learned.smoothness
+    gradient_below = smoothness_gradient(fit_at(s * np.exp(-DIFFERENCE_STEP)).posterior)
+    gradient_above = smoothness_gradient(fit_at(s * np.exp(DIFFERENCE_STEP)).posterior)
+    curvature = (gradient_below - gradient_above) / (2 * DIFFERENCE_STEP)
+    block_samples = int(np.ceil(BLOCK_WIDTHS * s / dt)) + learned.fit.posterior.model.p
+    blocks = max(2, len(data) // block_samples)
+    gradients = _sample_gradients(learned.fit.posterior, data)
+    sums = [block.sum() for block in np.array_split(gradients, blocks)]
+    return SmoothnessUncertainty(
+        laplace=float(1 / np.sqrt(curvature)),
+        sandwich=float(np.sqrt(blocks * np.var(sums, ddof=1)) / curvature),
+        blocks=blocks,
+    )
+
+
+def _sample_gradients(posterior: Posterior, data: Array) -> Array:
+    """Returns the gradient of each sample's free energy by ln s, (T,), up to a constant.
+
+    Args:
+        posterior: the posterior.
+        data: (T, dim [ỹ; η̃]) generalized data.
+    """
+    model = _derivative_by_log_smoothness(posterior.model)
+    errors = data @ (model.error_operator(posterior.theta) @ posterior.moments.joint_map).T
+    precisions = expected_noise_precisions(posterior.lambda_, posterior.lambda_covariance)
+    return np.asarray(
+        -0.5 * np.sum(errors @ model.error_precision(precisions) * errors, axis=1), float
+    )

@@ -1,0 +1,80 @@
+"""The smoothness of noise by F̄: its gradient and its maximum by brute force, and the checks on what it earns."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from pytest import approx, fixture
+
+from mavdem.dem.engine.generative import SufficientStatistics
+from mavdem.experiments.paired_test import Paired
+from mavdem.experiments.paper.estimation.dem_covariance import (
+    KNOWN_PRECISION,
+    generalized_data,
+    generative_model,
+)
+from mavdem.experiments.paper.estimation.noise_smoothness import (
+    SimulatedResult,
+    coverage_check,
+    gain_check,
+)
+from mavdem.experiments.paper.estimation.noisy_records import random_record
+from mavdem.experiments.paper.estimation.smoothness_learning import (
+    fit_states,
+    learn_smoothness,
+    smoothness_gradient,
+    smoothness_uncertainty,
+)
+
+TRUE_SMOOTHNESS = 0.4
+GRID = (0.1, 0.2, 0.4, 0.8, 1.6)
+
+
+@fixture(scope="module")
+def known_record():
+    """A record with known variances: its generalized data, and the fit for one smoothness."""
+    record = random_record(seed=0, smoothness=TRUE_SMOOTHNESS)
+    model = generative_model(record)
+    variances = np.append(record.noise_variances, record.process_variances / record.dt**2)
+    prior = model.prior._replace(
+        lambda_mean=-np.log(variances), lambda_precision=KNOWN_PRECISION * np.eye(len(variances))
+    )
+    data = generalized_data(record)
+    statistics = SufficientStatistics.from_segments(data)
+    return record, data, partial(fit_states, replace(model, prior=prior), statistics)
+
+
+def test_the_gradient_by_smoothness_is_the_difference_of_free_energies(known_record):
+    _, _, fit_at = known_record
+    for smoothness in (0.3, 0.5):
+        above = fit_at(smoothness * np.exp(1e-3)).free_energy
+        below = fit_at(smoothness * np.exp(-1e-3)).free_energy
+        gradient = smoothness_gradient(fit_at(smoothness).posterior)
+        assert gradient == approx((above - below) / 2e-3, rel=1e-4)
+
+
+def test_the_learned_smoothness_is_the_maximum_on_a_fine_grid_and_near_the_true_one(known_record):
+    record, data, fit_at = known_record
+    learned = learn_smoothness(fit_at, GRID)
+    fine_grid = TRUE_SMOOTHNESS * np.exp(np.linspace(-0.5, 0.5, 101))
+    best = fine_grid[np.argmax([fit_at(smoothness).free_energy for smoothness in fine_grid])]
+    assert learned.is_inside
+    assert np.log(learned.smoothness / best) == approx(0.0, abs=0.015)
+    assert learned.smoothness == approx(TRUE_SMOOTHNESS, rel=0.1)
+    uncertainty = smoothness_uncertainty(learned, fit_at, data, record.dt)
+    assert uncertainty.sandwich > uncertainty.laplace
+
+
+def test_a_maximum_at_the_edge_of_the_grid_is_marked(known_record):
+    _, _, fit_at = known_record
+    assert not learn_smoothness(fit_at, (0.05, 0.1)).is_inside
+
+
+def test_coverage_and_gain_have_their_bars():
+    covering = [SimulatedResult(0.0, laplace_covers=False, sandwich_covers=True)] * 9
+    missing = [SimulatedResult(0.5, laplace_covers=False, sandwich_covers=False)]
+    assert coverage_check({3: covering + missing}).holds
+    assert not coverage_check({3: covering + missing, 2: missing}).holds
+    lower = Paired(ratio=0.9, less=8, windows=9, tested=4, p_value=0.1)
+    assert gain_check({"alone": lower}).holds
+    assert not gain_check({"alone": lower, "with fit": lower._replace(ratio=0.97)}).holds
