@@ -13,7 +13,10 @@ The second table has the squared error of forecasts that start anew at every k-t
 motors known, or joint VAR(4), motors unknown: geometric means over flights. Half A are the flights whose name has an
 even hash.
 
-Usage: tools/bench/free_energies.py [--window I] [--flight TEXT]
+With --margins there is a third one: crossover and margins of the rate loop with the autopilot's gains, marginals of the
+closed loop's posterior from these 7 s, with their 90 % intervals.
+
+Usage: tools/bench/free_energies.py [--window I] [--flight TEXT] [--margins]
 """
 
 import sys
@@ -25,6 +28,7 @@ import numpy as np
 
 from mavdem import baselines, learn
 from mavdem.arrays import Array
+from mavdem.baselines import ClosedLoop
 from mavdem.dem.forecast.joint import LAG_CANDIDATES
 from mavdem.evaluate import Method, Window, windows
 from mavdem.experiments.comparison import evaluate_model
@@ -59,6 +63,8 @@ class FlightFigures(NamedTuple):
     """Mean log density of the outputs of a sample of the test part by model, nats."""
     error_ratios: dict[tuple[str, Question, int], float]
     """Squared error over that of the joint VAR, by model, question and number of steps."""
+    closed_loop: ClosedLoop
+    """The closed loop."""
 
     @property
     def half(self) -> str:
@@ -131,6 +137,7 @@ def flight_figures(window: Window) -> FlightFigures:
         free_energies,
         log_densities,
         error_ratios,
+        closed_loop,
     )
 
 
@@ -196,10 +203,33 @@ def forecast_table(figures: list[FlightFigures]) -> Table:
     return Table(columns, rows)
 
 
+def margin_table(figures: list[FlightFigures]) -> Table:
+    """Returns the third table, with a row for each flight whose gains are known."""
+    columns = ["flight", "crossover", "phase margin", "gain margin", "Ms"]
+    rows = []
+    for flight in figures:
+        if not flight.gains_known:
+            continue
+        loop = flight.closed_loop.rate_loop()
+        low_phase, high_phase = loop.phase_margin_interval
+        low_gain, high_gain = loop.gain_margin_interval
+        rows.append(
+            [
+                flight.flight,
+                f"{loop.crossover:.1f} Hz",
+                f"{loop.phase_margin:.0f}° ({low_phase:.0f} to {high_phase:.0f})",
+                f"{loop.gain_margin:.1f} dB ({low_gain:.1f} to {high_gain:.1f})",
+                f"{loop.ms:.2f}",
+            ]
+        )
+    return Table(columns, rows)
+
+
 @click.command(help=__doc__)
 @click.option("--window", "index", default=0, help="Which window of each flight, from 0.")
 @click.option("--flight", "text", default="", help="Only flights whose name contains this text.")
-def main(index: int, text: str) -> None:
+@click.option("--margins", "with_margins", is_flag=True, help="Also margins of the rate loop.")
+def main(index: int, text: str, with_margins: bool) -> None:
     figures = []
     for name, flight in recorded_flights():
         if text not in name:
@@ -216,7 +246,10 @@ def main(index: int, text: str) -> None:
         sys.exit(
             f"There are no such flights in {DATA_FOLDER}; MAVDEM_SHARED_DATA names their folder."
         )
-    print(markdown([free_energy_table(figures), forecast_table(figures)]))
+    tables = [free_energy_table(figures), forecast_table(figures)]
+    if with_margins:
+        tables.append(margin_table(figures))
+    print(markdown(tables))
 
 
 if __name__ == "__main__":

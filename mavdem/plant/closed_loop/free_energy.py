@@ -62,20 +62,6 @@ class FilteredSegment(NamedTuple):
         squares = np.einsum("ti,tij,tj->t", self.innovations, self.precisions, self.innovations)
         return np.asarray(0.5 * (log_determinants - squares))
 
-    @property
-    def output_log_densities(self) -> Array:
-        """(T,) log density of angle and rate, given the motors of the same sample and all samples before it, nats.
-
-        It is that of all channels less that of the motors alone.
-        """
-        covariances = np.linalg.inv(self.precisions)
-        motors_variance = covariances[:, MOTORS_CHANNEL, MOTORS_CHANNEL]
-        motors_innovations = self.innovations[:, MOTORS_CHANNEL]
-        motors_log_densities = -0.5 * (
-            np.log(2 * np.pi * motors_variance) + motors_innovations**2 / motors_variance
-        )
-        return self.log_densities - motors_log_densities
-
 
 def trim_augmented_filter(loop: SampledLoop, trim_covariance: Array, samples: int) -> KalmanFilter:
     """Returns the exact Kalman filter of the loop, with the trims of the channels as three more, constant states.
@@ -134,9 +120,6 @@ class LoopFreeEnergy(NamedTuple):
     log_densities: Array
     """(T,) log density of each sample given those before it, nats."""
 
-    output_log_densities: Array
-    """(T,) the same of angle and rate alone, given the motors of the same sample as well."""
-
     @property
     def total(self) -> float:
         """F̄, nats."""
@@ -153,6 +136,68 @@ class LoopFreeEnergy(NamedTuple):
         return self.log_densities - self.complexity / len(self.log_densities)
 
 
+class _SquaredErrors(NamedTuple):
+    """Sums of the squares of smoothed noises over one segment, each in units of its covariance."""
+
+    outputs: float
+    """Those of the measurement noises v."""
+
+    inputs: float
+    """Those of the driving noise of the setpoint."""
+
+    states: float
+    """Those of all other driving noises, of the start, and of the trims."""
+
+
+class _ProcessCovariances(NamedTuple):
+    """Covariances of the driving noises of the states: over one step, and before the first sample."""
+
+    step: Array
+    """(n, n) covariance of one step."""
+
+    start: Array
+    """(n, n) covariance of the states before anything is measured."""
+
+    def squared_errors(self, smoothing: Array) -> float:
+        """Returns the sum of squares of the smoothed noises, rᵀ Q r after each sample and rᵀ P₀ r before the first.
+
+        Args:
+            smoothing: (T + 1, n) vectors r of the disturbance smoother.
+        """
+        later = smoothing[1:]
+        return float(np.sum(later @ self.step * later) + smoothing[0] @ self.start @ smoothing[0])
+
+
+def _squared_errors(
+    segment: FilteredSegment,
+    noise_variance: Array,
+    driving: _ProcessCovariances,
+    setpoint: _ProcessCovariances,
+    trim_covariance: Array,
+) -> _SquaredErrors:
+    """Sums the squares of all smoothed noises of one segment, by what they belong to.
+
+    Args:
+        segment: the filtered segment.
+        noise_variance: (3,) variances of the measurement noises.
+        driving: covariances of all driving noises.
+        setpoint: the part of them that the setpoint causes.
+        trim_covariance: (3, 3) prior covariance of the trims.
+    """
+    states = segment.smoothing[:, :STATES]
+    trims = segment.smoothing[0, STATES:]
+    by_setpoint = setpoint.squared_errors(states)
+    trim_squares = float(trims @ trim_covariance @ trims)
+    # The measurement noise v is smoothed to R (F⁻¹ e − Kᵀ r).
+    weighted = np.einsum("tij,tj->ti", segment.precisions, segment.innovations)
+    weighted -= np.einsum("tni,tn->ti", segment.gains, segment.smoothing[1:])
+    return _SquaredErrors(
+        outputs=float(np.sum(weighted**2 * noise_variance)),
+        inputs=by_setpoint,
+        states=driving.squared_errors(states) - by_setpoint + trim_squares,
+    )
+
+
 def loop_free_energy(posterior: LoopPosterior, maximum: QuadraticExpansion) -> LoopFreeEnergy:
     """Computes F̄ of a closed loop and its terms at the maximum of its posterior.
 
@@ -163,58 +208,44 @@ def loop_free_energy(posterior: LoopPosterior, maximum: QuadraticExpansion) -> L
     data = posterior.data
     theta = maximum.point
     loop = sampled_loop(theta, posterior.controller, data.dt)
-    setpoint_covariance, setpoint_start = setpoint_process_covariance(
-        theta, posterior.controller, data.dt, loop.state_sd
+    kalman_filter = trim_augmented_filter(
+        loop, data.trim_covariance, samples=max(map(len, data.segments))
     )
-    longest = max(map(len, data.segments))
-    kalman_filter = trim_augmented_filter(loop, data.trim_covariance, longest)
     segments = [filter_segment(kalman_filter, samples) for samples in data.segments]
-
-    input_squares = 0.0
-    state_squares = 0.0
-    output_squares = 0.0
-    log_determinants = 0.0
-    trims = slice(STATES, None)
-    for segment in segments:
-        states = segment.smoothing[:, :STATES]
-        # ω is smoothed to Q r after each sample, and to P₀ r before the first, whose squares are rᵀ Q r and rᵀ P₀ r.
-        driving = np.sum(states[1:] @ loop.process_covariance * states[1:])
-        driving += states[0] @ loop.stationary_covariance @ states[0]
-        by_setpoint = np.sum(states[1:] @ setpoint_covariance * states[1:])
-        by_setpoint += states[0] @ setpoint_start @ states[0]
-        trim_squares = segment.smoothing[0, trims] @ data.trim_covariance
-        input_squares += by_setpoint
-        state_squares += driving - by_setpoint + trim_squares @ segment.smoothing[0, trims]
-        # v is smoothed to R (F⁻¹ e − Kᵀ r).
-        weighted = np.einsum("tij,tj->ti", segment.precisions, segment.innovations)
-        weighted -= np.einsum("tni,tn->ti", segment.gains, segment.smoothing[1:])
-        output_squares += np.sum(weighted**2 * loop.noise_variance)
-        log_determinants += np.linalg.slogdet(segment.precisions)[1].sum()
-
+    driving = _ProcessCovariances(loop.process_covariance, loop.stationary_covariance)
+    setpoint = _ProcessCovariances(
+        *setpoint_process_covariance(theta, posterior.controller, data.dt, loop.state_sd)
+    )
+    errors = [
+        _squared_errors(segment, loop.noise_variance, driving, setpoint, data.trim_covariance)
+        for segment in segments
+    ]
+    precision_log_determinant = sum(
+        np.linalg.slogdet(segment.precisions)[1].sum() for segment in segments
+    )
     samples = data.sample_count
     noise_log_determinant = samples * np.log(loop.noise_variance).sum()
-    curvature = maximum.curvature
+
     # The hyperparameters' entropy is that of their marginal posterior, that of the parameters is given them.
     parameters = slice(0, PARAMETERS)
     hyperparameters = slice(PARAMETERS, None)
-    parameter_log_determinant = logdet(curvature[parameters, parameters])
-    hyperparameter_log_determinant = logdet(curvature) - parameter_log_determinant
+    parameter_log_determinant = logdet(maximum.curvature[parameters, parameters])
+    hyperparameter_log_determinant = logdet(maximum.curvature) - parameter_log_determinant
     deviations = ((theta - posterior.prior.mean) / posterior.prior.sd) ** 2
     log_prior_sd = np.log(posterior.prior.sd)
     terms = {
         Term.NOISE_ENTROPY: -0.5 * (noise_log_determinant + samples * CHANNELS * np.log(2 * np.pi)),
-        Term.STATE_AND_INPUT_ENTROPY: 0.5 * (noise_log_determinant + log_determinants),
+        Term.STATE_AND_INPUT_ENTROPY: 0.5 * (noise_log_determinant + precision_log_determinant),
         Term.PARAMETER_ENTROPY: -0.5 * parameter_log_determinant - log_prior_sd[parameters].sum(),
         Term.HYPERPARAMETER_ENTROPY: -0.5 * hyperparameter_log_determinant
         - log_prior_sd[hyperparameters].sum(),
-        Term.PREDICTION_ERROR_OF_OUTPUTS: -0.5 * output_squares,
-        Term.PREDICTION_ERROR_OF_INPUTS: -0.5 * input_squares,
-        Term.PREDICTION_ERROR_OF_STATES: -0.5 * state_squares,
+        Term.PREDICTION_ERROR_OF_OUTPUTS: -0.5 * sum(error.outputs for error in errors),
+        Term.PREDICTION_ERROR_OF_INPUTS: -0.5 * sum(error.inputs for error in errors),
+        Term.PREDICTION_ERROR_OF_STATES: -0.5 * sum(error.states for error in errors),
         Term.PREDICTION_ERROR_OF_PARAMETERS: -0.5 * deviations[parameters].sum(),
         Term.PREDICTION_ERROR_OF_HYPERPARAMETERS: -0.5 * deviations[hyperparameters].sum(),
     }
     return LoopFreeEnergy(
         terms={name: float(value) for name, value in terms.items()},
         log_densities=np.concatenate([segment.log_densities for segment in segments]),
-        output_log_densities=np.concatenate([segment.output_log_densities for segment in segments]),
     )
