@@ -93,7 +93,8 @@ def assess_signals(
     options = options or Options()
 
     # The wind comes first: the messages that it reads are cached in the signals, and the analysis reads them too.
-    wind = wind_evidence(signals)
+    with progress("Estimating the wind", measured=False):
+        wind = wind_evidence(signals)
 
     # What the log holds of the vehicle, its condition, and the models of its axes.
     analysis = analyse(log, signals, axis, options, progress=progress)
@@ -131,7 +132,8 @@ def assess_signals(
         evidence = replace(evidence, wind=without_flight_advice(wind))
 
     # Margins, responses and tracking of the axes are measured as the lights need them; then headline and next step.
-    judgement = judge(evidence, analysis.findings.purposes)
+    with progress("Judging the flight", measured=False):
+        judgement = judge(evidence, analysis.findings.purposes)
     analyses = ReadOnlyDict({analysis.learnability.axis: analysis})
     return Assessment(log, judgement, evidence, analyses)
 

@@ -15,7 +15,7 @@ from mavdem.cli.options import (
     start_option,
     verbose_option,
 )
-from mavdem.cli.output import print_json, print_screen, report_parts
+from mavdem.cli.output import print_json, print_screen, progress, report_parts
 from mavdem.cli.output_files import check_output_folder, replaced_files
 from mavdem.cli.sources import assess_without_model
 from mavdem.cli.streams import print_to_stderr
@@ -99,7 +99,8 @@ def tune_command(
         check_output_folder(out, (PAGE_FILE, *GAIN_FILES), params)
     assessment, evidence = assess_without_model(source, vehicle, params, inputs, start)
     axes = AXES if axis == ALL_AXES else (axis,)
-    tuning = tuned(assessment, axes, margins, more=more, filters=filters, is_written=bool(out))
+    with progress("Choosing gains", measured=False):
+        tuning = tuned(assessment, axes, margins, more=more, filters=filters, is_written=bool(out))
     if out:
         _write_tuning(out, source, tuning, evidence)
     if as_json:

@@ -129,7 +129,8 @@ def analyse(
     options = options or Options()
     signals = signals.for_axis(AXES[0] if axis == ALL_AXES else axis, options.inputs)
     segments, learnability = usable_segments(signals, log.components)
-    analysis = _analysis_without_model(log, signals, learnability, other_axis)
+    with progress("Examining the motors", measured=False):
+        analysis = _analysis_without_model(log, signals, learnability, other_axis)
     is_slow = analysis.tier.tier == "b" and signals.axis in TILT_AXES
     if is_slow:
         segments, slow_learnability = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
