@@ -24,7 +24,12 @@ from mavdem.plant.closed_loop.parameters import (
     STEP_TIME,
 )
 from mavdem.plant.closed_loop.response import KnownController
-from mavdem.plant.closed_loop.spectra import SPECTRUM_SECONDS, Messages, cross_spectra
+from mavdem.plant.closed_loop.spectra import (
+    SPECTRUM_SECONDS,
+    Messages,
+    cross_spectra,
+    with_unrounded_stamps,
+)
 
 CYCLE = 0.0025
 SECONDS = 90.0
@@ -240,3 +245,25 @@ def test_limits_explain_a_controller_of_less_gain_and_none_of_more():
     assert not of(
         0.9, 0.0, likeliest=0.6
     ).controller_consistent  # of several maxima the highest must, too
+
+
+@mark.parametrize("rate", [80.0, 400.0])
+def test_stamps_that_were_rounded_to_milliseconds_are_restored_though_some_are_lost(rate):
+    sent_at = 7.0 + np.arange(2000) / rate
+    arrived = default_rng(1).random(2000) > 0.1
+    rounded = np.floor(1e3 * sent_at[arrived] + 1e-6) / 1e3
+    restored = with_unrounded_stamps(Messages(rounded, rounded)).time
+    # Rounding down makes all stamps earlier by 0.25 ms in the mean, which nothing shows.
+    errors = restored - (sent_at[arrived] - 0.25e-3)
+    assert abs(errors).max() < 0.15e-3
+    assert errors.std() < 0.2 * (rounded - sent_at[arrived]).std()
+
+
+def test_stamps_that_are_exact_or_late_are_kept():
+    exact = 7.0 + np.arange(2000) / 80
+    assert with_unrounded_stamps(Messages(exact, exact)).time is exact
+    late = np.floor(1e3 * exact) / 1e3
+    late[500] += 4e-3
+    assert with_unrounded_stamps(Messages(late, late)).time[500] == late[500]
+    uneven = np.floor(1e3 * np.sort(default_rng(1).uniform(0.0, 20.0, 2000))) / 1e3
+    assert with_unrounded_stamps(Messages(uneven, uneven)).time is uneven
