@@ -1,10 +1,11 @@
 #!/usr/bin/env python
 """Margins of identified loops compared with the truth, of simulated flights thinned to lower rates, and of logs.
 
-Of each message all but one in so many are left out; stamps stay as they are. Without LOGS the flights are simulated
-ones, of the half to choose a method on or of the half to report; they are flown once and kept in --cache. "rms",
-"median", "size" (median without sign) and "close" (within 1.5 dB) are of errors where loops are given, relative but for
-margins in dB and degrees; "inside": of 90 % intervals that hold the truth.
+Of each message all but one in so many are left out. Stamps stay as they are; those of simulated flights are exact, as
+in autopilots' own logs, or with --rounded as MAVLink sends them, some in whole milliseconds. Without LOGS the flights
+are simulated ones, of the half to choose a method on or of the half to report; they are flown once and kept in --cache.
+"rms", "median", "size" (median without sign) and "close" (within 1.5 dB) are of errors where loops are given, relative
+but for margins in dB and degrees; "inside": of 90 % intervals that hold the truth.
 """
 
 import json
@@ -246,18 +247,20 @@ def _outputs_in_air(motion: Motion) -> Array:
     return outputs
 
 
-def simulated_log(seed: int, cache: Path) -> tuple[Log, Truth]:
+def simulated_log(seed: int, cache: Path, is_rounded: bool = False) -> tuple[Log, Truth]:
     """Returns the log of a simulated flight, and its true figures.
-
-    Its stamps are exact, as in autopilots' own logs, and not rounded to a millisecond.
 
     Args:
         seed: seed of the flight.
         cache: folder of all flights.
+        is_rounded: whether stamps are those of MAVLink, of which some are whole milliseconds; else all are exact, as in
+            autopilots' own logs.
     """
     folder = flight_folder(seed, cache)
     truth = json.loads((folder / "truth.json").read_text("utf-8"))
-    return exact_log(folder / "flight.tlog"), truth
+    path = folder / "flight.tlog"
+    log = read_log(path) if is_rounded else exact_log(path)
+    return log, truth
 
 
 def exact_log(path: Path) -> Log:
@@ -331,13 +334,16 @@ def recorded_truth(log: Log, name: str) -> Truth:
     }
 
 
-def evaluate_log(source: Path | int, rates: Sequence[float], cache: Path) -> list[Values]:
+def evaluate_log(
+    source: Path | int, rates: Sequence[float], cache: Path, is_rounded: bool = False
+) -> list[Values]:
     """Returns a row for each figure of each axis at each rate, or a row with the cause where there is no loop.
 
     Args:
         source: path of a log, or seed of a simulated flight.
         rates: rates to which messages are thinned, Hz.
         cache: folder of all simulated flights.
+        is_rounded: whether a simulated flight has the stamps of MAVLink, as for :func:`simulated_log`.
     """
     name = source.name if isinstance(source, Path) else str(source)
     try:
@@ -345,7 +351,7 @@ def evaluate_log(source: Path | int, rates: Sequence[float], cache: Path) -> lis
             log = read_log(source)
             truth = recorded_truth(log, name)
         else:
-            log, truth = simulated_log(source, cache)
+            log, truth = simulated_log(source, cache, is_rounded)
     except Refusal as error:
         row = {"log": name, "rate": np.nan, "axis": "", "figure": ""}
         return [row | {"cause": root_cause(error.fact)}]
@@ -396,13 +402,20 @@ CACHE = click.option("--cache", default=CACHE_FOLDER, show_default=True, type=Pa
 @command(__doc__, flights=24)
 @click.argument("logs", nargs=-1, type=Path)
 @click.option("--rates", default="400 200 100 80 50 25 10", help="Hz; inf: as recorded.")
+@click.option("--rounded", is_flag=True, help="Stamps as MAVLink rounds them.")
 @HALF
 @CACHE
 def main(
-    logs: tuple[Path, ...], half: str, rates: str, flights: int, cache: Path, jobs: int
+    logs: tuple[Path, ...],
+    half: str,
+    rates: str,
+    rounded: bool,
+    flights: int,
+    cache: Path,
+    jobs: int,
 ) -> None:
     hertz = [float(rate) for rate in rates.split()]
-    read = partial(evaluate_log, rates=hertz, cache=cache)
+    read = partial(evaluate_log, rates=hertz, cache=cache, is_rounded=rounded)
     rows = evaluate_flights(read, logs or HALVES[half][:flights], jobs)
     if logs:
         is_shown = rows["figure"].isin(SHOWN_FIGURES) | (rows["cause"] != "")
