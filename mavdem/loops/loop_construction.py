@@ -89,9 +89,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
     # Row 0 is the estimate. Negated, the comparison also refuses NaN.
     if not effectiveness[0] > 0:
         raise NotLearnable(Loops.MIXER_REVERSED)
-    loop = _without_unstable_draws(
-        Loop(axis, plant, record, controller, effectiveness, draws.dynamics)
-    )
+    loop = Loop(axis, plant, record, controller, effectiveness, draws.dynamics)
     cautions = _cautions(loop)
     rate = loop.rate
     measured = None
@@ -111,23 +109,6 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
             limited_share=at_limit_share(record, controller),
         )
     return replace(loop, cautions=(*cautions, *controller.cautions), measured=measured)
-
-
-def _without_unstable_draws(loop: Loop) -> Loop:
-    """Leaves out draws of the plant whose loops are unstable: with them the vehicle would not have flown.
-
-    So no interval of a margin reaches below 0. Where the estimate itself is unstable, which oscillation may cause, all
-    draws stay.
-
-    Args:
-        loop: rate and attitude loop of the estimated plant and of draws.
-    """
-    is_stable = loop.rate.stable & loop.attitude.stable
-    if is_stable.all() or not is_stable[0]:
-        return loop
-    return replace(
-        loop, effectiveness=loop.effectiveness[is_stable], dynamics=loop.dynamics[is_stable]
-    )
 
 
 def _cautions(loop: Loop) -> list[Fact]:

@@ -45,6 +45,8 @@ MAX_FREQUENCY_RATIO = 0.45
 """Highest frequency of a response, as a fraction of the rate of the loop: just below half of it."""
 HALF_POWER_GAIN = 2**-0.5
 """Gain at which a response has half of the power, −3 dB: the end of the bandwidth."""
+SIGNED_MARGINS = ("phase_margin", "gain_margin", "delay_margin")
+"""Figures that are negative where a loop is unstable."""
 DECIBELS_PER_NEPER = 20 / np.log(10)
 """What natural logarithms of a gain are multiplied by for decibels."""
 
@@ -69,10 +71,16 @@ class FigureInterval:
     """The key in ``Margins.figures``."""
 
     def __get__(self, loop: Any, owner: type | None = None) -> Interval:
-        """Returns the lower and upper end of the figure's 90 % interval."""
+        """Returns the lower and upper end of the figure's 90 % interval.
+
+        A margin below 0 is that of an unstable loop. Where the estimate is stable, so was the loop that flew: the
+        interval of its margins ends at the limit of stability.
+        """
         # The method "nearest" takes values as they are: interpolation between infinite margins would give NaN.
         values = loop.figures[self.name]
         low, high = np.quantile(values, INTERVAL_QUANTILES, method="nearest").tolist()
+        if self.name in SIGNED_MARGINS and values[0] >= 0:
+            low = max(low, 0.0)
         return low, high
 
 

@@ -173,9 +173,9 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
 def with_unrounded_stamps(stream: Messages) -> Messages:
     """Restores the even times of messages whose stamps were rounded to milliseconds.
 
-    For example, messages at 80 Hz come every 12.5 ms, and their stamps are apart by 12 and 13 ms in turn. A rate at such
-    stamps has an error at high frequencies that the controller does not answer, so that identification took the loop
-    for another: a gain margin of 4.5 dB came out at 9.8 dB.
+    For example, messages at 80 Hz come every 12.5 ms, and their stamps are apart by 12 and 13 ms in turn. A rate at
+    such stamps has an error at high frequencies that the controller does not answer, so that identification took the
+    loop for another: a gain margin of 4.5 dB came out at 9.8 dB.
 
     The deviation of the stamps from even times is averaged over neighbours, which follows a clock that drifts. A stamp
     that lies further from its even time than rounding explains is kept, since the message was early or late.
