@@ -14,7 +14,7 @@ from mavdem.dem.parallel import available_workers, process_pool
 from mavdem.experiments.paper import CLAIMS
 from mavdem.extras import require_extra
 from mavdem.files import reporting_write_errors
-from mavdem.report.blocks import Table
+from mavdem.report.blocks import Blocks, Table, markdown
 
 
 @click.command("reproduce")
@@ -36,9 +36,17 @@ from mavdem.report.blocks import Table
     help="Folder with recorded flights of the AR.Drone (.mat), examined beside the simulated ones.",
 )
 @json_option
+@click.option(
+    "--markdown", "as_markdown", is_flag=True, help="Print findings and tables in Markdown."
+)
 @click.option("--list", "as_list", is_flag=True, help="List the items, one a line, the name first.")
 def reproduce_command(
-    names: Names, out: Path, flights_folder: Path | None, as_json: bool, as_list: bool
+    names: Names,
+    out: Path,
+    flights_folder: Path | None,
+    as_json: bool,
+    as_markdown: bool,
+    as_list: bool,
 ) -> None:
     """Runs the paper's experiments again and checks its claims.
 
@@ -55,6 +63,7 @@ def reproduce_command(
       mavdem reproduce --list
       mavdem reproduce noise prediction --out build/paper
       mavdem reproduce benchmark --flights DEM_Drone_in_wind
+      mavdem reproduce states --markdown > states.md
     """
     if as_list:
         _list_claims(as_json)
@@ -82,6 +91,12 @@ def reproduce_command(
             with reporting_write_errors(out):
                 write(out, reports, seconds)
                 (out / NUMBERS).write_text(json_text(document(reports, seconds)) + "\n")
+    if as_markdown and not as_json:
+        findings: Blocks = []
+        for report in reports:
+            findings += report.findings()
+        print_to_stdout(markdown(findings))
+        return
     rows = [[report.claim.name, report.status.value, report.sentence] for report in reports]
     table = Table(["item", "status", "findings"], rows, words=True)
     print_result(document(reports, seconds), [table], as_json)

@@ -124,6 +124,10 @@ class ItemReport:
                 blocks.append(Sentence(remark))
         return Chapter(claim.title, blocks, [picture.group for picture in result.pictures])
 
+    def findings(self) -> Blocks:
+        """Returns what stands under this claim in a page of docs/evidence: the findings and the experiment's tables."""
+        return [Sentence(self.sentence, f"{self.claim.title}:"), *self.result.tables]
+
     def _check_table(self) -> Table:
         """Returns the table of all checks with their findings and rules, those that fail first."""
         rows = []

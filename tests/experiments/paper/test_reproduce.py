@@ -58,6 +58,8 @@ def test_the_command_writes_the_page_and_the_numbers_that_it_prints(monkeypatch,
     printed = strict_json(capsys.readouterr().out)
     assert strict_json((tmp_path / "numbers.json").read_text()) == printed
     assert "this is so" in (tmp_path / PAGE).read_text() and 0 <= printed["seconds"] < 60
+    assert run("reproduce", CLAIMS[0].name, "--out", tmp_path, "--markdown") == 0
+    assert capsys.readouterr().out == f"**{CLAIMS[0].title}:** Reproduced: this is so.\n"
 
 
 def holds(checks):
