@@ -37,7 +37,7 @@ MIN_EXPLAINED_SHARE = 0.6
 Chosen on simulated flights of even numbers (``tools/validation/surprise.py``).
 """
 
-MAX_SUSTAINED_SHARE = 0.4
+MAX_SUSTAINED_SHARE = 0.8
 """Share of the command's deviation that is constant, above which a surprise is a disturbance; chosen likewise."""
 
 
