@@ -5,8 +5,8 @@ In three kinds of flights the pilot or the autopilot flies fast manoeuvres in li
 a motor loses thrust, or a load shifts. The first table has the causes at the largest surprise of each event: a
 disturbance in the six seconds after it began, a manoeuvre in each six seconds that tilt the vehicle by more than 8°.
 The model is learned from the 15 s before. A manoeuvre that is called a disturbance is false, and so is a disturbance
-that is called a model misfit. In fast legs both may be right: the airspeed turns the vehicle as a gust does. The constants
-of ``surprise_cause.py`` were chosen on the half of even numbers.
+that is called a model misfit. In fast legs both may be right: the airspeed turns the vehicle as a gust does. The
+constants of ``surprise_cause.py`` were chosen on the half of even numbers.
 
 With --marks the flights are given to the online learner sample by sample, and the second table has its marks.
 
