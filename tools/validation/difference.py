@@ -3,6 +3,7 @@
 
 Each vehicle of loops.py flies three times, in other wind of the same kind: twice with its gains, and once with P, I and
 D of all rate controllers lowered by a third. "same" compares the first flight with the second, "gains" with the third.
+No model is learned, so that shares of motors and figures of loops are compared, and not physical parameters.
 "pairs" are compared, "any" of them have a quantity that is called changed, all tested together; "alone" counts pairs
 with a quantity that would be called changed by itself. "tests" are all quantities of all pairs, and the columns behind
 count those called changed by kind of quantity.
@@ -17,8 +18,8 @@ from flights import Values, command, evaluate_flights, print_table
 from later_flights import thinned_log_of_flight
 from loops import HALF, HALVES, drawn_flight
 
-from mavdem.assessment.assess import assess_signals
-from mavdem.dataset.signals import Signals
+from mavdem.assessment.assess import assess
+from mavdem.assessment.axis import Options
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import VehicleDifference, vehicle_difference
 from mavdem.fleet.row import FlightRows
@@ -44,7 +45,7 @@ def rows_of_flight(scenario: Scenario, gains: Parameters, number: int, rate: flo
         rate: rate of the messages, Hz.
     """
     log = thinned_log_of_flight(scenario, gains, number, rate)
-    assessment = assess_signals(log, Signals(log.vehicles[0])).with_axis("pitch")
+    assessment = assess(log, options=Options(with_model=False)).with_axis("pitch")
     return rows_of_assessment(assessment, f"{scenario.seed}-{number}.tlog")
 
 
