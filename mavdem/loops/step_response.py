@@ -61,10 +61,11 @@ MAX_TIMING_ERROR_STEPS = 0.5
 
 PX4's rates in ATTITUDE_TARGET are up to 8 ms newer than their stamp too (``mavdem.dataset.setpoints``).
 """
-MIN_RISE_MESSAGES = 8.0
+MIN_RISE_MESSAGES = 12.0
 """Least rise time of a rate that deconvolution resolves, in intervals of its messages.
 
-A choice: at 100 Hz, 90 % bands of faster loops held 24 to 97 % of the true step (docs/evidence/loops.md).
+A choice: at 100 Hz, 90 % bands by deconvolution of PX4's loops that rise in 20 to 80 ms held 24 to 100 % of the true
+step, those of the identified loop all of it (docs/evidence/loops.md).
 """
 STEP_POINTS = 200
 """Number of time steps of a step response, and of frequencies of a frequency response: more than a chart shows."""
