@@ -1,12 +1,14 @@
 #!/usr/bin/env python
-"""Physical parameters compared with the truth of simulated flights, and of a Crazyflie.
+"""Physical parameters compared with the truth of simulated flights, and of a Crazyflie; and torques of other models.
 
 "Inside" is the share of 90 % intervals that hold the truth. Progress and what is refused go to standard error.
 
 The simulated flights are of each vehicle in each wind with each steering; rate and autopilot take turns, and three
 flights in ten have another thrust curve, lag, inertia and battery.
 
-Usage: tools/validation/physical.py simulated|crazyflie [--seed N] [--every K] [--jobs N]
+"steady" compares the steady torque of a motor by DEM alone, with its simulation-error fit, and by the gray-box model.
+
+Usage: tools/validation/physical.py simulated|crazyflie|steady [--seed N] [--every K] [--jobs N]
 """
 
 import re
@@ -31,8 +33,9 @@ from flights import (
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
-from mavdem import Flight
+from mavdem import Flight, Settings, learn
 from mavdem.confidence import coverage_factor
+from mavdem.dem import LinearModel
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.experiments.paper.flights import DATA_FOLDER, simulated_flight
@@ -41,6 +44,7 @@ from mavdem.files import load_adjacent_toml
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.plant import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.plant.wind_torque import estimate_wind_torque
+from sitl_scenarios.files import load as load_scenario
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
@@ -65,6 +69,17 @@ CRAZYFLIE_RATE = 200.0
 
 AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1.0, 1.0, -1.0])}
 """Column of the Crazyflie's gyro, and the sign of each motor's torque, by axis."""
+
+
+STEADY_SCENARIOS = (
+    "iris_identification",
+    "iris_identification_wind",
+    "iris_gusts",
+    "hover_blower",
+    "iris_von_karman",
+    "iris_dryden",
+)
+"""Simulated flights of which the steady torque is compared: steered in calm air and in wind, then hovering in wind."""
 
 
 class Case(NamedTuple):
@@ -318,6 +333,43 @@ def crazyflie(axis: str) -> list[Values]:
     return [{"axis": axis} | row_of_estimates(flight)]
 
 
+def steady_torque(model: LinearModel) -> float:
+    """Returns the steady angular acceleration by one unit of one motor, rad/s², of a linear model of angle and rate.
+
+    With angle and rate held at zero, the hidden states settle, and what they and the motors then do to the rate is the
+    torque. It compares with the control effectiveness of the gray-box model. It is the mean magnitude over the motors.
+
+    Args:
+        model: states are angle and rate, then hidden ones.
+    """
+    hidden = slice(2, None)
+    settled = -np.linalg.solve(model.A[hidden, hidden], model.B[hidden])
+    torque = model.B[1] + model.A[1, hidden] @ settled
+    return float(abs(torque).mean())
+
+
+def steady_torques(name: str) -> Values:
+    """Returns a row of the steady torque per motor of a simulated flight, rad/s² per µs: truth, and by each model.
+
+    Args:
+        name: of the scenario.
+    """
+    flown_scenario = load_scenario(name)
+    flight = simulated_flight(flown_scenario)
+    truths = true_values(fly(flown_scenario), flown_scenario, flight)
+    by_dem = learn(flight, Settings(horizon=None)).model
+    by_simulation = learn(flight, Settings()).model
+    plant = physical(flight)
+    by_gray_box = np.nan if isinstance(plant, NotIdentifiable) else plant.mean_effect()[0]
+    figures = {
+        "truth": float(abs(truths["effect"]).mean()),
+        "DEM": steady_torque(by_dem),
+        "simulation fit": steady_torque(by_simulation),
+        "gray-box": by_gray_box,
+    }
+    return {"flight": name} | {title: f"{value:.3f}" for title, value in figures.items()}
+
+
 TITLE = (
     "**Crazyflie** (effect in rad/s² per unit of one motor's command; published: 318–403 for roll)"
 )
@@ -325,8 +377,12 @@ TITLE = (
 
 
 @command(__doc__, seed=0, every=1)
-@click.argument("which", type=click.Choice(["simulated", "crazyflie"]))
+@click.argument("which", type=click.Choice(["simulated", "crazyflie", "steady"]))
 def main(which: str, seed: int, every: int, jobs: int) -> None:
+    if which == "steady":
+        title = "**Steady torque of one motor** (rad/s² per µs, mean over the motors)"
+        print_table(title, [steady_torques(name) for name in STEADY_SCENARIOS])
+        return
     if which == "crazyflie":
         print_table(TITLE, evaluate_flights(crazyflie, AXES, jobs))
     else:
