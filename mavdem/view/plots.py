@@ -156,7 +156,9 @@ def draw_chart(
             time = np.repeat(mark.times, 3)
             drawn_lines.append(_DrawnLine(mark.name, mark.colour, MARK_WIDTH, time, upright))
     for number, drawn in enumerate(drawn_lines):
-        path = f"{origin}/{rr.escape_entity_path_part(f'{number} {drawn.name}')}"
+        # A unit such as 1/s is no folder.
+        name = f"{number} {drawn.name.replace('/', ' per ')}"
+        path = f"{origin}/{rr.escape_entity_path_part(name)}"
         is_band = drawn.values.ndim > 1
         lines = Lines(path, (drawn.name,), (drawn.colour,), drawn.width, filled=is_band)
         lines.send_style(recording)

@@ -144,21 +144,12 @@ class RecordingTabs:
     ) -> rrb.Container:
         """Draws the first tab: the plots of a live session, over the whole flight, with headline, lights and events.
 
-        A light is the judgement of one part of the vehicle, such as its motors: good, watch, bad or unknown.
-
         Args:
             learned: the model.
             held_out: the forecasts, by windows that the model was not trained on.
             series: outputs and free energy (T, k) by name.
         """
-        judgement = self._assessment.judgement
-        lines = [
-            f"**{headline(judgement.headline)}**",
-            f"**Next:** {judgement.next_step.advised}",
-        ]
-        for name, fact in judgement.lights.items():
-            lines.append(f"**{name.capitalize()} – {fact.level}:** {fact.advised}")
-        conclusion = log_text(self._recording, "headline", "", "\n\n".join(lines))
+        conclusion = self.conclusion()
         events = log_text(self._recording, "events", "", events_text(self._timeline.events))
 
         energy = series[FREE_ENERGY]
@@ -194,6 +185,20 @@ class RecordingTabs:
             plots[name] = view
         return first_tab(plots, SideTexts([conclusion, events], [60, 40]))
 
+    def conclusion(self) -> rrb.View:
+        """Writes headline, next step and lights, and returns their view.
+
+        A light is the judgement of one part of the vehicle, such as its motors: good, watch, bad or unknown.
+        """
+        judgement = self._assessment.judgement
+        lines = [
+            f"**{headline(judgement.headline)}**",
+            f"**Next:** {judgement.next_step.advised}",
+        ]
+        for name, fact in judgement.lights.items():
+            lines.append(f"**{name.capitalize()} – {fact.level}:** {fact.advised}")
+        return log_text(self._recording, "headline", "", "\n\n".join(lines))
+
     def _setpoint_of(self, axis: str) -> Sequence[Line]:
         """Returns the line of an axis's angle setpoint; none where it was not recorded."""
         for chart in self._timeline.axis_charts.get(axis, ())[:1]:
@@ -208,7 +213,7 @@ class RecordingTabs:
         return over_time("Wind", "m/s", ())
 
     def motion(self) -> rrb.Container:
-        """Draws the angles of all axes with their setpoints, and the rates, which share one plot."""
+        """Draws the angles of all axes with setpoints, and the rates, which share one plot; the event log beside them."""
         charts: list[Chart] = []
         rate_lines = []
         # Each axis has a chart of its angle, and where the rate was recorded a second one.
@@ -219,7 +224,9 @@ class RecordingTabs:
                 rate = axis_charts[1].lines[0]
                 rate_lines.append(rate._replace(name=axis, colour=palette.distinct(number)))
         charts.append(over_time("Rates", "°/s", rate_lines))
-        return rrb.Vertical(*self._draw_charts("motion", charts), name="Motion")
+        plots = rrb.Vertical(*self._draw_charts("motion", charts))
+        # The event log can be filtered, and moves the time; its rows are cut where the texts of the first tab wrap.
+        return rrb.Horizontal(plots, events_view(), column_shares=[72, 28], name="Motion")
 
     def vehicle(self) -> list[rrb.Container]:
         """Draws height, motors and battery, those that were recorded."""

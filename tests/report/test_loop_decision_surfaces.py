@@ -252,7 +252,7 @@ def rerun_texts(assessment, path):
     timeline = timeline_of(assessment)
     with recorded(path, "flight") as recording:
         tabs = RecordingTabs(recording, assessment, timeline)
-        tabs.flight()
+        tabs.conclusion()
         tabs.loops()
     for _, _, batch in chunks(path, static=True):
         if "TextDocument:text" in batch.schema.names:

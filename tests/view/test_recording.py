@@ -94,14 +94,21 @@ def test_the_one_blueprint_in_the_file_shows_what_is_there_in_the_screen_s_words
     shown = views(recording)
     analysis = assessed.analysis
     entities = {str(chunk.entity_path).replace("\\", "") for chunk in RrdReader(recording).stream()}
-    assert {"forecast/0", "flight/0", "air/0", "loops/roll", "learning/gap"} <= set(shown)
+    assert {
+        "forecast/0",
+        "flight/angle",
+        "flight/parameters",
+        "air/0",
+        "loops/roll",
+        "learning/gap",
+    } <= set(shown)
     for origin in shown:
         assert any(f"{entity}/".startswith(f"/{origin.strip('/')}/") for entity in entities), origin
     report = [flight_title(analysis.flights, assessed.simulated), *analysis_blocks(assessed)]
     assert found["/report"] == markdown(report)
     assert str(assessed.headline) in found["/headline"]
     assert assessed.next_step.sentence in found["/headline"]
-    assert all(f"{name.capitalize()} – " in found["/lights"] for name in assessed.lights)
+    assert all(f"{name.capitalize()} – " in found["/headline"] for name in assessed.lights)
     assert "log" in shown and "/log" in entities
 
 
