@@ -44,6 +44,7 @@ from mavdem.view.plots import (
     Target,
     blueprint,
     draw_chart,
+    events_view,
     log_event,
     range_of,
     recorded,
@@ -213,7 +214,7 @@ class RecordingTabs:
         return over_time("Wind", "m/s", ())
 
     def motion(self) -> rrb.Container:
-        """Draws the angles of all axes with setpoints, and the rates, which share one plot; the event log beside them."""
+        """Draws the angles of all axes with setpoints, the rates in one plot, and the event log beside them."""
         charts: list[Chart] = []
         rate_lines = []
         # Each axis has a chart of its angle, and where the rate was recorded a second one.
