@@ -4,6 +4,7 @@
 Usage: tools/bench/speed.py read FILE.tlog|FILE.bin|FILE.ulg|FILE.mcap ...
        tools/bench/speed.py fleet LOG ...
        tools/bench/speed.py live
+       tools/bench/speed.py review LOG ... [--before CHECKOUT]
 """
 
 import json
@@ -153,14 +154,60 @@ def live(_: tuple[Path, ...]) -> None:
             show(pd.DataFrame([over_udp(rate, Path(folder))]))
 
 
+def review(logs: tuple[Path, ...], before: Path | None) -> None:
+    """What `mavdem LOG` costs: CPU seconds of the process until its first line, and in all.
+
+    With an earlier checkout, each log is reviewed by both in turn, so that a busy machine slows both.
+    """
+    checkouts = {"now": Path.cwd()}
+    if before is not None:
+        checkouts["before"] = before.resolve()
+    rows = []
+    for path in logs:
+        row: dict[str, object] = {"file": path.name}
+        for name, checkout in checkouts.items():
+            screen, total = review_seconds(path.resolve(), checkout)
+            row |= {f"screen, {name}": screen, f"all, {name}": total}
+        rows.append(row)
+    show(pd.DataFrame(rows))
+
+
+def review_seconds(log: Path, checkout: Path) -> tuple[float, float]:
+    """CPU seconds of a review by the code of a checkout: until its first line, and in all."""
+    with TemporaryDirectory() as folder:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "mavdem", "review", str(log), "--out", folder],
+            cwd=checkout,
+            env=os.environ | {"PYTHONPATH": str(checkout)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+        assert process.stdout is not None
+        process.stdout.readline()
+        # Fields 14 and 15 of /proc/PID/stat, counted behind the name, are user and system time in ticks.
+        fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+        screen = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        process.stdout.read()
+        usage = os.wait4(process.pid, 0)[2]
+    return screen, usage.ru_utime + usage.ru_stime
+
+
 def show(table: pd.DataFrame) -> None:
     print(table.to_string(index=False, float_format="{:,.3g}".format))
 
 
 @click.command(help=__doc__)
-@click.argument("benchmark", type=click.Choice(["read", "fleet", "live"]))
+@click.argument("benchmark", type=click.Choice(["read", "fleet", "live", "review"]))
 @click.argument("logs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
-def main(benchmark: str, logs: tuple[Path, ...]) -> None:
+@click.option(
+    "--before",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="For review: a checkout to compare with.",
+)
+def main(benchmark: str, logs: tuple[Path, ...], before: Path | None) -> None:
+    if benchmark == "review":
+        review(logs, before)
+        return
     {"read": read, "fleet": fleet, "live": live}[benchmark](logs)
 
 
