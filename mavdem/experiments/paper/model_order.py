@@ -54,6 +54,9 @@ SETTINGS_BY_INPUTS = {
 Unknown inputs have the prior η = 0 with P = e², as in the paper; known ones are the recorded motors.
 """
 
+CALM_SYSTEMS = (1, 2)
+"""Systems whose order is also searched for without wind: with it, they show states of the coloured wind torque."""
+
 NEGLIGIBLE_GAIN = 0.01
 """Gain of F̄ that the paper's rule counts as none, as a share of the range of F̄ over all orders; a choice."""
 
@@ -115,7 +118,7 @@ def run(runner: Runner) -> ExperimentResult:
     """
     flights = runner.map_jobs(lateral_flight, runner.experiment_numbers)
     choices = _order_choices(runner, flights)
-    calm_choice = _calm_choice(runner)
+    calm_choices = _calm_choices(runner)
     free_energies, failures = _paper_free_energies(runner, flights)
     chosen_orders = {}
     saturation_orders = {}
@@ -135,9 +138,9 @@ def run(runner: Runner) -> ExperimentResult:
                     for inputs in SETTINGS_BY_INPUTS
                 }
             ),
-            "system 1 without wind": {
-                "model_search_chooses": calm_choice.chosen,
-                "model_search_free_energy": calm_choice.free_energy.tolist(),
+            "model_search_without_wind": {
+                f"system {system}": choice.free_energy.tolist()
+                for system, choice in calm_choices.items()
             },
             "saturates_at": _by_system(saturation_orders),
             "free_energy": _by_system(
@@ -148,7 +151,7 @@ def run(runner: Runner) -> ExperimentResult:
         tables=_order_tables(choices, free_energies, saturation_orders),
         pictures=(_free_energy_picture(free_energies),),
         remarks=(
-            _calm_remark(calm_choice),
+            _calm_remark(calm_choices),
             f"The paper’s rule: an order counts as saturated when no higher one up to {ORDERS[-1]} gains more than "
             f"{percent(NEGLIGIBLE_GAIN)} of the range of F̄ over all orders. It is relative to the scale of the "
             "curve: in nats, higher orders may still gain tens of thousands. A system of order 1 has no lower order to "
@@ -177,22 +180,36 @@ def _order_choices(runner: Runner, flights: Sequence[Flight]) -> dict[tuple[str,
     return choices
 
 
-def _calm_choice(runner: Runner) -> OrderChoice:
-    """Returns the choice of the model search for system 1 without wind, with known inputs."""
+def _calm_choices(runner: Runner) -> dict[int, OrderChoice]:
+    """Returns the choices of the model search without wind, with known inputs, for each of ``CALM_SYSTEMS``."""
     flights = runner.map_jobs(partial(lateral_flight, has_wind=False), runner.experiment_numbers)
-    searches = [SystemFlight(1, KNOWN_INPUTS, _system_flight(flight, 1)) for flight in flights]
-    return OrderChoice(tuple(runner.map_jobs(search_orders, searches)))
+    choices = {}
+    for system in CALM_SYSTEMS:
+        searches = []
+        for flight in flights:
+            searches.append(SystemFlight(system, KNOWN_INPUTS, _system_flight(flight, system)))
+        choices[system] = OrderChoice(tuple(runner.map_jobs(search_orders, searches)))
+    return choices
 
 
-def _calm_remark(choice: OrderChoice) -> str:
-    """Returns the sentence on the order of system 1 without wind, which says where its further state comes from."""
-    sentence = (
-        f"Without the blower’s wind the model search chooses order {choice.chosen} for system 1, with the mean F̄ "
-        f"{_listed_means(choice)} nats of orders {ORDERS[0]} to {ORDERS[-1]}"
-    )
-    if choice.chosen > 1:
+def _calm_remark(choices: Mapping[int, OrderChoice]) -> str:
+    """Returns the sentence on orders without wind, which says where further states with wind come from.
+
+    Args:
+        choices: choices of the model search without wind, by system.
+    """
+    findings = []
+    for system, choice in choices.items():
+        findings.append(
+            f"order {choice.chosen} for system {system} (mean F̄ {_listed_means(choice)} nats)"
+        )
+    sentence = f"Without the blower’s wind the model search chooses {listed(findings)}"
+    if any(choice.chosen != system for system, choice in choices.items()):
         return f"{sentence}."
-    return f"{sentence}: the further state with wind is that of the wind torque, whose noise is coloured."
+    return (
+        f"{sentence}: further states with wind are those of the wind torque, whose noise is coloured and moves the "
+        "outputs by itself."
+    )
 
 
 def _listed_means(choice: OrderChoice) -> str:

@@ -8,6 +8,7 @@ from pytest import approx, fixture
 
 from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.experiments.paired_test import Paired
+from mavdem.experiments.paper.estimation import noise_smoothness
 from mavdem.experiments.paper.estimation.dem_covariance import (
     KNOWN_PRECISION,
     generalized_data,
@@ -25,6 +26,7 @@ from mavdem.experiments.paper.estimation.smoothness_learning import (
     smoothness_gradient,
     smoothness_uncertainty,
 )
+from mavdem.experiments.paper.runner import Runner
 
 TRUE_SMOOTHNESS = 0.4
 GRID = (0.1, 0.2, 0.4, 0.8, 1.6)
@@ -78,3 +80,12 @@ def test_coverage_and_gain_have_their_bars():
     lower = Paired(ratio=0.9, less=8, windows=9, tested=4, p_value=0.1)
     assert gain_check({"alone": lower}).holds
     assert not gain_check({"alone": lower, "with fit": lower._replace(ratio=0.97)}).holds
+
+
+def test_without_recorded_flights_only_simulated_noise_is_examined(monkeypatch):
+    monkeypatch.setattr(noise_smoothness, "TRUE_WIDTHS", (3,))
+    monkeypatch.setattr(noise_smoothness, "RECORD_COUNT", 2)
+    result = noise_smoothness.run(Runner(experiment_numbers=()))
+    assert len(result.checks) == 1 and len(result.numbers["simulated"]["3"]) == 2
+    assert result.tables[1].rows[0][0] == "3 dt"
+    assert "--flights" in result.remarks[0]

@@ -19,7 +19,6 @@ from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.experiments.methods import maximum_likelihood
 from mavdem.experiments.paper import CLAIMS, authors_code, benchmark, model_order, prediction
 from mavdem.experiments.paper.checks import Check, ClaimStatus, ExperimentResult
-from mavdem.experiments.paper.estimation import noise_smoothness
 from mavdem.experiments.paper.generalized_coordinates import (
     PAPER_MSPE_P1,
     PAPER_MSPE_P2,
@@ -169,12 +168,10 @@ def test_a_model_that_holds_the_last_sample_fails_all_checks_of_prediction():
 def test_all_items_make_one_report(tmp_path, monkeypatch, request):
     monkeypatch.setattr(model_order, "ORDERS", (1, 2))
     monkeypatch.setattr(model_order, "SYSTEMS", {1: ("φ̇",), 2: ("φ", "φ̇")})
-    monkeypatch.setattr(noise_smoothness, "TRUE_WIDTHS", (3,))
-    monkeypatch.setattr(noise_smoothness, "RECORD_COUNT", 2)
     # A report needs no more iterations of EM.
     monkeypatch.setattr(maximum_likelihood.iterate_em, "__defaults__", (5,))
     # Pictures of the demonstrations take ten seconds. They and the observers have tests of their own.
-    tested_elsewhere = {"demonstrations", "states", "inputs", "covariance"}
+    tested_elsewhere = {"demonstrations", "states", "inputs", "covariance", "smoothness"}
     runner = Runner(experiment_numbers=(2,), uses_authors_results=False, prior_count=2)
     chosen = [claim for claim in ITEMS if claim.name not in tested_elsewhere]
     reports = [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen]
