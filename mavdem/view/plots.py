@@ -148,6 +148,8 @@ def draw_chart(
     drawn_lines: list[_DrawnLine] = []
     for line in chart.lines:
         drawn_lines += _band_and_line(line, value_range)
+    # Bands lie below all lines, so that none hides the line of another.
+    drawn_lines.sort(key=lambda drawn: drawn.values.ndim == 1)
     low, high = value_range
     for mark in marks:
         if len(mark.times):
