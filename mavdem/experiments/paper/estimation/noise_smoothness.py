@@ -61,7 +61,10 @@ CANDIDATE_WIDTHS = tuple(2.0**power for power in range(-2, 6))
 """Grid of s in sampling steps, from which the search by the gradient starts."""
 
 WINDOW_STEP = 9
-"""Every ninth window of the recorded flights is used, four of the six published ones: each takes some thirty fits."""
+"""Every ninth window of the recorded flights is used, four windows of the six published flights.
+
+A choice that bounds the time: each takes some fifteen fits by F̄ and four by ``learn``, and windows overlap by half.
+"""
 
 MIN_GAIN = 0.05
 """Share by which the forecast error must fall on unseen data for s to be learned by default."""
