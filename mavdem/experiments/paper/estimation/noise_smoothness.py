@@ -63,7 +63,7 @@ CANDIDATE_WIDTHS = tuple(2.0**power for power in range(-2, 6))
 WINDOW_STEP = 9
 """Every ninth window of the recorded flights is used, four windows of the six published flights.
 
-A choice that bounds the time: each takes some fifteen fits by F̄ and four by ``learn``, and windows overlap by half.
+A choice that bounds the time: each takes some thirty fits by F̄ and four by ``learn``, and windows overlap by half.
 """
 
 MIN_GAIN = 0.05
