@@ -109,9 +109,10 @@ def test_every_file_that_is_named_is_there():
 
 
 def test_the_written_pages_can_be_read_in_under_two_hours():
-    # The pages of the reference are made from the code and looked up, not read through.
+    # The pages of the reference are made from the code, tables are printed by commands: both are looked up.
     written = [text for page, text in PAGES.items() if not page.startswith("docs/reference/")]
-    assert sum(len(text.split()) for text in written) <= 25_000
+    lines = [line for text in written for line in text.splitlines() if not line.startswith("|")]
+    assert sum(len(line.split()) for line in lines) <= 25_000
 
 
 def test_the_goals_of_tune_are_those_of_its_page():

@@ -300,12 +300,12 @@ class ClosedLoop(ForecasterBase):
         return self._forecast_from_states(starts, steps, inputs, smooth)
 
     def forecast_from_zero_state(self, inputs: Array) -> Array:
-        """Returns the outputs (H, 2) with known motors, after all channels were at their means."""
+        """Returns the outputs (H, 2) with known ``inputs`` (H, r), after all channels were at their means."""
         at_rest = np.zeros((1, STATES + CHANNELS))
         return self._forecast_from_states(at_rest, len(inputs), inputs, smooth=False).mean
 
     def simulate(self, inputs: ArrayLike) -> Array:
-        """Raises ``ValueError``: here the controller commands the motors, and nobody else."""
+        """Raises ``ValueError`` for any ``inputs``: here the controller commands the motors, and nobody else."""
         raise ValueError("a closed loop has no motors to command: use Learned.simulate")
 
     def _forecast_from_states(
