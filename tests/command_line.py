@@ -4,7 +4,8 @@ import json
 import socket
 import sys
 
-from mavdem.cli.commands import main
+from mavdem.cli.commands import load_command, main
+from mavdem.cli.commands import mavdem as mavdem_command
 
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
 # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
@@ -30,6 +31,13 @@ def strict_json(text):
 def run(*words):
     """The exit code of a command."""
     return main([*map(str, words)])
+
+
+def unknown_options(words):
+    """The options among the words behind ``mavdem`` that their command does not have."""
+    name = words[0] if words[0] in mavdem_command.commands else "review"
+    known = {option for parameter in load_command(name).params for option in parameter.opts}
+    return {word for word in words if word.startswith("--")} - known
 
 
 def document_of(capsys, *words, code=0):

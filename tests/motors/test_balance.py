@@ -7,16 +7,13 @@ import numpy as np
 from frames import FRAMES, geometry
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
+from propellers import health_figures
 from pytest import approx, fixture, mark
 from recorded_flights import shared
 from scipy.ndimage import convolve1d
 
-from mavdem.assessment.condition import condition_of
-from mavdem.dataset.signals import Signals
-from mavdem.ingest import read_log
-from mavdem.motors.balance import SteadyRun, balance_figures, balance_of_steady_flight
+from mavdem.motors.balance import SteadyRun, balance_figures
 from mavdem.motors.health import assess_motor_health
-from mavdem.motors.healthy_flights import HealthFigures
 from mavdem.motors.signatures import motor_signatures
 
 QUAD_X = motor_signatures(geometry())
@@ -106,42 +103,12 @@ def test_axes_and_names_are_those_of_the_layout(layout):
         assert not motor_signatures(replace(layout, **other)).is_motor_identifiable
 
 
-def health_figures(path):
-    signals = Signals(read_log(path).vehicles[0], inputs="motors")
-    condition = condition_of(signals)
-    layout = signals.motors.geometry
-    balance = balance_of_steady_flight(signals)
-    effort = condition.collective, condition.battery.voltage_mean
-    named = path.stem, layout.names, motor_signatures(layout)
-    return HealthFigures(*named, balance, None, *effort)
-
-
 @mark.slow
-def test_each_flight_is_judged_as_the_documentation_says():
-    # docs/evidence/motors.md: the probabilities of a fault and of any change.
-    shown = {
-        "hover_good_1": ("ok", 0.00, 0.07),
-        "hover_good_2": ("ok", 0.00, 0.08),
-        "straight_good_1": ("ok", 0.00, 0.07),
-        "hover_cut5mm_1": ("ok", 0.00, 0.10),
-        "hover_cut10mm_1": ("drift", 0.01, 0.66),
-        "straight_cut10mm_1": ("ok", 0.01, 0.26),
-        "hover_cut20mm_1": ("fault", 0.91, 1.00),
-        "straight_cut20mm_1": ("fault", 0.89, 0.99),
-        "hover_cut25mm_1": ("fault", 0.97, 1.00),
-        "straight_cut25mm_1": ("fault", 0.61, 1.00),
-    }
-    flights = [health_figures(shared(f"real/propeller/{name}.BIN")) for name in shown]
-    good = flights[:3]
-    for found, (health, *probabilities) in zip(
-        assess_motor_health(flights, good), shown.values(), strict=True
-    ):
-        assert found.health == health
-        known = [found.fault_probability, found.change_probability]
-        assert known == approx(probabilities, abs=0.005)
-    # 10 mm, flown one after the other, are a drift.
-    first, second = (
-        replace(flight, date=datetime(2022, 3, day, tzinfo=UTC))
-        for day, flight in enumerate(flights[4:6], 14)
-    )
-    assert {found.health for found in assess_motor_health([first, second], good)} == {"drift"}
+def test_a_propeller_cut_a_little_is_a_drift_in_flights_one_after_the_other():
+    good, cut = [], []
+    for name in ("hover_good_1", "hover_good_2", "straight_good_1"):
+        good.append(health_figures(shared(f"real/propeller/{name}.BIN")))
+    for day, name in enumerate(("hover_cut10mm_1", "straight_cut10mm_1"), 14):
+        figures = health_figures(shared(f"real/propeller/{name}.BIN"))
+        cut.append(replace(figures, date=datetime(2022, 3, day, tzinfo=UTC)))
+    assert {found.health for found in assess_motor_health(cut, good)} == {"drift"}

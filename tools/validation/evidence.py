@@ -3,9 +3,11 @@
 
 A table stands in a block of cog (https://cog.readthedocs.io). The first line of the block is a comment that names the
 command; below stand the command, the commit at which it was run, and what it printed. The last line has a checksum, so
-that a figure changed by hand is noticed.
+that a figure changed by hand is noticed. Two more blocks follow from the pages: how many claims are reproduced, and the
+list of the pages in index.md, each with the first paragraph of its page.
 
-Usage: tools/evidence [--list] [TEXT]. With a text, only the commands that contain it are run. All of them take hours.
+Usage: tools/evidence [--list | --summaries] [TEXT]. With a text, only the commands that contain it are run; with
+--summaries none. All of them take hours.
 """
 
 import re
@@ -21,8 +23,11 @@ from cogapp import Cog
 ROOT = Path(__file__).parents[2]
 """The folder of the repository, in which the commands are run."""
 
-PAGES = sorted((ROOT / "docs" / "evidence").glob("*.md"))
-"""The pages that hold the tables."""
+INDEX = ROOT / "docs" / "evidence" / "index.md"
+"""The page that lists the others."""
+
+PAGES = [*sorted(set(INDEX.parent.glob("*.md")) - {INDEX}), INDEX]
+"""The pages that hold the tables; the index comes last, since it follows from the others."""
 
 PROGRAM_FOLDERS = ("mavdem", "sitl_scenarios", "tools")
 """Folders of the repository that a printed figure depends on."""
@@ -34,6 +39,17 @@ _BLOCK = re.compile(
     r"<!-- \[\[\[end\]\]\]",
     re.DOTALL,
 )
+
+_BLOCK_MARK = re.compile(r"<!-- \[\[\[(cog|end).*\n?")
+"""First or last line of a block."""
+
+_CLAIM = re.compile(
+    r"^\*\*[^*\n]+:\*\* (Reproduced|Partly|Not reproduced|Not tried):", re.MULTILINE
+)
+"""Beginning of the findings on a claim, as `mavdem reproduce --markdown` prints them."""
+
+_TITLE = re.compile("# (?:Evidence: )?(.*)")
+"""First line of a page."""
 
 
 class MeasuredTable(NamedTuple):
@@ -58,6 +74,37 @@ def measured_tables() -> list[MeasuredTable]:
     return tables
 
 
+def summary(page: Path) -> str:
+    """Returns the summary of a page: the paragraph below its title."""
+    text = _BLOCK_MARK.sub("", page.read_text(encoding="utf-8"))
+    return " ".join(text.split("\n\n")[1].split())
+
+
+def claim_counts(text: str) -> str:
+    """Returns a sentence on how many claims of a page are reproduced.
+
+    Args:
+        text: the page, with the findings on each claim as `mavdem reproduce --markdown` prints them.
+    """
+    statuses = _CLAIM.findall(text)
+    counts = []
+    for status in ("Reproduced", "Partly", "Not reproduced", "Not tried"):
+        if status in statuses:
+            counts.append(f"{statuses.count(status)} {status.lower()}")
+    return f"Of {len(statuses)} claims: {', '.join(counts)}."
+
+
+def page_list() -> str:
+    """Returns the lines of the index in Markdown: a link to each page, and its summary."""
+    lines = []
+    for page in PAGES:
+        if page == INDEX:
+            continue
+        title = _TITLE.findall(page.read_text(encoding="utf-8"))[0]
+        lines.append(f"- [{title[0].upper()}{title[1:]}]({page.name}): {summary(page)}")
+    return "\n".join(lines)
+
+
 def output_of(command: str) -> str:
     """Runs a command in the folder of the repository.
 
@@ -76,6 +123,16 @@ def output_of(command: str) -> str:
     return run.stdout.strip()
 
 
+def without_padding(text: str) -> str:
+    """Returns Markdown whose tables have no spaces beside their bars, so that no bar counts as a word of the page."""
+    lines = []
+    for line in text.split("\n"):
+        if line.startswith("|"):
+            line = "|".join(cell.strip() for cell in line.split("|"))
+        lines.append(line)
+    return "\n".join(lines)
+
+
 def current_commit() -> str:
     """Returns the abbreviated commit of the repository, followed by "with changes" if the program differs from it."""
     commit = output_of("git rev-parse --short HEAD")
@@ -84,7 +141,7 @@ def current_commit() -> str:
 
 
 def write_tables(text: str) -> int:
-    """Runs the commands that contain a text and writes what they print into the pages.
+    """Runs the commands that contain a text, and writes what they print and what follows from it into the pages.
 
     Args:
         text: part of the commands to run.
@@ -99,21 +156,31 @@ def write_tables(text: str) -> int:
         if text not in command:
             return previous
         click.echo(command, err=True)
-        return f"`{command}`, at `{commit}`:\n\n{output_of(command)}\n"
+        return f"`{command}`, at `{commit}`:\n\n{without_padding(output_of(command))}\n"
 
-    return run_cog(print_block, ["-r"])
+    return run_cog(print_block, ["-r"]) or write_summaries()
 
 
-def changed_by_hand() -> bool:
-    """Returns whether a checksum of a table differs from that of its text."""
-    return run_cog(lambda _command, previous: previous, ["--check"]) != 0
+def write_summaries() -> int:
+    """Writes the blocks that follow from the pages anew, and returns the exit code of cog."""
+    return run_cog(_previous_table, ["-r"])
+
+
+def is_inconsistent() -> bool:
+    """Returns whether a block was changed by hand, or a summary does not follow from its page."""
+    return run_cog(_previous_table, ["--check"]) != 0
+
+
+def _previous_table(_command: str, previous: str) -> str:
+    """Returns the content of a block as it stands in the page."""
+    return previous
 
 
 def run_cog(print_block: Callable[[str, str], str], options: list[str]) -> int:
     """Runs cog over the pages.
 
     Args:
-        print_block: function of the command of a block and its previous content that returns its new content.
+        print_block: function of the command of a table and its previous content that returns its new content.
         options: options of cog that say what happens to the pages.
 
     Returns:
@@ -126,19 +193,28 @@ def run_cog(print_block: Callable[[str, str], str], options: list[str]) -> int:
         """Prints the content of a block; the pages call it."""
         generator.out(print_block(command, generator.previous))
 
-    cog.options.defines["printed"] = printed
+    def claims() -> None:
+        """Prints how many claims of the page are reproduced; the page calls it."""
+        generator.outl(claim_counts(Path(generator.inFile).read_text(encoding="utf-8")))
+
+    def pages() -> None:
+        """Prints the list of the pages; the index calls it."""
+        generator.outl(page_list())
+
+    cog.options.defines.update(printed=printed, claims=claims, pages=pages)
     return cog.main(["cog", *options, "-c", "--verbosity=1", *map(str, PAGES)])
 
 
 @click.command(help=__doc__)
 @click.argument("text", default="")
 @click.option("--list", "only_list", is_flag=True, help="Print the commands; run nothing.")
-def main(text: str, only_list: bool) -> None:
+@click.option("--summaries", is_flag=True, help="Write what follows from the pages; run nothing.")
+def main(text: str, only_list: bool, summaries: bool) -> None:
     if only_list:
         for table in measured_tables():
             click.echo(f"{table.page.name}, at {table.commit}: {table.command}")
         return
-    if write_tables(text) != 0:
+    if (write_summaries() if summaries else write_tables(text)) != 0:
         raise SystemExit(1)
 
 

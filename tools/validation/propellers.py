@@ -1,0 +1,69 @@
+#!/usr/bin/env python
+"""Health of the motors in recorded flights of one vehicle with a propeller cut shorter; prints a row for each flight.
+
+FOLDER has the logs (.BIN). Those with "good" in their names have whole propellers and are the healthy flights that each
+is compared with; a good one is compared with the others.
+
+Usage: tools/validation/propellers.py FOLDER
+"""
+
+from pathlib import Path
+
+import click
+import numpy as np
+from flights import Values, print_table
+
+from mavdem.assessment.condition import condition_of
+from mavdem.dataset.signals import Signals
+from mavdem.ingest import read_log
+from mavdem.motors.balance import balance_of_steady_flight
+from mavdem.motors.health import HealthAssessment, assess_motor_health
+from mavdem.motors.healthy_flights import HealthFigures
+from mavdem.motors.signatures import motor_signatures
+
+
+def health_figures(path: Path) -> HealthFigures:
+    """Returns the figures of a log by which its motors are judged: balance in steady flight, and effort."""
+    signals = Signals(read_log(path).vehicles[0], inputs="motors")
+    condition = condition_of(signals)
+    layout = signals.motors.geometry
+    return HealthFigures(
+        name=path.stem,
+        motors=layout.names,
+        signatures=motor_signatures(layout),
+        balance=balance_of_steady_flight(signals),
+        date=None,
+        collective=condition.collective,
+        voltage=condition.battery.voltage_mean,
+    )
+
+
+def health_row(flight: HealthFigures, assessment: HealthAssessment) -> Values:
+    """Returns the row of a flight: health, probabilities, and the weak motor with its rise in percent."""
+    motor = ""
+    if assessment.suspect_motor is not None:
+        rise, low, high = 100 * np.asarray(assessment.fact.figures["rise"], float)
+        motor = f"{assessment.suspect_motor}, {rise:.0f} % ({low:.0f} to {high:.0f}) harder"
+    return {
+        "flight": flight.name,
+        "health": assessment.health.value,
+        "probability of a fault": f"{assessment.fault_probability:.2f}",
+        "of any change": f"{assessment.change_probability:.2f}",
+        "motor": motor,
+    }
+
+
+@click.command(help=__doc__)
+@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+def main(folder: Path) -> None:
+    flights = [health_figures(path) for path in sorted(folder.glob("*.BIN"))]
+    healthy = [flight for flight in flights if "good" in flight.name]
+    flights.sort(key=lambda flight: flight not in healthy)
+    rows = []
+    for flight, assessment in zip(flights, assess_motor_health(flights, healthy), strict=True):
+        rows.append(health_row(flight, assessment))
+    print_table("Each flight against the good ones", rows)
+
+
+if __name__ == "__main__":
+    main()
