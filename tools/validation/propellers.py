@@ -23,9 +23,15 @@ from mavdem.motors.signatures import motor_signatures
 
 
 def health_figures(path: Path) -> HealthFigures:
-    """Returns the figures of a log by which its motors are judged: balance in steady flight, and effort."""
+    """Returns the figures of a log by which its motors are judged: balance in steady flight, and effort.
+
+    Args:
+        path: a log that has motor outputs and the battery's voltage.
+    """
     signals = Signals(read_log(path).vehicles[0], inputs="motors")
     condition = condition_of(signals)
+    assert signals.motors is not None
+    assert condition.battery is not None
     layout = signals.motors.geometry
     return HealthFigures(
         name=path.stem,
