@@ -40,6 +40,9 @@ _BLOCK = re.compile(
     re.DOTALL,
 )
 
+_WHOLE_BLOCK = re.compile(r"<!-- \[\[\[cog .*?<!-- \[\[\[end[^\n]*\n?", re.DOTALL)
+"""A block with its marks."""
+
 _BLOCK_MARK = re.compile(r"<!-- \[\[\[(cog|end).*\n?")
 """First or last line of a block."""
 
@@ -72,6 +75,11 @@ def measured_tables() -> list[MeasuredTable]:
         for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
             tables.append(MeasuredTable(page, **block.groupdict()))
     return tables
+
+
+def written_by_hand(text: str) -> str:
+    """Returns the text of a page without its blocks."""
+    return _WHOLE_BLOCK.sub("", text)
 
 
 def summary(page: Path) -> str:
