@@ -18,7 +18,6 @@ from types import FunctionType
 
 import numpy as np
 from command_line import run, unknown_options
-from evidence import written_by_hand
 from pytest import fixture, mark
 from recorded_flights import FLIGHT
 from simulated import simulated
