@@ -21,6 +21,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
+from mavdem.facts.model import ModelName
 from mavdem.ingest import Log
 from mavdem.motors.hover import HoverFigures
 from mavdem.plant import DetectedGust, Physical, WindTorque
@@ -54,6 +55,7 @@ def physical(share=None, **status):
         status={name: status.get(name, Status.REPORTED) for name in names},
         reasons={name: prose(f"Why {name}.") if name in status else None for name in names},
         wind_share=0.07,
+        model=ModelName.GRAY_BOX,
         interval=lambda self, level=None: half_widths,
         mean_effect=lambda self, level=None: (0.069, half_width_of_mean),
     )
