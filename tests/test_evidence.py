@@ -22,7 +22,7 @@ TABLES_COPIED_BY_HAND = {
     "loops.md": 3,
     "motors.md": 1,
     "paper.md": 2,
-    "parameters.md": 2,
+    "parameters.md": 1,
     # Most are of drafts whose commands are gone.
     "tried.md": 4,
     "wind.md": 1,

@@ -298,7 +298,10 @@ def row_of_estimates(flight: Flight) -> Values:
     row = {}
     for name in PARAMETERS:
         value, half_width = estimate_with_half_width(plant, name)
-        row[name] = f"{value:.3g} ± {half_width:.2g}{STATUSES[plant.status[name]]}"
+        if np.isfinite(half_width):
+            row[name] = f"{value:.3g} ± {half_width:.2g}{STATUSES[plant.status[name]]}"
+        else:
+            row[name] = "not identifiable"
     return row
 
 
