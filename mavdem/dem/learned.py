@@ -267,15 +267,16 @@ class Learned(ImmutableResult, ForecasterBase):
     def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
-        """Forecasts samples after the training data, beginning anew at every ``steps``-th, with all inputs known.
+        """Forecasts the outputs after the training data, given the recorded inputs, in consecutive parts of ``steps``.
 
-        The motors cause the motion, and respond to it: the joint model treats their outputs as measurements of the
-        motion. With ``Settings(forecasts="plant")`` they are causes alone.
+        Each part is one forecast. It starts from all samples before the part, and then knows the inputs of the part but
+        none of its outputs. The motors cause the motion, and respond to it: the joint model treats their commands as
+        measurements of the motion. With ``Settings(forecasts="plant")`` they are causes alone.
 
         Args:
-            steps: Number of samples from the beginning of one forecast to the next.
+            steps: Number of samples of a part.
             inputs: Inputs after the training data, (H, r).
-            outputs: Outputs of the same samples, (H, m), which a forecast uses before its beginning.
+            outputs: Outputs of the same samples, (H, m); those of earlier parts only are used for a forecast.
             smooth: Whether the joint model uses for each sample also the inputs after it.
 
         Returns:
@@ -286,14 +287,16 @@ class Learned(ImmutableResult, ForecasterBase):
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> Forecast:
-        """Predicts samples after the training data, beginning anew at every ``steps``-th, with inputs unknown.
+        """Predicts the outputs after the training data in consecutive parts of ``steps`` samples, from the past alone.
 
-        The joint model predicts, whatever ``Settings.forecasts``: the plant cannot without inputs.
+        Each part is one prediction, which uses the inputs and outputs of all samples before the part, and none of the
+        part itself. The joint model predicts, whatever ``Settings.forecasts`` is, since the plant A, B, C needs the
+        inputs of the samples that it forecasts.
 
         Args:
-            steps: Number of samples from the beginning of one prediction to the next.
-            inputs: Inputs after the training data, (H, r), which a prediction uses before its beginning.
-            outputs: Outputs of the same samples, (H, m), likewise.
+            steps: Number of samples of a part.
+            inputs: Inputs after the training data, (H, r); those of earlier parts only are used for a prediction.
+            outputs: Outputs of the same samples, (H, m); those of earlier parts only are used for a prediction.
 
         Returns:
             Predicted outputs and their expected squared errors, (H, m) each.

@@ -251,12 +251,17 @@ def held_out_windows(
 
 
 def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
-    """Forecasts one window right after the training data, which is the paper's protocol.
+    """Forecasts one held-out window right after the training data, which is the paper's protocol.
+
+    The window is not cut, and the model needs no samples before it to find the state: the training data end there.
 
     Args:
         train: the training data of the model.
-        test: the window, whose first sample follows the last of the training data.
-        learned: the model.
+        test: H samples of the window; the first one follows the last of the training data.
+        learned: the model that was learned from the training data.
+
+    Returns:
+        The result of the one window (W = 1): measured and forecast outputs, and the baselines.
 
     Raises:
         ValueError: samples have other numbers of inputs or outputs than the model.

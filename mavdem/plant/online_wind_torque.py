@@ -334,13 +334,13 @@ class OnlineWindTorque:
                 self.smoother = smoother
 
     def _smooth_latest(self) -> None:
-        """Estimates the wind torque in the latest samples, and queues it for the calls of :meth:`update` to come.
+        """Estimates the wind torque in the latest samples, and queues the estimates for the next samples of the stream.
 
-        The smoother runs once per block of samples, not per sample. A torque is known well only when samples after it
-        are known too. So the estimates from ``delay`` before the latest sample on are queued, one for each sample of
-        the next block, and each call of :meth:`update` returns one of them: always the torque ``delay`` ago.
+        The smoother is slow, so it runs once for each block of samples, and queues as many torques as the next block
+        has samples. Each call of :meth:`update` then takes one from the queue. Every torque that is returned is
+        ``delay`` seconds old: the smoother needs samples after a torque to estimate it well.
 
-        Nothing is queued without an identified effect, or while the segment is still too short.
+        Nothing is queued if the control effectiveness is not identifiable, or while the segment is too short.
         """
         self._upcoming.clear()
         smoother = self.smoother
@@ -350,8 +350,7 @@ class OnlineWindTorque:
         if min(len(self._inputs), len(outputs)) < self._smoothed_samples:
             return
         torques = smoother.torques(np.array(self._inputs), outputs)
-        # The sample that is ``delay`` old now, and those after it, which will be as old when their estimates are
-        # returned: one for each sample of the next block.
-        torques = torques[-self._delay_samples :][: self._memory.block_size]
-        for torque, band in torques:
+        # The first queued torque is ``delay`` old now. Those after it will be as old when they are returned.
+        delayed_torques = torques[-self._delay_samples :]
+        for torque, band in delayed_torques[: self._memory.block_size]:
             self._upcoming.append((float(torque), float(band)))

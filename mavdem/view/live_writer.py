@@ -123,9 +123,11 @@ class LiveWriter:
         self._torque_samples = deque[Sample](maxlen=MAX_SAMPLES)
 
     def write(self, rows: list[DisplayRow]) -> None:
-        """Draws rows into the plots: motion with its prediction, motors, free energy, parameters, wind, wind torque.
+        """Adds rows of a live flight to the lines of all plots.
 
-        What a model estimates is drawn only of rows that have an estimate.
+        Motors, motion, attitude and wind are drawn from every row. The wind torque, the free energy and the physical
+        parameters are estimates of a model, and drawn only from rows that have them. A sample that the learner reports
+        as unusual is marked by an upright line in the plot of the predicted angle.
 
         Args:
             rows: rows of the live flight, in the order of their times. A row has the inputs and outputs of the model at

@@ -1,10 +1,14 @@
 #!/usr/bin/env python
-"""The sum of F(t) over the samples beside the reported F̄, of logs and of the same logs as streams; prints two tables.
+"""Compares the sum of the free energy F(t) over the samples with the reported free energy action F̄; prints two tables.
 
-Offline a model is learned from the settled flight of each log: the sum of F(t), F̄, and their largest difference by
-term. Live the flight is given to the online learner sample by sample: for each learning run the sum of F(t) over the
-samples that it learned from, beside its F̄; and of the stream the mean F(t), each sample by the model before it, beside
-the mean of the models' F̄ a sample.
+F̄ of a model is the sum of F(t) over the samples that it was learned from, so that they must agree but for rounding.
+
+First table, offline: a model is learned from the settled flight of each log. The table has the sum of F(t), F̄, and the
+largest difference between them in any of their terms.
+
+Second table, live: the flight is given to the online learner sample by sample, which learns a model again and again.
+The table has the largest difference of a learning run between the sum of F(t), over the samples that it learned from,
+and its F̄. It also has F(t) of the samples as streamed, each by the model that was learned before it.
 
 Usage: tools/validation/free_energy.py [--seconds S of each log] LOG ...
 """
@@ -20,10 +24,21 @@ from mavdem.errors import NotLearnable, Unreadable
 
 
 def offline_row(learned: Learned) -> dict[str, float]:
-    """Returns the sum of F(t) beside F̄ of a model, nats."""
-    sums = {name: terms.sum() for name, terms in learned.free_energy_terms_of_samples().items()}
-    reported = {name: terms[-1] for name, terms in learned.free_energy.terms.items()}
-    differences = [abs(total - reported.get(name, 0.0)) for name, total in sums.items()]
+    """Compares the sum of F(t) over a model's training samples with its reported F̄, as a whole and term by term.
+
+    Args:
+        learned: the model.
+
+    Returns:
+        The row of the first table, by column: F(t) and F̄ in nats.
+    """
+    differences = []
+    for name, terms_of_samples in learned.free_energy_terms_of_samples().items():
+        # The terms of F̄ are recorded at each iteration of the fit; the last ones are those of the model. Of F(t) there
+        # is one term more, the mean field, which sums to zero over the samples and is not a term of F̄.
+        recorded_terms = learned.free_energy.terms.get(name)
+        reported = 0.0 if recorded_terms is None else recorded_terms[-1]
+        differences.append(abs(terms_of_samples.sum() - reported))
     return {
         "samples": len(learned.free_energy_of_samples),
         "sum of F(t)": learned.free_energy_of_samples.sum(),
@@ -35,24 +50,29 @@ def offline_row(learned: Learned) -> dict[str, float]:
 
 
 def live_row(flight: Flight) -> dict[str, float]:
-    """Returns the sums of F(t) beside F̄ of all learning runs of a stream, nats.
+    """Gives a flight to the online learner, and compares the sum of F(t) with F̄ for each model that it learns.
 
     Args:
         flight: the samples of the stream, without a gap.
+
+    Returns:
+        The row of the second table, by column: F(t) and F̄ in nats.
     """
-    r = flight.inputs.shape[1]
-    m = flight.outputs.shape[1]
-    learner = OnlineLearner(dt=flight.dt, n_inputs=r, n_outputs=m)
+    learner = OnlineLearner(
+        dt=flight.dt, n_inputs=flight.inputs.shape[1], n_outputs=flight.outputs.shape[1]
+    )
     models: list[Learned] = []
-    streamed = []
+    streamed_free_energies = []
     for time, outputs, inputs in zip(flight.time, flight.outputs, flight.inputs, strict=True):
         estimate = learner.update(time, outputs, inputs)
         if np.isfinite(estimate.free_energy):
-            streamed.append(estimate.free_energy)
+            streamed_free_energies.append(estimate.free_energy)
+        # The learner replaces its model whenever a learning run has ended.
         model = learner.learned
         if model is not None and (not models or model is not models[-1]):
             models.append(model)
     sums = np.array([model.free_energy_of_samples.sum() for model in models])
+    # F̄ of a model is that of the last iteration of its fit.
     actions = np.array([model.free_energy[-1] for model in models])
     sample_counts = np.array([len(model.free_energy_of_samples) for model in models])
     return {
@@ -61,8 +81,8 @@ def live_row(flight: Flight) -> dict[str, float]:
         "F̄, last run": actions[-1],
         "largest difference of a run": abs(sums - actions).max(),
         "F̄ a sample, mean of runs": (actions / sample_counts).mean(),
-        "F(t) as streamed, median": np.median(streamed),
-        "mean": np.mean(streamed),
+        "F(t) as streamed, median": np.median(streamed_free_energies),
+        "mean": np.mean(streamed_free_energies),
     }
 
 
@@ -70,17 +90,25 @@ def live_row(flight: Flight) -> dict[str, float]:
 @click.option("--seconds", default=20.0, help="Longest part of a log that is learned from, s.")
 @click.argument("logs", nargs=-1, type=click.Path(exists=True, dir_okay=False, path_type=Path))
 def main(seconds: float, logs: tuple[Path, ...]) -> None:
-    offline = []
-    live = []
+    """Prints two tables with a row for each log: the sum of F(t) beside F̄, offline and as streamed.
+
+    A log from which nothing can be learned is named on standard error with the reason.
+
+    Args:
+        seconds: longest part of a log that is learned from, s, from its beginning.
+        logs: files of the logs.
+    """
+    offline_rows = []
+    live_rows = []
     for path in logs:
         try:
             flight = read_flight(path)
             flight = flight[: round(seconds / flight.dt)]
-            offline.append({"log": path.name} | offline_row(learn(flight)))
-            live.append({"log": path.name} | live_row(flight))
+            offline_rows.append({"log": path.name} | offline_row(learn(flight)))
+            live_rows.append({"log": path.name} | live_row(flight))
         except (NotLearnable, Unreadable) as error:
             click.echo(f"{path.name}: {error}", err=True)
-    for rows in (offline, live):
+    for rows in (offline_rows, live_rows):
         print(pd.DataFrame(rows).to_string(index=False, float_format="{:,.6g}".format))
         print()
 

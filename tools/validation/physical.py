@@ -1,12 +1,16 @@
 #!/usr/bin/env python
-"""Physical parameters compared with the truth of simulated flights, and of a Crazyflie; and torques of other models.
+"""Compares estimated physical parameters with the truth of simulated flights, and estimates those of a Crazyflie.
 
-"Inside" is the share of 90 % intervals that hold the truth. Progress and what is refused go to standard error.
+"simulated" flies each vehicle in each wind with each steering. Sampling rate and autopilot take turns, and three
+flights in ten have another thrust curve, lag, inertia and battery. The tables have the shares of estimates by status,
+and how often their 90 % intervals hold the truth ("inside").
 
-The simulated flights are of each vehicle in each wind with each steering; rate and autopilot take turns, and three
-flights in ten have another thrust curve, lag, inertia and battery.
+"crazyflie" prints the estimates from the log of a real Crazyflie 2.1.
 
-"steady" compares the steady torque of a motor by DEM alone, with its simulation-error fit, and by the gray-box model.
+"steady" compares the steady torque of a motor by three models: DEM alone, DEM with its simulation-error fit, and the
+gray-box model.
+
+Progress and flights that are refused go to standard error.
 
 Usage: tools/validation/physical.py simulated|crazyflie|steady [--seed N] [--every K] [--jobs N]
 """
@@ -41,7 +45,7 @@ from mavdem.errors import NotLearnable, Unreadable
 from mavdem.experiments.paper.flights import DATA_FOLDER, simulated_flight
 from mavdem.facts.identifiability import Status
 from mavdem.files import load_adjacent_toml
-from mavdem.ingest.vocabulary import IN_AIR
+from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 from mavdem.plant import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.plant.wind_torque import estimate_wind_torque
 from sitl_scenarios.files import load as load_scenario
@@ -162,6 +166,8 @@ def scenario(case: Case) -> Scenario:
 def true_values(motion: Motion, flown_scenario: Scenario, part: Flight) -> Values:
     """Returns the true physical parameters of roll in a part of a simulated flight.
 
+    The true effect of a motor depends on the speed of its rotor, so it is averaged over the part alone.
+
     Args:
         motion: the simulated motion.
         flown_scenario: the scenario that was flown.
@@ -171,10 +177,12 @@ def true_values(motion: Motion, flown_scenario: Scenario, part: Flight) -> Value
         "effect" of each motor (r,) at the trim of the part, "damping", 1/s, "lag", s, the mean of speeding up and
         slowing down, and "wind", the wind torque at the samples of the part (T,), rad/s².
     """
-    within = (motion.time >= part.time[0]) & (motion.time <= part.time[-1])
-    airborne = within & (motion.landed_state == IN_AIR)
-    landed = np.where(airborne, IN_AIR, 1).astype(np.uint8)
-    truths = truth(flown_scenario, replace(motion, landed_state=landed))
+    is_in_part = (motion.time >= part.time[0]) & (motion.time <= part.time[-1])
+    is_airborne = is_in_part & (motion.landed_state == IN_AIR)
+    # ``truth`` averages the effects over all samples whose landed state is "in air". Samples outside the part are
+    # therefore declared to be on the ground.
+    landed_state = np.where(is_airborne, IN_AIR, ON_GROUND).astype(np.uint8)
+    truths = truth(flown_scenario, replace(motion, landed_state=landed_state))
     wind_torque = np.interp(part.time, motion.time, truths["roll_disturbance"])
     damping = -float(truths["roll_A"][1, 1])
     lag = truths["lag"][0]

@@ -1,17 +1,23 @@
 #!/usr/bin/env python
 """How rightly the cause of a surprise is named in simulated flights, and how often falsely; prints two tables.
 
-In three kinds of flights the pilot or the autopilot flies fast manoeuvres in light wind; in three others a gust comes,
-a motor loses thrust, or a load shifts. The first table has the causes at the largest surprise of each event: a
-disturbance in the six seconds after it began, a manoeuvre in each six seconds that tilt the vehicle by more than 8°.
-The model is learned from the 15 s before. A manoeuvre that is called a disturbance is false, and so is a disturbance
-that is called a model misfit. In fast legs both may be right: the airspeed turns the vehicle as a gust does. The
-constants of ``surprise_cause.py`` were chosen on the half of even numbers.
+The surprise of a sample is the drop of its free energy F(t) below the recent median, in units of the usual drops. Its
+cause is a disturbance, or a misfit of the model in a manoeuvre (``mavdem.dem.online.surprise_cause``).
 
-With --marks the flights are given to the online learner sample by sample, and the second table has its marks.
+In three kinds of flights the pilot or the autopilot flies fast manoeuvres in light wind. In three others a gust comes,
+a motor loses thrust, or a load shifts. The first table has the causes at the largest surprise of each event. An event
+is the six seconds after a disturbance began, or six seconds of manoeuvres that tilt the vehicle by more than 8°. The
+model is learned from the 15 s before. A manoeuvre that is called a disturbance is false, and so is a disturbance that
+is called a model misfit. In fast legs both may be right: the airspeed turns the vehicle as a gust does.
 
-A flight takes some five seconds to simulate, and with --marks ten to learn: logs of the flights are kept in --folder,
-and not flown again.
+The flights of each kind are numbered, and even and odd numbers are reported apart. The constants of
+``surprise_cause.py`` were chosen on the even ones.
+
+With --marks the flights are given to the online learner sample by sample. A mark is a sample that the learner reports
+as unusual, because surprise stays high. The second table has the marks and their causes.
+
+A flight takes some five seconds to simulate, and with --marks ten to learn. Logs of the flights are kept in --folder,
+so that a second run does not simulate them again.
 
 Usage: tools/validation/surprise.py [--flights N of each kind] [--jobs N] [--folder FOLDER] [--marks]
 """
@@ -54,24 +60,28 @@ SURPRISE: Values = TABLES["surprise"]
 """What the flights are drawn from: values of all flights, and of each kind."""
 
 KINDS: Values = SURPRISE["kinds"]
+"""Values of each kind of flight, by its name; a gust, a weak motor or a load is the disturbance of a kind."""
 
-ARMING = 2.0
-"""Seconds from the beginning of a recording to the arming, from which scenarios count."""
+ARMING_TIME = 2.0
+"""Time from the beginning of a recording to the arming, s. The times of a scenario count from the arming."""
 
 EVENT_SECONDS = 6.0
-"""Time after the beginning of an event in which its largest surprise is looked for, s."""
+"""Time after the beginning of an event in which its largest surprise is looked for, s: a choice."""
 
 MARK_SECONDS = 15.0
-"""Time after the beginning of a disturbance in which a mark belongs to it, s."""
+"""Time after the beginning of a disturbance in which a mark belongs to it, s: a choice."""
 
-FIRST_SECONDS = 15.0
-"""Time before an event from which its model is learned, s."""
+TRAINING_SECONDS = 15.0
+"""Time before an event from which its model is learned, s: a choice."""
 
 MANOEUVRE_TILT = np.radians(8.0)
 """Deviation of the angle from its median, rad, that light wind does not cause: a choice."""
 
-EVIDENCE_STEP = 0.01
-"""Weight of a sample in the average of log(1 + surprise): as of the learner's marks at 100 Hz."""
+EVIDENCE_WEIGHT = 0.01
+"""Weight of the newest sample in the exponential average of log(1 + surprise).
+
+At 100 Hz it averages over one second, as the online learner does for its marks.
+"""
 
 
 class FlightPlan(NamedTuple):
@@ -95,33 +105,49 @@ class Mark(NamedTuple):
 
 
 def flight_plan(kind: str, number: int) -> FlightPlan:
-    """Returns the flight of a kind and number."""
+    """Draws the scenario of a flight, and states when its disturbance begins.
+
+    Args:
+        kind: kind of the flight, a key of ``KINDS``.
+        number: number of the flight among those of its kind. Kind and number seed the draw.
+    """
+    # The last entry of the seed keeps these flights apart from those of other tools.
     rng = default_rng([list(KINDS).index(kind), number, 70])
     values = draw_values(SURPRISE["flight"], rng) | {"seed": number}
-    drawn = draw_values(KINDS[kind], rng)
-    start = None
-    gust = drawn.pop("gust", None)
-    weak = drawn.pop("weak", None)
+    kind_values = draw_values(KINDS[kind], rng)
+    # Gusts and weak motors are not in the scenario's own form yet: a gust is one more wind, and a weak motor is a
+    # property of the vehicle. A load already is.
+    gust = kind_values.pop("gust", None)
+    weak_motor = kind_values.pop("weak", None)
+    disturbance_start = None
     if gust is not None:
-        start = gust["start"]
+        disturbance_start = gust["start"]
         values["wind"] = [*values["wind"], gust]
-    if weak is not None:
-        start = weak["start"]
+    if weak_motor is not None:
+        disturbance_start = weak_motor["start"]
         values["vehicle"] |= {
             "weak_motor": int(rng.integers(4)) + 1,
-            "weak_from": start,
-            "weak_thrust": weak["thrust"],
+            "weak_from": disturbance_start,
+            "weak_thrust": weak_motor["thrust"],
         }
-    if "load" in drawn:
-        start = drawn["load"]["start"]
-    loop_rate = SURPRISE["loop_rates"][values["stream"]["autopilot"]]
-    values["vehicle"]["parameters"] = {loop_rate: 200.0}
-    scenario = scenario_from_values(values | drawn, "SERVO_OUTPUT_RAW")
-    return FlightPlan(scenario, None if start is None else start + ARMING)
+    if "load" in kind_values:
+        disturbance_start = kind_values["load"]["start"]
+    # A slow control loop, 200 Hz, makes the simulation faster.
+    loop_rate_parameter = SURPRISE["loop_rates"][values["stream"]["autopilot"]]
+    values["vehicle"]["parameters"] = {loop_rate_parameter: 200.0}
+    scenario = scenario_from_values(values | kind_values, "SERVO_OUTPUT_RAW")
+    if disturbance_start is None:
+        return FlightPlan(scenario, None)
+    return FlightPlan(scenario, disturbance_start + ARMING_TIME)
 
 
 def flown_segments(plan: FlightPlan, path: Path) -> list[Flight]:
-    """Returns the settled segments of a flight, which is flown unless its log is kept already."""
+    """Returns the settled segments of a flight, and simulates it first if there is no log of it yet.
+
+    Args:
+        plan: the flight.
+        path: file of its log, which is written after the simulation.
+    """
     if not path.exists():
         with atomic_write(path) as file:
             write_tlog(file, recorded(plan.scenario, fly(plan.scenario)))
@@ -129,12 +155,20 @@ def flown_segments(plan: FlightPlan, path: Path) -> list[Flight]:
 
 
 def event_starts(flight: Flight, disturbance_start: float | None) -> list[float]:
-    """Returns when the events of a segment begin, s: its disturbance, or each six seconds with a manoeuvre."""
+    """Returns when the events of a segment begin, s.
+
+    The only event of a flight with a disturbance is that disturbance. A flight of manoeuvres is cut into intervals of
+    ``EVENT_SECONDS``, and each interval in which the vehicle tilts by more than ``MANOEUVRE_TILT`` is an event.
+
+    Args:
+        flight: the segment.
+        disturbance_start: when the disturbance begins, s; None of a flight of manoeuvres.
+    """
     if disturbance_start is not None:
         return [disturbance_start]
     tilt = abs(flight.outputs[:, 0] - np.median(flight.outputs[:, 0]))
     starts = []
-    first = flight.time[0] + FIRST_SECONDS
+    first = flight.time[0] + TRAINING_SECONDS
     for start in np.arange(first, flight.time[-1] - EVENT_SECONDS, EVENT_SECONDS):
         is_in_event = (flight.time >= start) & (flight.time < start + EVENT_SECONDS)
         if tilt[is_in_event].max(initial=0.0) > MANOEUVRE_TILT:
@@ -143,7 +177,7 @@ def event_starts(flight: Flight, disturbance_start: float | None) -> list[float]
 
 
 def learner_marks(flight: Flight) -> list[Mark]:
-    """Gives a segment to the online learner, and returns its marks in the order of time."""
+    """Gives the samples of a segment to an online learner, and returns those that it marks, in the order of time."""
     learner = OnlineLearner(
         dt=flight.dt,
         n_inputs=flight.inputs.shape[1],
@@ -161,65 +195,77 @@ def learner_marks(flight: Flight) -> list[Mark]:
 
 
 def event_row(flight: Flight, start: float) -> Values | None:
-    """Returns the row of an event: the cause at its largest surprise by the model of the time before.
+    """Decides the cause of the largest surprise of an event, by a model of the time before the event.
+
+    The surprise of each sample is computed as the online learner does, and averaged over about a second. The cause is
+    decided at the sample with the largest average, from the samples up to it.
 
     Args:
         flight: the segment.
         start: when the event begins, s.
 
     Returns:
-        The row; None where too little was flown before the event, or after its beginning.
+        The row of results: "evidence", the largest average of log(1 + surprise); "explained" and "sustained", the two
+        shares by which the cause is decided; and "cause". None where too little was flown before the event, or after
+        its beginning.
     """
-    first = int(np.searchsorted(flight.time, start - FIRST_SECONDS))
-    begin = int(np.searchsorted(flight.time, start))
-    end = begin + round(EVENT_SECONDS / flight.dt)
-    is_whole = flight.time[0] <= start - FIRST_SECONDS and end <= len(flight)
+    training_first = int(np.searchsorted(flight.time, start - TRAINING_SECONDS))
+    event_first = int(np.searchsorted(flight.time, start))
+    event_stop = event_first + round(EVENT_SECONDS / flight.dt)
+    is_whole = flight.time[0] <= start - TRAINING_SECONDS and event_stop <= len(flight)
     if not is_whole or flight.effect_directions is None:
         return None
-    learned = learn(flight[first:begin])
+    learned = learn(flight[training_first:event_first])
     assert learned.sample_free_energy is not None
-    event = Record.from_flights(flight[first:end])
-    data = np.concatenate(generalized_data(learned.settings, learned.scaling, event))
+    record = Record.from_flights(flight[training_first:event_stop])
+    data = np.concatenate(generalized_data(learned.settings, learned.scaling, record))
     free_energy = learned.sample_free_energy.evaluate(data)
-    # Surprise as of the learner, by the past before the event, and its average as of the marks.
+    # F(t) of the training samples is the past by which the event's samples are standardised.
     training_count = len(learned.free_energy_of_samples)
     surprise = Surprise(flight.dt, free_energy[:training_count])
     evidence = 0.0
     largest_evidence = 0.0
-    largest_sample = begin
+    largest_sample = event_first
     for number, value in enumerate(free_energy[training_count:]):
-        evidence += EVIDENCE_STEP * (np.log1p(max(surprise.add(value), 0.0)) - evidence)
+        evidence += EVIDENCE_WEIGHT * (np.log1p(max(surprise.add(value), 0.0)) - evidence)
         if evidence > largest_evidence:
             largest_evidence = evidence
-            largest_sample = begin + number
+            largest_sample = event_first + number
     samples = slice(largest_sample + 1)
     command = flight.inputs[samples] @ flight.effect_directions
-    arguments = command, flight.outputs[samples], flight.dt, learned.settings
+    outputs = flight.outputs[samples]
+    cause = cause_of_surprise(command, outputs, flight.dt, learned.settings)
     return {
         "what": "event",
         "evidence": largest_evidence,
-        "explained": explained_share(*arguments),
+        "explained": explained_share(command, outputs, flight.dt, learned.settings),
         "sustained": sustained_share(command, flight.dt),
-        "cause": cause_name(cause_of_surprise(*arguments)),
+        "cause": cause_name(cause),
     }
 
 
 def cause_name(cause: SurpriseCause | None) -> str:
-    """Returns the column of a cause in the tables."""
+    """Returns the name of a cause in the tables: "undecided" for None."""
     return "undecided" if cause is None else cause.value
 
 
 def evaluate_flight(case: tuple[str, int], folder: Path, marks: bool) -> list[Values]:
-    """Returns a row for each event of a flight, and one for its length; also one for each mark if they are asked for.
+    """Evaluates one flight: simulates it, and decides the causes of its events and of the learner's marks.
 
     Args:
         case: kind and number of the flight.
         folder: where logs of flights are kept.
-        marks: whether the flight is given to the online learner.
+        marks: whether the flight is also given to the online learner, sample by sample.
+
+    Returns:
+        Rows of results. Each has the kind of the flight, its number, and whether that is even or odd. "what" says what
+        the row is of: the "hours" that were flown, an "event", or a "mark", whose "delay", s, counts from the beginning
+        of the disturbance (NaN without one).
     """
     kind, number = case
     plan = flight_plan(kind, number)
-    common = {"flights": kind, "half": ("even", "odd")[number % 2], "number": number}
+    half = "even" if number % 2 == 0 else "odd"
+    common = {"flights": kind, "half": half, "number": number}
     rows: list[Values] = []
     for flight in flown_segments(plan, folder / f"{kind}_{number}.tlog"):
         rows.append(common | {"what": "hours", "hours": len(flight) * flight.dt / 3600})
@@ -227,7 +273,9 @@ def evaluate_flight(case: tuple[str, int], folder: Path, marks: bool) -> list[Va
             row = event_row(flight, start)
             if row is not None:
                 rows.append(common | row)
-        for mark in learner_marks(flight) if marks else ():
+        if not marks:
+            continue
+        for mark in learner_marks(flight):
             delay = np.nan
             if plan.disturbance_start is not None:
                 delay = mark.time - plan.disturbance_start
@@ -235,16 +283,23 @@ def evaluate_flight(case: tuple[str, int], folder: Path, marks: bool) -> list[Va
     return rows
 
 
-def counted(rows: pd.DataFrame) -> Values:
-    """Returns how many rows name each cause."""
-    causes = [*(cause.value for cause in SurpriseCause), "undecided"]
+def cause_counts(rows: pd.DataFrame) -> Values:
+    """Returns how many rows name each cause, by the name of the cause, "undecided" included."""
+    causes = [cause.value for cause in SurpriseCause] + ["undecided"]
     return {cause: int((rows["cause"] == cause).sum()) for cause in causes}
 
 
 def event_statistics(rows: pd.DataFrame) -> pd.Series:
-    """Returns the row of the events of one kind and half: causes named, and explained shares."""
+    """Summarises the events of a group of flights: the number of each cause, and the ranges of the two shares.
+
+    Args:
+        rows: rows of :func:`evaluate_flight` of one kind of flight, with even or with odd numbers.
+
+    Returns:
+        The row of the first table.
+    """
     events = rows[rows["what"] == "event"]
-    line: Values = {"events": len(events)} | counted(events)
+    line: Values = {"events": len(events)} | cause_counts(events)
     for share in ("explained", "sustained"):
         shares = events[share].astype(float)
         line[f"share {share}"] = f"{shares.min():.2f} to {shares.max():.2f}"
@@ -252,17 +307,26 @@ def event_statistics(rows: pd.DataFrame) -> pd.Series:
 
 
 def mark_statistics(rows: pd.DataFrame) -> pd.Series:
-    """Returns the row of the marks of one kind and half: causes named, and false marks."""
+    """Summarises the learner's marks in a group of flights: the number of each cause, and of false ones.
+
+    Within ``MARK_SECONDS`` after a disturbance began, the cause of a mark is that disturbance. At all other times there
+    are only manoeuvres and light wind, so that a mark that is called a disturbance is false.
+
+    Args:
+        rows: rows of :func:`evaluate_flight` of one kind of flight, with even or with odd numbers.
+
+    Returns:
+        The row of the second table.
+    """
     marks = rows[rows["what"] == "mark"]
     hours = rows["hours"].sum()
-    is_of_disturbance = (marks["delay"] >= 0.0) & (marks["delay"] <= MARK_SECONDS)
+    follows_disturbance = (marks["delay"] >= 0.0) & (marks["delay"] <= MARK_SECONDS)
     is_misfit = marks["cause"] == SurpriseCause.MODEL_MISFIT
-    # After a disturbance its cause is a disturbance; at all other times nothing but manoeuvres and light wind.
-    false_disturbances = (~is_of_disturbance & (marks["cause"] == SurpriseCause.DISTURBANCE)).sum()
-    line: Values = {"flights, hours": f"{hours:.2f}", "marks": len(marks)} | counted(marks)
-    line["of the disturbance"] = int(is_of_disturbance.sum())
-    line["of these named a misfit"] = int((is_of_disturbance & is_misfit).sum())
-    line["others named a disturbance"] = int(false_disturbances)
+    is_called_disturbance = marks["cause"] == SurpriseCause.DISTURBANCE
+    line: Values = {"flights, hours": f"{hours:.2f}", "marks": len(marks)} | cause_counts(marks)
+    line["of the disturbance"] = int(follows_disturbance.sum())
+    line["of these named a misfit"] = int((follows_disturbance & is_misfit).sum())
+    line["others named a disturbance"] = int((~follows_disturbance & is_called_disturbance).sum())
     return pd.Series(line)
 
 
@@ -270,6 +334,19 @@ def mark_statistics(rows: pd.DataFrame) -> pd.Series:
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), default="flights")
 @click.option("--marks", is_flag=True)
 def main(flights: int, folder: Path, marks: bool, jobs: int) -> None:
+    """Simulates flights with and without disturbances, and prints which causes of their surprises are named.
+
+    Surprise is the drop of a sample's free energy below its recent median. The first table has a row for each kind of
+    flight, parted by even and odd numbers: how often the largest surprise of an event is called a disturbance or a
+    misfit of the model.
+
+    Args:
+        flights: number of flights of each kind.
+        folder: folder in which logs of the flights are kept for the next run.
+        marks: whether to give the flights to the online learner too, and to print a second table: the samples that it
+            marks as unusual, with their causes.
+        jobs: number of processes.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     cases = [(kind, number) for number in range(flights) for kind in KINDS]
     evaluate = partial(evaluate_flight, folder=folder, marks=marks)

@@ -426,23 +426,25 @@ class GenerativeModel:
     def mean_field_squared_errors(
         self, regressors: RegressorMoments, theta_covariance: Array
     ) -> Array:
-        """Returns what the uncertainty of θ adds to the expected squared errors Σ ε̃ᵀ (S⊗Ω_g) ε̃ of each noise.
+        """Returns the squared prediction errors that are expected from the uncertainty of the parameters θ alone.
 
-        Row i of [A B] is uncertain by δ ~ N(0, Σ_i), which changes the error of state i by −δᵀ [x; v]. Squared,
-        weighted by S over the orders and averaged over δ, these changes do not cancel: they add tr(Σ_i R), with the
-        moments R of the regressors. The same holds for C. Ω_g selects the channels of noise g. The M step needs these
-        sums to learn the noise precisions e^λ.
+        The M step learns the noise precisions e^λ from the expected squared errors. These exceed those at the mean of
+        θ: if row i of [A B] has the covariance Σ_i, an error δ ~ N(0, Σ_i) of the row changes the prediction error of
+        state i by −δᵀ [x; v]. Its expected square, summed over samples and orders, is tr(Σ_i R), where R are the second
+        moments of the regressors [x; v]. The same holds for each row of C, whose regressors are x.
 
         Args:
-            regressors: second moments R of the regressors.
+            regressors: second moments R of the regressors, weighted over the orders by the temporal precisions S.
             theta_covariance: (k, k) covariance Σ^θ.
 
         Returns:
-            Added squared errors (g,), one for each entry of λ; they are not yet multiplied by e^λ.
+            Expected squared errors (g,), summed over the channels of each noise, in the order of λ. They are not yet
+            multiplied by e^λ.
         """
         layout = self._regressor_layout
         state_covariances = theta_covariance[_blocks(layout.state_parameters)]
         output_covariances = theta_covariance[_blocks(layout.output_parameters)]
+        # The sum of the elementwise product of two symmetric matrices is the trace of their product, tr(Σ_i R).
         added_by_channel = np.concatenate(
             [
                 np.sum(state_covariances * regressors.states, axis=(1, 2)),
@@ -554,13 +556,16 @@ def _sum_over_orders(moments: Array, columns: Indices, temporal_precision: Array
 
 
 def _blocks(parameters: Indices) -> tuple[Indices, Indices]:
-    """Returns the index of one square block for each row of parameters, in a matrix of all parameters.
+    """Returns the index that selects, from a (k, k) matrix of all parameters, the square block of each row.
+
+    The rows are those of [A B] or of C. The block of a row has the entries of its parameters with each other, such as
+    their covariances.
 
     Args:
-        parameters: (rows, s) indices of the parameters of each row.
+        parameters: (rows, s) indices in θ of the s parameters of each row.
 
     Returns:
-        Two index arrays that together select an array (rows, s, s).
+        Index arrays (rows, s, 1) and (rows, 1, s), by which ``matrix[_blocks(parameters)]`` is (rows, s, s).
     """
     return parameters[:, :, None], parameters[:, None, :]
 

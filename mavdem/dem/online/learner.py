@@ -328,10 +328,11 @@ class OnlineLearner:
         )
 
     def _count_gaps(self, step: float) -> None:
-        """Begins a new segment where samples are missing before this one, and counts such gaps in a row.
+        """Updates the count of consecutive gaps, and begins a new segment at a gap.
 
-        A gap is a step that differs from ``dt`` by more than ``MAX_STEP_DEVIATION``. After ``MAX_GAPS`` in a row the
-        samples do not come every ``dt`` at all, which ``obstacle`` then states, until there is a step without a gap.
+        There is a gap before a sample if the step from the last one differs from ``dt`` by more than
+        ``MAX_STEP_DEVIATION``. A step without a gap sets the count to 0. While the count is ``MAX_GAPS`` or more,
+        :meth:`update` reports as ``obstacle`` that the samples do not come every ``dt``; here that is withdrawn.
 
         Args:
             step: Time from the last sample to this one, s; negative where the clock was set back.
@@ -341,7 +342,7 @@ class OnlineLearner:
             self._gaps_in_a_row += 1
             return
         if self._gaps_in_a_row >= MAX_GAPS:
-            # Samples come as expected again: the obstacle is another now, or none.
+            # Samples come every ``dt`` again, so that this is no obstacle any more. There may be another.
             self.obstacle = self._reason_of_no_model()
         self._gaps_in_a_row = 0
 

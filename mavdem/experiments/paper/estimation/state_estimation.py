@@ -219,8 +219,16 @@ class WindowErrors(NamedTuple):
 def window_errors(window: RollWindow) -> WindowErrors:
     """Estimates the roll rate of a window with all observers, and sums up their squared errors.
 
-    In the authors' scripts the Kalman filters correct the prediction for a sample with the output of the sample before,
-    and DEM's embedding is centred on the sample before. ``authors_timing`` has the errors of that.
+    Bos et al. published errors of estimates that lag by one sample. In their scripts the Kalman filters correct the
+    prediction for a sample with the output of the sample before, but use the sample's own input; DEM's embedding is
+    centred on the sample before, for outputs and inputs alike. To compare with their numbers, the observers run a
+    second time with that timing: all get the outputs one sample late, and DEM the inputs too.
+
+    Args:
+        window: outputs, inputs and true or measured states of the window.
+
+    Returns:
+        Errors by observer, with estimates at their own time and with the authors' timing.
     """
     by_delay = {}
     for name, observer in OBSERVERS.items():
@@ -230,19 +238,19 @@ def window_errors(window: RollWindow) -> WindowErrors:
         )
     late_outputs = one_sample_later(window.outputs)
     late_inputs = one_sample_later(window.inputs)
-    by_order = {}
+    authors_timing_by_order = {}
     for p in PUBLISHED_SSE_BY_ORDER:
         rates = dem_states(window, late_outputs, late_inputs, p)[:, 1]
-        by_order[p] = squared_error(rates, window)
-    authors_timing = {DEM: by_order[DEM_STATE_ORDER]}
+        authors_timing_by_order[p] = squared_error(rates, window)
+    authors_timing = {DEM: authors_timing_by_order[DEM_STATE_ORDER]}
     for name in (AUGMENTATION, AUTHORS_SMIKF, KALMAN):
         rates = OBSERVERS[name].estimate(window, late_outputs, window.inputs)[:, 1]
         authors_timing[name] = squared_error(rates, window)
-    return WindowErrors(by_delay, authors_timing, by_order)
+    return WindowErrors(by_delay, authors_timing, authors_timing_by_order)
 
 
 def one_sample_later(values: Array) -> Array:
-    """Returns values (T, channels) that are delayed by one sample, the first of them twice."""
+    """Returns values (T, channels) delayed by one sample; the first sample, which has none before it, is repeated."""
     return np.concatenate([values[:1], values[:-1]])
 
 
