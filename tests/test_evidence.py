@@ -1,6 +1,7 @@
 """The pages of docs/evidence: their tables are what commands printed, unchanged, and nothing contradicts them."""
 
 import importlib.util
+import os
 import re
 import shlex
 
@@ -10,6 +11,8 @@ from click.testing import CliRunner
 from command_line import unknown_options
 from pytest import approx, fixture, mark
 from recorded_flights import shared
+
+from mavdem.experiments.paper import CLAIMS
 
 QUICK_COMMAND = "tools/validation/propellers.py ../shared/data/real/propeller"
 """A command of a page that takes a few seconds of a processor."""
@@ -95,6 +98,12 @@ def test_figures_of_a_summary_stand_on_its_page():
     assert not any(missing.values()), missing
 
 
+def test_each_claim_has_its_findings_on_the_page():
+    assert evidence.summary(evidence.INDEX.parent / "paper.md").startswith(
+        f"Of {len(CLAIMS)} claims: "
+    )
+
+
 def test_commands_of_the_tables_exist_with_their_options():
     tables = evidence.measured_tables()
     assert QUICK_COMMAND in [table.command for table in tables]
@@ -105,6 +114,7 @@ def test_commands_of_the_tables_exist_with_their_options():
             continue
         # Another program is a script of this repository, which Click reads the options of, too.
         path = evidence.ROOT / program
+        assert os.access(path, os.X_OK), table.command
         specification = importlib.util.spec_from_file_location(path.stem, path)
         script = importlib.util.module_from_spec(specification)
         specification.loader.exec_module(script)
