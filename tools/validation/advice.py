@@ -1,11 +1,15 @@
 #!/usr/bin/env python
 """Gains of mavdem, of AutoTune and of QuickTune, judged by the true plants of the simulated flights of loops.py.
 
-mavdem --more is asked anew after each step, by the plant that the first flight showed. The goal is that of --margins,
-in the rate and the attitude loop of the true plant, with the flight's control effectiveness, and with 0.8, 1.2 and 1.44
-times that, the last as by 20 % more volts. Bandwidth of the rate loop and lean in the flight's wind are over those
-before, in the median; Ms is that of the rate loop; flights are those after which the goal is met, in the median of
-those that meet it. Loops for which mavdem refuses advice are "refused", and do not count further.
+mavdem advises gains in steps, one for each later flight (``mavdem tune --more``), always by the plant that was
+identified from the first flight. The goal is the margins that --margins names, in the rate and the attitude loop of the
+true plant.
+
+The table has a row for each tuner and autopilot. "refused" is the number of loops for which mavdem gives no advice;
+they do not count further. "met before" and "met" are the numbers of loops that meet the goal before and after tuning,
+the columns with a factor those that meet it with so many times the control effectiveness: 1.44 times is 20 % more
+voltage. The other columns are medians: the bandwidth of the rate loop and the lean in the flight's wind relative to
+those before, the largest sensitivity Ms of the rate loop, and the flights after which the goal is first met.
 
 Usage: tools/validation/advice.py [--half NAME] [--rate HZ of the messages] [--margins NAME] [--flights N] [--jobs N]
 """
@@ -20,7 +24,7 @@ import numpy as np
 import pandas as pd
 from autopilot_tuners import autotune, quicktune
 from flights import Values, command, evaluate_flights, print_table
-from loops import CACHE, HALF, HALVES, PLANT, identified_loops, simulated_log
+from loops import CACHE, HALF, HALVES, AxisPlant, identified_loops, simulated_log
 
 from mavdem.assessment.record import NoLoop
 from mavdem.ingest.telemetry import Parameters
@@ -42,20 +46,21 @@ MEDIANS = ["bandwidth", "Ms", "lean", "flights"]
 """Columns with medians."""
 
 
-def true_loop(loop: Loop, plant: list[float], factor: float = 1.0) -> Loop:
+def true_loop(loop: Loop, plant: AxisPlant, factor: float = 1.0) -> Loop:
     """Returns the loops of the true plant, with the controller and the wind of an identified loop.
 
     Args:
         loop: identified loop of the axis.
-        plant: control effectiveness, damping, lag and delay of the true plant, as in ``PLANT``.
-        factor: on the control effectiveness.
+        plant: the true plant.
+        factor: factor on its control effectiveness, as by more or less voltage.
     """
-    effect, *dynamics = plant
-    return replace(loop, effectiveness=np.array([factor * effect]), dynamics=np.array([dynamics]))
+    effectiveness = np.array([factor * plant.effect])
+    dynamics = np.array([[plant.damping, plant.lag, plant.delay]])
+    return replace(loop, effectiveness=effectiveness, dynamics=dynamics)
 
 
 def meets(loop: Loop, target: MarginTarget) -> bool:
-    """Returns whether both loops of a true plant have the margins."""
+    """Returns whether the rate and the attitude loop of an axis both have the margins of a target."""
     return bool(margin_scores(target, loop.rate, loop.attitude)[0] >= 1)
 
 
@@ -78,18 +83,19 @@ def advised_gains(loop: Loop, margins: str) -> Iterator[Parameters]:
 
 
 def evaluate_gains(
-    loop: Loop, plant: list[float], steps: Iterator[Parameters], target: MarginTarget
+    loop: Loop, plant: AxisPlant, steps: Iterator[Parameters], target: MarginTarget
 ) -> Values:
-    """Judges the gains that a tuner ends with by the true plant.
+    """Judges the gains with which a tuner ends, by the loops that they give with the true plant.
 
     Args:
         loop: identified loop of the axis, with its controller and the wind.
-        plant: the true plant, as in ``PLANT``.
-        steps: all gains that were changed, after each flight.
+        plant: the true plant.
+        steps: gains after each flight of the tuner, as all parameters that it has changed so far. Without a step the
+            tuner refuses to tune, and with an empty one it leaves the gains as they are.
         target: margins to have.
 
     Returns:
-        Columns of the table.
+        The row of the table that the module's docstring explains.
     """
     before = true_loop(loop, plant)
     row: Values = {"met before": meets(before, target), "refused": True}
@@ -110,14 +116,20 @@ def evaluate_gains(
     return row
 
 
-def evaluate_loop(loop: Loop, plant: list[float], margins: str) -> list[Values]:
-    """Returns a row for each tuner on one axis; for mavdem alone where it advises nothing."""
+def evaluate_loop(loop: Loop, plant: AxisPlant, margins: str) -> list[Values]:
+    """Tunes one axis with mavdem, AutoTune and QuickTune, and returns a row of the table for each.
+
+    Args:
+        loop: identified loop of the axis, from which mavdem advises gains.
+        plant: the true plant, which the autopilot's tuners fly and which judges all gains.
+        margins: name of the margins to have.
+    """
     target = MARGIN_TARGETS[margins]
-    true = replace(true_loop(loop, plant), grid=TUNER_GRID)
+    flown_loop = replace(true_loop(loop, plant), grid=TUNER_GRID)
     tuners = {
         "mavdem": advised_gains(loop, margins),
-        "AutoTune": iter([autotune(true)]),
-        "QuickTune": iter([quicktune(true)]),
+        "AutoTune": iter([autotune(flown_loop)]),
+        "QuickTune": iter([quicktune(flown_loop)]),
     }
     autopilot = "ArduPilot" if loop.controller.is_ardupilot else "PX4"
     rows = []
@@ -136,19 +148,19 @@ def evaluate_flight(seed: int, rate: float, margins: str, cache: Path) -> list[V
         margins: name of the margins to have.
         cache: folder with the simulated flights.
     """
-    log, truth = simulated_log(seed, cache)
+    log, true_figures = simulated_log(seed, cache)
     rows = []
     for axis, loop in identified_loops(log, rate).items():
         if isinstance(loop, NoLoop):
             continue
-        rows += evaluate_loop(loop, [truth[axis][name] for name in PLANT], margins)
+        rows += evaluate_loop(loop, AxisPlant.from_figures(true_figures[axis]), margins)
     return rows
 
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """Returns the table: counts of loops and medians by tuner and autopilot."""
-    both = pd.concat([rows, rows.assign(autopilot="both")])
-    grouped = both.groupby(["tuner", "autopilot"], sort=False)
+    with_both_autopilots = pd.concat([rows, rows.assign(autopilot="both")])
+    grouped = with_both_autopilots.groupby(["tuner", "autopilot"], sort=False)
     table = grouped[["refused", "met before", *EFFECTS]].sum().astype(int)
     table.insert(0, "loops", grouped.size())
     table[MEDIANS] = grouped[MEDIANS].median()
@@ -162,8 +174,9 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
 @HALF
 @CACHE
 def main(half: str, rate: float, margins: str, flights: int, cache: Path, jobs: int) -> None:
-    judge = partial(evaluate_flight, rate=rate, margins=margins, cache=cache)
-    rows = evaluate_flights(judge, HALVES[half][:flights], jobs)
+    """Prints a row for each tuner and autopilot: how many loops meet the goal, and how the loops have changed."""
+    evaluate = partial(evaluate_flight, rate=rate, margins=margins, cache=cache)
+    rows = evaluate_flights(evaluate, HALVES[half][:flights], jobs)
     print_table(f"Half {half}, {rate:g} Hz, margins {margins}", summary(rows))
 
 

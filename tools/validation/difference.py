@@ -4,9 +4,10 @@
 Each vehicle of loops.py flies three times, in other wind of the same kind: twice with its gains, and once with P, I and
 D of all rate controllers lowered by a third. "same" compares the first flight with the second, "gains" with the third.
 No model is learned, so that shares of motors and figures of loops are compared, and not physical parameters.
-"pairs" are compared, "any" of them have a quantity that is called changed, all tested together; "alone" counts pairs
-with a quantity that would be called changed by itself. "tests" are all quantities of all pairs, and the columns behind
-count those called changed by kind of quantity.
+
+The table counts, for each of the two comparisons: "pairs" of flights; pairs in which "any" quantity is called changed,
+where the threshold allows for how many are tested at once; pairs in which one would be called changed if it were tested
+"alone"; "tests", the quantities of all pairs; and, by kind of quantity, those that are called changed.
 
 Usage: tools/validation/difference.py [--half NAME] [--rate HZ of the messages] [--flights N vehicles] [--jobs N]
 """
@@ -77,7 +78,7 @@ def evaluate_vehicle(seed: int, rate: float) -> list[Values]:
 
 
 def counts(difference: VehicleDifference) -> Values:
-    """Returns the number of tested quantities of a comparison, and of those called changed in all and by kind."""
+    """Returns the row of one pair of flights: the counts that the module's docstring names, of which "pairs" is 1."""
     changed = difference.changes_with(QuantityOutcome.CHANGED)
     by_kind = Counter(change.quantity.kind for change in changed)
     alone = any(change.is_certain_by_itself for change in difference.changes)
@@ -93,6 +94,7 @@ def counts(difference: VehicleDifference) -> Values:
 @command(__doc__, rate=100.0, flights=6)
 @HALF
 def main(half: str, rate: float, flights: int, jobs: int) -> None:
+    """Prints a row for each of the two comparisons: the counts of all vehicles that the module's docstring names."""
     evaluate = partial(evaluate_vehicle, rate=rate)
     rows = evaluate_flights(evaluate, HALVES[half][:flights], jobs)
     table = rows.fillna(0).groupby("compared", sort=False).sum().astype(int).reset_index()

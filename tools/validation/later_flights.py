@@ -9,6 +9,7 @@ again in the place of later flights, as in advice.py. Both are medians over loop
 Usage: tools/validation/later_flights.py [--half NAME] [--rate HZ] [--margins NAME] [--flights N vehicles] [--jobs N]
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,7 +23,7 @@ from flights import Values, command, evaluate_flights, print_table
 from loops import (
     HALF,
     HALVES,
-    PLANT,
+    AxisPlant,
     drawn_flight,
     exact_log,
     identified_loops,
@@ -41,18 +42,23 @@ from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
 RATE = 100.0
-"""Rate of the messages, Hz."""
+"""Rate of the messages, Hz: one at which most loops are identified."""
 
 FLIGHT_SEED_STEP = 100_000
 """Difference of the seeds of two flights of a vehicle: no two flights of a half share one."""
 
 
 class FirstLoop(NamedTuple):
-    """A loop as the first flight showed it."""
+    """The loops of one axis after the first flight, as identified, and the true plant of that axis."""
 
     identified: Loop
-    plant: list[float]
-    """The true plant, as in ``PLANT``."""
+    """The rate and attitude loop that were identified from the first flight, with its gains."""
+    plant: AxisPlant
+    """The true plant."""
+
+    def with_gains(self, gains: Parameters) -> Loop:
+        """Returns the loops that the true plant has with other gains."""
+        return true_loop(self.identified, self.plant).with_parameters(gains)
 
 
 def thinned_log_of_flight(scenario: Scenario, gains: Parameters, number: int, rate: float) -> Log:
@@ -93,42 +99,37 @@ def reflown(scenario: Scenario, gains: Parameters, number: int) -> dict[str, Loo
 
 
 def evaluate_vehicle(seed: int, margins: str) -> list[Values]:
-    """Returns a row for each axis whose loop the first flight shows: when its goal is met, flying again or not.
+    """Counts the flights until each axis of a vehicle meets the goal, with and without later flights.
 
     Args:
         seed: seed of the first flight.
         margins: name of the margins to have.
+
+    Returns:
+        A row for each axis whose loop the first flight identifies: whether the goal was "met before" and is "met" in
+        the end, the number of flights by the "first plant" and "flown again", and whether the vehicle was "lost".
     """
     target = MARGIN_TARGETS[margins]
     scenario, motion = drawn_flight(seed)
-    truths = true_figures_of_flight(scenario, motion)
+    true_figures = true_figures_of_flight(scenario, motion)
     first_loops = {}
     for axis, loop in reflown(scenario, {}, 0).items():
         if isinstance(loop, Loop):
-            first_loops[axis] = FirstLoop(loop, [truths[axis][name] for name in PLANT])
-    rows: dict[str, Values] = {}
+            plant = AxisPlant.from_figures(true_figures[axis])
+            first_loops[axis] = FirstLoop(loop, plant)
+    rows = {}
     for axis, first in first_loops.items():
-        before = true_loop(first.identified, first.plant)
-        rows[axis] = {"axis": axis, "met before": meets(before, target), "lost": False}
-        steps = enumerate(advised_gains(first.identified, margins), start=1)
-        for number, axis_gains in steps:
-            tuned = before.with_parameters(axis_gains)
-            if "first plant" not in rows[axis] and meets(tuned, target):
-                rows[axis]["first plant"] = number
+        rows[axis] = _row_by_first_plant(axis, first, margins)
     gains: dict[str, float] = {}
     loops: dict[str, Loop | NoLoop] = {
         axis: first.identified for axis, first in first_loops.items()
     }
     for number in range(1, MAX_FLIGHTS + 1):
-        changes: dict[str, float] = {}
-        for axis in first_loops:
-            loop = loops[axis]
-            if isinstance(loop, Loop):
-                changes.update(advise(loop, margins, more=True).parameters)
+        advised_loops = [loops[axis] for axis in first_loops]
+        changes = _advised_changes(advised_loops, margins)
         gains = {**gains, **changes}
         for axis, first in first_loops.items():
-            final = true_loop(first.identified, first.plant).with_parameters(gains)
-            rows[axis]["met"] = meets(final, target)
+            rows[axis]["met"] = meets(first.with_gains(gains), target)
             if rows[axis]["met"]:
                 rows[axis].setdefault("flown again", number)
         if not changes:
@@ -143,14 +144,45 @@ def evaluate_vehicle(seed: int, margins: str) -> list[Values]:
     return list(rows.values())
 
 
+def _row_by_first_plant(axis: str, first: FirstLoop, margins: str) -> Values:
+    """Returns the row of an axis, as far as it needs no later flight.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+        first: its loops after the first flight.
+        margins: name of the margins to have.
+    """
+    target = MARGIN_TARGETS[margins]
+    row: Values = {"axis": axis, "met before": meets(first.with_gains({}), target), "lost": False}
+    for number, gains in enumerate(advised_gains(first.identified, margins), start=1):
+        if "first plant" not in row and meets(first.with_gains(gains), target):
+            row["first plant"] = number
+    return row
+
+
+def _advised_changes(loops: Sequence[Loop | NoLoop], margins: str) -> dict[str, float]:
+    """Returns the gains, by the autopilot's names, that mavdem advises to change after a flight.
+
+    Args:
+        loops: the loops of all axes that the flight identified, or why there is none.
+        margins: name of the margins to have.
+    """
+    changes: dict[str, float] = {}
+    for loop in loops:
+        if isinstance(loop, Loop):
+            changes.update(advise(loop, margins, more=True).parameters)
+    return changes
+
+
 @command(__doc__, flights=6)
 @click.option(
     "--margins", type=click.Choice(list(MARGIN_TARGETS)), default="default", show_default=True
 )
 @HALF
 def main(half: str, margins: str, flights: int, jobs: int) -> None:
-    judge = partial(evaluate_vehicle, margins=margins)
-    rows = pd.DataFrame(evaluate_flights(judge, HALVES[half][:flights], jobs))
+    """Prints one row: how many loops meet the goal, and after how many flights, flying again or by the first plant."""
+    evaluate = partial(evaluate_vehicle, margins=margins)
+    rows = pd.DataFrame(evaluate_flights(evaluate, HALVES[half][:flights], jobs))
     met_later = rows[rows["met"] & ~rows["met before"]]
     summary = {
         "vehicles": flights,

@@ -1,12 +1,17 @@
 #!/usr/bin/env python
-"""Margins of identified loops compared with the truth, of simulated flights thinned to lower rates, and of logs.
+"""Margins of identified loops compared with the true ones, on flights whose messages are thinned to lower rates.
 
-Of each message all but one in so many are left out. Stamps stay as they are; those of simulated flights are exact, as
-in autopilots' own logs, or with --rounded as MAVLink sends them, some in whole milliseconds. Without LOGS the flights
-are simulated ones, of the half to choose a method on or of the half to report; they are flown once and kept in --cache.
-"rms", "median", "size" (median without sign) and "close" (within 1.5 dB) are of errors where loops are given, relative
-but for margins in dB and degrees; "inside": of 90 % intervals that hold the truth.
+The flights are simulated ones, drawn at random: those of one half choose a method, those of the other are reported.
+They are flown once and kept in --cache. With LOGS, recorded flights are read instead. To thin messages to a rate, one
+of every few is kept. Stamps are exact, as in autopilots' own logs, or with --rounded partly in whole milliseconds, as
+MAVLink sends them.
+
+The tables have the statistics of each figure's error, which is relative, but in dB or degrees for margins. "given" is
+the number of identified loops, "rms" the root mean square error, "median" the median error, "size" that of its absolute
+value, "close" the share within 1.5 dB, and "inside" the share of 90 % intervals that contain the truth.
 """
+
+from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
@@ -14,7 +19,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
@@ -22,7 +27,8 @@ import pandas as pd
 from flights import Values, command, evaluate_flights, percent_true, print_table
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
-from physical import Case, scenario, varied
+from physical import Case, varied
+from physical import scenario as scenario_of_case
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
@@ -42,7 +48,7 @@ from mavdem.loops.margins import OpenLoop, attitude_loop, rate_loop
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.rotors import IDLE_COMMAND, MAX_PULSE, pulse_width, rotor_frame
+from sitl_scenarios.rotors import IDLE_COMMAND, MAX_PULSE, MIN_PULSE, pulse_width, rotor_frame
 from sitl_scenarios.scenario import AXES, Axis, Scenario
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import axis_model, truth
@@ -55,147 +61,223 @@ HALVES = {"choose": range(1000, 1024), "report": range(2000, 2024)}
 """Seeds of the flights to choose a method on, and of those to report."""
 
 LOOP_RATE = DEFAULT_LOOP_RATES["ardupilot"]
-"""Rate of the simulated autopilots' loops, and of their messages, Hz."""
+"""Rate of the simulated autopilots' loops, and of their messages, Hz: ArduPilot's default."""
 
 CACHE_FOLDER = Path.home() / ".cache" / "mavdem" / "loops"
 """Folder in which simulated flights are kept, 4 MB each, unless another is given."""
 
 MAX_AT_LIMIT_SHARE = 0.15
-"""Largest share of the time in the air with a motor at a limit."""
+"""Largest share of the time in the air with a motor at a limit, where loops are not linear: a choice."""
 
 MIN_PHASE_MARGIN = 15.0
-"""Least phase margin of the loops that are flown, degrees."""
+"""Least phase margin of the loops that are flown, degrees: a choice, below any margin that a tuned vehicle has."""
 
-KIND_FIELDS = ("type_mask", "axis", "port")
-"""Fields by which messages of one name are of several kinds."""
+SUBTYPE_FIELDS = ("type_mask", "axis", "port")
+"""Fields that distinguish streams which share a message's name; each stream is thinned by itself."""
+
+PULSE_RANGE = MAX_PULSE - MIN_PULSE
+"""Range of a motor's output, as a PWM pulse width, µs."""
 
 MARGINS = ("crossover", "phase_margin", "gain_margin", "ms")
-PLANT = ("effect", "damping", "lag", "delay")
+"""Figures of a loop that are compared, by their keys in ``OpenLoop.figures``: Hz, degrees, dB, and the largest |S|."""
+
 LOOPS = ("rate", "attitude")
+"""Loops of an axis, whose names begin the names of their figures, such as "rate_gain_margin"."""
+
 SHOWN_FIGURES = ("effect", *(f"rate_{name}" for name in MARGINS))
+"""Figures that are printed of recorded logs."""
+
 CLOSE_GAIN_ERROR = 1.5
-"""Largest error of a gain margin that is called close, dB."""
+"""Largest error of a gain margin that is called close, dB: a choice."""
 
 MAX_GAIN_ERROR = 30.0
-"""Largest error of a gain margin, dB: one that does not exist has an infinite error."""
+"""Largest error of a gain margin in statistics, dB: an infinite margin where the truth is finite counts as this."""
 
 Array = NDArray[np.float64]
-Truth = dict[str, dict[str, float]]
-"""Figures by axis and name."""
+
+FiguresByAxis = dict[str, dict[str, float]]
+"""Figures of the plant and its loops: by axis, and then by the name of the figure, as in ``loop_figures``."""
+
+
+class AxisPlant(NamedTuple):
+    """What turns the vehicle about one axis: the response of the body rate to the rate controller's demand."""
+
+    effect: float
+    """Control effectiveness: angular acceleration per unit of demand in steady state, rad/s²."""
+    damping: float
+    """Rate damping, 1/s."""
+    lag: float
+    """Time constant of the motors, s."""
+    delay: float
+    """Dead time from the controller to the gyro's measurement, s."""
+
+    @staticmethod
+    def from_figures(figures: Mapping[str, float]) -> AxisPlant:
+        """Returns the plant among the figures of an axis, which also have the margins of its loops."""
+        return AxisPlant(**{name: figures[name] for name in AxisPlant._fields})
+
+
+class RandomGains(NamedTuple):
+    """Gains of the controllers of all axes, and the stability that they leave."""
+
+    parameters: dict[str, float]
+    """Gains by the autopilot's names of the parameters."""
+    phase_margin: float
+    """Smallest phase margin of the rate and attitude loops of all axes, degrees."""
 
 
 def random_scenario(seed: int, rng: Generator) -> Scenario:
-    """Draws a scenario whose gains have the proportions of the autopilot's defaults, and random margins.
-
-    It is drawn again until all loops have ``MIN_PHASE_MARGIN``.
+    """Draws a scenario of a flight, until one has at least ``MIN_PHASE_MARGIN`` in all its loops.
 
     Args:
         seed: seed of the flight, by which autopilots, filters and steering take turns.
         rng: source of the random numbers.
     """
+    while True:
+        values = _random_values(seed, rng)
+        gains = _random_gains(scenario_of(values), rng)
+        if gains.phase_margin > MIN_PHASE_MARGIN:
+            values["vehicle"]["parameters"] |= gains.parameters
+            return scenario_of(values)
 
-    def random_value(name: str) -> float:
-        """Draws a value uniformly from its range in the tables."""
-        return float(rng.uniform(*TABLES["ranges"][name]))
 
+def _random_values(seed: int, rng: Generator) -> Values:
+    """Draws vehicle, wind, filters, steering and sensors of a flight, with the autopilot's default gains.
+
+    Args:
+        seed: seed of the flight: autopilots take turns, two of three flights have the gyro's low-pass, and the kinds of
+            steering take turns.
+        rng: source of the random numbers.
+
+    Returns:
+        The scenario as in its file, for :func:`scenario_of`.
+    """
     autopilot = ("ardupilot", "px4")[seed % 2]
     vehicle = rng.choice(TABLES["vehicles"])
     wind = str(rng.choice(TABLES["winds"]))
-    like = Case("iris", wind, "none", LOOP_RATE, autopilot, varied(rng), seed)
-    wanted = scenario(like).model_dump(mode="json")
+    case = Case("iris", wind, "none", LOOP_RATE, autopilot, varied(rng), seed)
+    values: Values = scenario_of_case(case).model_dump(mode="json")
     parameters = {LOOP_RATE_PARAMETERS[autopilot]: LOOP_RATE, **TABLES["filters"][autopilot]}
-    if seed % 3:  # of three flights two have the gyro's low-pass
+    if seed % 3:
         parameters |= TABLES["gyro"][autopilot]
-    wanted["vehicle"] |= {**vehicle, "parameters": parameters}
+    values["vehicle"] |= {**vehicle, "parameters": parameters}
     steering = TABLES["steering"]
-    turn = seed // 2 % len(steering)
-    wanted["excitation"] = steering[turn]
-    wanted["sensors"] |= {name: random_value(name) for name in ("delay", "rate_sd")}
-    wanted["stream"]["rates"] = {"ATTITUDE_TARGET": LOOP_RATE}
-    of = scenario_of(wanted)
-    body = airframe(of.vehicle)
-    share = body.command_for(body.hover_speed) / body.full_command
-    hover = [share] * 4
-    least = 180.0
+    values["excitation"] = steering[seed // 2 % len(steering)]
+    values["sensors"] |= {name: _random_value(name, rng) for name in ("delay", "rate_sd")}
+    values["stream"]["rates"] = {"ATTITUDE_TARGET": LOOP_RATE}
+    return values
+
+
+def _random_value(name: str, rng: Generator) -> float:
+    """Draws a number uniformly from the range of this name in ``loops.toml``."""
+    return float(rng.uniform(*TABLES["ranges"][name]))
+
+
+def _random_gains(scenario: Scenario, rng: Generator) -> RandomGains:
+    """Draws gains of all axes: P, I and D in the proportions of the autopilot's defaults, for a random gain margin.
+
+    The loop gain is proportional to the common factor on P, I and D. So the factor that changes the gain margin of the
+    rate loop from that of the defaults to the random one is the difference of the two in dB. The gain of the attitude
+    controller is drawn by itself.
+
+    Args:
+        scenario: the flight, whose vehicle and filters the margins depend on.
+        rng: source of the random numbers.
+    """
+    vehicle = airframe(scenario.vehicle)
+    hover_output = vehicle.command_for(vehicle.hover_speed) / vehicle.full_command
+    gains: dict[str, float] = {}
+    min_phase_margin = 180.0
     for axis in AXES:
-        controller = axis_controller(of, axis)
-        effect = axis_model(of.vehicle, axis).B[-1]
-        plant = true_plant(of, axis, effect, hover)
+        controller = axis_controller(scenario, axis)
+        hover_effect = axis_model(scenario.vehicle, axis).B[-1]
+        plant = true_plant(scenario, axis, hover_effect, [hover_output] * 4)
         names = [controller.parameter_names[name] for name in "pid"]
-        usual = dict(zip(names, TABLES["gains"][autopilot][axis], strict=True))
-        default = controller.with_parameters(usual)
-        margin = true_figures(default, plant)["rate_gain_margin"]
-        excess = margin - random_value("gain_margin")
-        factor = 10 ** (excess / 20)
-        gains = {name: factor * default.parameters[name] for name in names}
-        gains[controller.parameter_names["angle_gain"]] = random_value("angle")
-        truth = true_figures(default.with_parameters(gains), plant)
-        least = min(least, truth["rate_phase_margin"], truth["attitude_phase_margin"])
-        parameters |= gains
-    if least > MIN_PHASE_MARGIN:
-        return scenario_of(wanted)
-    return random_scenario(seed, rng)
+        default_gains = TABLES["gains"][scenario.stream.autopilot][axis]
+        default = controller.with_parameters(dict(zip(names, default_gains, strict=True)))
+        default_margin = loop_figures(default, plant)["rate_gain_margin"]
+        factor = 10 ** ((default_margin - _random_value("gain_margin", rng)) / 20)
+        axis_gains = {name: factor * default.parameters[name] for name in names}
+        axis_gains[controller.parameter_names["angle_gain"]] = _random_value("angle", rng)
+        figures = loop_figures(default.with_parameters(axis_gains), plant)
+        min_phase_margin = min(
+            min_phase_margin, figures["rate_phase_margin"], figures["attitude_phase_margin"]
+        )
+        gains |= axis_gains
+    return RandomGains(gains, min_phase_margin)
 
 
-def axis_controller(of: Scenario, axis: Axis) -> Controller:
-    """Returns the controller of one axis that a scenario flies."""
-    row = 2 + AXES.index(axis)
-    columns = rotor_frame(of.vehicle.frame, airframe(of.vehicle).arm)
-    weights = columns[row]
-    parameters = control_parameters(of)
-    return controller_from_parameters(parameters, axis, weights)
+def axis_controller(scenario: Scenario, axis: Axis) -> Controller:
+    """Returns the rate and attitude controller of one axis with which a scenario is flown."""
+    frame = rotor_frame(scenario.vehicle.frame, airframe(scenario.vehicle).arm)
+    mixer_weights = getattr(frame, axis)
+    return controller_from_parameters(control_parameters(scenario), axis, mixer_weights)
 
 
-def true_plant(of: Scenario, axis: Axis, effect: Array, shares: Sequence[float]) -> list[float]:
-    """Returns the true plant of one axis, in the order of ``PLANT``.
+def true_plant(
+    scenario: Scenario, axis: Axis, motor_effect: Array, outputs: Sequence[float]
+) -> AxisPlant:
+    """Returns the true plant of one axis of a simulated vehicle, linearised about given motor outputs.
+
+    The lag is the mean of those with which rotors speed up and slow down. The delay is that of the sensors and half a
+    cycle of the controller, for which its output is kept on average.
 
     Args:
-        of: the scenario.
+        scenario: the simulated flight.
         axis: the axis.
-        effect: angular acceleration per output of each motor (4,), rad/s² per µs.
-        shares: mean output of each motor (4,), as a share of its range of 1 ms.
-
-    Returns:
-        Control effectiveness, rad/s² per demand, damping, 1/s, lag, s, and delay, s.
+        motor_effect: angular acceleration per output of each motor (4,), rad/s² per µs of pulse width.
+        outputs: output of each motor (4,), as a fraction of its range.
     """
-    damping = -axis_model(of.vehicle, axis).A[-1, -1]
-    per_demand = axis_controller(of, axis).outputs_per_demand(shares)
-    gain = 1000 * effect @ per_demand
-    lag = sum(airframe(of.vehicle).rotor_lags) / 2
-    delay = of.sensors.delay + of.cycle / 2
-    return [float(gain), float(damping), lag, delay]
+    outputs_per_demand = axis_controller(scenario, axis).outputs_per_demand(outputs)
+    effect = PULSE_RANGE * motor_effect @ outputs_per_demand
+    damping = -axis_model(scenario.vehicle, axis).A[-1, -1]
+    lag = sum(airframe(scenario.vehicle).rotor_lags) / 2
+    delay = scenario.sensors.delay + scenario.cycle / 2
+    return AxisPlant(float(effect), float(damping), lag, delay)
 
 
-def figures_by_name(gains: Array, draws: Array, *loops: OpenLoop) -> dict[str, Array]:
-    """Returns the figures of N plants and of their rate and attitude loops by name (N,).
+def figures_of_plants(
+    effectiveness: Array, dynamics: Array, rate: OpenLoop, attitude: OpenLoop
+) -> dict[str, Array]:
+    """Returns the parameters of N plants and the margins of their loops, (N,) each, by name.
+
+    Plants have the names of ``AxisPlant``. Margins have the name of the loop before their own: "rate_gain_margin".
 
     Args:
-        gains: control effectiveness of each plant (N,), rad/s² per demand.
-        draws: damping, 1/s, lag, s, and delay, s, of each plant (N, 3).
-        loops: rate loop and attitude loop of these plants.
+        effectiveness: control effectiveness of each plant (N,), rad/s² per demand.
+        dynamics: damping, 1/s, lag, s, and delay, s, of each plant (N, 3).
+        rate: rate loops of these plants.
+        attitude: attitude loops of these plants.
     """
-    parameters = dict(zip(PLANT, (gains, *draws.T), strict=True))
-    for name, loop in zip(LOOPS, loops, strict=True):
-        parameters |= {f"{name}_{margin}": loop.figures[margin] for margin in MARGINS}
-    return parameters
+    figures = dict(zip(AxisPlant._fields, (effectiveness, *dynamics.T), strict=True))
+    for loop_name, loop in zip(LOOPS, (rate, attitude), strict=True):
+        for margin in MARGINS:
+            figures[f"{loop_name}_{margin}"] = loop.figures[margin]
+    return figures
 
 
-def true_figures(controller: Controller, plant: Sequence[float]) -> dict[str, float]:
-    """Returns the figures of a known plant and of its rate and attitude loop by name.
+def loop_figures(controller: Controller, plant: AxisPlant) -> dict[str, float]:
+    """Computes the margins of the rate and attitude loop that a controller has with a given plant.
 
     Args:
         controller: controller of the axis.
-        plant: the plant, in the order of ``PLANT``.
+        plant: plant of the axis.
+
+    Returns:
+        Parameters of the plant and margins of both loops, by the names of :func:`figures_of_plants`.
     """
-    plants = np.array(plant[:1]), np.array([plant[1:]])
-    rate = rate_loop(controller, *plants)
+    effectiveness = np.array([plant.effect])
+    dynamics = np.array([[plant.damping, plant.lag, plant.delay]])
+    rate = rate_loop(controller, effectiveness, dynamics)
     attitude = attitude_loop(controller, rate)
-    figures = figures_by_name(*plants, rate, attitude)
-    return {name: float(figure[0]) for name, figure in figures.items()}
+    figures = figures_of_plants(effectiveness, dynamics, rate, attitude)
+    return {name: float(values[0]) for name, values in figures.items()}
 
 
 def flight_folder(seed: int, cache: Path) -> Path:
-    """Returns the folder of a simulated flight, with its log and truth.json; the flight is flown if it is not there.
+    """Returns the folder of a simulated flight, which is flown if the folder does not exist yet.
+
+    The folder has the log, ``flight.tlog``, and the true figures of all axes, ``truth.json``.
 
     Args:
         seed: seed of the flight.
@@ -205,50 +287,69 @@ def flight_folder(seed: int, cache: Path) -> Path:
     if (folder / "truth.json").exists():
         return folder
     folder.mkdir(parents=True, exist_ok=True)
-    of, motion = drawn_flight(seed)
-    write_log(folder / "flight.tlog", of, motion)
-    truths = true_figures_of_flight(of, motion)
-    (folder / "truth.json").write_text(json.dumps(truths, indent=1), "utf-8")
+    scenario, motion = drawn_flight(seed)
+    write_log(folder / "flight.tlog", scenario, motion)
+    true_figures = true_figures_of_flight(scenario, motion)
+    (folder / "truth.json").write_text(json.dumps(true_figures, indent=1), "utf-8")
     return folder
 
 
 def drawn_flight(seed: int) -> tuple[Scenario, Motion]:
-    """Draws a scenario and flies it, until it neither tumbles nor has motors at limits for too long.
+    """Draws and flies scenarios until one neither tumbles nor has motors at their limits for too long.
+
+    A motor is at a limit at the full or at the idle pulse width. Some motor may be for ``MAX_AT_LIMIT_SHARE`` of the
+    time in the air, since the linear loop does not describe the vehicle then.
 
     Args:
         seed: seed of the flight.
+
+    Returns:
+        The scenario, and the motion that it resulted in.
     """
     rng = default_rng(seed)
     while True:
-        of = random_scenario(seed, rng)
-        with suppress(ValueError):  # it tumbles
-            motion = fly(of)
-            outputs = _outputs_in_air(motion)
-            full = outputs >= MAX_PULSE
-            idle = outputs <= pulse_width(IDLE_COMMAND)
-            if (full | idle).any(axis=1).mean() <= MAX_AT_LIMIT_SHARE:
-                return of, motion
+        scenario = random_scenario(seed, rng)
+        # A vehicle that tumbles raises the error.
+        with suppress(ValueError):
+            motion = fly(scenario)
+            pulses = _pulses_in_air(motion)
+            is_at_limit = (pulses >= MAX_PULSE) | (pulses <= pulse_width(IDLE_COMMAND))
+            if is_at_limit.any(axis=1).mean() <= MAX_AT_LIMIT_SHARE:
+                return scenario, motion
 
 
-def true_figures_of_flight(of: Scenario, motion: Motion) -> Truth:
-    """Returns the figures of the true plants and loops of all axes of a flight."""
-    shares = (_outputs_in_air(motion).mean(axis=0) / 1000 - 1).tolist()
-    effects = truth(of, motion)
-    truths: Truth = {}
+def true_figures_of_flight(scenario: Scenario, motion: Motion) -> FiguresByAxis:
+    """Computes the true plants of a simulated flight and the margins that its loops really had.
+
+    The plants are linear models about the mean outputs of the motors in the air, at which the thrust curve has the
+    slope that counts for the loop.
+
+    Args:
+        scenario: the simulated flight.
+        motion: what the vehicle did.
+
+    Returns:
+        By axis, the parameters of the plant and the margins of both loops, as :func:`loop_figures` names them.
+    """
+    # Pulse widths, µs, become fractions of the range from the pulse of no command to that of full command.
+    mean_outputs = (_pulses_in_air(motion).mean(axis=0) - MIN_PULSE) / PULSE_RANGE
+    motor_effects = truth(scenario, motion)
+    figures: FiguresByAxis = {}
     for axis in AXES:
-        plant = true_plant(of, axis, effects[f"{axis}_effect"], shares)
-        truths[axis] = true_figures(axis_controller(of, axis), plant)
-    return truths
+        motor_effect = motor_effects[f"{axis}_effect"]
+        plant = true_plant(scenario, axis, motor_effect, mean_outputs.tolist())
+        figures[axis] = loop_figures(axis_controller(scenario, axis), plant)
+    return figures
 
 
-def _outputs_in_air(motion: Motion) -> Array:
-    """Returns the outputs of all motors in the air (T, 4), µs."""
-    outputs: Array = motion.outputs[motion.landed_state == IN_AIR]
-    return outputs
+def _pulses_in_air(motion: Motion) -> Array:
+    """Returns the PWM pulse widths of all motors at the T samples in the air (T, 4), µs."""
+    pulses: Array = motion.outputs[motion.landed_state == IN_AIR]
+    return pulses
 
 
-def simulated_log(seed: int, cache: Path, is_rounded: bool = False) -> tuple[Log, Truth]:
-    """Returns the log of a simulated flight, and its true figures.
+def simulated_log(seed: int, cache: Path, is_rounded: bool = False) -> tuple[Log, FiguresByAxis]:
+    """Returns the log of a simulated flight, and the true figures of its axes.
 
     Args:
         seed: seed of the flight.
@@ -257,101 +358,142 @@ def simulated_log(seed: int, cache: Path, is_rounded: bool = False) -> tuple[Log
             autopilots' own logs.
     """
     folder = flight_folder(seed, cache)
-    truth = json.loads((folder / "truth.json").read_text("utf-8"))
+    true_figures = json.loads((folder / "truth.json").read_text("utf-8"))
     path = folder / "flight.tlog"
     log = read_log(path) if is_rounded else exact_log(path)
-    return log, truth
+    return log, true_figures
 
 
 def exact_log(path: Path) -> Log:
-    """Reads the log of a simulated flight, and gives its messages the exact times of the autopilot's cycles."""
+    """Reads the log of a simulated flight, and gives its messages the exact times of the autopilot's cycles.
+
+    Every message is sent in some cycle, so that its rounded stamp becomes the time of the nearest one.
+    """
     log = read_log(path)
-    exact = {
-        name: {**columns, "time": np.round(columns["time"] * LOOP_RATE) / LOOP_RATE}
-        for name, columns in log.vehicles[0].messages.items()
-    }
-    vehicle = replace(log.vehicles[0], messages=exact)
+    messages = {}
+    for name, columns in log.vehicles[0].messages.items():
+        cycle_times = np.round(columns["time"] * LOOP_RATE) / LOOP_RATE
+        messages[name] = {**columns, "time": cycle_times}
+    vehicle = replace(log.vehicles[0], messages=messages)
     return replace(log, vehicles=(vehicle,))
 
 
 def identified_loops(log: Log, rate: float) -> Mapping[str, Loop | NoLoop]:
-    """Returns the loops that ``mavdem tune`` identifies by axis, with messages thinned to a rate.
+    """Identifies the loops of all axes from a log whose messages are thinned to a rate, as ``mavdem tune`` does.
 
     Args:
         log: the log.
         rate: rate of the messages, Hz; infinite for all messages.
+
+    Returns:
+        The loops by axis, or why there is none.
     """
     vehicles = tuple(thinned(vehicle, rate) for vehicle in log.vehicles)
-    slower = replace(log, vehicles=vehicles)
-    return assess(slower, options=Options(with_model=False)).loops
+    thinned_log = replace(log, vehicles=vehicles)
+    return assess(thinned_log, options=Options(with_model=False)).loops
 
 
 def thinned(vehicle: Telemetry, rate: float) -> Telemetry:
-    """Returns the telemetry without some of the messages that come faster than a rate, in Hz."""
-    kept = {}
+    """Thins telemetry to about a rate: of each stream of messages that is faster, only one of every few stays.
+
+    Messages of one name are several streams if one of ``SUBTYPE_FIELDS``, or else the boot, differs.
+
+    Args:
+        vehicle: the telemetry.
+        rate: rate to thin messages to, Hz.
+    """
+    messages = {}
     for name, columns in vehicle.messages.items():
-        recorded = (columns[key] for key in KIND_FIELDS if key in columns)
-        kinds = next(recorded, columns["boot"])
-        rows = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
-        rates = (rate_without_gaps(np.diff(columns["time"][part])) for part in rows)
-        parts = [part[:: max(1, round(own / rate))] for part, own in zip(rows, rates, strict=True)]
-        chosen = np.sort(np.concatenate(parts))
-        kept[name] = selected_rows(columns, chosen)
-    return replace(vehicle, messages=kept)
+        subtype_columns = (columns[field] for field in SUBTYPE_FIELDS if field in columns)
+        subtypes = next(subtype_columns, columns["boot"])
+        remaining_rows = []
+        for subtype in np.unique(subtypes):
+            rows = np.flatnonzero(subtypes == subtype)
+            stream_rate = rate_without_gaps(np.diff(columns["time"][rows]))
+            decimation = max(1, round(stream_rate / rate))
+            remaining_rows.append(rows[::decimation])
+        messages[name] = selected_rows(columns, np.sort(np.concatenate(remaining_rows)))
+    return replace(vehicle, messages=messages)
 
 
-def estimates_with_intervals(loop: Loop) -> dict[str, Array]:
-    """Returns the figures of a loop by name: the estimate and the ends of its 90 % interval (3,)."""
-    figures = figures_by_name(loop.effectiveness, loop.dynamics, loop.rate, loop.attitude)
-    return {
-        name: np.append(figure[0], np.quantile(figure[1:], INTERVAL_QUANTILES, method="nearest"))
-        for name, figure in figures.items()
-    }
+class FigureEstimate(NamedTuple):
+    """A figure of an identified loop with its 90 % interval."""
+
+    value: float
+    """Figure of the estimated plant."""
+    low: float
+    """Lower end of the interval."""
+    high: float
+    """Upper end of the interval."""
+
+
+def estimated_figures(loop: Loop) -> dict[str, FigureEstimate]:
+    """Returns the figures of an identified loop, by the names of :func:`figures_of_plants`.
+
+    Of the N plants of a loop, the first is the estimate. The others are draws from the posterior, whose figures give
+    the interval.
+    """
+    figures = figures_of_plants(loop.effectiveness, loop.dynamics, loop.rate, loop.attitude)
+    estimates = {}
+    for name, values in figures.items():
+        low, high = np.quantile(values[1:], INTERVAL_QUANTILES, method="nearest")
+        estimates[name] = FigureEstimate(values[0], low, high)
+    return estimates
 
 
 def root_cause(fact: Fact) -> str:
-    """Returns the name of the fact that a reason follows from in the end."""
+    """Returns the code of the last fact in a chain of reasons, each of which states the next as its ``because``."""
     because = fact.figures.get("because")
     if isinstance(because, Fact):
         return root_cause(because)
     return fact.code.name
 
 
-def recorded_truth(log: Log, name: str) -> Truth:
-    """Returns the true figures of the axes of a recorded log, where they are known.
+def true_figures_of_recording(log: Log, file_name: str) -> FiguresByAxis:
+    """Returns the true figures of the axes of a recorded log; empty where its vehicle's plant is not known.
+
+    The plants are those of the tables ``[[recorded]]`` in ``loops.toml``. Each has the beginnings of the names of its
+    logs, ``files``, the ``axes`` that it is true of, and the ``plant``. The gains are those that the log records.
 
     Args:
         log: the log, with the parameters of the autopilot.
-        name: name of its file.
+        file_name: name of its file.
     """
-    return {
-        axis: true_figures(
-            controller_from_parameters(log.vehicles[0].parameters, axis, (1.0,)), recording["plant"]
-        )
-        for recording in TABLES["recorded"]
-        if name.startswith(tuple(recording["files"]))
-        for axis in recording["axes"]
-    }
+    figures = {}
+    for recording in TABLES["recorded"]:
+        if file_name.startswith(tuple(recording["files"])):
+            plant = AxisPlant(**recording["plant"])
+            for axis in recording["axes"]:
+                # The plant's input is the demand itself, so that the mixer has one weight of 1 instead of motors.
+                demand_mixer = (1.0,)
+                parameters = log.vehicles[0].parameters
+                controller = controller_from_parameters(parameters, axis, demand_mixer)
+                figures[axis] = loop_figures(controller, plant)
+    return figures
 
 
 def evaluate_log(
     source: Path | int, rates: Sequence[float], cache: Path, is_rounded: bool = False
 ) -> list[Values]:
-    """Returns a row for each figure of each axis at each rate, or a row with the cause where there is no loop.
+    """Identifies the loops of a flight at several message rates, and puts each figure beside the true one.
 
     Args:
         source: path of a log, or seed of a simulated flight.
         rates: rates to which messages are thinned, Hz.
         cache: folder of all simulated flights.
         is_rounded: whether a simulated flight has the stamps of MAVLink, as for :func:`simulated_log`.
+
+    Returns:
+        A row for each figure of each axis at each rate: estimate, ends of its interval, and truth. An axis without an
+        identified loop has one row with the cause, as has a log that cannot be read.
     """
     name = source.name if isinstance(source, Path) else str(source)
     try:
         if isinstance(source, Path):
             log = read_log(source)
-            truth = recorded_truth(log, name)
+            true_figures = true_figures_of_recording(log, name)
         else:
-            log, truth = simulated_log(source, cache, is_rounded)
+            log, true_figures = simulated_log(source, cache, is_rounded)
     except Refusal as error:
         row = {"log": name, "rate": np.nan, "axis": "", "figure": ""}
         return [row | {"cause": root_cause(error.fact)}]
@@ -362,41 +504,53 @@ def evaluate_log(
             if isinstance(loop, NoLoop):
                 rows.append(row | {"cause": root_cause(loop.refusal)})
                 continue
-            for figure, (estimate, low, high) in estimates_with_intervals(loop).items():
-                true = truth.get(axis, {}).get(figure, np.nan)
-                rows.append(
-                    row
-                    | {
-                        "figure": figure,
-                        "estimate": estimate,
-                        "low": low,
-                        "high": high,
-                        "true": true,
-                    }
-                )
+            true_values = true_figures.get(axis, {})
+            for figure, estimate in estimated_figures(loop).items():
+                comparison = {
+                    "figure": figure,
+                    "estimate": estimate.value,
+                    "low": estimate.low,
+                    "high": estimate.high,
+                    "true": true_values.get(figure, np.nan),
+                }
+                rows.append(row | comparison)
     return rows
 
 
 def error_statistics(rows: Any) -> pd.Series:
-    """Returns statistics of the errors of one figure, and the share of intervals that hold the truth.
+    """Returns statistics of the errors of one figure, and the share of intervals that contain the truth.
+
+    Errors are relative, but for margins, whose units are dB and degrees.
 
     Args:
-        rows: rows of this figure, as :func:`evaluate_log` returns them.
+        rows: rows of this figure, as :func:`evaluate_log` returns them, grouped by its name first.
+
+    Returns:
+        The columns of the tables that the module's docstring explains.
     """
+    figure = rows.name[0]
     errors = rows["estimate"] - rows["true"]
-    if rows.name[0].endswith("gain_margin"):
+    if figure.endswith("gain_margin"):
+        # The difference of two infinite margins is NaN: they agree.
         errors = errors.fillna(0.0).clip(-MAX_GAIN_ERROR, MAX_GAIN_ERROR)
-    elif "margin" not in rows.name[0]:
+    elif "margin" not in figure:
         errors = errors / rows["true"]
-    line = {"given": len(rows), "rms": (errors**2).mean() ** 0.5}
-    line |= {"median": errors.median(), "size": errors.abs().median()}
-    line["close"] = percent_true(errors.abs() <= CLOSE_GAIN_ERROR)
-    line["inside"] = percent_true(rows["true"].between(rows["low"], rows["high"]))
-    return pd.Series(line)
+    statistics = {
+        "given": len(rows),
+        "rms": (errors**2).mean() ** 0.5,
+        "median": errors.median(),
+        "size": errors.abs().median(),
+        "close": percent_true(errors.abs() <= CLOSE_GAIN_ERROR),
+        "inside": percent_true(rows["true"].between(rows["low"], rows["high"])),
+    }
+    return pd.Series(statistics)
 
 
 HALF = click.option("--half", type=click.Choice(list(HALVES)), default="choose", show_default=True)
+"""Option of which half of the simulated flights to evaluate; the scripts that use these flights share it."""
+
 CACHE = click.option("--cache", default=CACHE_FOLDER, show_default=True, type=Path)
+"""Option of the folder in which the simulated flights are kept."""
 
 
 @command(__doc__, flights=24)
@@ -414,9 +568,14 @@ def main(
     cache: Path,
     jobs: int,
 ) -> None:
-    hertz = [float(rate) for rate in rates.split()]
-    read = partial(evaluate_log, rates=hertz, cache=cache, is_rounded=rounded)
-    rows = evaluate_flights(read, logs or HALVES[half][:flights], jobs)
+    """Prints how far the figures of identified loops are from the true ones, by figure, message rate and axis.
+
+    Before that it prints how many axes have an identified loop at each rate, and why the others have none. Of recorded
+    LOGS, it prints the estimate, interval and truth of each figure instead.
+    """
+    message_rates = [float(rate) for rate in rates.split()]
+    evaluate = partial(evaluate_log, rates=message_rates, cache=cache, is_rounded=rounded)
+    rows = evaluate_flights(evaluate, logs or HALVES[half][:flights], jobs)
     if logs:
         is_shown = rows["figure"].isin(SHOWN_FIGURES) | (rows["cause"] != "")
         print_table("Logs", rows[is_shown])
@@ -424,10 +583,11 @@ def main(
     axes = rows.drop_duplicates(["log", "rate", "axis"])
     counts = axes.groupby(["rate", "cause"]).size()
     print_table("Given or refused, axes", counts.reset_index(name="axes"))
-    given = rows[rows["cause"] == ""]
-    both = pd.concat([given, given.assign(axis="all")])
-    grouped = both.groupby(["figure", "rate", "axis"], sort=False).apply(error_statistics)
-    for figure, table in grouped.reset_index().groupby("figure", sort=False):
+    identified = rows[rows["cause"] == ""]
+    with_all_axes = pd.concat([identified, identified.assign(axis="all")])
+    groups = with_all_axes.groupby(["figure", "rate", "axis"], sort=False)
+    statistics = groups.apply(error_statistics)
+    for figure, table in statistics.reset_index().groupby("figure", sort=False):
         print_table(figure, table.drop(columns="figure"))
 
 

@@ -49,11 +49,13 @@ def evaluate_flight(number: int, rate: float) -> list[Values]:
     """Simulates the flight of a number and compares its measured step responses of roll with the true ones.
 
     Args:
-        number: of the flight.
+        number: number of the flight, from which everything that is random is drawn.
         rate: rate of the messages, Hz; 0 for the one that is drawn with the flight.
 
     Returns:
-        A row for the rate loop and one for the attitude loop; overshoots in percent of the step.
+        A row for the rate loop and one for the attitude loop: "inside" is the share of times at which the 90 % interval
+        contains the true step response, "peak" the largest gain over frequency, and overshoots are in percent of the
+        step. A response that is not known has the reason, "why not".
     """
     rng = default_rng([SEED, number])
     values = draw_values(TABLES["step_response"], rng) | {"seed": number}
@@ -92,10 +94,14 @@ def evaluate_flight(number: int, rate: float) -> list[Values]:
 
 
 def true_closed_loops(scenario: Scenario, motion: Motion) -> tuple[Any, dict[str, Any]]:
-    """Returns the true frequency responses of the closed loops of roll.
+    """Returns the true frequency responses of the closed loops of roll, from setpoint to rate or angle.
 
     The attitude controller commands a rate of K times the angle error. The open attitude loop is therefore
     L = K T / (iω), with the closed rate loop T; the closed attitude loop is L / (1 + L).
+
+    Args:
+        scenario: the simulated flight.
+        motion: what the vehicle did.
 
     Returns:
         Frequencies (F,), Hz, and the complex responses (F,) of the "rate" and of the "attitude" loop.
@@ -111,6 +117,11 @@ def true_closed_loops(scenario: Scenario, motion: Motion) -> tuple[Any, dict[str
 
 @command(__doc__, flights=20, first=0, rate=0.0)
 def main(flights: int, first: int, rate: float, jobs: int) -> None:
+    """Prints a table of all flights for the rate and the attitude loop of roll, each with a summary below.
+
+    The summary states how many responses were measured, the share of their times at which the 90 % interval contains
+    the true response, and the errors of the overshoot in percentage points.
+    """
     evaluate = partial(evaluate_flight, rate=rate)
     all_rows = evaluate_flights(evaluate, range(first, first + flights), jobs)
     for loop, rows in all_rows.groupby("loop"):
