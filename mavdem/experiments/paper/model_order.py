@@ -1,8 +1,9 @@
 """Section V.I of the paper: the free energy F̄ finds the order of the system, for systems of four orders.
 
-Two answers stand side by side. The model search of ``mavdem order`` fits all orders to the same filtered data, with
-priors of one form, so that their F̄ can be compared in nats: it decides. The paper's rule looks at where F̄ of its own
-fits saturates: their priors and the statistics that they are fitted to differ between orders, and so does the scale.
+Two methods are compared. The model search of ``mavdem order`` fits all orders to the same filtered data, with priors of
+one form, so that their F̄ can be compared in nats. The checks are about the order that it chooses. The paper's rule
+takes the order at which F̄ of its own fits saturates. The priors of these fits and the data that they use differ
+between orders, so that their F̄ has no common scale.
 """
 
 from collections.abc import Mapping, Sequence
@@ -244,11 +245,16 @@ def _paper_free_energies(
 
 
 def _by_system(values: Mapping[str, list[Any]]) -> JsonValues:
-    """Names the values of each system, given by whether the inputs are known, in the order of ``SYSTEMS``."""
+    """Turns lists of values, one for each of ``SYSTEMS``, into dictionaries by the name of the system.
+
+    Args:
+        values: lists by whether the inputs are known, a key of ``SETTINGS_BY_INPUTS``.
+    """
     names = [f"system {system}" for system in SYSTEMS]
-    return {
-        inputs: dict(zip(names, of_systems, strict=True)) for inputs, of_systems in values.items()
-    }
+    named_values = {}
+    for inputs, system_values in values.items():
+        named_values[inputs] = dict(zip(names, system_values, strict=True))
+    return named_values
 
 
 def lateral_flight(experiment: int, has_wind: bool = True) -> Flight:
@@ -342,7 +348,9 @@ def _order_tables(
     free_energies: Mapping[str, Array],
     saturation_orders: Mapping[str, list[int]],
 ) -> tuple[Block, ...]:
-    """Returns the table of both answers, with its introduction, a row for each system and kind of inputs.
+    """Returns the table of the orders by the model search and by the paper's rule, with a sentence that explains it.
+
+    The table has a row for each system with known and with unknown inputs.
 
     Args:
         choices: choices of the model search, by inputs and system.

@@ -26,15 +26,15 @@ SMALLEST_VARIANCE = 1e-10
 """Floor of estimated variances: some estimators subtract, and may end below zero."""
 
 CORRELATION_LAGS = 10
-"""Lags of the autocovariances that the correlation methods use; a choice."""
+"""Number of lags of the autocovariances that :func:`innovation_correlation` uses; a choice."""
 
 EM_ITERATIONS = 30
 """Iterations of the EM algorithm; its variances change by less than 1 % afterwards."""
 
 FORGETTING_FACTOR = 0.98
-"""Weight with which recursive estimators keep what they knew, from sample to sample; a choice.
+"""Factor by which the weight of earlier samples decreases at each new sample, in recursive estimators; a choice.
 
-It is a memory of 50 samples.
+It makes a memory of 1 / (1 − 0.98) = 50 samples.
 """
 
 VB_ITERATIONS = 2
@@ -57,11 +57,17 @@ def first_variances(record: NoisyRecord) -> Array:
 
 
 def innovation_correlation(record: NoisyRecord) -> Array:
-    """Estimates the variances from the autocovariances of a filter's innovations, by least squares.
+    """Estimates the variances from the autocovariances of a filter's innovations, by least squares (ALS).
+
+    A filter with a fixed gain K predicts the outputs. With its prediction error ε⁺ = L ε + w − K z, L = Φ − K, and the
+    innovation e = ε + z, the autocovariances of e are linear in the variances: P + R at lag 0, and Lʲ P − Lʲ⁻¹ K R at
+    lag j, where P is the covariance of ε and R that of z. R is fitted to the measured ones.
 
     B. J. Odelson, M. R. Rajamani and J. B. Rawlings, "A new autocovariance least-squares method for estimating noise
-    covariances", Automatica 42, 2006. With the filter's error ε⁺ = L ε + w − K z, L = Φ − K, and the innovation
-    e = ε + z, the autocovariances are linear in the variances: E e e₀ᵀ = P + R at lag 0, and Lʲ P − Lʲ⁻¹ K R at lag j.
+    covariances", Automatica 42, 2006.
+
+    Args:
+        record: T samples, with the model and the variances of the process noise.
 
     Returns:
         (n,) variances.
@@ -69,7 +75,7 @@ def innovation_correlation(record: NoisyRecord) -> Array:
     Phi, Gamma = record.transition
     n = len(Phi)
     Q = np.diag(record.process_variances)
-    # Any stabilising gain will do; that of noises of equal size is neither sluggish nor wild.
+    # The method needs any gain that makes the filter stable. This one is optimal if both noises are equally large.
     K, _ = steady_state_gain(Phi, np.eye(n), Q, Q)
     L = Phi - K
     state = record.outputs[0]
@@ -78,16 +84,26 @@ def innovation_correlation(record: NoisyRecord) -> Array:
         innovations[t] = output - state
         state = Phi @ state + Gamma @ record.inputs[t] + K @ innovations[t]
     measured = _autocovariances(innovations, CORRELATION_LAGS)
-    explained = _innovation_autocovariances(L, K, Q, np.zeros((n, n)))
-    return _least_squares_variances(
-        measured - explained,
-        np.sqrt(measured[0].diagonal()),
-        [_innovation_autocovariances(L, K, np.zeros((n, n)), R) for R in _unit_covariances(n)],
-    )
+    # What the process noise alone explains is subtracted; the rest is fitted by the variances of the measurement noise.
+    no_noise = np.zeros((n, n))
+    by_process_noise = _innovation_autocovariances(L, K, Q, no_noise)
+    effects = [_innovation_autocovariances(L, K, no_noise, R) for R in _unit_covariances(n)]
+    scales = np.sqrt(measured[0].diagonal())
+    return _least_squares_variances(measured - by_process_noise, scales, effects)
 
 
 def _innovation_autocovariances(L: Array, K: Array, Q: Array, R: Array) -> Array:
-    """Returns the autocovariances (lags, n, n) of innovations that the covariances Q and R make, from lag 0 on."""
+    """Computes the autocovariances of the innovations of a filter with a fixed gain, for given white noises.
+
+    Args:
+        L: (n, n) transition Φ − K of the filter's prediction error.
+        K: (n, n) gain of the filter; all n states are measured.
+        Q: (n, n) covariance of the process noise.
+        R: (n, n) covariance of the measurement noise.
+
+    Returns:
+        (``CORRELATION_LAGS``, n, n) autocovariances from lag 0 on.
+    """
     P = solve_discrete_lyapunov(L, Q + K @ R @ K.T)
     autocovariances = [P + R]
     later = L @ P - K @ R
@@ -98,11 +114,16 @@ def _innovation_autocovariances(L: Array, K: Array, Q: Array, R: Array) -> Array
 
 
 def measurement_difference(record: NoisyRecord) -> Array:
-    """Estimates the variances from differences of measurements, in which no filter has a part.
+    """Estimates the variances from the difference between each measurement and its prediction from the one before.
+
+    As all states are measured, no filter is needed: the differences are y⁺ − Φ y − Γ v = w + z⁺ − Φ z. Their
+    autocovariance is Q + R + Φ R Φᵀ at lag 0 and −Φ R at lag 1, which is linear in the variances R.
 
     J. Duník, O. Kost and O. Straka, "Design of measurement difference autocovariance method for estimation of process
-    and measurement noise covariances", Automatica 90, 2018. As all states are measured, the differences are
-    y⁺ − Φ y − Γ v = w + z⁺ − Φ z: Q + R + Φ R Φᵀ at lag 0, and −Φ R at lag 1.
+    and measurement noise covariances", Automatica 90, 2018.
+
+    Args:
+        record: T samples, with the model and the variances of the process noise.
 
     Returns:
         (n,) variances.
@@ -148,8 +169,14 @@ def _least_squares_variances(measured: Array, scales: Array, effects: list[Array
 def expectation_maximization(record: NoisyRecord) -> Array:
     """Estimates the variances by maximum likelihood, with the EM algorithm.
 
+    The E step smooths the states with the latest variances; the M step sets the variances to the expected squares of
+    the measurement errors.
+
     R. H. Shumway and D. S. Stoffer, "An approach to time series smoothing and forecasting using the EM algorithm",
     Journal of Time Series Analysis 3(4), 1982.
+
+    Args:
+        record: T samples, with the model and the variances of the process noise.
 
     Returns:
         (n,) variances.
@@ -184,7 +211,7 @@ class FilterStep(NamedTuple):
     """(n, n) covariance of the predicted state."""
 
 
-def corrected(prediction: FilterStep, output: Array, variances: Array) -> FilterStep:
+def corrected_step(prediction: FilterStep, output: Array, variances: Array) -> FilterStep:
     """Returns the state and covariance of a Kalman filter after a sample, as all states are measured.
 
     Args:
@@ -198,8 +225,14 @@ def corrected(prediction: FilterStep, output: Array, variances: Array) -> Filter
     return FilterStep(state, P - gain @ P)
 
 
-def predicted(record: NoisyRecord, filtered: FilterStep, t: int) -> FilterStep:
-    """Returns the prediction for the sample after t."""
+def predicted_step(record: NoisyRecord, filtered: FilterStep, t: int) -> FilterStep:
+    """Returns a Kalman filter's prediction for the sample after t.
+
+    Args:
+        record: the record, with its model and inputs.
+        filtered: state and covariance of sample t, after its correction.
+        t: number of the sample.
+    """
     Phi, Gamma = record.transition
     state = Phi @ filtered.state + Gamma @ record.inputs[t]
     covariance = Phi @ filtered.covariance @ Phi.T + np.diag(record.process_variances)
@@ -216,17 +249,23 @@ def kalman_states_with_variances(record: NoisyRecord, variances: Array) -> Array
     step = _first_prediction(record)
     states = np.zeros_like(record.outputs)
     for t, output in enumerate(record.outputs):
-        step = corrected(step, output, variances)
+        step = corrected_step(step, output, variances)
         states[t] = step.state
-        step = predicted(record, step, t)
+        step = predicted_step(record, step, t)
     return states
 
 
 def covariance_matching(record: NoisyRecord) -> RecursiveEstimates:
     """Estimates the variances so that innovations have the covariance that the filter computes.
 
+    The variance of the measurement noise is the mean square of the innovations less the variance of the prediction.
+    Both are means with exponentially decreasing weights, in the place of the authors' means over a window.
+
     K. A. Myers and B. D. Tapley, "Adaptive sequential estimation with unknown noise statistics", IEEE Transactions on
-    Automatic Control 21, 1976. Their means over a window are means with exponentially decreasing weights here.
+    Automatic Control 21, 1976.
+
+    Args:
+        record: T samples, with the model and the variances of the process noise.
     """
     step = _first_prediction(record)
     variances = first_variances(record)
@@ -234,50 +273,62 @@ def covariance_matching(record: NoisyRecord) -> RecursiveEstimates:
     prediction_variance = np.zeros_like(variances)
     histories = np.zeros_like(record.outputs)
     states = np.zeros_like(record.outputs)
-    keep = FORGETTING_FACTOR
+    new_weight = 1 - FORGETTING_FACTOR
     for t, output in enumerate(record.outputs):
         innovation = output - step.state
-        # The first covariance is not that of a running filter.
+        # The first prediction is the first output itself, with an arbitrary covariance: its innovation says nothing.
         if t > 0:
-            innovation_power = keep * innovation_power + (1 - keep) * innovation**2
+            innovation_power = FORGETTING_FACTOR * innovation_power + new_weight * innovation**2
             prediction_variance = (
-                keep * prediction_variance + (1 - keep) * step.covariance.diagonal()
+                FORGETTING_FACTOR * prediction_variance + new_weight * step.covariance.diagonal()
             )
             variances = np.maximum(innovation_power - prediction_variance, SMALLEST_VARIANCE)
-        step = corrected(step, output, variances)
+        step = corrected_step(step, output, variances)
         histories[t] = variances
         states[t] = step.state
-        step = predicted(record, step, t)
+        step = predicted_step(record, step, t)
     return RecursiveEstimates(histories, states)
 
 
 def sage_husa(record: NoisyRecord) -> RecursiveEstimates:
     """Estimates the variances by Sage and Husa's recursion with fading memory, from the residuals after correction.
 
+    The variance of the measurement noise is the weighted mean of the squared residuals plus the variance of the
+    corrected state. In this form, with residuals and not innovations, variances stay positive.
+
     A. P. Sage and G. W. Husa, "Adaptive filtering with unknown prior statistics", Joint Automatic Control Conference,
-    1969, in the form with residuals, whose variances stay positive.
+    1969.
+
+    Args:
+        record: T samples, with the model and the variances of the process noise.
     """
     step = _first_prediction(record)
     variances = first_variances(record)
     histories = np.zeros_like(record.outputs)
     states = np.zeros_like(record.outputs)
     for t, output in enumerate(record.outputs):
-        step = corrected(step, output, variances)
+        step = corrected_step(step, output, variances)
         residual_power = (output - step.state) ** 2 + step.covariance.diagonal()
+        # The weights of the first variances and of t + 1 samples are a geometric series, normalised to a sum of 1.
         new_weight = (1 - FORGETTING_FACTOR) / (1 - FORGETTING_FACTOR ** (t + 2))
         variances = (1 - new_weight) * variances + new_weight * residual_power
         histories[t] = variances
         states[t] = step.state
-        step = predicted(record, step, t)
+        step = predicted_step(record, step, t)
     return RecursiveEstimates(histories, states)
 
 
 def variational_bayes(record: NoisyRecord) -> RecursiveEstimates:
-    """Estimates the variances as inverse gamma distributions beside the state, by variational Bayes.
+    """Estimates the variances together with the state, by variational Bayes.
+
+    Each variance has an inverse gamma distribution, whose shape and scale parameters decrease by ``FORGETTING_FACTOR``
+    from sample to sample, so that new samples count more than old ones.
 
     S. Särkkä and A. Nummenmaa, "Recursive noise adaptive Kalman filtering by variational Bayesian approximations", IEEE
-    Transactions on Automatic Control 54(3), 2009. The parameters of the distributions are forgotten by
-    ``FORGETTING_FACTOR`` from sample to sample.
+    Transactions on Automatic Control 54(3), 2009.
+
+    Args:
+        record: T samples, with the model and the variances of the process noise.
     """
     step = _first_prediction(record)
     shape = np.ones(len(record.process_variances))
@@ -289,12 +340,12 @@ def variational_bayes(record: NoisyRecord) -> RecursiveEstimates:
         new_scale = scale
         filtered = step
         for _ in range(VB_ITERATIONS):
-            filtered = corrected(step, output, new_scale / shape)
+            filtered = corrected_step(step, output, new_scale / shape)
             residual = output - filtered.state
             new_scale = scale + 0.5 * (residual**2 + filtered.covariance.diagonal())
         histories[t] = new_scale / shape
         states[t] = filtered.state
-        step = predicted(record, filtered, t)
+        step = predicted_step(record, filtered, t)
         shape = FORGETTING_FACTOR * shape
         scale = FORGETTING_FACTOR * new_scale
     return RecursiveEstimates(histories, states)

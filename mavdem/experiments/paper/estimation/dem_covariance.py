@@ -47,10 +47,12 @@ UPDATE_SAMPLES = 8
 def generative_model(record: NoisyRecord) -> GenerativeModel:
     """Returns DEM's model of a record, in which only the log precisions of the measurement noises are unknown.
 
-    For white noise it assumes a smoothness of one sampling step, the default of ``mavdem learn``.
+    Args:
+        record: T samples with the system matrices, and the variances and smoothness of its process noise.
     """
     n, r = record.B.shape
     theta = pack(record.A, record.B, np.eye(n))
+    # DEM's noise cannot be white. In its place a smoothness of one sampling step is assumed, as by ``mavdem learn``.
     smoothness = record.smoothness or record.dt
     process_smoothness = record.process_smoothness or record.dt
     # The noise of the continuous model has the unit of the states per second.
@@ -99,10 +101,15 @@ def first_posterior(model: GenerativeModel, statistics: SufficientStatistics) ->
 
 
 def with_new_precisions(posterior: Posterior, statistics: SufficientStatistics) -> Posterior:
-    """Takes a D step and an M step on the statistics of data.
+    """Updates the states by a D step, and then the noise precisions λ by an M step.
 
     The covariances of θ and λ stay zero, as in the code that the authors publish, which leaves out mean-field terms.
-    That of the states counts: without it the M step would take uncertainty for precision.
+    The covariance of the states is used: without it the M step would take uncertain states for exact ones, and
+    overestimate the precisions.
+
+    Args:
+        posterior: the posterior before the steps.
+        statistics: statistics of the generalized data.
     """
     model = posterior.model
     moments = GeneralizedMoments.from_state_map(model, statistics, d_step(posterior))
@@ -115,8 +122,12 @@ def with_new_precisions(posterior: Posterior, statistics: SufficientStatistics) 
 def dem_variances(record: NoisyRecord) -> RecursiveEstimates:
     """Estimates the variances of a whole record by D and M steps in turn, until λ no longer changes.
 
+    Args:
+        record: T samples, with the system matrices.
+
     Returns:
-        The variances, the same at every sample, and the states by the last D step; NaN where no whole window lies.
+        The variances, the same at every sample, and the states by the last D step. The states are NaN at both ends of
+        the record, where there is no complete embedding window.
     """
     data = generalized_data(record)
     statistics = SufficientStatistics.from_segments(data)
@@ -135,7 +146,10 @@ def dem_variances(record: NoisyRecord) -> RecursiveEstimates:
 
 
 def online_dem_variances(record: NoisyRecord) -> Array:
-    """Estimates the variances from sample to sample: the statistics of earlier samples are forgotten exponentially.
+    """Estimates the variances from sample to sample, with exponentially decreasing weights of earlier samples.
+
+    Args:
+        record: T samples, with the system matrices.
 
     Returns:
         (T, n) variances after each sample.
@@ -147,10 +161,10 @@ def online_dem_variances(record: NoisyRecord) -> Array:
     sample_count = 0.0
     posterior = first_posterior(model, SufficientStatistics(sample_count, gram))
     variances = np.tile(np.exp(-posterior.lambda_[:n]), (len(record.outputs), 1))
-    # A sample is embedded as soon as its window is complete.
+    # Row i of the generalized data is known when its window of ORDER + 1 samples from sample i on is complete.
     window_end = ORDER
-    for index, sample in enumerate(data):
-        gram = FORGETTING_FACTOR * gram + np.outer(sample, sample)
+    for index, generalized_sample in enumerate(data):
+        gram = FORGETTING_FACTOR * gram + np.outer(generalized_sample, generalized_sample)
         sample_count = FORGETTING_FACTOR * sample_count + 1
         if (index + 1) % UPDATE_SAMPLES == 0:
             statistics = SufficientStatistics(sample_count, gram)

@@ -173,7 +173,7 @@ class DemObserver:
 def embedding_derivative(outputs: Array, order: int, dt: float) -> Array:
     """Returns the first derivative of the outputs by the polynomial of DEM's embedding alone, without any model.
 
-    What DEM's estimate of a rate has beyond it is what the model and the noise precisions earn.
+    It is a baseline: so far as DEM's estimate of a rate is better, that is owed to the model and the noise precisions.
 
     Args:
         outputs: (T, m) measured outputs.

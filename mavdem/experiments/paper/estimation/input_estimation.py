@@ -57,7 +57,7 @@ UIO_INPUT_GAIN = 0.5
 """Gain γ of the input in the authors' observer: the lower bound that their scripts set for it."""
 
 UIO_STATE_SHARE = 0.5
-"""Share of an error of the state that the authors' observer removes at each sample; a choice.
+"""Share of an error of the state that the authors' observer corrects at each sample; a choice.
 
 Their gain comes from an optimization without an objective, and is not published.
 """
@@ -155,40 +155,50 @@ def split_model(window: RollWindow) -> SplitModel:
 
 
 def proportional_integral_input(window: RollWindow) -> Array:
-    """Estimates the hidden command by the observer of the authors' scripts.
+    """Estimates the hidden command by the proportional-integral observer of the authors' scripts.
 
-    The state without the last effect of the command, s, and the command d are corrected by the innovation of the
-    measured states, e = y − (s + g d): d⁺ = d + γ gᵀ e and s⁺ = Φ (s + g d) + Γ v + L e. The gain of the state is
-    L = ``UIO_STATE_SHARE`` Φ.
+    In x⁺ = Φ x + Γ v + g d the hidden command d acts on the state x with the known effect g. The observer predicts the
+    measured states y as s + g d, where s is the predicted state without the effect of d. With the innovation
+    e = y − (s + g d) it corrects both: d⁺ = d + γ gᵀ e and s⁺ = Φ (s + g d) + Γ v + L e, with the gains
+    γ = ``UIO_INPUT_GAIN`` and L = ``UIO_STATE_SHARE`` Φ.
+
+    Args:
+        window: T samples of states and commands.
 
     Returns:
-        (T,) estimates, each from the state that the command of its sample leads to.
+        (T,) estimates of the hidden command at each sample.
     """
     model = split_model(window)
     outputs = measured_states(window)
     gain = UIO_STATE_SHARE * model.Phi
-    state = outputs[0]
+    state_without_command = outputs[0]
     command = FIRST_INPUT
     commands = np.zeros(len(outputs))
     for t in range(len(outputs)):
-        corrected = state + model.g * command
-        innovation = outputs[t] - corrected
-        state = model.Phi @ corrected + model.known_forcing[t] + gain @ innovation
+        state = state_without_command + model.g * command
+        innovation = outputs[t] - state
+        state_without_command = model.Phi @ state + model.known_forcing[t] + gain @ innovation
         command += UIO_INPUT_GAIN * float(model.g @ innovation)
         commands[t] = command
-    # What is known at a sample is the command of the sample before.
+    # The states of a sample show the command of the sample before, so that the estimates are moved by one sample.
     return np.append(commands[1:], commands[-1])
 
 
 def minimum_variance_input(window: RollWindow) -> Array:
     """Estimates the hidden command without any prior, by the unbiased minimum-variance filter.
 
+    The states are measured almost without noise, so the measured states y take the place of the filter's. The command d
+    of a sample is the weighted least-squares solution of y⁺ − Φ y − Γ v = g d, where y⁺ are the states of the next
+    sample, v the known commands and g the effect of d.
+
     S. Gillijns and B. De Moor, "Unbiased minimum-variance input and state estimation for linear discrete-time systems",
-    Automatica 43(1), 2007. The states are measured almost without noise, so that the filter's state is the measured
-    one, and the command is the weighted least-squares solution of y⁺ − Φ y − Γ v = g d.
+    Automatica 43(1), 2007.
+
+    Args:
+        window: T samples of states and commands.
 
     Returns:
-        (T,) estimates, each from the state that the command of its sample leads to.
+        (T,) estimates; the last one, which has no next sample, repeats the one before.
     """
     model = split_model(window)
     outputs = measured_states(window)
@@ -204,9 +214,12 @@ def minimum_variance_input(window: RollWindow) -> Array:
 
 
 def random_walk_input(window: RollWindow) -> Array:
-    """Estimates the hidden command by a Kalman filter of which it is a further state, a random walk.
+    """Estimates the hidden command by a Kalman filter in which the command is a third state, a random walk.
 
-    The variance of its steps is that of the changes of the three known commands.
+    The variance of a step of the random walk is the variance of the changes of the three known commands.
+
+    Args:
+        window: T samples of states and commands.
 
     Returns:
         (T,) estimates.
@@ -223,12 +236,18 @@ def random_walk_input(window: RollWindow) -> Array:
         Phi, np.eye(3, 2), np.eye(2, 3), Q, R=MEASUREMENT_VARIANCE * np.eye(2)
     )
     commands = kalman_states(augmented, measured_states(window), model.known_forcing)[:, 2]
-    # As with the other observers, a sample shows the command of the sample before.
+    # The states of a sample show the command of the sample before, so that the estimates are moved by one sample.
     return np.append(commands[1:], commands[-1])
 
 
 def mean_input(window: RollWindow) -> Array:
-    """Returns the command's true mean, 0 by the scaling of the inputs, at every sample: what needs no estimation."""
+    """Returns the true mean of the hidden command, 0, at every sample (T,): the trivial estimate.
+
+    The inputs of a window are scaled to a mean of 0.
+
+    Args:
+        window: T samples.
+    """
     return np.zeros(len(window.inputs))
 
 

@@ -83,8 +83,11 @@ VARIANCE_STEP = float(np.exp(2.0))
 STEP_NOISE = "s = 2 steps"
 """Noise of these records."""
 
-FINAL_SHARE = 4
-"""Recursive estimates are averaged over the last one of so many parts of a record: there a step is forgotten."""
+FINAL_SHARE = 1 / 4
+"""Last share of a record, over which recursive estimates are averaged.
+
+A step of the variances in the middle of the record is long past there, in terms of the estimators' memory.
+"""
 
 
 class RecordErrors(NamedTuple):
@@ -100,8 +103,12 @@ class RecordErrors(NamedTuple):
 def record_errors(record: NoisyRecord) -> dict[str, RecordErrors]:
     """Estimates the variances of a record with all estimators, and returns their errors by name.
 
-    States are those of a Kalman filter with the estimated variances, or of the recursive estimator itself. Those of DEM
-    use two samples after their own. A Kalman filter with the true variances shows what could be had.
+    An estimator of a whole record has the states of a Kalman filter with its variances; a recursive estimator and DEM
+    have states of their own. DEM's states also use two later samples. A Kalman filter with the true variances shows
+    the error that perfect estimates would have.
+
+    Args:
+        record: T samples with true states and variances.
     """
     errors = {}
     for name, estimate in BATCH_ESTIMATORS.items():
@@ -124,7 +131,7 @@ def record_errors(record: NoisyRecord) -> dict[str, RecordErrors]:
 
 def final_variances(history: Array) -> Array:
     """Returns the geometric mean of estimated variances (T, n) over the last part of a record, (n,)."""
-    last_part = history[-(len(history) // FINAL_SHARE) :]
+    last_part = history[-int(FINAL_SHARE * len(history)) :]
     return np.asarray(np.exp(np.log(last_part).mean(axis=0)), float)
 
 
@@ -225,7 +232,11 @@ def _flight_records(runner: Runner, smoothness_in_steps: float) -> list[NoisyRec
 
 
 def _online_factors(records: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Returns the factor by which each recursive estimator's variances are wrong, over several records."""
+    """Returns the factor by which the variances of each recursive estimator are wrong on average, by name.
+
+    Args:
+        records: log errors of the variances by estimator, for each record.
+    """
     return {
         name: float(np.exp(np.mean([errors[name] for errors in records]))) for name in records[0]
     }
@@ -234,7 +245,7 @@ def _online_factors(records: Sequence[Mapping[str, float]]) -> dict[str, float]:
 def _nested_values(
     errors: Mapping[str, Mapping[str, MeanErrors]],
 ) -> dict[str, dict[str, dict[str, float]]]:
-    """Returns errors by noise and estimator as plain values."""
+    """Returns errors by noise, estimator and name of the error: dictionaries, as a JSON document needs them."""
     values = {}
     for noise, means in errors.items():
         values[noise] = {name: mean._asdict() for name, mean in means.items()}

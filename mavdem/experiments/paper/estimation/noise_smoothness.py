@@ -1,4 +1,4 @@
-"""Anil Meera and Wisse on the smoothness of noise: s learned by F̄, its coverage, and what it earns on real flights.
+"""Anil Meera and Wisse on the smoothness of noise: s learned by F̄, its coverage, and forecasts of real flights with it.
 
 A. Anil Meera and M. Wisse, "Free Energy Principle for the Noise Smoothness Estimation of Linear Systems with Colored
 Noise", 2022 (arXiv:2204.01796), known here by its abstract. The simulated systems and the criteria are this project's.

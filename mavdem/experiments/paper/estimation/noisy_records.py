@@ -1,4 +1,4 @@
-"""Records of a known linear system whose measured states have coloured noise, of which only the truth is known.
+"""Records of a known linear system with noise of known variances, on which estimators of variances are tested.
 
     x⁺ = Φ x + Γ v + w,   y = x + z
 

@@ -1,4 +1,4 @@
-"""Kalman filters of a window with a known model: for white noise, with noise states, with cross-covariances.
+"""Kalman filters with a known model: for white process noise, with noise states, and with cross-covariances.
 
 All estimate the states x of x⁺ = Φ x + Γ v + w, y = C x + z from the outputs y, with a measurement noise z that is
 white. They differ in what they assume of the process noise w:
@@ -113,12 +113,14 @@ def with_noise_states(model: DiscreteModel, noise: Array, order: int) -> Discret
 
 
 def with_past_states(model: DiscreteModel, kept_states: int, lag: int) -> DiscreteModel:
-    """Returns a model whose further last states are the first states of the past: a fixed-lag smoother is its filter.
+    """Returns a model that also has, as further states, the values of its first states in the last ``lag`` samples.
+
+    The Kalman filter of this model is a fixed-lag smoother of the first states: it corrects their past values, too.
 
     Args:
         model: the model.
-        kept_states: number of the first states that are kept.
-        lag: samples for which they are kept.
+        kept_states: number of the first states whose past values are kept.
+        lag: number of samples for which they are kept.
     """
     n, r = model.Gamma.shape
     past_count = kept_states * lag
@@ -164,9 +166,9 @@ def kalman_states(model: DiscreteModel, outputs: Array, inputs: Array) -> Array:
 def fixed_lag_states(
     model: DiscreteModel, kept_states: int, lag: int, outputs: Array, inputs: Array
 ) -> Array:
-    """Estimates the first states from the outputs until ``lag`` samples later: a fixed-lag smoother.
+    """Estimates the first states of each sample from all outputs up to ``lag`` samples later: a fixed-lag smoother.
 
-    DEM's estimate uses as many samples after its own, since derivatives are taken in the middle of their window.
+    It is compared with DEM, whose estimates also use later samples: derivatives are taken in the middle of a window.
 
     Args:
         model: the model.
@@ -214,7 +216,7 @@ def smikf_states(
     cross_covariance = np.zeros((n, n))
     states = np.zeros((len(outputs), n))
     for t in range(1, len(outputs)):
-        # E x̃ wᵀ after the step, of the part of the error that earlier noise has left.
+        # Covariance of the noise with the error of the predicted state, so far as that comes from earlier noise.
         propagated = model.Phi @ cross_covariance
         predicted_covariance = (
             model.Phi @ covariance @ model.Phi.T + propagated + propagated.T + noise_covariance

@@ -41,7 +41,7 @@ BLOCK_WIDTHS = 10.0
 
 
 FitAt = Callable[[float], Iterate]
-"""Returns the states, and whatever else is unknown, at the maximum of F̄ for one value of s."""
+"""A function of the smoothness s that returns the maximum of F̄ over the states, and over θ and λ if unknown."""
 
 
 class LearnedSmoothness(NamedTuple):
@@ -113,7 +113,10 @@ def smoothness_gradient(posterior: Posterior) -> float:
 
 
 def _derivative_by_log_smoothness(model: GenerativeModel) -> GenerativeModel:
-    """Returns the model with ∂S/∂ln s in the place of both S, and no errors but those of the noises."""
+    """Returns the model with the derivative ∂S/∂ln s in the place of the temporal precision S of both noises.
+
+    The precision of the inputs does not depend on s, so that it is 0 here.
+    """
     derivatives = []
     for S in (model.output_temporal_precision, model.state_temporal_precision):
         orders = np.arange(len(S))

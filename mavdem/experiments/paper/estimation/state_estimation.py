@@ -107,7 +107,7 @@ Order 0, without derivatives, has 17.3 there.
 """
 
 SIMULATED_WINDOWS = 10
-"""Simulated windows for each smoothness; a choice, with which the run takes some seconds."""
+"""Number of simulated windows for each smoothness; a choice, with which the run takes some seconds."""
 
 StateEstimator = Callable[[RollWindow, Array, Array], Array]
 """Function that estimates the states (T, 2) of a window from its outputs (T, 1) and inputs (T, 4)."""
@@ -155,7 +155,15 @@ def _augmented_kalman(window: RollWindow, outputs: Array, inputs: Array) -> Arra
 
 
 def _smikf(window: RollWindow, outputs: Array, inputs: Array, accumulates: bool) -> Array:
-    """Estimates the states by SMIKF, with or without the accumulated cross-covariance."""
+    """Estimates the states by SMIKF, the Kalman filter with second moment information of coloured process noise.
+
+    Args:
+        window: the window.
+        outputs: (T, 1) measured roll.
+        inputs: (T, 4) motor commands.
+        accumulates: whether the covariance of noise and state error has the part of earlier samples, which the authors'
+            scripts leave out.
+    """
     noise = window.process_noise
     return smikf_states(white_noise_model(window), noise, outputs, inputs, accumulates)
 
@@ -171,7 +179,8 @@ def _later_augmented_kalman(window: RollWindow, outputs: Array, inputs: Array) -
 
 
 def _differences(window: RollWindow, outputs: Array, inputs: Array) -> Array:
-    """Returns the outputs and their central differences; the model plays no part."""
+    """Returns the roll as measured, and its central difference as the roll rate: estimates without a model."""
+    # All estimators take inputs; this one needs none.
     del inputs
     return np.hstack([outputs, embedding_derivative(outputs, 2, window.dt)])
 
