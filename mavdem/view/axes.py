@@ -11,8 +11,10 @@ MIN_TICKS = 3
 """Numbered ticks that an axis of values must have, to read values between them: a choice."""
 
 MAX_TICK_INTERVALS = 4.0
-"""Intervals between ticks that a plot has room to number: a fifth of the window, about 95 points high, in which the
-viewer leaves at least 20 points between two numbers."""
+"""Number of intervals between numbered ticks that a plot has room for.
+
+A plot of a fifth of the window is about 95 points high, and the viewer leaves at least 20 points between two numbers.
+"""
 
 SMALLEST_RELATIVE_SPAN = 0.01
 """Least span of an axis, as a share of the largest value: a smaller one would be numbered with many decimals."""
@@ -30,14 +32,17 @@ WIDTH_PER_SPAN = 1 / (1 - LEGEND_SHARE)
 def range_with_ticks(low: float, high: float, intervals: float = MAX_TICK_INTERVALS) -> Interval:
     """Widens a range of values until the viewer numbers at least ``MIN_TICKS`` ticks in it.
 
-    Ticks are the multiples of the smallest power of ten of which the range has room to number all. The range is
-    extended to the next tick on either side, the nearer one first, while it holds fewer than are wanted. It is not
-    extended below zero, since values without a negative one are mostly sizes.
+    The distance of the ticks is the smallest power of ten with which the range has no more than ``intervals`` of them.
+    While there are too few ticks, the range is extended to the next tick below or above, whichever is nearer. A range
+    without negative values is not extended below zero, since such values are mostly sizes.
 
     Args:
         low: smallest value.
         high: largest value.
-        intervals: how many intervals between ticks the plot has room for.
+        intervals: number of intervals between ticks that the plot has room for.
+
+    Returns:
+        Ends of the widened range.
     """
     span = max(high - low, SMALLEST_RELATIVE_SPAN * max(abs(low), abs(high)), SMALLEST_SPAN)
     distance = 10.0 ** ceil(log10(span / intervals))

@@ -23,8 +23,10 @@ class PlotHeight(NamedTuple):
     """Height, in percent of all five plots."""
 
     tick_intervals: float
-    """How many intervals between ticks it has room to number: in a window of 1600 by 1000 points, in which the viewer
-    leaves at least 20 points between two numbers."""
+    """Number of intervals between numbered ticks that the plot has room for.
+
+    It is that in a window of 1600 by 1000 points. The viewer leaves at least 20 points between two numbers.
+    """
 
 
 PLOTS = {
@@ -74,11 +76,11 @@ class SideTexts(NamedTuple):
 
 
 def first_tab(plots: Mapping[str, rrb.View], side: SideTexts) -> rrb.Container:
-    """Returns the layout of the first tab.
+    """Returns the layout of the first tab: the plots one below the other, and a column of texts on their right.
 
     Args:
         plots: views of the plots that there are, by the keys of ``PLOTS``.
-        side: what stands beside the plots.
+        side: texts beside the plots, with their heights.
     """
     shares = [PLOTS[name].share for name in plots]
     column = rrb.Vertical(*plots.values(), row_shares=shares)

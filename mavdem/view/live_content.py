@@ -31,7 +31,7 @@ from mavdem.view.first_tab import SideTexts, first_tab, plot_titles
 from mavdem.view.plots import BOOT_CLOCK, LEGEND, blueprint, events_view
 
 FLIGHT_SECONDS = 20.0
-"""s of flight that the plots show."""
+"""Length of the flight that the plots show, s, up to now: a choice."""
 
 STATUS_LEGEND = (
     "Error ratios: beside the better of the last sample and the mean. Surprise is how far F(t) is below its recent "
@@ -42,18 +42,22 @@ STATUS_LEGEND = (
 
 
 class Channels(NamedTuple):
-    """The channels of a live flight; their names and units as of a ``Flight``."""
+    """Names and units of the channels of a live flight."""
 
     title: str
-    """of the recording: vehicle and link"""
+    """Title of the recording: vehicle and link."""
     dt: float
-    """sampling step, s"""
+    """Sampling step, s."""
     horizons: tuple[int, ...]
-    """of the online learner, in steps"""
+    """Horizons of the online learner's predictions, in steps."""
     input_names: Names
+    """(r,) names of the motors."""
     output_names: Names
+    """(m,) names of the outputs of the model: an angle, and its rate."""
     input_units: Names
+    """(r,) units of the inputs."""
     output_units: Names
+    """(m,) units of the outputs."""
 
     @property
     def shown_horizon(self) -> int:
@@ -138,7 +142,7 @@ def live_plot(title: str, origin: str) -> rrb.View:
 def figures(
     status: SessionStatus, row: DisplayRow, channels: Channels, trained_until: float | None
 ) -> Names:
-    """Returns the texts that are shown beside the plots.
+    """Returns the texts that are shown beside the plots of the first tab.
 
     Args:
         status: state of the session.
@@ -176,7 +180,12 @@ def figures(
 
 
 def _missing_model_reason(status: SessionStatus, trained_until: float | None) -> str:
-    """Returns why there is no model, or no newer one; empty where there is no reason to give."""
+    """Returns why there is no model, or no newer one, in a sentence; an empty text where learning goes on.
+
+    Args:
+        status: state of the session, with the obstacle to learning if there is one.
+        trained_until: time of the last sample that the latest model was trained on, s; None before the first model.
+    """
     if status.obstacle is not None:
         return status.obstacle.advised
     return TOO_FEW_SAMPLES.advised if trained_until is None else ""
@@ -187,7 +196,12 @@ def status_document(
 ) -> str:
     """Returns the text of the tab "Status": the session, the judgement of the flight so far, and a legend.
 
-    The arguments are those of :func:`figures`.
+    Args:
+        status: state of the session.
+        row: the latest row, with the estimates at its time.
+        channels: names and units of the row's channels.
+        trained_until: time of the last sample that the latest model was trained on, s of the boot clock; None before
+            the first model.
 
     Returns:
         Markdown, whose words come from the templates of live sessions.

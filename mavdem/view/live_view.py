@@ -38,15 +38,15 @@ FLUSH_SECONDS = 5.0
 
 
 class SinkThread(threading.Thread):
-    """Sends rows, events and the status to a sink, a few times a second; one that cannot be opened gets nothing.
+    """Thread that sends rows, events and the status of a live flight to one sink, a few times a second.
 
     Attributes:
-        sink: where to.
+        sink: file, viewer or server that it sends to.
         dropped: number of rows that were dropped, since too many waited.
-        is_paused: whether rows wait until the sink is closed or this is unset.
-        status: the latest one of the session.
+        is_paused: whether rows wait; they are sent when this is unset, or when the thread ends.
+        status: the latest status of the session.
         trouble: why nothing arrives, in one sentence; empty where all arrives.
-        closing: is set when the rest is to be sent and the thread is to end.
+        closing: event by which the owner asks the thread to send the rest and to end.
     """
 
     def __init__(self, sink: Sink, recording_id: UUID) -> None:
@@ -81,17 +81,22 @@ class SinkThread(threading.Thread):
         self._next_attempt = 0.0
 
     def put(self, channels: Channels, row: DisplayRow) -> None:
-        """Adds a row; drops the oldest if too many wait."""
+        """Adds a row that is to be sent; drops the oldest one if too many wait.
+
+        Args:
+            channels: names and units of what the row contains.
+            row: the row.
+        """
         if len(self._rows) == self._rows.maxlen:
             self.dropped += 1
         self._rows.append((channels, row))
 
     def log(self, event: Event) -> None:
-        """Adds an event, which is shown in the log."""
+        """Adds an event that is to be sent; it is shown in the event log and in the first tab."""
         self._events.append(event)
 
     def run(self) -> None:
-        """Sends what waits at the pace of the sink, until it closes."""
+        """Sends what waits, once in each period of the sink, until ``closing`` is set; then sends the rest and ends."""
         is_ending = False
         while not is_ending:
             is_ending = self.closing.wait(self.sink.period)
@@ -103,22 +108,25 @@ class SinkThread(threading.Thread):
             self._recording.disconnect()
 
     def turn(self) -> None:
-        """Opens the sink where that is due, and sends what waits."""
+        """Opens the sink if it is not open and an attempt is due, and sends what waits."""
         self._attempt(self._open)
         self._attempt(self._send)
 
     def _attempt(self, work: Callable[[], None]) -> None:
-        """Does some ``work`` with the sink; where that fails ``trouble`` says why, and a later turn may try again.
+        """Calls a function that works with the sink, and catches all its errors.
 
-        Nothing that goes wrong with one sink may end the flight or disturb the other sinks, so that all errors end
-        here.
+        Nothing that goes wrong with one sink may end the flight or disturb the other sinks. Where the sink fails,
+        ``trouble`` says why, and a later turn may try again.
+
+        Args:
+            work: the function.
         """
-        begin = wall.monotonic()
+        start_time = wall.monotonic()
         try:
             work()
         except (RuntimeError, OSError) as error:
             # Rerun has one type of error for a sink that fails and for one that takes too long.
-            if wall.monotonic() - begin >= FLUSH_SECONDS:
+            if wall.monotonic() - start_time >= FLUSH_SECONDS:
                 self.trouble = f"{self.sink.name} does not respond"
             else:
                 self._give_up_recording(error)
@@ -206,10 +214,14 @@ class SinkThread(threading.Thread):
         self._writer.write(rows)
 
     def _send_event(self, recording: rr.RecordingStream, event: Event) -> None:
-        """Writes an event into the log, and marks it in the plots where it is an alarm.
+        """Writes an event into the log and the list of events, and marks it in the plots if it is an alarm.
 
-        Where a motor has lost thrust or recovered it, what looked like wind torque was the motor's, and is marked as
-        such from the time on at which it began.
+        If a motor has lost thrust or recovered it, what looked like wind torque since then was the motor's, and is
+        marked as such.
+
+        Args:
+            recording: the open recording of the sink.
+            event: the event.
         """
         log_event(recording, event.seconds, event.sentence, event.fact.level)
         # The newest event stands first, since the viewer does not scroll a text to its end.
@@ -255,7 +267,11 @@ class LiveView:
     """
 
     def __init__(self, sinks: Sequence[Sink]) -> None:
-        """Starts a thread for each sink; all sinks get the same id of the recording, since they show one flight."""
+        """Starts a thread for each sink; all sinks get the same id of the recording, since they show one flight.
+
+        Args:
+            sinks: files, viewers or servers to send to.
+        """
         self._channels: Channels | None = None
         self._closed = False
         recording_id = uuid4()
@@ -264,11 +280,11 @@ class LiveView:
             thread.start()
 
     def change(self, channels: Channels) -> None:
-        """Sets the ``channels`` of the rows from now on; once at least before the first row."""
+        """Sets the names and units of the rows from now on; it must be called before the first row."""
         self._channels = channels
 
     def put(self, row: DisplayRow) -> None:
-        """Shows a row; takes microseconds."""
+        """Shows a row: hands it to the threads of all sinks, which takes microseconds; none is shown once closed."""
         if self._closed or self._channels is None:
             return
         for thread in self._threads:
@@ -283,12 +299,16 @@ class LiveView:
             thread.log(event._replace(seconds=time))
 
     def pause(self, is_paused: bool) -> None:
-        """Makes rows wait while this computer has no time to draw them."""
+        """Makes rows wait while this computer has no time to draw them, or lets them be sent again.
+
+        Args:
+            is_paused: whether rows wait.
+        """
         for thread in self._threads:
             thread.is_paused = is_paused
 
     def status(self, status: SessionStatus) -> None:
-        """Shows the latest ``status``, once a second."""
+        """Sets the latest status of the session, which each sink shows about once a second."""
         for thread in self._threads:
             thread.status = status
 

@@ -39,8 +39,8 @@ from mavdem.view.live_content import (
 from mavdem.view.parameter_traces import ParameterTrace, parameter_estimates, parameter_traces
 from mavdem.view.plots import BOOT_CLOCK, CLIP_SPANS, Lines, colour_on_dark
 
-MARK_SECONDS = 1e-3
-"""s before an alarm at which the line of its mark breaks."""
+MARK_BREAK_SECONDS = 1e-3
+"""Time before a mark at which its line breaks, s: too short to be seen. Without breaks the marks would be joined."""
 
 WIND_EDGE_OPACITY = 0.5
 """Opacity of the lines at the ends of the wind's interval."""
@@ -50,76 +50,86 @@ INVISIBLE = (0, 0, 0, 0)
 
 
 TERM_NAMES = tuple(term.value for term in Term)
-"""Lines of the terms of F(t)."""
+"""Names of the terms of F(t), each of which is drawn as a line."""
 
 TERM_COLOURS = tuple(distinct(number) for number in range(len(TERM_NAMES)))
-"""Colours of these lines."""
+"""Colour of the line of each term, in the order of ``TERM_NAMES``."""
 
 
 class Sample(NamedTuple):
-    """What is drawn at one time."""
+    """Values of k lines at one time."""
 
     segment: int
-    """number of the segment, which changes where samples are missing"""
+    """Number of the segment, which changes where samples are missing; lines break there."""
     time: float
-    """s on the timeline"""
+    """Time on the timeline, s."""
     values: Sequence[float] | Array
-    """(k,) one for each line"""
+    """(k,) value of each line."""
 
 
 class EstimateWithBand(NamedTuple):
     """An estimated value at one time."""
 
     segment: int
-    """number of the segment"""
+    """Number of the segment."""
     time: float
-    """s on the timeline"""
+    """Time on the timeline, s."""
     value: float
-    """in the unit of data"""
+    """The estimate, in the unit of data."""
     half_width: float
-    """of its 90 % band"""
+    """Half width of its 90 % band, in the same unit."""
 
 
 class LatestSample(NamedTuple):
     """The last sample of some lines that was drawn."""
 
     segment: int
+    """Number of its segment."""
     time: float
+    """Its time on the timeline, s."""
 
 
 class PlotRange(NamedTuple):
-    """Smallest and largest value that a plot got at one time."""
+    """Smallest and largest value that were drawn into a plot in one batch of rows."""
 
     time: float
-    """s on the timeline"""
+    """Time of the last sample of the batch, s on the timeline."""
     low: float
+    """Smallest value."""
     high: float
+    """Largest value."""
 
 
 class LiveWriter:
-    """Writes rows of one set of channels into one recording, to which it sends their layout.
+    """Draws rows of a live flight as lines of a Rerun recording; all rows have the same channels.
 
     Attributes:
-        channels: of the rows.
+        channels: names and units of what the rows contain.
     """
 
     def __init__(self, channels: Channels, recording: rr.RecordingStream) -> None:
-        """Sends the name and the layout of the recording."""
+        """Sends the name and the layout of the recording; no row is drawn yet.
+
+        Args:
+            channels: names and units of what the rows contain.
+            recording: recording to draw into.
+        """
         recording.send_recording_name(channels.title)
         recording.send_blueprint(live_blueprint(channels))
         self.channels = channels
         self._recording = recording
-        # By plot, the smallest and the largest value that was drawn without clipping; and the same of each batch of
-        # the seconds in sight, for the plots of the first tab.
+        # Smallest and largest value that was drawn without clipping so far, by plot.
         self._plot_ranges: dict[str, Interval] = {}
+        # For the plots of the first tab: how many intervals between ticks they have room for, and the ranges of the
+        # batches of rows that are in sight.
         self._tick_intervals = {}
         for name, path in first_tab_paths(channels.output_names[0]).items():
             self._tick_intervals[path] = PLOTS[name].tick_intervals
         self._latest_ranges: dict[str, deque[PlotRange]] = {}
-        # How the parameters are drawn, from their first estimate on.
+        # Name, colour and scale of the lines of the physical parameters; empty before the first estimate of them.
         self._parameter_traces: tuple[ParameterTrace, ...] = ()
         self._latest_samples: dict[Lines, LatestSample] = {}
-        # The latest samples of the wind torque: the alarm of a motor is about the last seconds.
+        # The latest samples of the wind torque: they are marked if an alarm says that a motor was their cause.
         self._torque_samples = deque[Sample](maxlen=MAX_SAMPLES)
 
     def write(self, rows: list[DisplayRow]) -> None:
@@ -151,11 +161,17 @@ class LiveWriter:
         self._widen_axes()
 
     def mark_motor_torque(self, start_time: float) -> None:
-        """Marks the wind torque from ``start_time``, s, until now: it was the torque of a motor that changed."""
+        """Draws the wind torque of the last seconds once more in red: it was not the wind's, but that of a motor.
+
+        The line starts when a motor lost thrust or recovered it, and ends now.
+
+        Args:
+            start_time: time of the change of the motor, s on the timeline.
+        """
         samples = []
         for sample in self._torque_samples:
             if sample.time >= start_time:
-                # Each alarm begins a segment of its own.
+                # The number of the segment differs from alarm to alarm, so that their lines are not joined.
                 samples.append(Sample(int(start_time), sample.time, sample.values))
         self._draw(Lines("wind/2_motor", ("of a motor",), (BAD,), 3.0), samples)
 
@@ -182,30 +198,34 @@ class LiveWriter:
         line.send_style(self._recording)
         # The NaN just before each mark breaks the line, so that marks are not joined.
         edges = np.array([[np.nan, np.nan], plot_range])
-        line.send(self._recording, np.array([time - MARK_SECONDS, time]), edges)
+        line.send(self._recording, np.array([time - MARK_BREAK_SECONDS, time]), edges)
 
     def _widen_axes(self) -> None:
         """Draws two invisible lines in each plot of the first tab, so that its axis has enough numbered ticks.
 
-        The viewer fits the axis of values to all lines in sight. The two are at the ends of the range with ticks of
-        what was drawn in the last ``FLIGHT_SECONDS``.
+        The viewer fits the axis of values to all lines in sight, and cannot be given a range that moves. So the range of
+        what was drawn in the last ``FLIGHT_SECONDS`` is widened until it has enough ticks, and a line is drawn at
+        either end of it.
         """
         for plot, ranges in self._latest_ranges.items():
-            newest = ranges[-1].time
-            while ranges[0].time < newest - FLIGHT_SECONDS:
+            newest_time = ranges[-1].time
+            while ranges[0].time < newest_time - FLIGHT_SECONDS:
                 ranges.popleft()
-            lowest = min(one.low for one in ranges)
-            highest = max(one.high for one in ranges)
+            lowest = min(batch.low for batch in ranges)
+            highest = max(batch.high for batch in ranges)
             ends = range_with_ticks(lowest, highest, self._tick_intervals[plot])
-            self._recording.set_time(BOOT_CLOCK, duration=newest)
+            self._recording.set_time(BOOT_CLOCK, duration=newest_time)
             self._recording.log(axis_path(plot), rr.Scalars(ends))
 
     def _draw(self, lines: Lines, samples: Sequence[Sample], clip: bool = False) -> None:
-        """Draws the samples that are later than those before; lines break between segments.
+        """Adds samples to lines; the lines break where a new segment begins.
+
+        Only samples later than the last one that was drawn are added. Lines that have had no finite value yet, such as
+        a setpoint that the vehicle does not send, are not begun.
 
         Args:
-            lines: the entity.
-            samples: in the order of their times.
+            lines: the lines, an entity of the recording.
+            samples: samples in the order of their times.
             clip: whether to clip values far beyond what was measured so far, which would decide the range of the axis.
         """
         latest = self._latest_samples.get(lines, LatestSample(0, -np.inf))
@@ -216,7 +236,6 @@ class LiveWriter:
         values = np.array([sample.values for sample in new_samples.values()], np.float64)
         finite_values = values[np.isfinite(values)]
         is_first = lines not in self._latest_samples
-        # Nothing is drawn of what the vehicle does not send, such as a setpoint.
         if is_first and not len(finite_values):
             return
         if is_first:
@@ -229,7 +248,8 @@ class LiveWriter:
         if plot_of(lines) in self._tick_intervals and len(finite_values):
             ranges = self._latest_ranges.setdefault(plot_of(lines), deque())
             if not ranges:
-                # The legend has one entry for all lines of a name, so that the two lines add none.
+                # The viewer shows one entry in the legend for all lines of the same name, so that the two invisible
+                # lines have the name of a visible one.
                 style = rr.SeriesLines(names=[lines.names[0]] * 2, colors=[INVISIBLE] * 2)
                 self._recording.log(axis_path(plot_of(lines)), style, static=True)
             plot_range = PlotRange(time[-1], float(finite_values.min()), float(finite_values.max()))
@@ -243,13 +263,17 @@ class LiveWriter:
     def _clipped_to_plot(
         self, lines: Lines, values: Array, finite_values: Array, clip: bool
     ) -> Array:
-        """Returns values clipped to the range of their plot, or extends the range by them.
+        """Clips values to the range of their plot, or else extends this range so that it includes them.
 
         Args:
-            lines: the entity, whose path begins with that of the plot.
-            values: (N, k).
-            finite_values: those that are finite.
-            clip: whether to clip. In a plot without a range nothing is clipped.
+            lines: the lines, whose path begins with that of the plot.
+            values: (N, k) values of k lines.
+            finite_values: all finite ones among them.
+            clip: whether to clip, to the range and ``CLIP_SPANS`` times its span beyond. In a plot without a range
+                nothing is clipped.
+
+        Returns:
+            (N, k) values to draw.
         """
         plot = plot_of(lines)
         plot_range = self._plot_ranges.get(plot)
@@ -265,10 +289,13 @@ class LiveWriter:
         return values
 
     def _draw_predicted_angle(self, rows: list[DisplayRow]) -> None:
-        """Draws the angle of the model, and its prediction at the horizon nearest to ``REPORTED_HORIZON``, s.
+        """Draws the measured angle of the model's axis, and its prediction for a fraction of a second ahead.
 
-        A prediction is drawn at the time that it is for, not at the time at which it was made. Rows without an estimate
-        give NaN, which breaks the line.
+        The prediction is that of the learner's horizon nearest to ``REPORTED_HORIZON``. It is drawn at the time that it
+        is for, not at the time at which it was made. Rows without an estimate give NaN, which breaks the line.
+
+        Args:
+            rows: rows of the live flight, in the order of their times.
         """
         horizon = self.channels.shown_horizon
         seconds = self.channels.horizons[horizon] * self.channels.dt
@@ -308,31 +335,31 @@ class LiveWriter:
         """Draws a line with its 90 % band.
 
         Args:
-            band_path: entity of the band.
-            line: entity of the line.
-            estimates: in the order of their times.
-            scale: from the unit of data to the unit that is shown.
-            clip: as for :meth:`_draw`.
+            band_path: path of the band's entity in the recording.
+            line: the line.
+            estimates: estimates in the order of their times.
+            scale: factor from the unit of data to the unit that is shown.
+            clip: whether to clip values far beyond what was measured so far.
 
         Returns:
             The samples of the line.
         """
         edges = []
-        values = []
+        line_samples = []
         for segment, time, value, half_width in estimates:
             edge_values = [scale * (value - half_width), scale * (value + half_width)]
             edges.append(Sample(segment, time, edge_values))
-            values.append(Sample(segment, time, [scale * value]))
+            line_samples.append(Sample(segment, time, [scale * value]))
         shade = colour_on_dark(line.colours[0], BAND_OPACITY)
         self._draw(Lines(band_path, ("90 % band",), (shade,), filled=True), edges, clip)
-        self._draw(line, values, clip)
-        return values
+        self._draw(line, line_samples, clip)
+        return line_samples
 
     def _draw_attitude(self, rows: list[DisplayRow]) -> None:
-        """Draws what is measured of all axes, in degrees: angles, setpoints of roll and pitch, and body rates.
+        """Draws the measured attitude of all axes, in degrees: angles, setpoints of roll and pitch, and body rates.
 
-        The angle of the axis that the model predicts is left out here; :meth:`_draw_predicted_angle` draws it. The
-        values come from the pose of a row, the latest measured attitude, which has its own time on the boot clock.
+        The measured angle of the model's axis is left out here, since it is drawn together with its prediction. The
+        values come from the pose of a row, the latest measured attitude, which has its own time on the boot clock;
         ``timeline_offset``, s, converts that to the time of the plots. Setpoints are clipped, since a pilot's command
         may lie far beyond the angles that are flown.
 
@@ -363,7 +390,11 @@ class LiveWriter:
         self._draw(rates, samples)
 
     def _draw_wind(self, rows: list[DisplayRow]) -> None:
-        """Draws the wind speed with its 90 % interval, m/s, in the rows that have an estimate."""
+        """Draws the estimated wind speed and the ends of its 90 % interval, m/s.
+
+        Args:
+            rows: rows in the order of their times; those without an estimate of the wind are passed over.
+        """
         speeds = []
         edges = []
         for row in rows:
@@ -373,7 +404,7 @@ class LiveWriter:
                 speeds.append(Sample(0, time, [wind.speed]))
                 edges.append(Sample(0, time, [wind.speed_low, wind.speed_high]))
         shade = colour_on_dark(DISTURBANCE, WIND_EDGE_OPACITY)
-        # Estimates are half a second apart: edges are lines, since upright strokes would leave gaps.
+        # Estimates are half a second apart. A band of upright strokes would have gaps, so its edges are drawn as lines.
         names = ("90 % band", "90 % band")
         self._draw(Lines("air/0_band", names, (shade, shade)), edges)
         self._draw(Lines("air/1_speed", ("wind",), (DISTURBANCE,)), speeds)
@@ -394,6 +425,7 @@ class LiveWriter:
             parameters = parameter_estimates(estimate.physical).tolist()
             for samples, (value, half_width) in zip(values, parameters, strict=True):
                 samples.append(EstimateWithBand(row.segment, row.timeline_time, value, half_width))
+        # The viewer draws entities in the order of their paths: the three bands, 0 to 2, lie below the lines, 3 to 5.
         for number, trace in enumerate(self._parameter_traces):
             line = Lines(f"parameters/{number + 3}_line", (trace.name,), (trace.colour,))
             self._draw_with_band(f"parameters/{number}_band", line, values[number], trace.scale)
@@ -424,12 +456,13 @@ class LiveWriter:
         )
 
     def _draw_free_energy(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
-        """Draws the free energy F(t) of the samples with its terms, nats, their surprise, and F̄ of each learning run.
+        """Draws the free energy F(t) of each sample, nats, with its terms and the surprise, and F̄ of each model.
 
-        F(t) is known only when the window of samples around a time is complete, so it is drawn at its centre,
-        ``estimate.seen``. F̄ of a model is drawn at the last sample that it was learned from; divided by the number of
-        its samples, it is the mean of their F(t). A constant line at 1 shows the surprise of the worst of twenty
-        samples.
+        F(t) says how well a sample agrees with the model, and surprise how far it drops below its recent median. F(t)
+        is known only when the window of samples around a time is complete, so it is drawn at the centre of the window,
+        ``estimate.seen``. The free energy action F̄ of a model is drawn at the last sample that the model was learned
+        from; divided by the number of its samples, it is the mean of their F(t). A constant line at 1 shows the
+        surprise that one of twenty samples exceeds without a change.
 
         Args:
             estimates: rows with their estimates.

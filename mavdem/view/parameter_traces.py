@@ -52,12 +52,12 @@ def parameter_traces(physical: Physical, input_unit: str) -> tuple[ParameterTrac
 
 
 def _trace(name: str, unit: str, unit_scale: float, value: float, colour: str) -> ParameterTrace:
-    """Returns how a parameter of this size is drawn.
+    """Chooses the power of ten in which a parameter is drawn, and returns its line's name, colour and scale.
 
     Args:
-        name: of the parameter.
-        unit: that people read.
-        unit_scale: factor from the unit of data to it.
+        name: name of the parameter.
+        unit: unit that people read.
+        unit_scale: factor from the unit of data to the unit that people read.
         value: the parameter, in the unit of data.
         colour: colour of the palette.
     """

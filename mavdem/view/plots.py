@@ -28,8 +28,10 @@ LOG_LEVELS = {Level.BAD: "ERROR", Level.WATCH: "WARN"}
 """Rerun's levels of the event log; facts of other levels are INFO."""
 
 STROKE_WIDTH = 2.5
-"""Width of the upright strokes that fill an area, points: the viewer fills nothing, and strokes of this width touch
-each other."""
+"""Width of the upright strokes that fill an area, points.
+
+The viewer cannot fill areas. Strokes of this width touch each other, so that they look like one.
+"""
 
 LINE_WIDTH = 1.2
 """Width of the lines of a chart, points."""
@@ -38,14 +40,16 @@ MARK_WIDTH = 2.0
 """Width of the upright lines that mark events, points."""
 
 CLIP_SPANS = 0.5
-"""How far forecasts and their bands are drawn beyond the measured values, in spans of these: a forecast that diverges
-would decide the range of the axis."""
+"""Distance beyond the measured values at which forecasts and bands are clipped, in spans of these values: a choice.
+
+Without it a forecast that diverges would decide the range of the axis.
+"""
 
 MAX_STROKES = 20_000
-"""Points of an area or a path at most: the viewer draws every one at once."""
+"""Largest number of upright strokes that fill an area: the viewer draws all of them at once. A choice."""
 
 MIN_STROKES = 2_000
-"""Points of an area at least: more than the pixels across a plot."""
+"""Smallest number of upright strokes that fill an area: with fewer than the pixels across a plot there are gaps."""
 
 AXIS_MARGIN = 0.05
 """Space above and below the values of a plot, in spans of these."""
@@ -56,21 +60,25 @@ LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
 
 @dataclass(frozen=True)
 class Lines:
-    """An entity of k lines over the same times. Entities are drawn in the order of their paths."""
+    """An entity of a recording with k lines over the same times. Entities are drawn in the order of their paths."""
 
     path: str
-    """of the entity"""
+    """Path of the entity."""
     names: Names
-    """(k,) of the lines, in the legend"""
+    """(k,) names of the lines in the legend."""
     colours: Names
-    """(k,) of the palette"""
+    """(k,) colours of the palette."""
     width: float = 1.5
-    """points"""
+    """Width of the lines, points."""
     filled: bool = False
-    """whether the values are the edges of an area, which is drawn as one line of upright strokes"""
+    """Whether the values are the edges of an area, which is drawn as one line of upright strokes."""
 
     def send_style(self, recording: rr.RecordingStream) -> None:
-        """Sends how the lines are drawn; once in a recording."""
+        """Sends names, colours and widths of the lines; it is called once, before the first samples.
+
+        Args:
+            recording: recording to draw into.
+        """
         width = STROKE_WIDTH if self.filled else self.width
         style = rr.SeriesLines(
             names=self.names,
@@ -85,9 +93,9 @@ class Lines:
         """Sends samples of the lines.
 
         Args:
-            recording: where to.
-            time: (N,) s.
-            values: (N, k), or the edges (N, 2) of an area; NaN breaks a line.
+            recording: recording to draw into.
+            time: (N,) times, s.
+            values: (N, k) values of the lines, or the edges (N, 2) of an area; NaN breaks a line.
         """
         if not len(time):
             return
@@ -104,23 +112,26 @@ class EventMarks(NamedTuple):
     """Upright lines across a plot, at the times of events."""
 
     name: str
-    """in the legend"""
+    """Name in the legend."""
     colour: str
-    """of the palette"""
+    """Colour of the palette."""
     times: Sequence[float]
-    """s"""
+    """Times of the events, s."""
 
 
 class _DrawnLine(NamedTuple):
     """A line or a band of a plot."""
 
     name: str
+    """Name in the legend."""
     colour: str
+    """Opaque colour."""
     width: float
+    """Width of a line, points; it does not matter for a band."""
     time: Array
-    """(N,) s"""
+    """(N,) times, s."""
     values: Array
-    """(N,) of a line, or (N, 2) edges of a band"""
+    """(N,) values of a line, or (N, 2) edges of a band."""
 
 
 def draw_chart(
@@ -131,11 +142,11 @@ def draw_chart(
     marks: Sequence[EventMarks] = (),
     intervals: float = MAX_TICK_INTERVALS,
 ) -> rrb.View:
-    """Draws a chart over the boot clock, later lines over earlier ones.
+    """Draws a chart over the boot clock: its bands first, then its lines, and over them upright lines at events.
 
     Args:
-        recording: where to.
-        origin: the entity that its lines are below.
+        recording: recording to draw into.
+        origin: path of the plot; each line is an entity below it.
         chart: the lines with their bands.
         span: the first and the last time of the lines, s; the axis ends later, where the legend is.
         marks: events that are marked.
@@ -206,14 +217,19 @@ def _band_and_line(line: Line, value_range: Interval) -> Iterator[_DrawnLine]:
         assert band.lower_edge is not None and band.upper_edge is not None
         # Edges far beyond what is in sight are drawn as far as the viewer may be scrolled.
         edges = np.clip([band.lower_edge, band.upper_edge], 2 * low - high, 2 * high - low).T
-        # Of a long band every so many samples are drawn.
+        # Of a longer band only every step-th sample is drawn.
         step = ceil(len(band.x) / MAX_STROKES)
         yield _DrawnLine("90 % band", shade, 0.0, band.x[::step], edges[::step])
     yield _DrawnLine(line.name, line.colour, LINE_WIDTH, line.x, line.y)
 
 
 def colour_on_dark(colour: str, opacity: float) -> str:
-    """Returns the opaque colour that a transparent one has on the viewer's dark background."""
+    """Returns the opaque colour that a transparent one has on the viewer's dark background.
+
+    Args:
+        colour: colour of the palette.
+        opacity: its opacity, 0 to 1.
+    """
     foreground = np.array(palette.channels(colour))
     background = np.array(palette.channels(palette.PAPER_DARK))
     mixed = np.round(opacity * foreground + (1 - opacity) * background)
@@ -225,7 +241,7 @@ def blueprint(view: rrb.Container, **options: Any) -> rrb.Blueprint:
 
     Args:
         view: the container.
-        options: of the time panel.
+        options: options of Rerun's time panel, such as ``play_state``.
     """
     time_panel = rrb.TimePanel(state="collapsed", timeline=BOOT_CLOCK, **options)
     left_panel = rrb.BlueprintPanel(state="collapsed")
@@ -236,7 +252,14 @@ def blueprint(view: rrb.Container, **options: Any) -> rrb.Blueprint:
 
 
 def log_event(recording: rr.RecordingStream, time: float, sentence: str, level: Level) -> None:
-    """Writes a sentence into the event log at a ``time`` on the timeline, s."""
+    """Writes a sentence into the event log of a recording.
+
+    Args:
+        recording: the recording.
+        time: time of the event on the timeline, s.
+        sentence: what happened.
+        level: how much it matters; it decides the colour.
+    """
     recording.set_time(BOOT_CLOCK, duration=time)
     recording.log("log", rr.TextLog(utf8_text(sentence), level=LOG_LEVELS.get(level, "INFO")))
 

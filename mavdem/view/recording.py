@@ -68,7 +68,7 @@ def write_recording(target: Target, assessment: Assessment) -> None:
 
     Args:
         target: a file, which appears completely or not at all, or a stream.
-        assessment: of a log, with a model.
+        assessment: assessment of a log from which a model was learned.
 
     Raises:
         OSError: the file cannot be written.
@@ -106,7 +106,7 @@ def write_words(target: Target, name: str, blocks: Sequence[Block]) -> None:
 
     Args:
         target: a file or a stream.
-        name: of the log.
+        name: name of the log.
         blocks: the text.
 
     Raises:
@@ -402,7 +402,14 @@ class RecordingTabs:
 def log_text(
     recording: rr.RecordingStream, origin: str, name: str, content: str | Iterable[Block]
 ) -> rrb.View:
-    """Writes a text, Markdown or blocks, and returns its view, which has no title bar if the ``name`` is empty."""
+    """Writes a text into a recording, and returns the view that shows it.
+
+    Args:
+        recording: recording to write into.
+        origin: path of the text's entity.
+        name: title of the view; without one, the view has no title bar.
+        content: the text, as Markdown or as blocks.
+    """
     text = utf8_text(content if isinstance(content, str) else markdown(content))
     recording.log(origin, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
     return rrb.TextDocumentView(origin=origin, name=name or origin, titlebar=bool(name))
@@ -412,10 +419,10 @@ def forecast_chart(output: int, held_out: HeldOut, measured: Series, label: str)
     """Returns a chart of one output as measured, and its forecasts in held-out windows with their bands.
 
     Args:
-        output: its index.
-        held_out: W windows of H samples.
+        output: index of the output.
+        held_out: the forecasts, in W windows of H samples.
         measured: the outputs of the whole flight.
-        label: unit of the output, which is shown in a unit that people read.
+        label: unit of the output in the data, such as rad. The chart has the unit that people read, such as degrees.
     """
     unit = display_unit(label)
     name = measured.names[output].capitalize()
@@ -459,10 +466,13 @@ def free_energy_chart(learned: Learned, free_energy: Series) -> Chart:
 
 
 def parameter_chart(assessment: Assessment) -> Chart:
-    """Returns a chart of the physical parameters of each part of the flight, with their bands; without lines if none.
+    """Returns a chart of the physical parameters over the flight, each part estimated by itself, with their bands.
 
     Args:
-        assessment: of a log with a model.
+        assessment: assessment of a log from which a model was learned.
+
+    Returns:
+        The chart; it has no lines where no parameters can be estimated.
     """
     analysis = assessment.analysis
     assert analysis is not None
@@ -482,6 +492,7 @@ def parameter_chart(assessment: Assessment) -> Chart:
     lines = []
     traces = parameter_traces(history[0].physical, analysis.flights[0].input_units[0])
     for number, trace in enumerate(traces):
+        # Each parameter has two columns, its value and the half width of its interval.
         value, half_width = trace.scale * table[:, 2 * number : 2 * number + 2].T
         lines.append(Line.with_band(trace.name, trace.colour, time, value, half_width))
     return over_time("Physical parameters", "", lines)
