@@ -203,9 +203,9 @@ class LiveWriter:
     def _widen_axes(self) -> None:
         """Draws two invisible lines in each plot of the first tab, so that its axis has enough numbered ticks.
 
-        The viewer fits the axis of values to all lines in sight, and cannot be given a range that moves. So the range of
-        what was drawn in the last ``FLIGHT_SECONDS`` is widened until it has enough ticks, and a line is drawn at
-        either end of it.
+        The viewer fits the axis of values to all lines in sight, and takes no range that moves. So the range of what
+        was drawn in the last ``FLIGHT_SECONDS`` is widened until it has enough ticks, and a line is drawn at either end
+        of it.
         """
         for plot, ranges in self._latest_ranges.items():
             newest_time = ranges[-1].time
