@@ -64,7 +64,12 @@ OptionalInteger = int | None
 
 
 def report_column(path: str, default: str | None = None) -> Any:
-    """Returns the field of a column whose value the document ``report.json`` has at a dotted path."""
+    """Defines a column of :class:`FlightRow` that is copied from the document ``report.json``.
+
+    Args:
+        path: dotted path of the value in the document, such as "identity.firmware".
+        default: value of the column where the document has none.
+    """
     return field(default=default, metadata={REPORT_PATH: path})
 
 
@@ -284,9 +289,11 @@ class FlightRow:
     def __post_init__(self) -> None:
         """Converts every value to the type of its column, so that rows with the same content are equal.
 
-        A parameter that is not identifiable has no value; earlier versions wrote rows with one.
+        A parameter whose status is "not identifiable" loses its value and interval, since rows of earlier versions of
+        mavdem have them.
         """
         for name, column_type in column_types().items():
+            # Only physical parameters have a status: that of "damping" and "damping_interval" is "damping_status".
             status = getattr(self, f"{name.removesuffix('_interval')}_status", None)
             value = None
             if status != NOT_IDENTIFIABLE:
@@ -452,30 +459,44 @@ def columns_of_report(report: Mapping[str, Any]) -> JsonValues:
 
 
 def _columns_at_paths(report: Mapping[str, Any]) -> JsonValues:
-    """Returns the columns, by name, whose values the document has at the paths that :func:`report_column` names."""
+    """Copies those columns of a row that are single values of the document ``report.json``.
+
+    The definition of such a column in :class:`FlightRow` states the dotted path of its value, such as
+    "identity.firmware". Other columns are computed, and have no path.
+
+    Args:
+        report: the document ``report.json``.
+
+    Returns:
+        Values by name of the column, without those that are missing or empty in the document.
+    """
     columns = {}
     for column in fields(FlightRow):
-        if column.metadata:
-            value = value_at(report, column.metadata[REPORT_PATH])
-            # An empty text or list says nothing.
-            if value not in (None, "", [], ()):
-                columns[column.name] = value
+        path = column.metadata.get(REPORT_PATH)
+        if path is None:
+            continue
+        value = value_at(report, path)
+        if value not in (None, "", [], ()):
+            columns[column.name] = value
     return columns
 
 
 def _has_model(report: Mapping[str, Any]) -> bool:
-    """Returns whether a model was learned from the log: only then has its report a flight to learn from."""
+    """Returns whether a model was learned from the log: only then the document has the key "flight"."""
     return "flight" in report
 
 
 def _input_columns(report: Mapping[str, Any], columns: JsonValues) -> JsonValues:
-    """Returns the columns on the inputs: whether they are motors or demand, their unit, and names of the motors.
+    """Returns the columns on the inputs of the model: whether they are motors or demand, their unit, and their names.
 
-    They are the inputs of the model. Without a model they are the motors, if these have a trim, in the unit of it.
+    Where no model was learned, the motors count as inputs, in the unit of their trim; without a trim there are none.
 
     Args:
         report: the document ``report.json``.
-        columns: columns that are known already: the unit of the trim, and the names of the motors, which are kept.
+        columns: columns of the row so far. If these have the names of the motors already, no others are returned.
+
+    Returns:
+        "inputs" and "input_unit", and "motors" where the names follow from the inputs of the model.
     """
     if not _has_model(report):
         trim_unit = columns.get("trim_unit")
@@ -507,7 +528,15 @@ def _warning_columns(report: Mapping[str, Any]) -> JsonValues:
 
 
 def value_at(report: Mapping[str, Any], path: str) -> Any:
-    """Returns the value of a document, whose parts may be records, at a dotted path; None where it is not known."""
+    """Returns the value at a dotted path of a document, such as "condition.hover.trim".
+
+    Args:
+        report: the document. Its parts may be mappings by key, or objects whose attributes are the keys.
+        path: keys from the outermost to the innermost.
+
+    Returns:
+        The value, arrays as lists; None where a key of the path is missing.
+    """
     value: Any = report
     for key in path.split("."):
         value = value.get(key) if isinstance(value, Mapping) else getattr(value, key, None)

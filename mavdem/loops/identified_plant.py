@@ -44,24 +44,39 @@ it. The deviation triples where limits cut off all of the output, which then jum
 DELAY_PER_EFFECT = 0.2
 """Error of the delay that comes with an error of the effect, in motor lags per unit of the effect's logarithm.
 
-An effect that is too large comes with a lag that is too long and a delay that is too short: the response to quick
-changes, which a flight shows best, then stays the same.
+At high frequencies ω the response of the torque is nearly effect / (lag jω). So an effect that is too large comes with
+a lag that is too long by the same ratio, which leaves that gain as it is. The longer lag turns the phase −atan(ω lag)
+back by ω lag / (1 + (ω lag)²) per unit of its logarithm. A delay that is shorter by lag / (1 + (ω lag)²) turns it forth
+by as much: by 0.2 lags for ω = 2 / lag. Chosen as the deviations above.
+"""
+LAG_COMPENSATION = 0.5
+"""Errors that come with an error of the lag alone, relative to it: of the effect (relative) and of the delay (in lags).
+
+At ω = 1 / lag the flight then shows no difference. There the gain 1 / |1 + jω lag| falls by (ω lag)² / (1 + (ω lag)²)
+= 1/2 per unit of the lag's logarithm, which half as much more effect makes up for. The phase turns back by ω lag / (1 +
+(ω lag)²) = 1/2, which a delay shorter by half as much as the lag is longer makes up for.
 """
 
 
 def physical_plant(fit: IdentifiedAxis, inputs_per_demand: Array) -> Physical:
-    """Converts the fitted parameters of a loop to physical parameters, without the gyro's filters.
+    """Converts the parameters of one axis, as identified in its closed loop, to those of a plant with motors as inputs.
 
-    The fit has one effect, that of the demand; a plant has an effect for each input. So the effect is spread over the
-    inputs in proportion to how much a demand moves each of them. The fit is of logarithms: its covariance is propagated
-    by the derivatives of the parameters, and the errors of the model are added.
+    The identification has one control effectiveness b, of the controller's demand. The plant has one for each input,
+    the r motors or the demand itself. With g the change of the inputs per demand, they are b g / (g·g): proportional to
+    g, and such that a demand has the effect b.
+
+    The identification is of logarithms. So its covariance is propagated by the derivatives of the parameters, and that
+    of the model's own errors is added, which the likelihood does not contain.
 
     Args:
         fit: posterior of the logarithms of the parameters.
-        inputs_per_demand: change of each of the r inputs per unit of demand (r,).
+        inputs_per_demand: change g of each of the r inputs per unit of demand (r,).
+
+    Returns:
+        Effects, damping, lag and delay with their covariance, the wind components, and the noise. The lag and delay are
+        those of motors and messages: the gyro's filters are known and not part of them.
     """
     values = LoopParameters.from_logarithms(fit.theta)
-    # The effects of all inputs, weighted by how much a demand moves them, add up to the identified effect of a demand.
     effect = values.effect * inputs_per_demand / (inputs_per_demand @ inputs_per_demand)
     derivatives = _derivatives_by_logarithms(effect, values)
     log_covariance = fit.covariance[np.ix_(PLANT, PLANT)]
@@ -145,7 +160,7 @@ class _LogDeviations(NamedTuple):
 
 
 def _model_deviations(fit: IdentifiedAxis, values: LoopParameters) -> _LogDeviations:
-    """Returns how large the model's errors are.
+    """Returns the standard deviations of the errors that the model itself causes, by parameter.
 
     They grow with the time between messages beyond a control cycle, and with the share of the output that limits cut
     off. Independent errors of one parameter add in squares.
@@ -175,11 +190,13 @@ def _model_deviations(fit: IdentifiedAxis, values: LoopParameters) -> _LogDeviat
 
 
 def _model_error_covariance(fit: IdentifiedAxis, effect: Array, values: LoopParameters) -> Array:
-    """Returns the covariance of effects, damping, lag and delay by errors of the model.
+    """Returns the covariance of effects, damping, lag and delay that errors of the model cause.
 
-    There are four independent errors, one for each logarithm. A flight shows the response to quick changes best, so
-    errors leave that response nearly as it is: an error of the effect or the lag comes with errors of the others that
-    compensate for it. Each error therefore has a direction in the space of all parameters.
+    There are four independent errors, one for each logarithm. A flight shows the response of the torque at high
+    frequencies best, effect e^(−jω delay) / (1 + jω lag). The fit reproduces that response even with a wrong model: an
+    error of the effect or the lag comes with errors of the others that compensate for it (:data:`DELAY_PER_EFFECT`,
+    :data:`LAG_COMPENSATION`). Each error therefore has a direction in the space of all parameters, and the covariance
+    is the sum of variance times direction times its transpose.
 
     Args:
         fit: posterior, with the time between messages beyond a control cycle and the fraction that limits cut off.
@@ -193,10 +210,10 @@ def _model_error_covariance(fit: IdentifiedAxis, effect: Array, values: LoopPara
     directions = _derivatives_by_logarithms(effect, values)
     effect_column = _LogDeviations._fields.index("effect")
     lag_column = _LogDeviations._fields.index("lag")
-    # With more effect by one in its logarithm, the lag is longer by one lag and the delay shorter by a part of it.
+    # An effect that is larger by one in its logarithm comes with a lag that is longer by one in its own.
     directions[LAG_AND_DELAY, effect_column] = values.lag, -DELAY_PER_EFFECT * values.lag
-    # A lag that is longer by itself comes with a delay that is shorter by half as much, and half the relative change of
-    # the effect.
-    directions[:, lag_column] += np.concatenate([effect, [0.0, 0.0, -values.lag]]) / 2
+    # A lag that is longer by one in its logarithm comes with more effect and less delay.
+    directions[: len(effect), lag_column] = LAG_COMPENSATION * effect
+    directions[LAG_AND_DELAY, lag_column] = values.lag, -LAG_COMPENSATION * values.lag
     variances = np.square(_model_deviations(fit, values))
     return directions * variances @ directions.T

@@ -319,39 +319,43 @@ class ControllerResponse(NamedTuple):
 
 
 def controller_response(controller: Controller, frequency: Array) -> ControllerResponse:
-    """Returns the responses of a discrete-time rate controller, with z = e^(jω h) for its loop period h.
+    """Returns the responses of a discrete-time rate controller (PID with feed-forward) to its setpoint and to the rate.
 
-    The integral is I h / (1 − z⁻¹), the derivative D (1 − z⁻¹) / h, and a first-order low-pass of cut-off f is
-    a / (1 − (1 − a) z⁻¹) with a = h / (h + 1 / (2π f)). ArduPilot's ``AC_PID`` differentiates the error and filters the
-    setpoint; PX4's ``RateControl`` differentiates the rate, and integrates the error after it has been used.
+    With z = e^(jω h) for the loop period h, the integral term is I h / (1 − z⁻¹), the derivative D (1 − z⁻¹) / h, and a
+    first-order low-pass of cut-off f is a / (1 − (1 − a) z⁻¹) with a = h / (h + 1 / (2π f)).
+
+    The autopilots combine these terms differently. ArduPilot's ``AC_PID`` filters the setpoint, and applies P, I and D
+    to the error. PX4's ``RateControl`` applies P and I to the error and D to the rate alone, and adds each error to the
+    integral only after the integral has been used: one period late.
 
     Args:
         controller: the rate controller of one axis.
         frequency: frequencies of any shape, Hz.
     """
     period = controller.loop_period
-    # z⁻¹, the response of a delay by one loop period.
-    previous = np.exp(-2j * np.pi * frequency * period)
+    # z⁻¹ is the response of a delay by one loop period.
+    delay = np.exp(-2j * np.pi * frequency * period)
 
     def low_pass(cutoff: float) -> Any:
         """Returns the response of a first-order low-pass with this cut-off, Hz; 1 where it is 0, which means none."""
         weight = period / (period + 1 / (2 * np.pi * cutoff)) if cutoff else 1.0
-        return weight / (1 - (1 - weight) * previous)
+        return weight / (1 - (1 - weight) * delay)
 
-    derivative = controller.d * low_pass(controller.derivative_filter) * (1 - previous) / period
-    integral = controller.i * period / (1 - previous)
-    # ArduPilot: P, I and D act on the filtered error, feed-forward on the filtered setpoint.
-    if controller.derivative_of_error:
+    derivative = controller.d * low_pass(controller.derivative_filter) * (1 - delay) / period
+    integral = controller.i * period / (1 - delay)
+    is_ardupilot = controller.derivative_of_error
+    if is_ardupilot:
         from_error = low_pass(controller.error_filter) * (controller.p + integral + derivative)
         from_error = from_error * notch_response(controller.error_notches, 1 / period, frequency)
-        feed_forward = controller.ff + controller.derivative_ff * (1 - previous) / period
+        feed_forward = controller.ff + controller.derivative_ff * (1 - delay) / period
         target_notches = notch_response(controller.target_notches, 1 / period, frequency)
         target_filters = low_pass(controller.target_filter) * target_notches
-        return ControllerResponse(target_filters * (from_error + feed_forward), from_error)
-    # PX4: D acts on the rate alone, and the integral is used one period late.
-    proportional_integral = controller.p + previous * integral
+        return ControllerResponse(
+            from_setpoint=target_filters * (from_error + feed_forward), from_rate=from_error
+        )
+    proportional_integral = controller.p + delay * integral
     output_filter = low_pass(controller.output_filter)
     return ControllerResponse(
-        output_filter * (proportional_integral + controller.ff),
-        output_filter * (proportional_integral + derivative),
+        from_setpoint=output_filter * (proportional_integral + controller.ff),
+        from_rate=output_filter * (proportional_integral + derivative),
     )

@@ -18,9 +18,10 @@ It was measured with ``tools/validation/alarms.py``; see docs/evidence/motors.md
 """
 
 THRUST_EXPONENTS = (1.0, 2.0)
-"""Powers of the command that the thrust of a motor goes with: 1 in PX4's SIH, 2 in ArduPilot's SITL at hover.
+"""Bounds of the exponent n of the thrust curve: thrust is proportional to the command to the power of n.
 
-The lower end of an interval of lost thrust is for the first, the upper end for the second.
+The exponent is 1 in PX4's simulator SIH, and 2 in ArduPilot's SITL at hover. The lower end of an interval of lost
+thrust is for the first, the upper end for the second.
 """
 
 
@@ -64,7 +65,7 @@ class MotorAlarm(NamedTuple):
 
     @property
     def fact(self) -> Fact:
-        """The fact that says what changed, and since when; its level is bad where a motor lost thrust.
+        """The fact that states what changed, and since when; its level is bad where a motor lost thrust.
 
         It is one of three: the steady torque changed, a motor lost thrust, or a motor recovered.
         """
@@ -106,9 +107,12 @@ def event_or_alarm(fact: Fact, time: float) -> Fact:
 def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     """Returns the losses of thrust in a flight, the worst first.
 
-    Of what a motor lost until it recovered, the largest loss counts. A loss that lasts is bad. One that ended is to be
-    watched, and has its end; it is bad too if a motor that still lacks thrust lost less. One that ended within
-    ``MIN_LOSS_SECONDS`` was none.
+    Of several losses of a motor before it recovers, the largest counts. There are three cases:
+
+    - A loss without a recovery is bad.
+    - A loss that ended has the level "watch", and its end time. It is bad too if it was larger than a loss that lasts,
+      since the lasting one may then be the smaller fault.
+    - A loss that ended within ``MIN_LOSS_SECONDS`` was too brief to be real, and is left out.
 
     Args:
         changes: All changes of the flight, in the order of time.
@@ -116,7 +120,7 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     Returns:
         The facts. Each has the names of all motors whose losses are bad.
     """
-    # By boot and name of the motor: the largest loss since the motor was last sound.
+    # By boot and name of the motor: the largest loss since the motor last gave its full thrust.
     lasting_losses: dict[tuple[int, str], MotorAlarm] = {}
     ended_losses: list[tuple[MotorAlarm, float]] = []
     for change in changes:
@@ -142,17 +146,21 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
 
 
 def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:
-    """Returns the changes of a flight without losses of thrust that were none, and without the recoveries of these.
+    """Removes losses of thrust that were too brief to be real, and the recoveries that ended them.
 
-    A loss that ended within ``MIN_LOSS_SECONDS`` is withdrawn together with its recovery. A recovery without a loss
-    before it is left out as well.
+    A motor that seems weak for less than ``MIN_LOSS_SECONDS`` was disturbed by a gust or a correction of the attitude.
+    A recovery of a motor that had no loss before is removed as well. Changes of the steady torque, which are of no
+    motor, all remain.
 
     Args:
         changes: All changes of the flight, in the order of time.
+
+    Returns:
+        The remaining changes, in the same order.
     """
-    # By boot and name of the motor: its losses since it was last sound.
+    # By boot and name of the motor: its losses since it last gave its full thrust.
     losses_of_motor: dict[tuple[int, str], list[MotorAlarm]] = {}
-    withdrawn: list[MotorAlarm] = []
+    removed: list[MotorAlarm] = []
     for change in changes:
         motor = (change.boot, change.name)
         if change.motor is None:
@@ -160,15 +168,16 @@ def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:
         if change.is_weak:
             losses_of_motor.setdefault(motor, []).append(change)
             continue
+        # Every other change of a motor is its recovery.
         losses = losses_of_motor.pop(motor, [])
         if not losses:
-            withdrawn.append(change)
+            removed.append(change)
         else:
-            # As in ``thrust_losses``, the largest loss counts.
+            # A motor may lose more thrust before it recovers. The time is counted from the onset of the largest loss.
             largest = max(losses, key=lambda loss: loss.size)
             if change.since - largest.since < MIN_LOSS_SECONDS:
-                withdrawn += [*losses, change]
-    return [change for change in changes if change not in withdrawn]
+                removed += [*losses, change]
+    return [change for change in changes if change not in removed]
 
 
 def alarm_figures(changes: Sequence[MotorAlarm]) -> JsonValues:

@@ -60,11 +60,13 @@ def test_still_air_is_no_wind_and_a_drags_interval_is_a_half_width():
 
 
 def test_a_margin_is_in_radians_and_its_interval_a_half_width():
-    known = {"gain_margin": 9.0, "gain_margin_interval": (8.0, 10.0)}
-    loop = partial_record(Loop, phase_margin=180.0, phase_margin_interval=(90.0, 270.0), **known)
-    found = module.margin_columns(loop)
-    assert (found["phase_margin"], found["phase_margin_interval"]) == (np.pi, np.pi / 2)
-    assert found["gain_margin_interval"] == 1.0
+    figures = {"gain_margin": 9.0, "gain_margin_interval": (8.0, 10.0)}
+    figures |= {"phase_margin": 180.0, "phase_margin_interval": (90.0, 270.0)}
+    figures |= {"ms": 2.0, "ms_interval": (1.5, 2.5)}
+    columns = module.margin_columns(partial_record(Loop, **figures))
+    assert (columns["phase_margin"], columns["phase_margin_interval"]) == (np.pi, np.pi / 2)
+    assert columns["gain_margin_interval"] == 1.0
+    assert columns["ms_interval"] == 0.5
 
 
 def test_a_row_has_an_effect_and_a_wind_torque_only_where_they_are_known():

@@ -456,18 +456,23 @@ def _learning_step(progress: ShowStep) -> Iterator[None]:
 
 
 def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
-    """Returns why a model of the slow motion is not worth having; None if it is.
+    """Returns the reason to refuse a model that was learned from a slow stream; None if it forecasts well enough.
 
-    From slow streams a model can be learned, but may be no better than a trivial forecast. So its error on held-out
-    windows must be at most ``MAX_SLOW_ERROR_RATIO`` of that of each baseline (constant mean, last sample held), and a
-    paired test of the windows must find that this is no chance.
+    A stream too slow to show rotation still shows slow motion, but a model of that may be no better than a trivial
+    forecast. Two conditions must hold for each such baseline (the mean of the training data, and the last sample). The
+    model's error on held-out windows is at most ``MAX_SLOW_ERROR_RATIO`` times that of the baseline. And a paired test
+    over the windows shows that the model's error is significantly lower.
 
     Args:
         held_out: forecasts of windows that the model was not trained on, with those of the baselines.
+
+    Returns:
+        The fact with the first baseline that fails: with the p-value and its limit if only the test failed, with the
+        ratio of errors and its limit otherwise.
     """
     for baseline in BASELINES:
         error_ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
-        # The ratios by window are compared with 1, that of a forecast which is no better.
+        # The ratios of each window are compared with 1, that of a forecast which is no better than the baseline.
         significance_test = paired(held_out.error_ratios(baseline), np.ones(len(held_out)))
         # The ratio may be NaN, which is no improvement.
         is_better = error_ratio <= MAX_SLOW_ERROR_RATIO

@@ -59,7 +59,11 @@ class LoopDecision:
 
     @property
     def fact(self) -> Fact:
-        """The decision as a fact: its sentence is the reason, its remedy the action."""
+        """The decision as a fact, which lights, pages and documents show.
+
+        Its sentence states the observation behind the verdict, such as low margins, and its remedy the action. Its
+        level, good to bad, is that of this observation.
+        """
         return Fact(
             LoopActions.LOOPS_JUDGED,
             self.reason.level,

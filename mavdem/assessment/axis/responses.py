@@ -40,7 +40,7 @@ class LoopResponse(NamedTuple):
 
     @property
     def facts(self) -> Facts:
-        """What there is to report of it."""
+        """Facts to report: the measured response or why it is not known, and whether the prediction agrees."""
         if isinstance(self.measured, Fact):
             return (self.measured,)
         return tuple(fact for fact in (self.measured.fact, self.compared) if fact is not None)
@@ -53,17 +53,17 @@ StepsByLoop = Mapping[str, Mapping[str, Array]]
 """Step responses by axis, and then by loop, at the times of the measured ones."""
 
 NO_RESPONSES: Responses = MappingProxyType({})
-"""What a flight has of which no response was measured."""
+"""The responses of a flight in which none was measured."""
 
 NO_STEPS: StepsByLoop = MappingProxyType({})
-"""What a flight has whose gains are kept."""
+"""The step responses with advised gains of a flight for which no gains are advised."""
 
 
 def responses_of(evidence: Evidence) -> Responses:
     """Measures the closed-loop responses of rate and attitude of roll, pitch and yaw, and predicts them by the loops.
 
-    They are of settled flight, without the modes that excite the vehicle themselves: there the setpoint is not what
-    moves it. Responses of axes without an identified loop have no prediction.
+    Only settled flight counts, without the flight modes that inject an excitation themselves, such as AutoTune: there
+    the setpoint is not what moves the vehicle. Axes without an identified loop have no prediction.
 
     Args:
         evidence: what the log shows of the vehicle, with the identified loop of each axis.
@@ -98,7 +98,8 @@ def responses_of(evidence: Evidence) -> Responses:
 def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsByLoop:
     """Predicts the step responses with the advised gains, at the times of the measured responses.
 
-    They belong beside the measured ones, so that an attitude has the feedforward that the autopilot adds.
+    A chart shows them beside the measured ones. So they too contain the feedforward of the attitude's setpoint, where
+    the autopilot adds one.
 
     Args:
         responses: the measured responses.
@@ -131,11 +132,12 @@ def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsBy
 def predicted_attitude_response(loop: Loop, has_feedforward: bool) -> Complex:
     """Returns the frequency response of the attitude to its setpoint at F frequencies, as the loop predicts it.
 
-    With the angle gain K and T the closed loop, a feedforward of the setpoint's derivative makes it T (1 + jω/K): the
-    setpoint of the rate is K (setpoint − angle) + jω setpoint.
+    The attitude controller sets the rate to K (setpoint − angle), with the angle gain K; T is the response of the angle
+    to its setpoint then. Feedforward adds the setpoint's derivative, jω setpoint, to the rate's setpoint. This acts as
+    if the setpoint were (1 + jω/K) times as large, so that the response becomes T (1 + jω/K).
 
     Args:
-        loop: of the axis.
+        loop: the identified loops of the axis.
         has_feedforward: whether the derivative of the setpoint is added to the setpoint of the rate.
 
     Returns:
@@ -144,51 +146,57 @@ def predicted_attitude_response(loop: Loop, has_feedforward: bool) -> Complex:
     closed_loop = loop.attitude.closed[0]
     if not has_feedforward:
         return closed_loop
-    derivative_share = 2j * np.pi * loop.attitude.frequency / loop.controller.angle_gain
-    return closed_loop * (1 + derivative_share)
+    feedforward = 2j * np.pi * loop.attitude.frequency / loop.controller.angle_gain
+    return closed_loop * (1 + feedforward)
 
 
 def _compared_response(
     measured: StepResponse | Fact, loop: Loop, open_loop: OpenLoop, closed_loop: Complex
 ) -> LoopResponse:
-    """Returns a measured response together with the predicted one, at the times and frequencies of the measured one.
+    """Puts the response that an identified loop predicts beside the measured one, and compares the two.
 
-    The step response is predicted from the frequency response of the closed loop by a Fourier transform.
+    The step response is predicted from the frequency response of the closed loop by a Fourier transform, and the gain
+    |T| is interpolated at the measured frequencies.
 
     Args:
-        measured: the response, or why it is not known.
+        measured: the measured response of the rate or attitude loop, or why it is not known.
         loop: the identified loops of the axis.
-        open_loop: the one of these that is compared, whose first row is the estimate. An unstable one predicts no
-            response.
-        closed_loop: (F,) predicted frequency response at ``open_loop.frequency``.
+        open_loop: that one of its loops, rate or attitude, which was measured; row 0 is the estimate.
+        closed_loop: (F,) its predicted frequency response from setpoint to rate or angle, at ``open_loop.frequency``.
+
+    Returns:
+        The measured response with its prediction. There is no prediction without a measured response, nor by an
+        unstable loop, which has none.
     """
-    if isinstance(measured, Fact) or not open_loop.stable[0]:
+    is_stable = open_loop.stable[0]
+    if isinstance(measured, Fact) or not is_stable:
         return LoopResponse(measured)
     frequency = open_loop.frequency
     return LoopResponse(
-        measured,
-        step_from_frequency_response(frequency, closed_loop, measured.time),
-        np.interp(measured.frequency, frequency, abs(closed_loop)),
-        _comparison(measured, loop, frequency, closed_loop),
+        measured=measured,
+        predicted_step=step_from_frequency_response(frequency, closed_loop, measured.time),
+        predicted_gain=np.interp(measured.frequency, frequency, abs(closed_loop)),
+        compared=_comparison(measured, loop, frequency, closed_loop),
     )
 
 
 def _comparison(
     measured: StepResponse, loop: Loop, frequency: Array, closed_loop: Complex
 ) -> Fact | None:
-    """Returns whether a measured and a predicted response agree, or which of them is doubted.
+    """Returns the fact that a measured and a predicted response agree, or which of the two is doubtful.
 
-    The loops of an axis have one rating. Where the flight has shown whether the rate follows the loop
-    (:attr:`Loop.agrees`), the gain at some frequencies does not outrank the fit of the whole response.
+    A page must not call the loops of an axis right in one place and wrong in another. Where it is known already whether
+    the measured rate follows the loop over all frequencies (:attr:`Loop.agrees`), that comparison counts. This one, of
+    the gain |T| at some frequencies, is then left out if it says the opposite.
 
     Args:
-        measured: the response.
+        measured: the measured response.
         loop: the identified loops of the axis.
-        frequency: (F,) Hz.
-        closed_loop: (F,) predicted frequency response.
+        frequency: (F,) frequencies of the prediction, Hz.
+        closed_loop: (F,) predicted frequency response of the closed loop.
 
     Returns:
-        The fact; None where it would contradict the fit of the rate.
+        The fact; None where it would contradict :attr:`Loop.agrees`.
     """
     comparison = measured.comparison(frequency, closed_loop)
     if loop.agrees is not None and comparison.is_good != loop.agrees:

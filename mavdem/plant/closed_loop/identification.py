@@ -104,23 +104,33 @@ class IdentifiedAxis(NamedTuple):
 
     @property
     def saturation_loss(self) -> float:
-        """Share of the commanded output that limits cut off, from the controller's gain; 0 to ``saturated_share``."""
+        """Share of the commanded output that the motors' limits cut off, as the controller's estimated gain shows.
+
+        Output that is cut off at a limit acts like a lower gain of the controller. So the share is one less the
+        estimated gain relative to that by the logged parameters. It is between 0 and the share of the time with a motor
+        at its limit.
+        """
         gain_loss = 1 - np.exp(self.theta[CONTROLLER])
         return float(np.clip(gain_loss, 0.0, self.posterior.saturated_share))
 
     @property
     def controller_consistent(self) -> bool:
-        """Whether the controller acts as its logged parameters say; if it does not, the model of it is wrong.
+        """Whether the controller acts as its logged parameters state; if it does not, the model of it is wrong.
 
-        Its estimated gain, relative to that by the logged parameters, must be 1, or less by what saturation explains:
-        outputs that are cut off at a limit act like a lower gain. A tolerance of ``SIGNIFICANT_SIGMAS`` prior standard
-        deviations of the gain's logarithm is allowed. Both the posterior's mean and its main mode must pass.
+        The entry ``CONTROLLER`` of θ is the logarithm of its estimated gain, relative to that by the logged parameters.
+        It should be 0. It may be lower by what saturation explains: output that is cut off at a motor's limit acts like
+        a lower gain, lower at most by the share of the time with a motor at its limit. Beyond that,
+        ``SIGNIFICANT_SIGMAS`` prior standard deviations are allowed. Both the posterior's mean and its main mode must
+        be in this range.
         """
-        log_gains = np.array([self.theta, self.main_mode])[:, CONTROLLER]
         tolerance = SIGNIFICANT_SIGMAS * PRIOR_SD[CONTROLLER]
-        # Where all of the output is cut during saturation, the gain is lower by the saturated share.
         lowest = np.log1p(-self.posterior.saturated_share) - tolerance
-        return bool(((lowest <= log_gains) & (log_gains <= tolerance)).all())
+        for theta in (self.theta, self.main_mode):
+            log_gain = theta[CONTROLLER]
+            is_in_range = log_gain >= lowest and log_gain <= tolerance
+            if not is_in_range:
+                return False
+        return True
 
     @property
     def reference_share(self) -> float:
@@ -252,26 +262,26 @@ def _covariance(posterior: AxisPosterior, curvature: Array) -> Array:
 
 
 def with_quicker_pole_as_lag(theta: Array) -> Array:
-    """Returns parameters of the same frequency response whose quicker pole is the motor lag and the slower the damping.
+    """Exchanges motor lag and damping where the lag is the slower of the two, without changing the frequency response.
 
-    The response b / ((τ s + 1)(s + d)) of the plant stays the same when the poles 1/τ and d change places and b becomes
-    b / (τ d). An ascent may end in either form. Motors are quicker than the damping of a vehicle in air, so that form
-    is the right one.
+    The plant b / ((τ s + 1)(s + d)) has the poles 1/τ of the motors and d of the damping. It is the same function of s
+    if the poles change places and b becomes b / (τ d), so that an identification may end with either. Motors respond
+    faster than damping slows the rotation of a vehicle in air: 1/τ must be the larger pole.
 
     Args:
         theta: θ (k,), logarithms of the parameters.
 
     Returns:
-        θ (k,) with the poles in this order; the same values where they are already.
+        θ (k,) with 1/τ the larger pole; the same values where it is already.
     """
     effect, damping, lag, _ = PLANT
-    # ln(τ d) is positive where the damping d is quicker than 1/τ. Less ln(τ d), ln d becomes ln(1/τ), ln τ becomes
-    # ln(1/d), and ln b becomes ln(b / (τ d)).
-    excess = max(theta[damping] + theta[lag], 0.0)
-    swapped = theta.copy()
-    swapped[[damping, lag]] -= excess
-    swapped[effect] -= excess
-    return swapped
+    # ln(τ d) is positive where the poles must be exchanged. The new values are d' = 1/τ = d / (τ d), τ' = 1/d = τ /
+    # (τ d) and b' = b / (τ d): ln(τ d) is subtracted from each logarithm.
+    log_pole_ratio = max(theta[damping] + theta[lag], 0.0)
+    exchanged = theta.copy()
+    exchanged[[damping, lag]] -= log_pole_ratio
+    exchanged[effect] -= log_pole_ratio
+    return exchanged
 
 
 def _nats_below(mode: QuadraticExpansion, theta: Array) -> float:

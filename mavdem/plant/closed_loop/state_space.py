@@ -82,6 +82,9 @@ class State(IntEnum):
 STATES = State.GUST + len(GAUSSIAN_KERNEL.A)
 """Number n of states."""
 
+GUST_STATES = slice(State.GUST, STATES)
+"""Indices of the states of the smooth wind torque."""
+
 
 class LoopController(NamedTuple):
     """The controller of one axis as far as it is known: prior medians of its gains and cut-offs, and its form."""
@@ -266,7 +269,11 @@ def loop_prior(controller: LoopController, output_size: float) -> LoopPrior:
 
 
 class SampledLoop(NamedTuple):
-    """The closed loop sampled at the record's rate: x⁺ = Φ x + w, z = C x + v; leading axes are several models."""
+    """The closed loop sampled at the record's rate: x⁺ = Φ x + w, z = C x + v; leading axes are several models.
+
+    Its states x are scaled: each is divided by its stationary standard deviation, so that all have variance 1 and
+    matrices of very different entries do not round badly.
+    """
 
     transition: Array
     """(…, n, n) transition matrix Φ of one sampling step."""
@@ -284,7 +291,7 @@ class SampledLoop(NamedTuple):
     """(…, n, n) covariance of the states before anything is measured."""
 
     state_sd: Array
-    """(…, n) stationary standard deviation of each state, in which all matrices count it: good for rounding errors."""
+    """(…, n) stationary standard deviation of each state in physical units, by which the states are divided."""
 
     @property
     def noise_covariance(self) -> Array:
@@ -319,9 +326,45 @@ def continuous_loop(parameters: GenerativeParameters, controller: LoopController
     shape = np.shape(parameters.effect)
     A = np.zeros((*shape, STATES, STATES))
     noise_gains = np.zeros((*shape, STATES, SOURCES))
-    unit = np.eye(STATES)
+    signals = _controller_signals(parameters, controller)
+    _add_plant(A, parameters, signals.motors)
+    _add_filters(A, parameters, signals)
+    _add_noises(A, noise_gains, parameters)
 
-    # The rate setpoint before its filter, and the motors' combination u, are weighted sums of states.
+    output = np.zeros((*shape, CHANNELS, STATES))
+    output[..., 0, State.ANGLE] = 1.0
+    output[..., 1, State.GYRO] = 1.0
+    output[..., 2, :] = signals.motors
+    return ContinuousLoop(A, noise_gains, output)
+
+
+class _ControllerSignals(NamedTuple):
+    """Signals inside the controller as linear functions of the states: each a row of n weights."""
+
+    rate_setpoint: Array
+    """(…, n) rate setpoint before its filter, rad/s."""
+
+    error: Array
+    """(n,) error of the rate, rad/s."""
+
+    derivative: Array
+    """(…, n) low-passed derivative that the D term uses, rad/s²."""
+
+    motors: Array
+    """(…, n) motors' combination u."""
+
+
+def _controller_signals(
+    parameters: GenerativeParameters, controller: LoopController
+) -> _ControllerSignals:
+    """Returns the signals of the attitude and rate controller as weights of the states.
+
+    Args:
+        parameters: parameters, (…) each.
+        controller: controller, of which the form and the feed-forwards are used.
+    """
+    # Row i of the unit matrix is the weight of state i alone.
+    unit = np.eye(STATES)
     rate_setpoint = (
         parameters.angle_gain[..., None] * (unit[State.SETPOINT] - unit[State.ANGLE])
         + controller.setpoint_slope_gain * unit[State.SETPOINT_SLOPE]
@@ -332,25 +375,34 @@ def continuous_loop(parameters: GenerativeParameters, controller: LoopController
         differentiated = error
     derivative_bandwidth = 2 * np.pi * parameters.derivative_cutoff
     derivative = derivative_bandwidth[..., None] * (differentiated - unit[State.DERIVATIVE])
-    law = (
+    # The terms P, I and D, divided by the proportional gain.
+    pid_terms = (
         error
         + parameters.integral_ratio[..., None] * unit[State.INTEGRAL]
         + parameters.derivative_ratio[..., None] * derivative
     )
     motors = (
-        parameters.p[..., None] * law
+        parameters.p[..., None] * pid_terms
         + controller.feed_forward * unit[State.TARGET]
         + parameters.actuation[..., None] * unit[State.ACTUATION]
     )
+    return _ControllerSignals(rate_setpoint, error, derivative, motors)
 
-    # Plant, motors and dead time. The Padé approximation of e^(−θs) is 1 − θs / (1 + θs/2 + θ²s²/12).
+
+def _add_plant(A: Array, parameters: GenerativeParameters, motors: Array) -> None:
+    """Enters the rows of angle, rate, motor torque and dead time in the system matrix.
+
+    Args:
+        A: system matrix (…, n, n), whose rows are written.
+        parameters: parameters, (…) each.
+        motors: weights (…, n) of the states in the motors' combination.
+    """
+    unit = np.eye(STATES)
     A[..., State.ANGLE, State.RATE] = 1.0
+    A[..., State.RATE, :] = _wind_torque_weights(parameters)
     A[..., State.RATE, State.RATE] = -parameters.damping
     A[..., State.RATE, State.TORQUE] = 1.0
-    A[..., State.RATE, State.DRIFT] = parameters.drift_size
-    A[..., State.RATE, State.EDDY] = parameters.eddy_size
-    gust = slice(State.GUST, STATES)
-    A[..., State.RATE, gust] = parameters.gust_size[..., None] * GAUSSIAN_KERNEL.C
+    # The Padé approximation of e^(−θs) is 1 − θs / (1 + θs/2 + θ²s²/12).
     delay = parameters.delay[..., None]
     delayed_motors = motors - delay * unit[State.DELAY_SLOPE]
     A[..., State.TORQUE, :] = (
@@ -361,28 +413,68 @@ def continuous_loop(parameters: GenerativeParameters, controller: LoopController
         12 / delay**2 * (motors - unit[State.DELAY]) - 6 / delay * unit[State.DELAY_SLOPE]
     )
 
-    # Filters of the gyro (Butterworth, second order), the derivative and the rate setpoint, and the integral.
+
+def _wind_torque_weights(parameters: GenerativeParameters) -> Array:
+    """Returns the weights (…, n) of the states in the wind torque, rad/s².
+
+    The torque is the sum of its components. A first-order component is one state of variance 1 times its standard
+    deviation. The smooth component has several states, of which the noise model's output row C makes a noise of
+    variance 1.
+
+    Args:
+        parameters: parameters, (…) each.
+    """
+    weights = np.zeros((*np.shape(parameters.effect), STATES))
+    weights[..., State.DRIFT] = parameters.drift_size
+    weights[..., State.EDDY] = parameters.eddy_size
+    weights[..., GUST_STATES] = parameters.gust_size[..., None] * GAUSSIAN_KERNEL.C
+    return weights
+
+
+def _add_filters(A: Array, parameters: GenerativeParameters, signals: _ControllerSignals) -> None:
+    """Enters the rows of the filters of gyro, derivative and rate setpoint, and of the integral, in the system matrix.
+
+    Args:
+        A: system matrix (…, n, n), whose rows are written.
+        parameters: parameters, (…) each.
+        signals: signals of the controller, which the filters take.
+    """
+    unit = np.eye(STATES)
+    # The gyro's low-pass is a Butterworth filter of second order; the others are of first order.
     gyro_bandwidth = 2 * np.pi * parameters.gyro_cutoff
     A[..., State.GYRO, State.GYRO_SLOPE] = 1.0
     A[..., State.GYRO_SLOPE, State.RATE] = gyro_bandwidth**2
     A[..., State.GYRO_SLOPE, State.GYRO] = -(gyro_bandwidth**2)
     A[..., State.GYRO_SLOPE, State.GYRO_SLOPE] = -np.sqrt(2) * gyro_bandwidth
-    A[..., State.INTEGRAL, :] = error
-    A[..., State.DERIVATIVE, :] = derivative
+    A[..., State.INTEGRAL, :] = signals.error
+    A[..., State.DERIVATIVE, :] = signals.derivative
     target_bandwidth = 2 * np.pi * parameters.target_cutoff
-    A[..., State.TARGET, :] = target_bandwidth[..., None] * (rate_setpoint - unit[State.TARGET])
+    A[..., State.TARGET, :] = target_bandwidth[..., None] * (
+        signals.rate_setpoint - unit[State.TARGET]
+    )
 
-    # A Matérn process of smoothness 3/2 has a double pole at −κ.
+
+def _add_noises(A: Array, noise_gains: Array, parameters: GenerativeParameters) -> None:
+    """Enters the setpoint, actuation and wind, which white noises drive, and the gyro noise.
+
+    Args:
+        A: system matrix (…, n, n), whose rows are written.
+        noise_gains: gains (…, n, sources) of the white noises, which are written.
+        parameters: parameters, (…) each.
+    """
+    shape = np.shape(parameters.effect)
+    # The setpoint is a Matérn process of smoothness 3/2, which has a double pole at −κ.
     kappa = 1 / parameters.setpoint_time
     A[..., State.SETPOINT, State.SETPOINT_SLOPE] = 1.0
     A[..., State.SETPOINT_SLOPE, State.SETPOINT] = -(kappa**2)
     A[..., State.SETPOINT_SLOPE, State.SETPOINT_SLOPE] = -2 * kappa
     noise_gains[..., State.SETPOINT_SLOPE, 0] = 2 * kappa**1.5 * parameters.setpoint_size
+    gyro_bandwidth = 2 * np.pi * parameters.gyro_cutoff
     noise_gains[..., State.GYRO_SLOPE, 1] = (
         gyro_bandwidth**2 * parameters.gyro_noise * np.sqrt(GYRO_CYCLE)
     )
 
-    # First-order noises of variance 1, and the smooth wind torque.
+    # First-order noises of variance 1.
     first_order_times = {
         State.ACTUATION: np.full(shape, ACTUATION_TIME),
         State.DRIFT: parameters.drift_time,
@@ -391,31 +483,24 @@ def continuous_loop(parameters: GenerativeParameters, controller: LoopController
     for source, (state, time) in enumerate(first_order_times.items(), start=2):
         A[..., state, state] = FIRST_ORDER.A[0, 0] / time
         noise_gains[..., state, source] = np.sqrt(FIRST_ORDER.Q[0, 0] / time)
+    # The smooth wind torque. The intensity of its white noise is diagonal, with one entry.
     gust_time = parameters.gust_time[..., None, None]
-    A[..., gust, gust] = GAUSSIAN_KERNEL.A / gust_time
-    # The intensity of its white noise is diagonal, with one entry.
-    noise_gains[..., gust, -1] = np.sqrt(GAUSSIAN_KERNEL.Q.diagonal() / gust_time[..., 0])
-
-    output = np.zeros((*shape, CHANNELS, STATES))
-    output[..., 0, State.ANGLE] = 1.0
-    output[..., 1, State.GYRO] = 1.0
-    output[..., 2, :] = motors
-    return ContinuousLoop(A, noise_gains, output)
+    A[..., GUST_STATES, GUST_STATES] = GAUSSIAN_KERNEL.A / gust_time
+    noise_gains[..., GUST_STATES, -1] = np.sqrt(GAUSSIAN_KERNEL.Q.diagonal() / gust_time[..., 0])
 
 
 def wind_torque_output(theta: Array, state_sd: Array) -> Array:
-    """Returns the row (n,) that gives the wind torque, rad/s², from the states.
+    """Returns the output row (n,) of the wind torque: its product with the scaled states is the torque, rad/s².
+
+    Scaled states are x / state_sd: a Kalman filter of the sampled loop works with these, which all have the stationary
+    variance 1, since states of very different sizes round badly.
 
     Args:
         theta: (k,) logarithms of the parameters.
-        state_sd: (n,) standard deviations in which the states are counted.
+        state_sd: (n,) stationary standard deviations of the states, :attr:`SampledLoop.state_sd`.
     """
     parameters = GenerativeParameters(*np.exp(theta))
-    output = np.zeros(STATES)
-    output[State.DRIFT] = parameters.drift_size
-    output[State.EDDY] = parameters.eddy_size
-    output[State.GUST :] = parameters.gust_size * GAUSSIAN_KERNEL.C
-    return output * state_sd
+    return _wind_torque_weights(parameters) * state_sd
 
 
 def sampled_loop(theta: Array, controller: LoopController, dt: float) -> SampledLoop:
@@ -425,6 +510,9 @@ def sampled_loop(theta: Array, controller: LoopController, dt: float) -> Sampled
         theta: (…, k) logarithms of the parameters.
         controller: the controller.
         dt: sampling step, s.
+
+    Returns:
+        The discrete model, with every state divided by its stationary standard deviation.
 
     Raises:
         numpy.linalg.LinAlgError: a loop is unstable, and so has no stationary distribution.
@@ -459,15 +547,19 @@ def setpoint_process_covariance(
         theta: (k,) logarithms of the parameters.
         controller: the controller.
         dt: sampling step, s.
-        state_sd: (n,) standard deviations in which the result counts the states.
+        state_sd: (n,) stationary standard deviations of the states, by which they are divided as in
+            :class:`SampledLoop`.
 
     Returns:
-        Covariances (n, n) of the process noise of one step, and of the states before anything is measured.
+        Covariances (n, n), of the scaled states: of the process noise of one step, and of the states before anything is
+        measured.
     """
     loop = continuous_loop(GenerativeParameters(*np.exp(theta)), controller)
-    by_setpoint = _step_of_loop(loop._replace(noise_gains=loop.noise_gains[:, :1]), dt)
+    # The setpoint's noise is the first of the white noises.
+    setpoint_loop = loop._replace(noise_gains=loop.noise_gains[:, :1])
+    step = _step_of_loop(setpoint_loop, dt)
     scale = np.outer(state_sd, state_sd)
-    return by_setpoint.process_covariance / scale, by_setpoint.stationary_covariance / scale
+    return step.process_covariance / scale, step.stationary_covariance / scale
 
 
 class _StepOfLoop(NamedTuple):
@@ -484,7 +576,11 @@ class _StepOfLoop(NamedTuple):
 
 
 def _step_of_loop(loop: ContinuousLoop, dt: float) -> _StepOfLoop:
-    """Discretises the closed loop, by doubling the time: Φ(2h) = Φ(h)², Q(2h) = Q(h) + Φ(h) Q(h) Φ(h)ᵀ.
+    """Discretises the closed loop over one sampling step, and finds its stationary covariance.
+
+    Both use doubling of the time: Φ(2h) = Φ(h)², Q(2h) = Q(h) + Φ(h) Q(h) Φ(h)ᵀ, with the transition matrix Φ and the
+    covariance Q of the process noise. A step is doubled from a very short one, and the stationary covariance is Q of a
+    time after which its variances grow no more (``STEADY_CHANGE``, at most ``MAX_DOUBLINGS``).
 
     Only positive semidefinite matrices are added, so that no covariance gets a negative eigenvalue by rounding, however
     much faster one state is than another.

@@ -109,16 +109,18 @@ def _response_charts(
 ) -> Iterator[Chart]:
     """Yields the chart of a step response and, for a rate loop, that of its gain |T| over frequency.
 
-    T is the closed-loop response from setpoint to motion. What was measured has a 90 % band; what the identified loop
-    predicts is dashed.
+    T is the closed-loop frequency response from setpoint to rate or angle. Each chart has up to three lines: the
+    measured response with its 90 % band, the prediction of the identified loop, dashed, and, for steps, the prediction
+    with the advised gains. A level at 1 marks the setpoint.
 
     Args:
         title: axis and loop, such as "Roll rate".
         response: the response with its prediction, if the loop is identified.
-        measured: the measured response, with its 90 % band.
+        measured: the same as ``response.measured``, which is known to be no reason for a missing one.
         advised_step: predicted response to a step with the advised gains, at the times of the measured one; None where
             the gains are kept.
     """
+    # Where the messages are too slow to measure a step, the step is that of the identified loop.
     step_name = "identified" if measured.is_identified else "measured"
     steps = [Line.with_band(step_name, MEASURED, measured.time, measured.step, measured.step_half)]
     # On the logarithmic axis the lower end of the band must stay above zero.
@@ -129,7 +131,7 @@ def _response_charts(
         predicted_step = Line(
             "predicted", PREDICTED, measured.time, response.predicted_step, style=LineStyle.DASHES
         )
-        # An identified step is the predicted one already.
+        # A step of the identified loop is the prediction already.
         if not measured.is_identified:
             steps.append(predicted_step)
         gains.append(predicted_step._replace(x=measured.frequency, y=response.predicted_gain))
@@ -167,6 +169,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
         sensitivities.append(line_with_quantile_band(name, colour, frequency, sensitivity))
         margin = f"{open_loop.phase_margin:.0f}°"
         crossovers.append(Mark(open_loop.crossover, margin, colour))
+    # The phase margin stands beside the mark in the chart of the phase alone.
     unnamed = tuple(mark._replace(name="") for mark in crossovers)
     axis = next(iter(loops.values())).axis.capitalize()
     title = f"{axis} {loop_name}"
@@ -257,13 +260,20 @@ class _SpectrumLines(NamedTuple):
 
 
 def _spectrum_lines(noise: MeasuredNoise, name: str) -> _SpectrumLines:
-    """Returns the spectra of a sensor before and after its filters, the power of its three axes added up.
+    """Returns the power spectral density of a sensor as lines, one before and one after its filters, where measured.
+
+    The densities of the three axes are added up. Of neighbouring frequencies the largest density is drawn, so that no
+    narrow peak is lost.
 
     Args:
         noise: spectra of all sensors.
-        name: name of the sensor.
+        name: name of the sensor, such as "gyro".
+
+    Returns:
+        The lines, with the unit of the density: the square of the sensor's unit per Hz.
     """
     lines = []
+    # A signal without a unit has the unit "1", whose square need not be written.
     unit = "1/Hz"
     for stage in FILTER_STAGES:
         spectrum = noise.spectra.get(stage.key.format(name))
@@ -271,10 +281,9 @@ def _spectrum_lines(noise: MeasuredNoise, name: str) -> _SpectrumLines:
             continue
         if spectrum.unit != "1":
             unit = f"({spectrum.unit})²/Hz"
+        density = spectrum.mean_density.sum(axis=0)
         # The first frequency, 0 Hz, is the mean and no vibration.
-        frequency, density = max_decimated(
-            spectrum.frequency[1:], spectrum.mean_density.sum(axis=0)[1:], MAX_BINS
-        )
+        frequency, density = max_decimated(spectrum.frequency[1:], density[1:], MAX_BINS)
         power = np.maximum(density, MIN_DENSITY)
         lines.append(Line(stage.name, stage.colour, frequency, power))
     return _SpectrumLines(lines, unit)
@@ -299,6 +308,9 @@ def spectrogram_charts(spectrum: Spectrum) -> Sequence[Chart]:
 
     Over throttle, lines of motors and propellers rise with the motors' speed, while resonances of the frame stay at
     their frequency.
+
+    Args:
+        spectrum: spectra of a sensor in W windows of the flight, with the time and throttle of each.
     """
     name = spectrum.name.removesuffix("_before").replace("_", " ").capitalize()
     frequency_axis = Axis("frequency (Hz)")
