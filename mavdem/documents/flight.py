@@ -185,7 +185,7 @@ class HeldOut(Document):
         }
 
     model: ModelField
-    """model of the forecast and the prediction"""
+    """model of the forecast; the prediction is by the joint VAR always"""
     windows: int
     """number of windows"""
     seconds: Seconds

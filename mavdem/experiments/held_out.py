@@ -88,7 +88,7 @@ class HeldOut(ImmutableResult):
     """Reasons why models of parts could not be learned."""
 
     model: ModelName = ModelName.JOINT_VAR
-    """Model of "forecast" and "prediction"."""
+    """Model of "forecast"; "prediction" is by the joint VAR always, since A, B and C need the motors."""
 
     def __len__(self) -> int:
         """Returns the number of windows."""

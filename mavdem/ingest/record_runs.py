@@ -18,7 +18,7 @@ Offsets = NDArray[np.int64]
 STRETCH_BYTES = 1 << 18
 """Number of bytes of the file that are searched at once: a choice.
 
-Its arrays fit into the cache of a processor. A stretch is searched anew after a definition in it.
+Its arrays fit into the cache of a processor. A stretch is searched anew after a subscription in it.
 """
 
 

@@ -23,6 +23,7 @@ from mavdem.ingest.ulog_definitions import (
     FLAG_BITS,
     HEADER,
     STAMP,
+    SUBSCRIPTION,
     SYNC,
     Fit,
     RecordDefinitions,
@@ -236,7 +237,9 @@ class _RecordScan:
                 fit = Fit.DAMAGED
             if fit is Fit.SOUND:
                 self.definitions.learn(position)
-                self._data_runs.forget_stretch()
+                if self.definitions.header(position).kind == SUBSCRIPTION:
+                    # Places that looked like nothing before may now be records of this subscription.
+                    self._data_runs.forget_stretch()
                 offsets.append(position)
                 position = next_position
                 continue

@@ -25,6 +25,7 @@ from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, PREDICTION, HeldOut
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
+from mavdem.facts.model import ModelName
 from mavdem.flight import Flights
 from mavdem.motors.hover import HoverFigures
 from mavdem.plant import Physical
@@ -57,9 +58,9 @@ from mavdem.report.truth import truth_blocks
 
 FORECAST_NAMES = {
     FORECAST: "{}, motors recorded",
-    PREDICTION: "{}, motors unknown",
+    PREDICTION: f"{ModelName.JOINT_VAR}, motors unknown",
 }
-"""Names of forecasts in the table of errors, with {} for the model that makes them; baselines have their own names."""
+"""Names of forecasts in the table of errors, with {} for the model of forecasts; baselines have their own names."""
 
 UNKNOWN_FIGURE = "-"
 """What a table shows in the place of a figure that is not known."""

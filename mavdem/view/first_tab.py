@@ -46,18 +46,21 @@ EVENT_MARKS = {Level.BAD: "**bad** · ", Level.WATCH: "**watch** · "}
 """What stands before an event of a level that needs attention."""
 
 
-def plot_titles(axis: str, angle_unit: str, prediction: str) -> dict[str, str]:
+def plot_titles(
+    axis: str, angle_unit: str, prediction: str, model: ModelName = ModelName.JOINT_VAR
+) -> dict[str, str]:
     """Returns the titles of the five plots, by the keys of ``PLOTS``; each names the model of its figures.
 
     Args:
         axis: "roll" or "pitch".
         angle_unit: unit of the angle.
         prediction: what is predicted of the angle, such as "0.25 s ahead".
+        model: model of this prediction.
     """
     angle = name_with_unit(axis.capitalize(), angle_unit)
     energy = "Free energy F(t) of each sample, and F̄ per sample of each learning run, nats"
     return {
-        "angle": f"{angle}, with {prediction} · model: {ModelName.JOINT_VAR}",
+        "angle": f"{angle}, with {prediction} · model: {model}",
         "free_energy": f"{energy} · model: {ModelName.DEM}",
         "parameters": f"Physical parameters of {axis} · model: {ModelName.GRAY_BOX}",
         "wind": f"Wind, m/s · model: {ModelName.WIND}",

@@ -159,7 +159,7 @@ class RecordingTabs:
         axis = series[OUTPUTS].names[0]
         unit = Labels.of(learned).output_units[0]
         forecast = f"forecasts for {held_out.seconds:.2g} s"
-        titles = plot_titles(axis, display_unit(unit).name, forecast)
+        titles = plot_titles(axis, display_unit(unit).name, forecast, held_out.model)
         angle_chart = forecast_chart(0, held_out, series[OUTPUTS], unit)
         setpoint = self._setpoint_of(axis)
         charts = {
@@ -444,9 +444,7 @@ def forecast_chart(output: int, held_out: HeldOut, measured: Series, label: str)
         Line("forecast", palette.PREDICTED, time, forecast, lower_edge, upper_edge),
     )
     chart = over_time(f"{name}, and its forecast for {held_out.seconds:.2g} s", unit.name, lines)
-    return chart._replace(
-        y=chart.y._replace(label=f"{chart.y.label} · model: {ModelName.JOINT_VAR}")
-    )
+    return chart._replace(y=chart.y._replace(label=f"{chart.y.label} · model: {held_out.model}"))
 
 
 def free_energy_chart(learned: Learned, free_energy: Series) -> Chart:

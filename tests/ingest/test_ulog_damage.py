@@ -18,6 +18,7 @@ from ulog_files import (
 )
 
 from mavdem.facts.sources import Repair
+from mavdem.ingest.ulog_definitions import RecordDefinitions
 from mavdem.ingest.ulog_records import FILE_HEADER_BYTES, RecordLoss, sound_records
 
 PIECES = flight(TIMES)
@@ -97,6 +98,22 @@ def test_values_that_look_like_the_header_of_a_record_are_values(tmp_path):
     records = sound_records(log(*UNMARKED[:row], disguised, *UNMARKED[row + 1 :]))
     assert len(records.offsets) == len(sound_records(log(*UNMARKED)).offsets)
     assert records.loss == RecordLoss()
+
+
+def test_data_with_padding_is_searched_for_no_more_often_than_other_data(monkeypatch):
+    search = RecordDefinitions.possible_data_records
+    searches = []
+
+    def counted_search(definitions, first, stop):
+        searches.append(first)
+        return search(definitions, first, stop)
+
+    monkeypatch.setattr(RecordDefinitions, "possible_data_records", counted_search)
+    padded = [message("D", UNMARKED[row][3:] + bytes(7)) for row in ATTITUDES]
+    records = sound_records(log(*padded))
+    assert records.loss == RecordLoss()
+    assert np.sum(np.array(records.offsets) >= len(log())) == len(padded)
+    assert len(searches) == 1
 
 
 def is_within_record(start):

@@ -13,8 +13,10 @@ from rerun_file import drawn, views
 import mavdem
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis.analysis import Options
+from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
+from mavdem.facts.model import ModelName
 from mavdem.ingest import read_log
 from mavdem.report.blocks import markdown
 from mavdem.report.screen import analysis_blocks, flight_title
@@ -84,6 +86,21 @@ def test_forecasts_that_run_away_are_cut_off(assessed):
     diverging = replace(held_out, forecasts={"forecast": away}, band=away)
     _, line = forecast_chart(0, diverging, series, "rad").lines
     assert np.nanmax(line.upper_edge) <= 5 * np.ptp(np.degrees(held_out.measured[0, :, 0]))
+
+
+def test_a_forecast_is_drawn_with_the_name_of_its_model():
+    values = np.zeros((1, 3, 1))
+    held_out = HeldOut(
+        time=np.array([[1.0, 1.1, 1.2]]),
+        measured=values,
+        forecasts={FORECAST: values},
+        band=values,
+        expected=values,
+        variance=np.ones(1),
+        model=ModelName.DEM,
+    )
+    measured = Series(held_out.time[0], ("roll",), values[0])
+    assert forecast_chart(0, held_out, measured, "rad").y.label.endswith("model: DEM")
 
 
 @mark.slow

@@ -1,0 +1,33 @@
+"""The terminal's report of a model names the model of each figure."""
+
+import numpy as np
+
+from mavdem.experiments.held_out import (
+    CONSTANT_MEAN,
+    FORECAST,
+    HOLD_LAST,
+    PREDICTION,
+    HeldOut,
+)
+from mavdem.facts.model import ModelName
+from mavdem.report.blocks import Table
+from mavdem.report.labels import Labels
+from mavdem.report.screen import prediction_blocks
+
+
+def test_errors_stand_beside_the_model_that_forecast_or_predicted():
+    measured = np.random.default_rng(3).normal(size=(2, 5, 1))
+    names = (FORECAST, PREDICTION, CONSTANT_MEAN, HOLD_LAST)
+    held_out = HeldOut(
+        time=np.arange(10.0).reshape(2, 5),
+        measured=measured,
+        forecasts={name: 0 * measured for name in names},
+        band=np.ones_like(measured),
+        expected=np.ones_like(measured),
+        variance=np.ones(1),
+        model=ModelName.DEM,
+    )
+    labels = Labels(("motor",), ("%",), ("roll",), ("rad",))
+    table = next(block for block in prediction_blocks(labels, held_out) if isinstance(block, Table))
+    methods = {row[0] for row in table.rows}
+    assert {"DEM, motors recorded", "joint VAR, motors unknown"} <= methods
