@@ -21,7 +21,7 @@ def test_errors_stand_beside_the_model_that_forecast_or_predicted():
     held_out = HeldOut(
         time=np.arange(10.0).reshape(2, 5),
         measured=measured,
-        forecasts={name: 0 * measured for name in names},
+        forecasts=dict.fromkeys(names, 0 * measured),
         band=np.ones_like(measured),
         expected=np.ones_like(measured),
         variance=np.ones(1),
