@@ -24,7 +24,6 @@ TABLES_COPIED_BY_HAND = {
     "forecasts.md": 3,
     "loops.md": 3,
     "motors.md": 1,
-    "paper.md": 2,
     "parameters.md": 1,
     # Most are of drafts whose commands are gone.
     "tried.md": 4,

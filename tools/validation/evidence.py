@@ -10,6 +10,7 @@ Usage: tools/evidence [--list | --summaries] [TEXT]. With a text, only the comma
 --summaries none. All of them take hours.
 """
 
+import os
 import re
 import shlex
 import subprocess
@@ -125,8 +126,15 @@ def output_of(command: str) -> str:
     Raises:
         subprocess.CalledProcessError: if it fails.
     """
+    # Recorded flights lie beside the repository unless the environment names another folder.
+    environment = {"MAVDEM_SHARED_DATA": str(ROOT.parent / "shared" / "data"), **os.environ}
     run = subprocess.run(
-        shlex.split(command), cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True
+        shlex.split(command),
+        cwd=ROOT,
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
     )
     return run.stdout.strip()
 
