@@ -218,7 +218,7 @@ def test_a_wind_torque_smaller_than_its_error_is_not_identifiable():
     assert not is_torque_resolved(unknown, 5.0)
     row = ROW._replace(estimate=estimate(60, 60.0)._replace(wind_torque_band=12.0))
     assert (
-        "not identifiable\nsmaller than its error of ± 700 °/s²"
+        "not identifiable\nsmaller than its error of ± 688 °/s²"
         in figures(SessionStatus(), row, CHANNELS, 59.0)[3]
     )
 

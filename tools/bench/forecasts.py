@@ -23,6 +23,7 @@ from mavdem.report.blocks import Table, markdown
 from mavdem.report.comparison import comparison_report
 
 COLUMNS = ["flight", "windows", "median ratio", "worst", "below 1", "in the 90 % band"]
+"""Columns of the table by flight: error ratios of the windows, and shares of windows and of samples."""
 
 
 def evenly_chosen_windows(name: str, flight: mavdem.Flight, max_count: int | None) -> list[Window]:
@@ -70,6 +71,13 @@ def table_by_flight(comparison: Comparison) -> Table:
 @click.option("--preset", type=click.Choice(["real", "paper"]), default="real", show_default=True)
 @click.option("--settings", default="{}", help='Changes to the preset, such as {"order": 2}.')
 def main(max_windows: int | None, preset: str, settings: str) -> None:
+    """Forecasts windows of all recorded flights, and prints the errors by flight and a comparison with joint VARs.
+
+    Args:
+        max_windows: number of windows of a flight at most; all if None.
+        preset: settings of DEM to begin with, "real" or "paper".
+        settings: changes to these settings, as a JSON object.
+    """
     base = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
     changed = replace(base, **json.loads(settings))
     ours = Method("ours", partial(mavdem.learn, settings=changed), predicts=True)

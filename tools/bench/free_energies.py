@@ -230,6 +230,13 @@ def margin_table(figures: list[FlightFigures]) -> Table:
 @click.option("--flight", "text", default="", help="Only flights whose name contains this text.")
 @click.option("--margins", "with_margins", is_flag=True, help="Also margins of the rate loop.")
 def main(index: int, text: str, with_margins: bool) -> None:
+    """Trains the closed loop, DEM and joint VARs on a window of each recorded flight, and prints tables of errors.
+
+    Args:
+        index: which window of each flight, from 0; the last one where a flight has fewer.
+        text: text in the names of the flights; all flights if it is empty.
+        with_margins: whether to print stability margins of the rate loops, too.
+    """
     figures = []
     for name, flight in recorded_flights():
         if text not in name:

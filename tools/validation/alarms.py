@@ -1,13 +1,15 @@
 #!/usr/bin/env python
-"""How soon, how rightly and how falsely a motor alarm comes in simulated flights; prints a table.
+"""How soon a motor alarm comes in simulated flights, how often it is right, and how often false; prints a table.
 
-For each kind of flight and each half: where a motor loses a fifth of its thrust, or a propeller chips, also while
-another motor is weak, how many were found within five seconds, how many of those found were named right, and delays;
-where a load shifts, alarms on a motor; and the same of sound flights with gusts, steps, sticks and take-offs. The
-test's parameters were chosen on the half of even numbers. Flights are simulated, in about forty
-minutes on two processors; what a flight is follows from its kind and number.
+The table has a row for each kind of flight, parted by even and odd numbers of the flights. In some kinds a motor loses
+a fifth of its thrust, or a propeller chips, also while another motor is weak: the row has how many of these were found
+within five seconds, how many of those found were named right, and the delays. In others a load shifts, or nothing is
+wrong but gusts, steps, sticks or take-offs disturb the flight: every alarm on a motor is false. The parameters of the
+test were chosen on the flights with even numbers. To simulate all flights takes about forty minutes on two processors;
+what a flight is follows from its kind and number.
 
-Of recordings: what a live session finds, with fits that take no time, and how often 0 is in the band of the torque.
+Of recordings a row each is printed: the alarms of a live session, with fits that take no time, and how often 0 is in
+the band of the torque.
 
 Usage: tools/validation/alarms.py [--rate HZ of the motors] [--flights N of each kind at most] [--jobs N]
        tools/validation/alarms.py [--jobs N] RECORDING.tlog ...
@@ -183,6 +185,14 @@ def evaluate_recording(recording: Path) -> list[Values]:
 @command(__doc__, rate=10.0, flights=120)
 @click.argument("recordings", nargs=-1, type=click.Path(exists=True, path_type=Path))
 def main(recordings: tuple[Path, ...], rate: float, flights: int, jobs: int) -> None:
+    """Prints how often weak motors are found in simulated flights, and how often falsely; or alarms in recordings.
+
+    Args:
+        recordings: recordings to take in the place of simulated flights; a row is printed for each.
+        rate: rate of the motor outputs in simulated streams, Hz.
+        flights: number of simulated flights of each kind at most.
+        jobs: number of processes.
+    """
     if recordings:
         rows = evaluate_flights(evaluate_recording, recordings, jobs)
         print_table("A live session", rows.sort_values("0 in band"))

@@ -226,6 +226,13 @@ def run_cog(print_block: Callable[[str, str], str], options: list[str]) -> int:
 @click.option("--list", "only_list", is_flag=True, help="Print the commands; run nothing.")
 @click.option("--summaries", is_flag=True, help="Write what follows from the pages; run nothing.")
 def main(text: str, only_list: bool, summaries: bool) -> None:
+    """Writes the tables of docs/evidence anew, or prints the list of the commands that make them.
+
+    Args:
+        text: part of the commands to run; all commands if it is empty.
+        only_list: whether to print the commands and to run none.
+        summaries: whether to write only what follows from the pages themselves.
+    """
     if only_list:
         for table in measured_tables():
             click.echo(f"{table.page.name}, at {table.commit}: {table.command}")

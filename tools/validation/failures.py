@@ -1,10 +1,12 @@
 #!/usr/bin/env python
-"""What reviews say of simulated flights that go wrong, each of a kind: right, nothing, or wrong; prints a table.
+"""What reviews say of simulated flights that go wrong: right, nothing, or something else; prints two tables.
 
-Of each kind and half by seed: how many flights were reviewed, in how many the review says what went wrong, in how many
-it says nothing of it or that it is undecided, and in how many it names another event or another motor. Of sound
-flights: lights that are bad or to be watched. Airframe, autopilot, wind, time, motor and size follow from kind and
-number. The codes that count as right stand in failures.toml. Thresholds were chosen on the half of even numbers.
+In each kind of flight another thing goes wrong. The first table has a row for each kind, parted by even and odd
+numbers of the flights: how many were reviewed, in how many the review says what went wrong, in how many it says nothing
+of it or that it is undecided, and in how many it names another event or another motor. The second table has all kinds
+together, and the sound flights with a light that is bad or to be watched. Airframe, autopilot, wind, time, motor and
+size follow from kind and number. The codes that count as right stand in failures.toml. Thresholds were chosen on the
+flights with even numbers.
 
 A flight takes some five seconds, and its review one: with --folder, telemetry logs of the flights are kept there, and
 not flown again.
@@ -263,6 +265,15 @@ def totals(rows: pd.DataFrame) -> list[Values]:
 def main(
     count: int, jobs: int, chosen: tuple[str, ...], folder: Path | None, verbose: bool
 ) -> None:
+    """Simulates flights that go wrong and sound ones, and prints what the review makes of them, by kind and half.
+
+    Args:
+        count: number of flights of each kind.
+        jobs: number of processes.
+        chosen: kinds of flights; all if it is empty.
+        folder: folder that keeps the logs of the flights; None to keep none.
+        verbose: whether to print the headline of every flight, too.
+    """
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     kinds = chosen or tuple(KINDS)

@@ -27,7 +27,7 @@ import pandas as pd
 from flights import Values, command, evaluate_flights, percent_true, print_table
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
-from physical import Case, varied
+from physical import Case
 from physical import scenario as scenario_of_case
 
 from mavdem.assessment.assess import assess
@@ -155,7 +155,7 @@ def _random_values(seed: int, rng: Generator) -> Values:
     autopilot = ("ardupilot", "px4")[seed % 2]
     vehicle = rng.choice(TABLES["vehicles"])
     wind = str(rng.choice(TABLES["winds"]))
-    case = Case("iris", wind, "none", LOOP_RATE, autopilot, varied(rng), seed)
+    case = Case("iris", wind, "none", LOOP_RATE, autopilot, draw_vehicle_values(rng), seed)
     values: Values = scenario_of_case(case).model_dump(mode="json")
     parameters = {LOOP_RATE_PARAMETERS[autopilot]: LOOP_RATE, **TABLES["filters"][autopilot]}
     if seed % 3:

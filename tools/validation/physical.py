@@ -68,6 +68,12 @@ CONDITIONS = load_adjacent_toml(__file__, "physical.toml")
 SAMPLE_RATES = (50.0, 100.0, 200.0)
 """Rates of the simulated streams, Hz."""
 
+VARIED_SHARE = 0.3
+"""Share of the simulated flights whose vehicle is not the published one: a choice."""
+
+WINDOW_SECONDS = 7.0
+"""Length of the windows whose parameters are estimated by themselves, s: the paper's 700 samples at 100 Hz."""
+
 CRAZYFLIE_RATE = 200.0
 """Rate to which the Crazyflie's log is resampled, Hz."""
 
@@ -90,13 +96,13 @@ class Case(NamedTuple):
     """A simulated flight of the bank: what flies, in which wind, and how."""
 
     vehicle: str
-    """Model of the vehicle."""
+    """Model of the vehicle, such as "iris"."""
 
     wind: str
-    """Name of the wind."""
+    """Name of the wind, a key of ``CONDITIONS["winds"]``."""
 
     steering: str
-    """Name of the steering."""
+    """Name of the steering, a key of ``CONDITIONS["steering"]``: how the pilot or the autopilot excites the vehicle."""
 
     rate: float
     """Rate of the stream, Hz."""
@@ -131,14 +137,22 @@ def cases(seed: int, every: int) -> Iterator[Case]:
     combinations = product(SAMPLE_RATES, ("px4", "ardupilot"))
     streams = cycle(combinations)
     for (vehicle, wind, steering), (rate, autopilot) in zip(flights, streams, strict=False):
-        values = varied(rng)
-        values = values if rng.random() < 0.3 else {}
-        seed = int(rng.integers(1_000_000))
-        yield Case(vehicle, wind, steering, rate, autopilot, values, seed)
+        # Values are drawn for every flight, so that the other random numbers do not depend on their use.
+        drawn_values = draw_vehicle_values(rng)
+        is_varied = rng.random() < VARIED_SHARE
+        case_seed = int(rng.integers(1_000_000))
+        values = drawn_values if is_varied else {}
+        yield Case(vehicle, wind, steering, rate, autopilot, values, case_seed)
 
 
-def varied(rng: Generator) -> dict[str, float]:
-    """Draws a thrust curve, rotor lags, inertia and a battery's sag that are not the published ones."""
+def draw_vehicle_values(rng: Generator) -> dict[str, float]:
+    """Draws a thrust curve, rotor lags (s), an inertia (relative) and a battery's sag, other than the published ones.
+
+    The ranges are a choice, about those of multirotors from racing quadrotors to slow, large ones.
+
+    Args:
+        rng: generator of random numbers.
+    """
     lag_up = rng.uniform(0.015, 0.06)
     return {
         "quadratic_thrust": rng.uniform(0.3, 1.0),
@@ -150,8 +164,13 @@ def varied(rng: Generator) -> dict[str, float]:
 
 
 def scenario(case: Case) -> Scenario:
-    """Returns the scenario of a case."""
+    """Returns the scenario of a simulated flight: 60 s in the air, at a height at which it meets the wind.
+
+    Args:
+        case: the vehicle, its wind, its steering and its stream.
+    """
     values = {
+        # The jet of a blower is narrow, and only 1.5 m above the ground.
         "duration": 60.0,
         "seed": case.seed,
         "height": 1.5 if case.wind == "jet" else 8.0,
@@ -203,15 +222,30 @@ def estimate_with_half_width(plant: Physical, name: str) -> tuple[float, float]:
 
 
 def flight_and_windows(flight: Flight) -> dict[int | None, Flight]:
-    """Returns the whole flight by the key ``None``, and its windows of 7 s by their numbers."""
-    size = round(7.0 / flight.dt)
-    numbers = range(len(flight) // size)
-    windows = {number: flight[number * size :][:size] for number in numbers}
-    return {None: flight} | windows
+    """Cuts a flight into windows of ``WINDOW_SECONDS``.
+
+    Returns:
+        The whole flight by the key ``None``, and the windows by their numbers from 0.
+    """
+    size = round(WINDOW_SECONDS / flight.dt)
+    parts: dict[int | None, Flight] = {None: flight}
+    for number in range(len(flight) // size):
+        parts[number] = flight[number * size : (number + 1) * size]
+    return parts
 
 
 def evaluate_case(case: Case) -> list[Values]:
-    """Returns a row for each window of a simulated flight, and for the whole: errors of estimates and intervals."""
+    """Simulates a flight, and compares the estimated physical parameters with the true ones.
+
+    Args:
+        case: what flies, in which wind, and how.
+
+    Returns:
+        A row for the whole flight ("of" is "flights") and for each of its windows ("7 s"). For each parameter it has
+        the status, the relative error of the estimate, and whether the 90 % interval holds the truth ("inside"). The
+        row of the whole flight has the results of the wind torque, too. Refused flights and windows are named on
+        standard error, and have no row.
+    """
     try:
         flown_scenario = scenario(case)
         flight = simulated_flight(flown_scenario)
@@ -242,11 +276,15 @@ def evaluate_case(case: Case) -> list[Values]:
 
 
 def wind_torque_results(torque: WindTorque, true_torque: Array) -> Values:
-    """Returns whether the intervals of the wind torque hold the truth, and how much of it the band holds.
+    """Compares an estimated wind torque with the true one: by standard deviation, by mean, and sample by sample.
 
     Args:
         torque: estimated wind torque; nothing is returned where it is not resolved.
         true_torque: true wind torque at the same samples (T,), rad/s².
+
+    Returns:
+        Whether the 90 % intervals of standard deviation and mean hold the truth, and the share of the samples whose
+        true torque is in the 90 % band.
     """
     if not torque.resolved:
         return {}
@@ -277,29 +315,45 @@ def status_statistics(rows: Any, name: str) -> pd.Series:
     return pd.Series(line)
 
 
-def simulated(seed: int, part: int, jobs: int) -> None:
-    """Prints the shares that are reported, and how often intervals hold the truth, by steering and status."""
-    rows = evaluate_flights(evaluate_case, cases(seed, part), jobs)
+def print_simulated(seed: int, every: int, jobs: int) -> None:
+    """Simulates the bank of flights, and prints a table for each physical parameter and one for the wind torque.
+
+    The tables of the parameters have a row for each steering, and for all flights at 50 Hz and above: the shares of
+    estimates that are reported, biased and not identifiable, and how often the intervals hold the truth. The table of
+    the wind torque has a row for each status of the control effectiveness.
+
+    Args:
+        seed: seed by which the flights are drawn.
+        every: number of flights of which one is flown; 1 for all.
+        jobs: number of processes.
+    """
+    rows = evaluate_flights(evaluate_case, cases(seed, every), jobs)
     click.echo(f"{rows['seed'].nunique()} flights, seed {seed}.\n")
-    is_slow = rows["rate"] == 50
+    is_slow = rows["rate"] == min(SAMPLE_RATES)
     slow = rows[is_slow].assign(steering="all, 50 Hz")
     quick = rows[~is_slow].assign(steering="all, 100 Hz or more")
     grouped = pd.concat([slow, rows, quick]).groupby(["steering", "of"], sort=False)
     for name in PARAMETERS:
         lines = grouped.apply(status_statistics, name)
         print_table(f"**{name.capitalize()}**", lines.reset_index())
-    insides = ["standard deviation inside", "mean inside", "course inside"]
+    columns = ["standard deviation inside", "mean inside", "course inside"]
     table = []
     for status in STATUSES:
         rows_of_status = rows[rows["effect status"] == status]
-        resolved = rows_of_status.dropna(subset=insides)
-        shares = {inside: percent_true(resolved[inside]) for inside in insides}
+        # Only rows of whole flights with a resolved wind torque have these columns.
+        resolved = rows_of_status.dropna(subset=columns)
+        shares = {column: percent_true(resolved[column]) for column in columns}
         table.append({"effect": status, "flights": len(resolved), **shares})
     print_table("**Wind torque**, where it is resolved", table)
 
 
 def row_of_estimates(flight: Flight) -> Values:
-    """Returns a row of estimates with their intervals, marked unless they are reported, where no truth is known."""
+    """Estimates the physical parameters of a real flight, of which no truth is known.
+
+    Returns:
+        Each estimate as text with the half width of its 90 % interval, by name, such as "0.03 ± 0.004", and with a mark
+        of ``STATUSES`` where it is biased. Where nothing can be estimated, the reason stands in the place of the effect.
+    """
     plant = physical(flight)
     if isinstance(plant, NotIdentifiable):
         return {"effect": plant.reason.advised}
@@ -314,26 +368,47 @@ def row_of_estimates(flight: Flight) -> Values:
 
 
 def crazyflie_log(path: Path) -> NDArray[Any]:
-    """Returns the rows of a Crazyflie's log, version 2, of one kind of event; ``time`` in µs."""
+    """Reads the log of a Crazyflie's micro-SD card (usdlog, version 2) with a single kind of event.
+
+    The head of the file lists the logged variables as "name(type)", each ended by a zero byte; the type is a letter of
+    Python's ``struct``. Rows of fixed length follow: the number of the event, the time in µs, and the variables.
+
+    Args:
+        path: the file.
+
+    Returns:
+        Structured array (N,) with the fields ``event``, ``time`` (µs) and those of the variables.
+    """
     content = path.read_bytes()
+    # The head is shorter than 1000 bytes; what follows could look like a variable by chance.
     variables = list(re.finditer(rb"([\w.]+)\((\w)\)\0", content[:1000]))
-    named = [(each[1].decode(), f"<{each[2].decode()}") for each in variables]
-    row = np.dtype([("event", "<u2"), ("time", "<u8"), *named])
-    begin = variables[-1].end()
+    variable_fields = [(match[1].decode(), f"<{match[2].decode()}") for match in variables]
+    row_type = np.dtype([("event", "<u2"), ("time", "<u8"), *variable_fields])
+    first_row = variables[-1].end()
     # A checksum, shorter than any row, ends the file.
-    count = (len(content) - begin) // row.itemsize
-    return np.frombuffer(content, row, count, begin)
+    count = (len(content) - first_row) // row_type.itemsize
+    return np.frombuffer(content, row_type, count, first_row)
 
 
-def crazyflie(axis: str) -> list[Values]:
-    """Returns the row of one axis of a Crazyflie 2.1 with roll and pitch excited, really flown."""
-    rows = crazyflie_log(DATA_FOLDER / "real/crazyflie/roll_pitch_excitation.usdlog")
+def crazyflie_rows(axis: str) -> list[Values]:
+    """Estimates the physical parameters of one axis of a real Crazyflie 2.1, from a flight with the axis excited.
+
+    Args:
+        axis: "roll" or "pitch".
+
+    Returns:
+        The one row of the axis.
+    """
+    log_rows = crazyflie_log(DATA_FOLDER / "real/crazyflie/roll_pitch_excitation.usdlog")
     gyro, directions = AXES[axis]
     # Roll and pitch are excited from 56 to 89 s.
     time = np.arange(56.0 * CRAZYFLIE_RATE, 89.0 * CRAZYFLIE_RATE) / CRAZYFLIE_RATE
-    seconds = rows["time"] / 1e6
-    motors = [np.interp(time, seconds, rows[f"motor.m{motor}"] / 65535) for motor in range(1, 5)]
-    rate = np.interp(time, seconds, np.radians(rows[gyro]))
+    log_time = log_rows["time"] / 1e6
+    motors = []
+    for motor in range(1, 5):
+        # The largest command is 65535: inputs are shares of it.
+        motors.append(np.interp(time, log_time, log_rows[f"motor.m{motor}"] / 65535))
+    rate = np.interp(time, log_time, np.radians(log_rows[gyro]))
     flight = Flight(
         time,
         np.stack(motors, 1),
@@ -347,23 +422,33 @@ def crazyflie(axis: str) -> list[Values]:
 def steady_torque(model: LinearModel) -> float:
     """Returns the steady angular acceleration by one unit of one motor, rad/s², of a linear model of angle and rate.
 
-    With angle and rate held at zero, the hidden states settle, and what they and the motors then do to the rate is the
-    torque. It compares with the control effectiveness of the gray-box model. It is the mean magnitude over the motors.
+    A constant command takes the hidden states to a steady value, if angle and rate are held at zero. The angular
+    acceleration by the motor and by these hidden states is then the steady torque per inertia, which can be compared
+    with the control effectiveness of the gray-box model.
 
     Args:
-        model: states are angle and rate, then hidden ones.
+        model: linear model whose states are angle, rate, and then hidden ones.
+
+    Returns:
+        The mean magnitude over all motors.
     """
+    # State 0 is the angle, state 1 the rate.
+    rate = 1
     hidden = slice(2, None)
-    settled = -np.linalg.solve(model.A[hidden, hidden], model.B[hidden])
-    torque = model.B[1] + model.A[1, hidden] @ settled
+    # In steady state 0 = A_hh x_h + B_h u.
+    hidden_per_command = -np.linalg.solve(model.A[hidden, hidden], model.B[hidden])
+    torque = model.B[rate] + model.A[rate, hidden] @ hidden_per_command
     return float(abs(torque).mean())
 
 
 def steady_torques(name: str) -> Values:
-    """Returns a row of the steady torque per motor of a simulated flight, rad/s² per µs: truth, and by each model.
+    """Compares the steady torque of a motor by DEM, its simulation-error fit and the gray-box model with the truth.
 
     Args:
-        name: of the scenario.
+        name: name of the scenario that is flown, one of ``STEADY_SCENARIOS``.
+
+    Returns:
+        A row of texts: the torque by each model, rad/s² per µs, the mean over the motors.
     """
     flown_scenario = load_scenario(name)
     flight = simulated_flight(flown_scenario)
@@ -381,7 +466,7 @@ def steady_torques(name: str) -> Values:
     return {"flight": name} | {title: f"{value:.3f}" for title, value in figures.items()}
 
 
-TITLE = (
+CRAZYFLIE_TITLE = (
     "**Crazyflie** (effect in rad/s² per unit of one motor's command; published: 318–403 for roll)"
 )
 """Title of the Crazyflie's table; the published effect follows from thrust curves and inertia."""
@@ -390,14 +475,22 @@ TITLE = (
 @command(__doc__, seed=0, every=1)
 @click.argument("which", type=click.Choice(["simulated", "crazyflie", "steady"]))
 def main(which: str, seed: int, every: int, jobs: int) -> None:
+    """Prints tables of estimated physical parameters beside the truth, or of the steady torque by several models.
+
+    Args:
+        which: "simulated" for simulated flights, "crazyflie" for a real one without known truth, "steady" for the
+            steady torque of a motor.
+        seed: seed of the simulated flights.
+        every: number of simulated flights of which one is flown; 1 for all.
+        jobs: number of processes.
+    """
     if which == "steady":
         title = "**Steady torque of one motor** (rad/s² per µs, mean over the motors)"
         print_table(title, [steady_torques(name) for name in STEADY_SCENARIOS])
-        return
-    if which == "crazyflie":
-        print_table(TITLE, evaluate_flights(crazyflie, AXES, jobs))
+    elif which == "crazyflie":
+        print_table(CRAZYFLIE_TITLE, evaluate_flights(crazyflie_rows, AXES, jobs))
     else:
-        simulated(seed, every, jobs)
+        print_simulated(seed, every, jobs)
 
 
 if __name__ == "__main__":

@@ -62,6 +62,11 @@ def health_row(flight: HealthFigures, assessment: HealthAssessment) -> Values:
 @click.command(help=__doc__)
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 def main(folder: Path) -> None:
+    """Prints a row for each log of a folder: the health of the motors, compared with the flights named "good".
+
+    Args:
+        folder: folder with logs (``.BIN``) of one vehicle.
+    """
     flights = [health_figures(path) for path in sorted(folder.glob("*.BIN"))]
     healthy = [flight for flight in flights if "good" in flight.name]
     flights.sort(key=lambda flight: flight not in healthy)

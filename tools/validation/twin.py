@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""What a twin from a calm flight foretells of larger gains, beside the vehicle itself; prints a row each in Markdown.
+"""How a vehicle oscillates with larger gains, as its twin from a calm flight predicts it, and in truth; prints a table.
 
 Simulated vehicles are drawn with lags, delays, gyro filters, autopilots and rates of the log; their rate loops have a
 gain margin of 9 dB in the flight that is learned from. Then both are flown with 3.2 times P, I and D of roll and pitch,
@@ -162,6 +162,14 @@ def evaluate_vehicle(number: int, seed: int) -> list[Values]:
 @command(__doc__, seed=0, vehicles=8)
 @click.argument("logs", nargs=-1, metavar="[LOG HOT]")
 def main(logs: tuple[str, ...], seed: int, vehicles: int, jobs: int) -> None:
+    """Prints how an oscillation of a vehicle compares with that of its twin, which is made from a flight without it.
+
+    Args:
+        logs: a log, and another one of the same vehicle that oscillates; simulated vehicles in their place if none.
+        seed: seed of the simulated vehicles.
+        vehicles: number of the simulated vehicles.
+        jobs: number of processes.
+    """
     if logs:
         log, hot = logs
         print_table("Recorded", comparison_row(Path(log).name, log, recorded_oscillation(hot)))

@@ -167,6 +167,13 @@ def evaluate_vehicle(case: tuple[int, str], seed: int) -> list[Values]:
 
 @command(__doc__, seed=0, flights=5)
 def main(seed: int, flights: int, jobs: int) -> None:
+    """Simulates flights in wind, and prints how often the estimated wind agrees with the true one, by kind of flight.
+
+    Args:
+        seed: seed of all flights.
+        flights: number of vehicles, each of which makes a flight of each kind.
+        jobs: number of processes.
+    """
     cases = product(range(flights), KINDS)
     rows = evaluate_flights(partial(evaluate_vehicle, seed=seed), cases, jobs)
     rows_and_total = pd.concat([rows, rows.assign(flights="all")])
