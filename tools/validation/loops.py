@@ -27,7 +27,7 @@ import pandas as pd
 from flights import Values, command, evaluate_flights, percent_true, print_table
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
-from physical import Case
+from physical import Case, draw_vehicle_values
 from physical import scenario as scenario_of_case
 
 from mavdem.assessment.assess import assess

@@ -352,7 +352,7 @@ def row_of_estimates(flight: Flight) -> Values:
 
     Returns:
         Each estimate as text with the half width of its 90 % interval, by name, such as "0.03 ± 0.004", and with a mark
-        of ``STATUSES`` where it is biased. Where nothing can be estimated, the reason stands in the place of the effect.
+        of ``STATUSES`` where it is biased. Where nothing can be estimated, the reason takes the place of the effect.
     """
     plant = physical(flight)
     if isinstance(plant, NotIdentifiable):
