@@ -31,7 +31,7 @@ class VehicleDifference(NamedTuple):
     """Names of the vehicles in each state."""
 
     shared: Names
-    """Those of the names that several vehicles may have."""
+    """Names in ``vehicles`` that other vehicles may have too, since they are made of the MAVLink system id alone."""
 
     motors: Names
     """Names of the motors; empty where not known."""
@@ -43,13 +43,16 @@ class VehicleDifference(NamedTuple):
     """Quantities that are known in both states, in the order of kinds, motors and axes."""
 
     incomparable: tuple[MissingQuantity, ...]
-    """What is not known in both states."""
+    """Quantities that cannot be compared, with the reason."""
 
     conditions: tuple[Conditions, Conditions]
     """How each state was flown."""
 
     false_discovery_rate: float = SIGNIFICANCE
-    """Largest expected share of false ones among the changes; that of any change at all if there is none."""
+    """Largest expected share of false alarms among the quantities that are called changed.
+
+    Where nothing changed, it is the largest probability that any quantity is called changed.
+    """
 
     level: float = CONFIDENCE_LEVEL
     """Probability of the intervals."""

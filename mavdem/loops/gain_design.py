@@ -5,8 +5,8 @@ autopilot's own, the largest P is taken with which the rate loop keeps its margi
 highest bandwidth wins, and of designs nearly as fast the one that wind leans least. Stage 2 takes the largest gain of
 the attitude controller with which the attitude loop keeps its margins. One flight goes one bounded step.
 
-So tune ArduPilot's manual tuning, QuickTune and AutoTune (https://ardupilot.org/copter/docs/tuning.html) and PX4's
-guide (https://docs.px4.io/main/en/config_mc/pid_tuning_guide_multicopter.html).
+ArduPilot's manual tuning, QuickTune and AutoTune (https://ardupilot.org/copter/docs/tuning.html) and PX4's guide
+(https://docs.px4.io/main/en/config_mc/pid_tuning_guide_multicopter.html) proceed in the same order.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ class GainStep(NamedTuple):
 
 
 NO_STEP = GainStep(Stage.RATE, {}, {}, 0, ())
-"""What an axis that keeps its gains gets."""
+"""The step of an axis that keeps its gains."""
 
 
 class _RateDesign(NamedTuple):
@@ -225,9 +225,10 @@ class GainSearch:
     def rate_design(self) -> Parameters:
         """Returns P, I and D of highest bandwidth with which the rate loop has its margins.
 
-        Among designs that are ``NEARLY_AS_FAST``, that of least lean in wind is taken. The search knows a part of the
-        models only; where all of those that choose gains need less, P is lowered further. If no gains have the margins,
-        those are returned that come closest.
+        A grid of ratios of D to P and of factors on the logged P is searched, without gains that pass on too much of
+        the gyro's noise. For each ratio the largest P with enough margin is a design. Among designs that are
+        ``NEARLY_AS_FAST`` as the fastest, that of least lean in wind is taken. If no gains have the margins, those are
+        returned that come closest.
         """
         designs = []
         closest_gains: Parameters = {}
@@ -258,10 +259,24 @@ class GainSearch:
         fast_designs = [
             design for design in designs if design.bandwidth >= NEARLY_AS_FAST * highest_bandwidth
         ]
-        best = min(fast_designs, key=lambda design: design.lean)
+        steadiest = min(fast_designs, key=lambda design: design.lean)
+        return self._gains_for_all_models(steadiest)
+
+    def _gains_for_all_models(self, design: _RateDesign) -> Parameters:
+        """Lowers P, I and D of a design until the rate loop has its margins with all models that choose gains.
+
+        The search itself uses a part of these models only, for speed.
+
+        Args:
+            design: the design, with the factors on the logged P to try, from the largest on.
+
+        Returns:
+            The gains with the largest such factor; if none has the margins, those that come closest.
+        """
+        closest_gains = self._rate_gains(design.factors[0], design.derivative_ratio)
         closest_score = -inf
-        for factor in best.factors:
-            gains = self._rate_gains(factor, best.derivative_ratio)
+        for factor in design.factors:
+            gains = self._rate_gains(factor, design.derivative_ratio)
             score = self.margin_score(self.all_models.with_parameters(gains).rate)
             if score > closest_score:
                 closest_gains, closest_score = gains, score
@@ -333,7 +348,12 @@ class GainSearch:
         names = self.loop.controller.parameter_names
         p = factor * self.logged_gains["p"]
         values = {"p": p, "i": self.defaults.ratios.integral * p, "d": derivative_ratio * p}
-        return {names[f]: round_gain(v) for f, v in values.items() if f in self.logged_gains}
+        gains = {}
+        for field, value in values.items():
+            # A gain that the log has not, or that is 0, stays out: its term of the controller is switched off.
+            if field in self.logged_gains:
+                gains[names[field]] = round_gain(value)
+        return gains
 
     def _worthwhile(self, design: Parameters) -> Parameters:
         """Returns a design without changes, if all of them are smaller than ``MIN_GAIN_CHANGE``."""
@@ -361,8 +381,10 @@ class GainSearch:
             return {name: round_gain(logged[name] * factor) for name, factor in factors.items()}
         gains: Parameters = {}
         needed_score = min(1.0, self.margin_score(self.models.rate))
-        for share in (1.0, 0.75, 0.5, 0.25):
-            gains = {name: round_gain(logged[name] * f**share) for name, f in factors.items()}
+        for step_share in (1.0, 0.75, 0.5, 0.25):
+            gains = {}
+            for name, factor in factors.items():
+                gains[name] = round_gain(logged[name] * factor**step_share)
             stepped = self.models.with_parameters(gains)
             if self.margin_score(stepped.rate) >= needed_score:
                 break

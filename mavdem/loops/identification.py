@@ -1,8 +1,8 @@
 """Closed-loop identification of the plant of one axis: control effectiveness, damping, motor lag and delay.
 
 Messages are used at their own time stamps. The model is that of ``plant.closed_loop``, with the controller that the
-autopilot's parameters describe. This file makes its data of a log, refuses logs that cannot support it, and turns the
-result into physical parameters with honest covariances.
+autopilot's parameters describe. This file makes the data of that model from a log, refuses logs that do not determine
+the plant, and converts the result to physical parameters, whose covariances contain the errors of the model.
 """
 
 from collections.abc import Iterator, Sequence
@@ -48,11 +48,12 @@ from mavdem.plant.parameters import DYNAMICS, EFFECTS, PLANT_MINIMUM
 MIN_WINDOWS = 4
 """Least number of windows of ``SPECTRUM_SECONDS``, which overlap by half: a choice."""
 MAX_MESSAGE_GAP = 1.0
-"""Longest time without a message in a window, s."""
+"""Longest time without a message in a window, s: a choice."""
 MAX_ROUNDING_SHARE = 0.2
-"""Largest variance of rounding, relative to that of the outputs.
+"""Largest variance of the outputs' rounding, relative to the variance of the outputs themselves.
 
-Beyond it, ArduCopter's simulator, hardly moving at 20 Hz, got a phase margin of 66° in place of 19°.
+Beyond it, the loop of ArduCopter's simulator, which hardly moved and was logged at 20 Hz, was identified with a phase
+margin of 66° in place of 19°.
 """
 MIN_REFERENCE_SHARE = 0.6
 """Least fraction of the rate's variance that follows pilot or navigation.
@@ -68,7 +69,7 @@ MAX_PHASE_MARGIN_HALF_WIDTH = 10.0
 A tuner aims at 45° and is warned below 35°: an interval that is wider than from the one to the other helps nobody.
 """
 MARGIN_DRAWS = 100
-"""Number of draws of the plant for that interval."""
+"""Number of draws of the plant from which the interval of the phase margin is computed: a choice."""
 
 
 def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
@@ -129,8 +130,8 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
     geometry = signals.model_inputs.geometry
     mixer_row = None if geometry.positions_assumed else geometry.mixer_row(signals.axis)
     controller = logged_controller(record.parameters, signals.axis, mixer_row)
-    per_demand = inputs_per_demand(controller, record)
-    messages = _loop_messages(signals, boot_number(flights[0]), controller, per_demand)
+    mixer_gains = inputs_per_demand(controller, record)
+    messages = _loop_messages(signals, boot_number(flights[0]), controller, mixer_gains)
     window_starts = np.array(list(_window_starts(flights, messages.streams)))
     if len(window_starts) < MIN_WINDOWS:
         # Windows overlap by half, so n of them take n + 1 half windows.
@@ -144,15 +145,9 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
         controller.loop_period,
     )
     with one_thread(), np.errstate(all="ignore"):
-        spectra = cross_spectra(messages.streams, window_starts)
-        if spectra.message_rate < MIN_SLOW_MOTION_RATE:
-            raise NotLearnable(
-                Loops.NO_RATE_SETPOINT, is_logged=False, least_rate=MIN_SLOW_MOTION_RATE
-            )
-        _require_resolution(signals, spectra, messages.rounding)
-        spectra = _with_best_setpoint(spectra, known_controller)
+        spectra = _loop_spectra(signals, messages, window_starts, known_controller)
         # A cheap check before the fit. Aliasing may halve the share that is coherent with the reference, so half of the
-        # limit is enough here. An output at a limit follows nothing, so its share is not held against the flight. The
+        # limit is enough here. An output at a limit follows nothing, so its share counts as if it followed. The
         # comparisons are negated so that a share of NaN is refused.
         coherent_share = _coherent_share(spectra)
         if not coherent_share + saturated_share >= MIN_REFERENCE_SHARE / 2:
@@ -169,7 +164,7 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
     # If the fitted gain of the controller differs from that of its parameters, the model of the controller is wrong.
     if not fit.controller_consistent:
         raise NotLearnable(Loops.LOOP_NOT_FOUND)
-    return _IdentifiedLoop(fit, controller, per_demand)
+    return _IdentifiedLoop(fit, controller, mixer_gains)
 
 
 class _LoopMessages(NamedTuple):
@@ -188,7 +183,7 @@ class _LoopMessages(NamedTuple):
 
 
 def _loop_messages(
-    signals: Signals, boot: int, controller: Controller, per_demand: Array
+    signals: Signals, boot: int, controller: Controller, mixer_gains: Array
 ) -> _LoopMessages:
     """Returns the logged quantities of one axis' loop in one boot, each at the stamps of its own messages.
 
@@ -200,7 +195,7 @@ def _loop_messages(
         signals: signals of the vehicle, for the axis.
         boot: number of the boot whose messages are used.
         controller: controller of the axis.
-        per_demand: change of each input per unit of demand (r,).
+        mixer_gains: change of each input per unit of demand (r,).
 
     Raises:
         NotLearnable: there is no setpoint of the rate that moves.
@@ -240,8 +235,29 @@ def _loop_messages(
     return _LoopMessages(
         streams=streams,
         at_limit=Messages(outputs.time, at_limit.astype(np.float64)),
-        rounding=inputs.scale.step / float(np.linalg.norm(per_demand)),
+        rounding=inputs.scale.step / float(np.linalg.norm(mixer_gains)),
     )
+
+
+def _loop_spectra(
+    signals: Signals, messages: _LoopMessages, window_starts: Array, controller: KnownController
+) -> CrossSpectra:
+    """Estimates the cross-spectra of rate, output, setpoint and reference of a loop.
+
+    Args:
+        signals: signals of the vehicle, with the scale of the outputs.
+        messages: the logged quantities, with candidates of the rate setpoint.
+        window_starts: times (W,) at which the windows begin, s.
+        controller: the controller, by which the right candidate is chosen.
+
+    Raises:
+        NotLearnable: the messages are too slow, or the outputs are mostly rounding.
+    """
+    spectra = cross_spectra(messages.streams, window_starts)
+    if spectra.message_rate < MIN_SLOW_MOTION_RATE:
+        raise NotLearnable(Loops.NO_RATE_SETPOINT, is_logged=False, least_rate=MIN_SLOW_MOTION_RATE)
+    _require_resolution(signals, spectra, messages.rounding)
+    return _with_best_setpoint(spectra, controller)
 
 
 def _messages_of_boot(stream: Attitude | TimeSeries, values: Array, boot: int) -> Messages:
@@ -395,7 +411,7 @@ def _coherent_share(spectra: CrossSpectra) -> float:
     return float((bandwidth @ coherent_density) / (bandwidth @ rate_density))
 
 
-def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -> Physical:
+def _checked_plant(plant: Physical, mixer_gains: Array, controller: Controller) -> Physical:
     """Checks an identified plant by the phase margin of the loop that it makes with its controller.
 
     The rate loop is computed for the estimated plant and for draws from its posterior. If the 90 % interval of its
@@ -408,7 +424,7 @@ def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -
 
     Args:
         plant: the identified plant, without the gyro's filters.
-        per_demand: change of each input per unit of demand (r,).
+        mixer_gains: change of each input per unit of demand (r,).
         controller: controller of the axis.
 
     Returns:
@@ -418,7 +434,7 @@ def _checked_plant(plant: Physical, per_demand: Array, controller: Controller) -
         NotLearnable: as :func:`_require_known_margin`.
     """
     draws = plant.draws(MARGIN_DRAWS)
-    effectiveness = draws[:, EFFECTS] @ per_demand
+    effectiveness = draws[:, EFFECTS] @ mixer_gains
     dynamics = np.maximum(draws[:, DYNAMICS], PLANT_MINIMUM)
     rate = rate_loop(controller, effectiveness, dynamics)
     _require_known_margin(rate)

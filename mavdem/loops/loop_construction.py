@@ -84,8 +84,8 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
         name = controller.parameter_names["p"]
         raise NotLearnable(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p)
     draws = _plant_draws(plant, gyro_delay(controller), record.dt)
-    per_demand = inputs_per_demand(controller, record)
-    effectiveness = draws.effect @ per_demand
+    mixer_gains = inputs_per_demand(controller, record)
+    effectiveness = draws.effect @ mixer_gains
     # Row 0 is the estimate. Negated, the comparison also refuses NaN.
     if not effectiveness[0] > 0:
         raise NotLearnable(Loops.MIXER_REVERSED)
@@ -102,7 +102,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
         measured = measured_rate_response(
             record,
             controller,
-            per_demand,
+            mixer_gains,
             rate.frequency,
             rate.closed[0],
             is_controller_identified=not plant.filtered,
@@ -187,10 +187,10 @@ def at_limit_share(record: Record, controller: Controller) -> float:
 
 
 def inputs_per_demand(controller: Controller, record: Record) -> Array:
-    """Returns how much each input changes per unit of demand.
+    """Returns the linearised mixer of one axis: how much each input of the plant changes per unit of demand.
 
-    For a motor, it is its element of the mixer over the slope of the thrust curve at the motor's mean output. An input
-    that is the demand itself, from -1 to 1, changes by 1.
+    For a motor, it is its element of the mixer over the slope of the thrust curve at the motor's mean output. Where the
+    plant has the demand itself, from -1 to 1, as its only input, it is 1.
 
     Args:
         controller: controller of the axis, with its mixer and thrust curve.

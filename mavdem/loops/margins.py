@@ -154,43 +154,25 @@ class OpenLoop(Margins):
         logarithms of gain and frequency. Where there is no crossing, margins are infinite, crossover and bandwidth NaN.
         """
         log_frequency = np.log(self.frequency)
-        response = self.response
-        log_gain = np.log(np.abs(response))
-
-        gain_crossings = _ZeroCrossings.of_rows(log_gain)
+        gain_crossings = _ZeroCrossings.of_rows(np.log(np.abs(self.response)))
         crossover = np.exp(gain_crossings.interpolate(log_frequency))
-        # Phase margin: the angle of −L where |L| = 1, which is the phase above −180°. It is interpolated on the circle.
-        phase_before = np.angle(-response[gain_crossings.rows, gain_crossings.columns])
-        phase_after = np.angle(-response[gain_crossings.rows, gain_crossings.columns + 1])
-        phase_step = wrapped_angle(phase_after - phase_before)
-        phase_margin = wrapped_angle(phase_before + gain_crossings.fraction * phase_step)
-
-        # Gain margin: the gain by which L would reach −1 where it crosses the negative real axis.
-        real_axis_crossings = _ZeroCrossings.of_rows(response.imag)
-        is_negative = real_axis_crossings.interpolate(response.real) < 0
-        log_gain_margin = np.where(is_negative, -real_axis_crossings.interpolate(log_gain), np.nan)
-        # A loop may become unstable by less gain too. The crossing nearest to −1 counts, with its sign.
-        nearest = real_axis_crossings.minimum_by_row(np.abs(log_gain_margin))
-        # The least distance has no sign: where it is that of a crossing with a negative margin, it is made negative.
-        rows = real_axis_crossings.rows
-        is_negative_margin = log_gain_margin == -nearest[rows]
-        nearest[rows[is_negative_margin]] *= -1
-
-        # Bandwidth: the lowest frequency at which the closed loop falls to −3 dB.
+        phase_margin = _phase_margins(self.response, gain_crossings)
+        log_gain_margin = _log_gain_margins(self.response)
+        # The bandwidth ends at the lowest frequency at which the closed loop falls to −3 dB.
         half_power_crossings = _ZeroCrossings.of_rows(np.abs(self.closed) - HALF_POWER_GAIN)
         log_bandwidth = half_power_crossings.minimum_by_row(
             half_power_crossings.interpolate(log_frequency)
         )
         delay_margin = phase_margin / (2 * np.pi * crossover)
         figures = {
-            # The highest frequency: the least of the negative ones.
+            # The highest crossover counts: the least of the negative ones.
             "crossover": -gain_crossings.minimum_by_row(-crossover),
             "phase_margin": np.degrees(
                 _infinite_if_nan(gain_crossings.minimum_by_row(phase_margin))
             ),
-            "gain_margin": DECIBELS_PER_NEPER * _infinite_if_nan(nearest),
+            "gain_margin": DECIBELS_PER_NEPER * _infinite_if_nan(log_gain_margin),
             "delay_margin": _infinite_if_nan(gain_crossings.minimum_by_row(delay_margin)),
-            "ms": 1 / np.abs(1 + response).min(axis=1),
+            "ms": 1 / np.abs(1 + self.response).min(axis=1),
             "bandwidth": np.exp(log_bandwidth),
             "rejection": np.abs(self.disturbance).max(axis=1),
         }
@@ -248,6 +230,47 @@ class _ZeroCrossings(NamedTuple):
         minimum = np.full(self.row_count, np.nan)
         np.fmin.at(minimum, self.rows, values)
         return minimum
+
+
+def _phase_margins(response: Complex, gain_crossings: _ZeroCrossings) -> Array:
+    """Returns the phase margin, rad, at each frequency where the gain is 1: the phase of L above −180°.
+
+    That is the angle of −L. It is interpolated along the unit circle between the frequencies beside the crossing.
+
+    Args:
+        response: open-loop responses L (N, F).
+        gain_crossings: the K crossings of the logarithm of |L| through 0.
+
+    Returns:
+        Phase margins (K,), −π to π.
+    """
+    phase_before = np.angle(-response[gain_crossings.rows, gain_crossings.columns])
+    phase_after = np.angle(-response[gain_crossings.rows, gain_crossings.columns + 1])
+    phase_step = wrapped_angle(phase_after - phase_before)
+    return np.asarray(wrapped_angle(phase_before + gain_crossings.fraction * phase_step))
+
+
+def _log_gain_margins(response: Complex) -> Array:
+    """Returns the natural logarithm of the gain margin of each loop: the factor on L with which L passes through −1.
+
+    L can do so where it crosses the negative real axis. A loop may become unstable by less gain too, so that the margin
+    may be negative. Of several crossings, the one nearest to −1 counts.
+
+    Args:
+        response: open-loop responses L (N, F).
+
+    Returns:
+        Logarithms (N,); NaN where L does not cross the negative real axis.
+    """
+    crossings = _ZeroCrossings.of_rows(response.imag)
+    is_negative_axis = crossings.interpolate(response.real) < 0
+    log_gain = crossings.interpolate(np.log(np.abs(response)))
+    log_margin = np.where(is_negative_axis, -log_gain, np.nan)
+    nearest = crossings.minimum_by_row(np.abs(log_margin))
+    # The least distance has no sign: where it is that of a crossing with a negative margin, it is made negative.
+    is_negative_margin = log_margin == -nearest[crossings.rows]
+    nearest[crossings.rows[is_negative_margin]] *= -1
+    return nearest
 
 
 def _infinite_if_nan(values: Array) -> Array:

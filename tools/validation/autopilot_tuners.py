@@ -40,8 +40,12 @@ QUICKTUNE_FACTOR = 0.4
 """Factor on the gain at which the vehicle oscillates: QUIK_GAIN_MARGIN is 60 %."""
 MAX_REDUCTION = 0.8
 """Least factor on a gain in one run of QuickTune (QUIK_MAX_REDUCE is 20 %)."""
-DOUBLING = 2 ** (1 / 8)
+GAIN_GROWTH = 2 ** (1 / 8)
 """Factor between two gains that QuickTune is simulated at; it doubles a gain in 10 s."""
+MAX_GROWTHS = 80
+"""Most steps by ``GAIN_GROWTH``, together a factor of 1024: a loop that is stable beyond is not simulated further."""
+MIN_PROPORTIONAL_FACTOR = 0.5
+"""Least factor by which QuickTune lowers P together with D."""
 
 
 class TunedGains(NamedTuple):
@@ -67,7 +71,13 @@ def _logged_gains(loop: Loop) -> TunedGains:
 
 
 def parameters_of(loop: Loop, gains: TunedGains, integral_ratio: float | None = None) -> Parameters:
-    """Returns gains as the autopilot's parameters, with I in a ratio to P, that of the defaults unless one is given."""
+    """Returns gains as parameters of the autopilot, by name.
+
+    Args:
+        loop: the loops, which give the autopilot and the axis.
+        gains: P, D and the gain of the attitude controller.
+        integral_ratio: ratio of I to P, 1/s; that of the autopilot's defaults unless given.
+    """
     defaults = ARDUPILOT_DEFAULTS if loop.controller.is_ardupilot else PX4_DEFAULTS
     if integral_ratio is None:
         integral_ratio = defaults[loop.axis].ratios.integral
@@ -93,7 +103,7 @@ def quicktune(loop: Loop) -> Parameters:
     gains = logged
     if logged.d:
         d = QUICKTUNE_FACTOR * _gain_at_oscillation(loop, gains, "d")
-        p = gains.p * max(min(d / logged.d, 1.0), 0.5)
+        p = gains.p * max(min(d / logged.d, 1.0), MIN_PROPORTIONAL_FACTOR)
         gains = gains._replace(
             d=max(d, MAX_REDUCTION * logged.d), p=max(p, MAX_REDUCTION * logged.p)
         )
@@ -103,13 +113,22 @@ def quicktune(loop: Loop) -> Parameters:
 
 
 def _gain_at_oscillation(loop: Loop, gains: TunedGains, field: str) -> float:
-    """Returns the value of a gain, raised from the present one, at which the rate loop becomes unstable."""
+    """Raises one gain of the rate controller in small steps until the rate loop becomes unstable.
+
+    Args:
+        loop: the loops of the true plant.
+        gains: all gains, with the value to begin with.
+        field: the gain to raise, "p" or "d".
+
+    Returns:
+        The first value with which the loop is unstable.
+    """
     value: float = getattr(gains, field)
-    for _ in range(80):
+    for _ in range(MAX_GROWTHS):
         raised = gains._replace(**{field: value})
         if not loop.with_parameters(parameters_of(loop, raised)).rate.stable[0]:
             break
-        value *= DOUBLING
+        value *= GAIN_GROWTH
     return value
 
 
@@ -129,16 +148,24 @@ def autotune(loop: Loop) -> Parameters:
 
 
 class Twitch(NamedTuple):
-    """The rate in a twitch, relative to its target."""
+    """The body rate in a twitch, AutoTune's test of gains: a step of the rate's setpoint, to the target rate."""
 
     peak: float
-    """Largest rate."""
+    """Largest rate, relative to the target rate."""
     bounce: float
     """Fall of the rate after the peak, as a fraction of the peak."""
 
 
 def _rate_twitch(loop: Loop, gains: TunedGains) -> Twitch:
-    """Returns the response of the rate to a step of its setpoint; an unstable loop bounces back fully."""
+    """Simulates a twitch: the response of the rate to a step of its setpoint, with the I gain of AutoTune's tests.
+
+    Args:
+        loop: the loops of the true plant.
+        gains: gains to test.
+
+    Returns:
+        Peak and bounce back; of an unstable loop, values that count as too high a peak and a full bounce.
+    """
     rate = loop.with_parameters(parameters_of(loop, gains, TESTING_INTEGRAL_RATIO)).rate
     if not rate.stable[0]:
         return Twitch(peak=2.0, bounce=1.0)
@@ -150,9 +177,14 @@ def _rate_twitch(loop: Loop, gains: TunedGains) -> Twitch:
 
 
 def _tuned_derivative(loop: Loop, gains: TunedGains) -> TunedGains:
-    """Returns gains after D was raised until the rate bounces back, and lowered until it does not.
+    """Returns the gains after AutoTune's steps D up and D down.
 
-    P keeps the peak just below the target.
+    D is raised until the rate bounces back after a twitch, and then lowered until it does not. Meanwhile P is adjusted
+    so that the peak stays just below the target rate.
+
+    Args:
+        loop: the loops of the true plant.
+        gains: gains to begin with.
     """
     for is_raised in (True, False):
         for _ in range(MAX_TWITCHES):
@@ -171,7 +203,14 @@ def _tuned_derivative(loop: Loop, gains: TunedGains) -> TunedGains:
 
 
 def _tuned_proportional(loop: Loop, gains: TunedGains) -> TunedGains:
-    """Returns gains after P was raised until the rate exceeds its target; P and D fall where it bounces back before."""
+    """Returns the gains after AutoTune's step P up: P is raised until the rate exceeds its target.
+
+    Where the rate bounces back too far before that, P and D are both lowered.
+
+    Args:
+        loop: the loops of the true plant.
+        gains: gains to begin with.
+    """
     for _ in range(MAX_TWITCHES):
         twitch = _rate_twitch(loop, gains)
         if twitch.peak > 1 + AGGRESSIVENESS / 2:
@@ -185,7 +224,14 @@ def _tuned_proportional(loop: Loop, gains: TunedGains) -> TunedGains:
 
 
 def _tuned_angle_gain(loop: Loop, gains: TunedGains) -> float:
-    """Returns the gain of the angle with which its step overshoots by half of the aggressiveness, 1/s."""
+    """Returns the gain of the attitude controller, 1/s, after AutoTune's steps angle P down and up.
+
+    It is the gain with which the response of the angle to a step overshoots by half of the aggressiveness.
+
+    Args:
+        loop: the loops of the true plant.
+        gains: gains of the rate controller, and the gain of the angle to begin with.
+    """
     time = np.linspace(0.05, ANGLE_TWITCH_SECONDS, 30)
     angle_gain = gains.angle_gain
     for is_lowered in (True, False):

@@ -2,11 +2,15 @@
 """Number of flights until the goal is met, where each flight is flown with the advised gains and identified anew.
 
 The vehicles are those of loops.py. After each flight the gains that mavdem advises with --more for all axes are loaded,
-and the vehicle flies again, in other wind of the same kind. The goal is that of --margins, in the rate and the attitude
-loop of the true plant. "first plant" is the number of flights where the plant that the first flight showed is used
-again in the place of later flights, as in advice.py. Both are medians over loops that meet the goal in the end.
+and the vehicle flies again, in other wind of the same kind. The goal is that rate and attitude loop of the true plant
+have the margins that --margins names.
 
-Usage: tools/validation/later_flights.py [--half NAME] [--rate HZ] [--margins NAME] [--flights N vehicles] [--jobs N]
+The table has one row. "met before" and "met in the end" are the numbers of loops that meet the goal, "lost" those whose
+vehicle tumbled. "flown again" is the number of flights until the goal is met, and "first plant" the same where the
+plant that the first flight identified is used in the place of later flights, as in advice.py. Both are medians over the
+loops that meet the goal in the end, but not before.
+
+Usage: tools/validation/later_flights.py [--half NAME] [--margins NAME] [--flights N vehicles] [--jobs N]
 """
 
 from collections.abc import Sequence

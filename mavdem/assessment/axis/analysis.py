@@ -73,7 +73,7 @@ It returns a context, which yields a function. A measured step calls that with t
 
 
 def show_nothing(title: str, measured: bool = True) -> AbstractContextManager[Progress]:
-    """Shows no step of the work."""
+    """Shows no step of the work: the default of :func:`analyse`, whose parameters those of :data:`ShowStep` are."""
     return nullcontext(lambda share: None)
 
 
@@ -113,8 +113,8 @@ def analyse(
     ``options.train`` it is trained on so much of the longest segment, and tested once on what follows.
 
     Args:
-        log: of ``mavdem.ingest.read_log``.
-        signals: of the vehicle; their axis and inputs do not matter.
+        log: the log, as ``mavdem.ingest.read_log`` returns it.
+        signals: signals of the vehicle; their axis and inputs do not matter.
         axis: "roll" or "pitch"; "all" for a model of roll, and the physical parameters of roll, pitch and yaw.
         options: what is analysed, and how; ``Options()`` unless given.
         progress: shows the steps of the work.
@@ -299,9 +299,9 @@ def _with_other_axes(
     """Returns the analysis of roll with the physical parameters of pitch and yaw too.
 
     Args:
-        analysis: of roll.
+        analysis: the analysis of roll.
         log: the log.
-        signals: of the vehicle, with the inputs to use.
+        signals: signals of the vehicle, with the inputs to use.
         progress: shows the share of the axes that are done.
     """
     figures_by_axis = {**analysis.figures_by_axis}
@@ -366,7 +366,7 @@ def _gradual_losses(
         commands: (N, k) their outputs while the attitude follows its setpoint, as shares of the range.
         boot: number of the boot.
         settled: intervals of settled flight, s since boot.
-        changes: changes of the boot that were found already.
+        changes: changes in this boot that the detector of sudden losses reported.
     """
     losses = []
     for start, end in settled:
@@ -385,6 +385,7 @@ class _TestedModel(NamedTuple):
     flights: Flights
     """What the model was trained on."""
     learned: Learned
+    """The model."""
     held_out: HeldOut
     """Forecasts of windows that no model was trained on."""
 
@@ -400,8 +401,8 @@ def _train_and_test(
     the model is learned only if it is worth having.
 
     Args:
-        segments: of settled flight.
-        options: with the lengths of training data and test windows.
+        segments: segments of settled flight.
+        options: what is analysed, with the lengths of training data and test windows.
         progress: shows the steps of the work.
         is_slow: whether it is a model of the slow motion. Then the test decides before the model is learned.
 

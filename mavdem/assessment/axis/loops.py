@@ -29,9 +29,9 @@ class LogLoops(NamedTuple):
     loops: dict[str, Loop | Fact]
     """The loops of roll, pitch and yaw by axis, or why they are not known."""
     autotune: list[Fact]
-    """The axes that AutoTune tuned, with the gains before and after as figures.
+    """A fact for each axis that AutoTune tuned, with the gains before and after as figures.
 
-    They are rated by the margins of the loop, and have no rating where that is not known.
+    It has a rating of both sets of gains by their margins, or none where the loop is not known.
     """
 
 
@@ -45,7 +45,7 @@ def loops_of_axes(
 
     Args:
         log: the log.
-        signals: of the vehicle, with the inputs to use.
+        signals: signals of the vehicle, with the inputs to use.
         start: time at the beginning of the settled flight that is left out, s.
         figures: physical parameters by axis, if they were estimated before.
     """
@@ -73,7 +73,7 @@ def loop_of_axis(
     """Returns the control loops of the axis of ``signals``, with cautions on changes of the gains.
 
     Args:
-        signals: of the vehicle and axis.
+        signals: signals of the vehicle, for the axis.
         log: the log.
         start: time at the beginning of the settled flight that is left out, s.
         figures: physical parameters of the axis, if they were estimated before.
@@ -110,11 +110,12 @@ Inputs and outputs alone show the plant worse, so that the fit by these does not
 
 
 def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physical:
-    """Identifies the plant of an axis, with the known controller if possible.
+    """Identifies the plant of an axis, in its closed loop if possible.
 
-    Identification in the closed loop uses the logged controller and setpoints. Where these are not known, the gray-box
-    fit by inputs and outputs alone has to do, with the reason of the refusal in it. It does not replace a plant that
-    the closed loop shows, if too poorly for margins.
+    Identification in the closed loop uses the logged controller and setpoints. Where these are not known, the plant is
+    that of the gray-box fit, which uses inputs and outputs alone; it then has the reason for this as its ``refusal``.
+    The gray-box fit is not used where the closed loop was identified, but too poorly for margins: its own margins would
+    be worse.
 
     Args:
         signals: signals of the vehicle, for the axis.

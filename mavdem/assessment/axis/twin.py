@@ -37,9 +37,10 @@ Both sets of gains meet the same wind and noise, so that this is long enough to 
 
 
 class AssessedTwin(NamedTuple):
-    """The twin of a vehicle."""
+    """The twin of a vehicle, a simulation of it, with the loops from which it was built."""
 
     twin: Twin
+    """The simulation, with the gains that flew."""
     loops: LoopsByAxis
     """The identified loops from which it was built."""
     missing: NamedFacts
@@ -53,8 +54,8 @@ def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin
     wind was estimated with, otherwise that of the autopilot's parameters.
 
     Args:
-        evidence: of the vehicle.
-        mass: of the vehicle, kg; None if it is not known.
+        evidence: what the log shows of the vehicle.
+        mass: mass of the vehicle, kg; None if it is not known.
 
     Raises:
         NotLearnable: the loop of roll, or the hover, is not known.
@@ -98,7 +99,7 @@ class TwinMotion(NamedTuple):
 
     @property
     def advised_error(self) -> float:
-        """The same with the advised gains."""
+        """Standard deviation of the angle from its setpoint with the advised gains, degrees."""
         return float(np.degrees(np.std(self.advised - self.setpoint)))
 
 
@@ -108,7 +109,7 @@ class GainTrial(NamedTuple):
     tracking: dict[str, TwinMotion]
     """By "roll" and "pitch", the motion on the setpoints of the recorded flight."""
     wind: dict[str, TwinMotion]
-    """The motion in a hover, in wind of the recorded spectrum; empty if it was not flown."""
+    """By "roll" and "pitch", the motion in a hover, in wind of the recorded spectrum; empty if it was not flown."""
 
 
 def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) -> GainTrial | Fact:
@@ -117,8 +118,8 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
     The part of the recorded flight that is repeated is the one in which the setpoints move most.
 
     Args:
-        evidence: of the vehicle.
-        gains: to set, by the autopilot's names.
+        evidence: what the log shows of the vehicle.
+        gains: gains to set, by the autopilot's names.
         in_wind: whether the twin hovers in wind too, for a second pair of flights.
 
     Returns:
@@ -181,7 +182,7 @@ def _compared_motions(
     """Returns the motion of roll and pitch in one flight of each of two twins.
 
     Args:
-        twins: with the present gains, and with the advised ones.
+        twins: the twin with the present gains, and the twin with the advised ones.
         loops: identified loops by axis, "roll" among them.
         segments: setpoints by axis.
 
@@ -211,11 +212,11 @@ def _compared_motions(
 
 
 def predicted_errors(evidence: Evidence, gains: Parameters) -> Facts:
-    """Predicts how well the vehicle would follow its setpoints with other gains, by flights of its twin.
+    """Predicts how closely roll and pitch would follow their setpoints with other gains, by flights of the twin.
 
     Args:
-        evidence: of the vehicle.
-        gains: to set, by the autopilot's names.
+        evidence: what the log shows of the vehicle.
+        gains: gains to set, by the autopilot's names.
 
     Returns:
         For roll and pitch a fact with the standard deviation of the angle from its setpoint, degrees: ``present_error``

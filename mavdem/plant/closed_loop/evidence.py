@@ -57,13 +57,16 @@ STARTING_PLANTS = (
 """Plants to begin with: of large and of small vehicles, and of simulators, whose motors hardly lag."""
 
 START_LAGS = 4
-"""Lags of the autoregression whose errors give the size of the noises to begin with: a choice."""
+"""Lags of the autoregression whose one-step errors give the sizes of the noises of a first guess: a choice."""
 
 MIN_START_ERROR = 1e-5
-"""Least such error, in standard deviations of the channel, so that it has a logarithm."""
+"""Least error of that autoregression, in standard deviations of the channel, so that the error has a logarithm."""
 
-MARGIN_OF_ERRORS = 3.0
-"""Factor from these errors to the noises to begin with: a choice."""
+NOISE_FACTOR = 3.0
+"""Noises of the first guess, from which an ascent begins, relative to the errors of that autoregression: a choice.
+
+A noise that is too large costs a few nats a sample, one that is too small thousands.
+"""
 
 MAX_HALVINGS = 6
 """Times that the effect is halved until a loop is stable: a choice."""
@@ -361,9 +364,10 @@ def fit_closed_loop(posterior: LoopPosterior) -> QuadraticExpansion:
 
 
 def _stable_start(posterior: LoopPosterior, plant: InitialPlant) -> Array:
-    """Returns parameters (k,) of a stable loop: those of a plant, sizes of noises by the data, else the prior's means.
+    """Returns parameters (k,) of a stable loop, with which an ascent of the posterior can begin.
 
-    The effect of the plant is halved until the loop is stable.
+    Effect, lag and delay are those of an initial plant, the sizes of the noises follow from the data, and all others
+    are the prior's means. The effect is halved until the loop is stable.
 
     Args:
         posterior: the log posterior.
@@ -377,8 +381,7 @@ def _stable_start(posterior: LoopPosterior, plant: InitialPlant) -> Array:
     start[NAMES.index("lag")] = np.log(plant.lag)
     start[NAMES.index("delay")] = np.log(plant.delay)
     data = posterior.data
-    # Too large noises lose a few nats a sample, too small ones thousands.
-    angle_error, rate_error, motors_error = (MARGIN_OF_ERRORS * data.prediction_errors()).tolist()
+    angle_error, rate_error, motors_error = (NOISE_FACTOR * data.prediction_errors()).tolist()
     torque_error = rate_error / data.dt
     sizes = {
         "angle_noise": angle_error,
