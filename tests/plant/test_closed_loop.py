@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.random import default_rng
+from numpy.testing import assert_array_equal
 from pytest import approx, mark, raises
 from scipy.signal import cont2discrete, lfilter
 
@@ -265,5 +266,9 @@ def test_stamps_that_are_exact_or_late_are_kept():
     late = np.floor(1e3 * exact) / 1e3
     late[500] += 4e-3
     assert with_unrounded_stamps(Messages(late, late)).time[500] == late[500]
+    # A sender with a cycle of 4 ms sends at 80 Hz after 12, 12 and 16 ms; one with a cycle of 2 ms after 12 and 14 ms.
+    for cycle in (4, 2):
+        cycles = cycle / 1e3 * np.ceil(12.5 * np.arange(2000) / cycle - 1e-9)
+        assert_array_equal(with_unrounded_stamps(Messages(cycles, cycles)).time, cycles)
     uneven = np.floor(1e3 * np.sort(default_rng(1).uniform(0.0, 20.0, 2000))) / 1e3
     assert with_unrounded_stamps(Messages(uneven, uneven)).time is uneven
