@@ -77,7 +77,8 @@ def fit(record: Record, settings: CompleteSettings) -> Fit:
     # All that DEM needs of the data are their second moments.
     samples = SufficientStatistics.from_segments(*generalized_data(settings, scaling, record))
     ascent = maximise_free_energy(model, samples, settings.iterations)
-    # DEM carries no state from sample to sample; a Kalman filter with its parameters and noises does.
+    # DEM estimates the states of each sample by themselves. To predict the next sample, a Kalman filter with DEM's
+    # parameters and noises carries the state from sample to sample.
     gain = _kalman_gain(model, ascent.posterior, _noise_smoothness(settings, record.dt), record.dt)
     predictor = predictor_from_theta(ascent.posterior.theta, model.sizes, gain, record.dt)
     return Fit(settings, scaling, model, ascent, ascent.posterior, gain, predictor)

@@ -79,7 +79,7 @@ def learn(train: TrainingData, settings: Settings | None = None) -> Learned:
             fitted = fit(record, settings)
         except LinAlgError:
             raise NotLearnable(ModelRefusal.FIT_BREAKS_DOWN) from None
-        # Refinement changes the parameters, not the data or their units.
+        # The refinement below changes the parameters, but neither the data nor their units.
         segments = generalized_data(settings, fitted.scaling, record)
         refined_fit = _refined_by_simulation(fitted, record)
         return _learned_from_fit(refined_fit, record, np.concatenate(segments))
@@ -225,7 +225,7 @@ def _refined_by_simulation(fitted: Fit, record: Record) -> Fit:
             )
             if refined is None:
                 return fitted
-            # Noises and states that belong to the refined parameters, and the predictor with DEM's filter gain.
+            # The noises and states are fitted anew to the refined parameters. The predictor keeps DEM's filter gain.
             posterior = condition_on_theta(refined.theta, ascent.posterior)
             predictor = predictor_from_theta(refined.theta, model.sizes, fitted.gain, record.dt)
     except LinAlgError:

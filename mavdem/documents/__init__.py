@@ -21,11 +21,11 @@ class Published(NamedTuple):
     """A document of the interface of mavdem."""
 
     model: type[Document]
-    """model with its keys, units and meanings"""
+    """Class of the document, with its keys, units and meanings."""
     version: int
-    """version of its schema, which is raised whenever the schema changes"""
+    """Version of its schema, which is raised whenever the schema changes."""
     title: str
-    """where the document is written, as the reference names it"""
+    """Place where the document is written, as the reference names it."""
 
 
 DOCUMENTS = {

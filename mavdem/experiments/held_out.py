@@ -52,6 +52,7 @@ class ForecastErrors(NamedTuple):
     """The errors of one forecast, of m outputs over all windows."""
 
     name: HeldOutForecast
+    """Name of the forecast."""
     rmse: Array
     """Root mean squared errors (m,), in the units of the outputs."""
     error_ratio: float

@@ -32,20 +32,21 @@ class _KeptModel(NamedTuple):
     """A model that was learned in flight."""
 
     time: float
-    """When it came, s of the boot clock; minus infinity of an earlier boot."""
+    """Time of the row that it came with, s of the boot clock; minus infinity for a model of an earlier boot."""
 
     learned: Learned
+    """The model."""
 
 
 class FlightLearning:
     """Learns a model from rows of free flight, and keeps the latest models, so that those of a landing are withdrawn.
 
     Attributes:
-        learner: of the latest rows; None before any.
-        estimate: of the latest learned row; None before any.
-        newest_model: the latest model of settled flight; None before any.
+        learner: online learner of the latest rows; None before any row.
+        estimate: estimates as of the latest row that was learned from; None before any.
+        newest_model: latest model of settled flight; None before any.
         is_free: whether the latest row is of free flight, and the vehicle has been flying since.
-        has_landed: whether no model has come since the last landing.
+        has_landed: whether the vehicle has landed and no newer model has come since.
         has_settled: whether any row was of settled flight.
         learned_rows: number of rows that the learner used.
         unlearned_rows: number of the other rows.
@@ -63,10 +64,10 @@ class FlightLearning:
 
         Args:
             axis: "roll" or "pitch".
-            settings: of the learner.
-            executor: where models are learned; None for this thread.
-            prior: model of an earlier flight of the vehicle.
-            log: is called with each fact about learning.
+            settings: settings of the fits.
+            executor: executor in which models are learned; None to learn them in this thread.
+            prior: model of an earlier flight of the vehicle; None without one.
+            log: function that is called with each fact about learning.
         """
         self.learner: OnlineLearner | None = None
         self.estimate: Estimate | None = None
@@ -160,7 +161,7 @@ class FlightLearning:
         """
         learner = self.learner
         assert learner is not None
-        # Samples of a climb after take-off are not used for the wind torque.
+        # A row that is not of settled flight is of the climb after take-off: it is not used for the wind torque.
         learner.follows_torque = row.is_settled
         estimate = None
         try:

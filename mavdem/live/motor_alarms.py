@@ -13,13 +13,13 @@ from mavdem.motors.motor_changes import MotorAlarm
 
 
 class MotorAlarms:
-    """Lasting changes of the motors' balance: the test that finds them sample by sample, and the alarms on weak motors.
+    """Finds lasting changes of the motors' balance sample by sample, and keeps the alarms on weak motors.
 
     Attributes:
         latest: the latest changes, also those that are no alarms.
         active: the alarms on motors that are weak now; they stay after the landing, until the next flight.
         has_landed: whether the vehicle has been on the ground since the latest sample.
-        change_time: since when the motors are as they are, s of the boot clock; NaN before a change.
+        change_time: time of the latest change of a motor, s of the boot clock; NaN before any.
     """
 
     def __init__(self) -> None:
@@ -77,10 +77,10 @@ class MotorAlarms:
         active alarms by those on all motors that are weak now.
 
         Args:
-            time: s of the boot clock.
+            time: time of the sample, s of the boot clock.
             boot: number of the boot.
             motors: geometry and range of the motors.
-            commands: (k,) their outputs, as shares of the range.
+            commands: (k,) outputs of the k motors, as shares of the range.
             heading: yaw, rad; NaN where the attitude does not follow its setpoint.
 
         Returns:

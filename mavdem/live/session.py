@@ -60,17 +60,17 @@ class LiveSession:
         """Begins now, without a model.
 
         Args:
-            link: open.
-            stream: of one vehicle.
-            settings: of the learner.
-            open_display: is called with each new format of rows; returns their display, or None.
-            report_status: is called once a second with the status.
-            report_fact: is called with each fact for the user.
-            executor: where models are learned and judged; None for this thread.
-            recording: of the raw stream; None for none.
-            requested_rate: Hz to ask the vehicle for; None to send nothing at all.
+            link: link that is open.
+            stream: stream of one vehicle.
+            settings: settings of the learner.
+            open_display: function that is called with each new format of rows, and returns their display, or None.
+            report_status: function that is called once a second with the status.
+            report_fact: function that is called with each fact for the user.
+            executor: executor in which models are learned and judged; None for this thread.
+            recording: recording of the raw stream; None for none.
+            requested_rate: message rate to ask the vehicle for, Hz; None to send nothing at all.
             prior: model of an earlier flight of the vehicle.
-            gain_adviser: advises gains.
+            gain_adviser: advises gains after a landing and at the end; None for no advice.
             recording_name: file in which the user has the recording; empty if that is known later, None without one.
         """
         self.link = link

@@ -33,6 +33,7 @@ from mavdem.report.pages.flight_page import flight_page
 
 
 def ours(path: str) -> int:
+    """Reads a log with mavdem, decodes what a review needs first, and returns the number of frames."""
     log = read_log(path)
     for vehicle in log.vehicles:
         assert all(len(columns["time"]) for columns in vehicle.messages.values())  # decodes them
@@ -43,6 +44,7 @@ def ours(path: str) -> int:
 
 
 def recv_match(path: str) -> int:
+    """Reads a ``.tlog`` or ``.bin`` with pymavlink, and returns the number of messages."""
     from pymavlink import mavutil
 
     kinds = ["ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "EV", "ARM", "PARM", "MSG"]
@@ -52,12 +54,14 @@ def recv_match(path: str) -> int:
 
 
 def ulog(path: str) -> int:
+    """Reads a ``.ulg`` with pyulog, all topics, and returns the number of samples."""
     from pyulog import ULog
 
     return sum(len(topic.data["timestamp"]) for topic in ULog(path).data_list)
 
 
 def mcap(path: str) -> int:
+    """Reads an ``.mcap`` with the library of the format, and returns the number of messages."""
     from mcap.reader import make_reader
 
     with open(path, "rb") as file:
@@ -193,6 +197,7 @@ def review_seconds(log: Path, checkout: Path) -> tuple[float, float]:
 
 
 def show(table: pd.DataFrame) -> None:
+    """Prints a table with three significant digits."""
     print(table.to_string(index=False, float_format="{:,.3g}".format))
 
 
@@ -205,6 +210,14 @@ def show(table: pd.DataFrame) -> None:
     help="For review: a checkout to compare with.",
 )
 def main(benchmark: str, logs: tuple[Path, ...], before: Path | None) -> None:
+    """Runs one benchmark and prints its table.
+
+    Args:
+        benchmark: "read" for reading logs, "fleet" for the rows of a fleet, "live" for live estimates, "review" for
+            reviews.
+        logs: logs to read.
+        before: for reviews, another checkout of the repository that is compared with this one.
+    """
     if benchmark == "review":
         review(logs, before)
         return

@@ -24,7 +24,10 @@ REMEMBERED_STEPS = 30
 """Number of steps from which L-BFGS estimates curvatures; more hardly save evaluations."""
 
 BREAKDOWN_NATS = 1e9
-"""Nats below the start that stand for F̄ where a step breaks down, so that the line search returns from there."""
+"""Distance below F̄ of the start, nats, that is reported as F̄ where it cannot be evaluated.
+
+It is so far below all real values that the line search turns back from there.
+"""
 
 
 def maximise_by_quasi_newton(start: Iterate, max_evaluations: int) -> Iterate:
@@ -75,6 +78,7 @@ class _Search:
     """−F̄ᵒ, nats, where it cannot be evaluated."""
 
     def __init__(self, start: Iterate) -> None:
+        """Puts the origin at the θ and λ of an iterate, and scales the coordinates by the curvatures there."""
         posterior = start.posterior
         self.best = start
         self.origin = np.concatenate([posterior.theta, posterior.lambda_])

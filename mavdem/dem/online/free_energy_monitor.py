@@ -28,8 +28,8 @@ MIN_PAST_VALUES = 100
 MAX_QUARTILES = 3.0
 """Largest unit of surprise, in distances of the lower quartile of F(t) from its median.
 
-For normal values the 5 % quantile is 2.4 such distances away. Larger ones come from a failure that lasts, which must
-not hide the next.
+The unit is the distance of the 5 % quantile. Of normally distributed values that is 2.4 such distances. It is larger
+where a failure lasts. The limit keeps such a failure from making the unit so large that the next one goes unseen.
 """
 
 

@@ -1,10 +1,15 @@
 """What caused a surprise: a manoeuvre that the model predicts wrongly, or a disturbance.
 
-In a manoeuvre the motors cause the angular acceleration: it follows their command with their lag, however much the
-model errs; and since the body rate returns, the command does, too. A disturbance accelerates the vehicle first, and the
-command then opposes it: the acceleration is another, or the command stays away from where it was, against the torque.
-The model itself cannot tell: learned in the closed loop of a calm flight, where the command follows the disturbance,
-its control effectiveness may even have the wrong sign.
+Two properties of the motors' command decide.
+
+- In a manoeuvre the motors cause the angular acceleration. So the acceleration follows the command with the lag of the
+  motors. A disturbance accelerates the vehicle first, and the command then opposes it, so that the command explains
+  little of the acceleration (:func:`explained_share`).
+- After a manoeuvre the body rate is what it was, and so is the command. A lasting disturbance must be balanced, so that
+  the command stays away from its former value (:func:`sustained_share`).
+
+The learned model is not used for this. It was learned in closed loop: in a calm flight the command follows the
+disturbance, and the model's control effectiveness may even have the wrong sign.
 """
 
 from __future__ import annotations
@@ -26,7 +31,7 @@ MOTOR_LAGS = (0.01, 0.02, 0.04, 0.07, 0.12)
 """Time constants that are tried for the motors' lag, s: from small racing motors to large propellers."""
 
 SETTLING_SECONDS = 1.0
-"""Time before ``CAUSE_SECONDS`` in which the lagged command forgets where it began, s: eight of the longest lags."""
+"""Time before ``CAUSE_SECONDS`` in which the first value of the lagged command decays, s: eight of the longest lags."""
 
 REFERENCE_SECONDS = 10.0
 """Time before ``CAUSE_SECONDS`` that shows where the command usually is, s: as long as the past of a surprise."""
@@ -67,13 +72,16 @@ def cause_of_surprise(
 def sustained_share(command: Array, dt: float) -> float:
     """Returns the share of the command's deviation over the last ``CAUSE_SECONDS`` that is constant.
 
-    It is the square of the mean deviation over the mean square, where the command deviates from its median before. Over
-    a manoeuvre the torques of the motors sum to almost zero, since the body rate returns; a constant one opposes a
-    torque from outside.
+    The deviation is that from the median of the ``REFERENCE_SECONDS`` before. Its constant share is the square of its
+    mean over its mean square. In a manoeuvre the torques of the motors add up to almost zero, since the body rate
+    returns to its former value; a constant deviation opposes a torque from outside.
 
     Args:
-        command: (T,) command of the axis, longer than ``CAUSE_SECONDS``; it varies.
+        command: (T,) command of the axis, longer than ``CAUSE_SECONDS``; it must vary.
         dt: Sampling step, s.
+
+    Returns:
+        The share, 0 to 1.
     """
     latest = round(CAUSE_SECONDS / dt)
     reference = command[-latest - round(REFERENCE_SECONDS / dt) : -latest]
@@ -86,8 +94,9 @@ def explained_share(
 ) -> float | None:
     """Returns the share of the acceleration that the command explains, over the last ``CAUSE_SECONDS``.
 
-    It is the coefficient of determination (R²) of a regression of the measured acceleration on the command with a lag
-    of first order, the largest over ``MOTOR_LAGS``. A lag with a negative slope explains nothing.
+    The measured angular acceleration is regressed on the command after a first-order lag. The share is the coefficient
+    of determination (R²) with that of the ``MOTOR_LAGS`` for which it is largest. With a negative slope, against the
+    command, the acceleration counts as not explained.
 
     Args:
         command: (T,) command of the axis.
@@ -120,7 +129,15 @@ def explained_share(
 
 
 def _lagged_commands(command: Array, dt: float) -> Array:
-    """Returns the command (T,) with each of the lags of ``MOTOR_LAGS``, (T, lags), from its first value."""
+    """Returns the command after a first-order lag with each of the time constants ``MOTOR_LAGS``.
+
+    Args:
+        command: (T,) command; the lagged ones begin at its first value.
+        dt: Sampling step, s.
+
+    Returns:
+        (T, lags) lagged commands.
+    """
     decays = np.exp(-dt / np.array(MOTOR_LAGS))
     lagged = np.empty((len(command), len(decays)))
     lagged[0] = command[0]

@@ -54,7 +54,10 @@ MARGIN_DRAWS = 200
 """Number of draws from the posterior for the intervals of margins: a choice."""
 
 MIN_KNOWN_RATIO = 1e-4
-"""Least ratio of integral (1/s) or derivative (s) to proportional gain: a gain of 0 has no logarithm."""
+"""Least ratio of the integral gain (1/s), or of the derivative gain (s), to the proportional gain.
+
+The model has the logarithms of these ratios, and a gain of 0 has none.
+"""
 
 
 def closed_loop(train: TrainingData, controller_known: bool = True) -> ClosedLoop:
@@ -99,14 +102,14 @@ def closed_loop(train: TrainingData, controller_known: bool = True) -> ClosedLoo
 
 
 def turning_sense(record: Record, mixer: Array) -> float:
-    """Returns 1 where a combination of the motors turns the axis in the rate's sense, else -1.
+    """Returns 1 where a combination of the motors accelerates the axis in the positive sense of its rate, else −1.
 
-    An autoregression of outputs and combination shows it: by the sum over its lags of the coefficients with which the
-    rate follows the combination.
+    A vector autoregression of the outputs and the combination is fitted. The sign is that of the sum, over all lags, of
+    the coefficients with which the rate follows the combination.
 
     Args:
-        record: the record.
-        mixer: (r, 1) the combination.
+        record: training data.
+        mixer: (r, 1) weights of the motors in the combination.
     """
     combined = replace(record, inputs=record.inputs @ mixer, effect_directions=None)
     coefficients = VectorAutoregression.learn(combined, MIXER_LAGS).coefficients
@@ -190,13 +193,15 @@ class ClosedLoop(ForecasterBase):
         return ()
 
     def rate_loop(self, draws: int = MARGIN_DRAWS, seed: int = 0) -> OpenLoop:
-        """Returns the rate loop of the plant's marginal posterior with the autopilot's controller, and so its margins.
+        """Returns the rate loop of the learned plant with the autopilot's controller, which has the stability margins.
 
-        The controller is that of the parameters. The posterior's own gains are those of the record, whose motors are
-        interpolated between messages: that takes up to two thirds from the derivative.
+        The gains of the controller come from the autopilot's parameters, and only the plant from the posterior. The
+        posterior has gains too, but those that the recorded motors show. These are interpolated between messages, which
+        takes up to two thirds from the derivative gain.
 
         Args:
-            draws: number of draws from the posterior, behind the estimate in row 0.
+            draws: number of draws from the posterior of the plant, for the intervals of the margins. They follow the
+                estimate, which is row 0.
             seed: seed of the draws.
 
         Raises:
@@ -264,12 +269,12 @@ class ClosedLoop(ForecasterBase):
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> Forecast:
-        """Returns the outputs (H, 2) without the motors to come, anew at every ``steps``-th sample.
+        """Forecasts the outputs (H, 2) in consecutive parts of ``steps`` samples, from the samples before each part.
 
         Args:
-            steps: samples of each forecast.
-            inputs: (H, r) after the training data; each forecast uses those before its start.
-            outputs: (H, 2) of the same samples, likewise.
+            steps: number of samples of a part.
+            inputs: (H, r) inputs after the training data; those of earlier parts only are used for a forecast.
+            outputs: (H, 2) outputs of the same samples; those of earlier parts only are used for a forecast.
         """
         steps = min(steps, len(inputs))
         A, C = self._filter.A, self._filter.C
@@ -287,13 +292,13 @@ class ClosedLoop(ForecasterBase):
     def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
-        """Returns the outputs (H, 2) with the motors as measurements, anew at every ``steps``-th sample.
+        """Forecasts the outputs (H, 2) in consecutive parts of ``steps`` samples, with the motors as measurements.
 
         Args:
-            steps: samples of each forecast.
-            inputs: (H, r) after the training data.
-            outputs: (H, 2) of the same samples; each forecast uses those before its start.
-            smooth: whether all motors of a forecast count for each of its samples, not only those up to its own.
+            steps: number of samples of a part.
+            inputs: (H, r) inputs after the training data, which are known in the part itself, too.
+            outputs: (H, 2) outputs of the same samples; those of earlier parts only are used for a forecast.
+            smooth: whether each sample is forecast with all motors of its part, and not only with those up to it.
         """
         steps = min(steps, len(inputs))
         starts = self._start_states(steps, inputs, outputs)
@@ -311,13 +316,13 @@ class ClosedLoop(ForecasterBase):
     def _forecast_from_states(
         self, starts: Array, steps: int, inputs: Array, smooth: bool
     ) -> Forecast:
-        """Forecasts the outputs (H, 2) by a Kalman filter, and a smoother, that the motors alone are measured in.
+        """Forecasts the outputs (H, 2) by a Kalman filter that measures the motors alone, and not the outputs.
 
         Args:
             starts: (S, n + 3) states at the start of each forecast.
-            steps: samples of each forecast.
+            steps: number of samples of each forecast.
             inputs: (H, r) motors of all forecasts, one after the other.
-            smooth: whether the smoother runs.
+            smooth: whether a smoother follows, so that each sample is estimated with the motors after it, too.
         """
         full_filter = self._filter
         motors_output = full_filter.C[MOTORS_CHANNEL:]
