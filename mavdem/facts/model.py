@@ -61,6 +61,7 @@ class NoPhysical(Code):
     NO_SIMULATION_BAND = "no_simulation_band"
     WIND_TORQUE_NOT_RESOLVED = "wind_torque_not_resolved"
     MOTOR_WEAK_THROUGHOUT = "motor_weak_throughout"
+    WIND_TORQUE_TOO_SHORT = "wind_torque_too_short"
 
 
 class ModelCaution(Code):

@@ -199,7 +199,9 @@ def estimate_wind_torque(
         theta,
         physical.covariance,
     )
-    reason = _reason_against_wind(has_wind, errors.unscaled_variance, power)
+    reason = _reason_against_wind(
+        len(torque) * record.dt, has_wind, errors.unscaled_variance, power
+    )
     resolved = reason is None
     # Errors of the parameters are the same at all samples, so they do not average out in the mean.
     mean_gradient = gradient[:, is_wind].mean(axis=1)
@@ -227,14 +229,19 @@ def estimate_wind_torque(
     )
 
 
-def _reason_against_wind(has_wind: bool, error_variance: float, power: float) -> Fact | None:
+def _reason_against_wind(
+    duration: float, has_wind: bool, error_variance: float, power: float
+) -> Fact | None:
     """Returns why an estimated torque is not to be taken for that of the wind; None where it is.
 
     Args:
+        duration: of the flight, s.
         has_wind: whether there is enough flight with sound motors.
         error_variance: variance of the torque's errors, without those of its scale, (rad/s²)².
         power: mean square of the torque about its means, (rad/s²)².
     """
+    if duration < MIN_WIND_SECONDS:
+        return Fact(NoPhysical.WIND_TORQUE_TOO_SHORT, least_duration=MIN_WIND_SECONDS)
     if not has_wind:
         return Fact(NoPhysical.MOTOR_WEAK_THROUGHOUT)
     if error_variance < MAX_ERROR_SHARE * power:

@@ -133,8 +133,8 @@ def prominent_peaks(values: Array, min_prominence: float) -> list[int]:
     """Finds the peaks of a curve that stand out from it.
 
     The prominence of a peak is how far one must at least descend from it to reach a higher point of the curve, or the
-    curve's end on the side where that is less. ``scipy.signal.find_peaks`` does the same, but takes half a second to
-    import.
+    curve's end on the side where that is less. ``scipy.signal.find_peaks`` does the same, and finds flat tops too, but
+    takes half a second to import.
 
     Args:
         values: (N,) the curve.

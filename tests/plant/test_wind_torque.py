@@ -185,6 +185,9 @@ def test_what_a_weak_motor_lacks_is_no_wind():
     assert np.isfinite(torque.spectrum.density).all() and torque.resolved
     all_weak = estimate_wind_torque(known, record, [], np.ones(6000, bool))
     assert all_weak.reason.code is NoPhysical.MOTOR_WEAK_THROUGHOUT and not all_weak.resolved
+    # No motor was weak in a flight that is too short.
+    short = estimate_wind_torque(known, Record(inputs[:700], flight.outputs[:700], DT, (700,)))
+    assert short.reason.code is NoPhysical.WIND_TORQUE_TOO_SHORT and not short.resolved
 
 
 @mark.parametrize("seconds, is_step", [(1.6, True), (2.4, False)])
