@@ -135,9 +135,13 @@ def flight_estimates(flight: AxisRows) -> dict[Quantity, Estimate]:
 
 
 def estimate_from_interval(value: float | None, half_width: float | None) -> Estimate | None:
-    """Returns an estimate by its value and the half width of its 90 % interval; None where one is unknown or infinite.
+    """Returns an estimate with its standard deviation; None where value or interval are unknown or infinite.
 
     A loop that no gain makes unstable has an infinite margin, with which nothing can be compared.
+
+    Args:
+        value: the estimate.
+        half_width: half width of its 90 % interval, in the same unit.
     """
     if value is None or half_width is None or not isfinite(value + half_width):
         return None

@@ -342,7 +342,13 @@ class FlightRow:
 
     @staticmethod
     def without_flight(file: str, status: Fact, **columns: Any) -> FlightRow:
-        """Returns the row of a log that holds no flight, for the reason ``status``."""
+        """Returns the row of a log that has no flight.
+
+        Args:
+            file: path or URL of the log.
+            status: why it has none.
+            columns: further columns, such as the system id of a vehicle.
+        """
         return FlightRow(file=file, status=str(status), status_code=status.code, **columns)
 
     @staticmethod
@@ -396,7 +402,7 @@ def column_value(value: Any, column_type: Any) -> Any:
 
 
 def utf8_text(text: str) -> str:
-    """Returns a text, such as the name of a file, with what UTF-8 cannot hold as escape sequences."""
+    """Returns a text, such as the name of a file, with characters that UTF-8 cannot encode as escape sequences."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
@@ -414,11 +420,12 @@ def row_schema() -> Any:
         str: pyarrow.string(),
         float: pyarrow.float64(),
         int: pyarrow.int64(),
-        # Times are UTC without saying so: DuckDB would show times with a zone in local time.
+        # Times are UTC, but their type names no zone: DuckDB shows times with a zone in local time.
         datetime: pyarrow.timestamp("us"),
     }
 
     def arrow_type(column_type: Any) -> Any:
+        """Returns the Arrow type of a column: that of its values, or a list of them for a tuple."""
         if get_origin(column_type) is tuple:
             return pyarrow.list_(arrow_type(get_args(column_type)[0]))
         return scalar_types[column_type]

@@ -144,9 +144,9 @@ def advise(
 ) -> Advice:
     """Returns gains of one axis for the next flight, on the way to the fastest loops that have given margins.
 
-    A loop whose estimate has these margins keeps its gains unless ``more`` is true. So gains that were advised and then
-    flown are not changed again. The stage follows from the loops alone: while the rate loop lacks margin it is tuned,
-    then the attitude loop.
+    A loop whose estimate has these margins keeps its gains unless ``more`` is true. So gains that were advised once and
+    have been flown since are not changed again. The stage follows from the loops alone: while the rate loop lacks
+    margin it is tuned, then the attitude loop.
 
     There is no advice where gains must not follow from this flight: because of ``doubts`` about it, or for one of the
     :func:`reasons_for_no_gains`.
@@ -222,8 +222,8 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
     step = search.step(Stage.RATE, may_lower_bandwidth=not has_margins)
     if step.gains:
         designed_rate = loop.with_parameters(step.design).rate
-        gained = bandwidth_of_estimate(designed_rate) / bandwidth_of_estimate(loop.rate)
-        if gained > MIN_BANDWIDTH_GAIN or not has_margins:
+        bandwidth_ratio = bandwidth_of_estimate(designed_rate) / bandwidth_of_estimate(loop.rate)
+        if bandwidth_ratio > MIN_BANDWIDTH_GAIN or not has_margins:
             return step
     return search.step(Stage.ANGLE)
 

@@ -344,7 +344,12 @@ class GainSearch:
         return ratios
 
     def _rate_gains(self, factor: float, derivative_ratio: float) -> Parameters:
-        """Returns the gains of the rate controller for a factor on the logged P and a ratio of D to P, s."""
+        """Returns P, I and D of the rate controller by the autopilot's names, of which I has the default ratio to P.
+
+        Args:
+            factor: factor on the logged P.
+            derivative_ratio: ratio of D to P, s.
+        """
         names = self.loop.controller.parameter_names
         p = factor * self.logged_gains["p"]
         values = {"p": p, "i": self.defaults.ratios.integral * p, "d": derivative_ratio * p}
@@ -356,7 +361,7 @@ class GainSearch:
         return gains
 
     def _worthwhile(self, design: Parameters) -> Parameters:
-        """Returns a design without changes, if all of them are smaller than ``MIN_GAIN_CHANGE``."""
+        """Returns a design if one of its gains changes by the factor ``MIN_GAIN_CHANGE`` or more, else an empty one."""
         parameters = self.loop.controller.parameters
         names = self.loop.controller.parameter_names
         for name, value in design.items():
@@ -371,6 +376,10 @@ class GainSearch:
         Each gain goes as far as ``MAX_GAIN_STEP`` lets it. Where that leaves some gains farther behind than others and
         so costs margin, all of them go a part of that way. With a slower rate loop the gain of the angle is lowered
         too, if the attitude loop would have less margin than it should, and than it has.
+
+        Args:
+            stage: which gains change.
+            design: gains at the end of the stage, by the autopilot's name.
         """
         logged = self.loop.controller.parameters
         factors = {
@@ -466,5 +475,5 @@ def bandwidth_of_estimate(open_loop: OpenLoop) -> float:
 
 
 def _change(value: float, logged: float) -> float:
-    """Returns the size of the change of a gain, as the logarithm of a factor."""
+    """Returns the size of the change of a gain from its logged value, as the natural logarithm of their ratio."""
     return abs(log(value / logged))

@@ -86,35 +86,8 @@ def measured_rate_response(
     Returns:
         The comparison; ``None`` where the record has no rate setpoint, or too few windows.
     """
-    setpoints = _setpoints_by_name(record)
-    rate_setpoint = setpoints.get(f"{controller.axis} rate setpoint")
-    if rate_setpoint is None:
-        return None
-    # A record has no demand, so it is estimated from the inputs that it moves, by least squares.
-    demand = record.inputs @ outputs_per_demand / (outputs_per_demand @ outputs_per_demand)
-    # Rows of each piece: rate setpoint, rate, demand and, where they are needed, angle setpoint and angle.
-    signals = [rate_setpoint, record.outputs[:, rate_column(record)], demand]
-    angle_setpoint = None
-    if controller.is_ardupilot:
-        angle_setpoint = setpoints.get(f"{controller.axis} setpoint")
-    if angle_setpoint is not None:
-        # The angle is the first output of a record.
-        signals += [angle_setpoint, record.outputs[:, 0]]
-    # Two versions of the pieces: with the rate setpoint as logged, and with the attitude controller's correction.
-    as_logged = []
-    with_correction = []
-    for piece in _finite_pieces(np.array(signals), record):
-        # The record holds a setpoint until the next message. These steps never were, so it is interpolated.
-        setpoint = interpolated_setpoint(piece[0])
-        rate_and_demand = piece[1:3]
-        as_logged.append(np.vstack([setpoint, rate_and_demand]))
-        if angle_setpoint is not None:
-            angle_setpoint_of_piece, angle = piece[3:5]
-            angle_error = interpolated_setpoint(angle_setpoint_of_piece) - angle
-            corrected = setpoint + controller.angle_gain * angle_error
-            with_correction.append(np.vstack([corrected, rate_and_demand]))
     comparisons = []
-    for pieces in (as_logged, with_correction):
+    for pieces in _pieces_by_setpoint(record, controller, outputs_per_demand):
         spectra = welch_spectra_of_pieces(1 / record.dt, pieces, 2 * WELCH_SECONDS)
         if spectra is not None:
             comparisons.append(
@@ -128,6 +101,52 @@ def measured_rate_response(
     if reason is not None and limited_share > MIN_AT_LIMIT_SHARE:
         reason = Fact(Responses.RESPONSE_LIMITED, share=limited_share)
     return best._replace(reason=reason)
+
+
+def _pieces_by_setpoint(
+    record: Record, controller: Controller, outputs_per_demand: Array
+) -> list[list[Array]]:
+    """Cuts rate setpoint, rate and demand of a flight into pieces, for each version of the setpoint that may be right.
+
+    The first version has the rate setpoint as logged. For ArduPilot the second has the attitude controller's correction
+    added, angle gain × error of the angle, where angle setpoints were logged.
+
+    Args:
+        record: the flight, with setpoints.
+        controller: controller of the axis.
+        outputs_per_demand: change of each of the r inputs per unit of demand (r,).
+
+    Returns:
+        For each version its pieces (3, N), of different lengths N; none where the record has no rate setpoint.
+    """
+    setpoints = _setpoints_by_name(record)
+    rate_setpoint = setpoints.get(f"{controller.axis} rate setpoint")
+    if rate_setpoint is None:
+        return []
+    # A record has no demand, so it is estimated from the inputs that it moves, by least squares.
+    demand = record.inputs @ outputs_per_demand / (outputs_per_demand @ outputs_per_demand)
+    # Rows of each piece: rate setpoint, rate, demand and, where they are needed, angle setpoint and angle.
+    signals = [rate_setpoint, record.outputs[:, rate_column(record)], demand]
+    angle_setpoint = None
+    if controller.is_ardupilot:
+        angle_setpoint = setpoints.get(f"{controller.axis} setpoint")
+    if angle_setpoint is not None:
+        # The angle is the first output of a record.
+        signals += [angle_setpoint, record.outputs[:, 0]]
+    as_logged = []
+    with_correction = []
+    for piece in _finite_pieces(np.array(signals), record):
+        # A record repeats a setpoint until the next message. The true setpoint has no such steps, so it is
+        # interpolated.
+        setpoint = interpolated_setpoint(piece[0])
+        rate_and_demand = piece[1:3]
+        as_logged.append(np.vstack([setpoint, rate_and_demand]))
+        if angle_setpoint is not None:
+            angle_setpoint_of_piece, angle = piece[3:5]
+            angle_error = interpolated_setpoint(angle_setpoint_of_piece) - angle
+            corrected = setpoint + controller.angle_gain * angle_error
+            with_correction.append(np.vstack([corrected, rate_and_demand]))
+    return [as_logged, with_correction]
 
 
 def _setpoints_by_name(record: Record) -> dict[str, Array]:

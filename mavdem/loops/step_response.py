@@ -79,9 +79,12 @@ MIN_DRIVER_POWER_RATIO = 1e-4
 MAX_GAIN_DEVIATION = 0.25
 """Largest standard deviation of |T| with which it counts as known: a choice."""
 MAX_STEP_HALF_WIDTH = 0.3
-"""Half width of a step's band from which on it shows nothing: an overshoot of 30 % and none lie within it."""
+"""Half width of a step's 90 % band from which on the step is not reported: an overshoot of 30 % may then be none."""
 MAX_DISAGREEING_SHARE = 0.3
-"""Largest share of the frequencies at which a right prediction lies outside the band; by chance, a tenth does."""
+"""Largest share of the frequencies at which a right prediction may lie outside the 90 % band: a choice.
+
+By chance a tenth does.
+"""
 MIN_PIECE_RESPONSES = 4
 """Least length of a piece of flight, in durations of the response."""
 DRAWS_SEED = 31
@@ -299,12 +302,7 @@ def _measured_step_response(
     if spectra is None:
         return setpoint_moves_too_little
     decimation = _decimation(sampling_rate, min_rate, spectra)
-    if decimation > 1:
-        # Importing scipy.signal takes half a second.
-        from scipy.signal import resample_poly
-
-        # Both ends are continued by the line through them, so that the filter makes no step there.
-        pieces = [resample_poly(piece, 1, decimation, axis=1, padtype="line") for piece in pieces]
+    pieces = _decimated(pieces, decimation)
     impulse_response = estimate_impulse_response(
         sampling_rate / decimation, pieces, angle_gain, seconds, 1 / MAX_SAMPLING_RATES[loop]
     )
@@ -343,6 +341,22 @@ def _decimation(sampling_rate: float, min_rate: float, spectra: WelchSpectra) ->
     highest_coherent = spectra.frequency[is_coherent].max(initial=0.0)
     needed_rate = max(min_rate, SAMPLES_PER_COHERENT_PERIOD * highest_coherent)
     return max(int(sampling_rate / needed_rate), 1)
+
+
+def _decimated(pieces: list[Array], decimation: int) -> list[Array]:
+    """Lowers the rate of samples by a whole number, behind a low-pass against aliasing.
+
+    Args:
+        pieces: signals in the rows of each piece (k, N).
+        decimation: the number; with 1 the pieces stay as they are.
+    """
+    if decimation == 1:
+        return pieces
+    # Importing scipy.signal takes half a second.
+    from scipy.signal import resample_poly
+
+    # Both ends are continued by the line through them, so that the filter makes no step there.
+    return [resample_poly(piece, 1, decimation, axis=1, padtype="line") for piece in pieces]
 
 
 def _with_angle_and_correction(

@@ -34,7 +34,10 @@ PERSISTENCE = 0.5
 """Probability that what holds in one flight holds in the next: much is noticed and repaired on the ground. A choice."""
 
 MEAN_RISE = 0.15
-"""Mean of the exponential prior of a weak motor's rise: what a quarter less thrust takes."""
+"""Mean of the exponential prior of a weak motor's rise, relative to the mean command.
+
+A motor needs this much more command to make up for a quarter less thrust.
+"""
 
 RISES = np.linspace(0.0, 1.0, 401)[1:]
 """(r,) rises of a weak motor's command, relative to the mean command, for which there is a hypothesis each."""
@@ -154,7 +157,7 @@ class ChangeHypotheses:
                 probability ``PERSISTENCE``.
 
         Returns:
-            The posterior probabilities and what they say of each motor.
+            The posterior probabilities, by cause and by motor.
         """
         posterior = self._posterior(deviation, previous)
         group_probabilities = {name: posterior[rows].sum() for name, rows in self.groups.items()}
@@ -209,7 +212,7 @@ class ChangeHypotheses:
         return posterior
 
     def detection_probability(self, deviation: Deviation) -> float:
-        """Returns how probable a change would appear, had one motor to work ``DETECTABLE_RISE`` harder.
+        """Returns how probable a change would appear if the command of one motor had risen by ``DETECTABLE_RISE``.
 
         A flight whose balance is known badly looks healthy whatever its motors do. So the flight's change is replaced
         by the signature of each motor in turn, at the flight's own scale, and explained.
@@ -224,8 +227,8 @@ class ChangeHypotheses:
         changes = self.signatures.weak_motor_balance[:, 1:] * rises[:, None]
         probabilities = []
         for change in changes:
-            explained = self.explain(deviation._replace(change=change))
-            probabilities.append(1 - explained.healthy)
+            change_probabilities = self.explain(deviation._replace(change=change))
+            probabilities.append(1 - change_probabilities.healthy)
         return float(np.mean(probabilities))
 
 
@@ -260,7 +263,7 @@ class ChangeProbabilities(ImmutableResult):
     motors: Array
     """(k,) probability that each motor, or its propeller, is weak."""
     faults: Array
-    """(k,) the same, with a rise of ``FAULT_RISE`` or more."""
+    """(k,) probability that each motor is so weak that its command rises by ``FAULT_RISE`` or more."""
     rises: Array
     """(3, k) rise of each motor's own command if it is the weak one, relative to the mean command.
 

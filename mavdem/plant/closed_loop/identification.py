@@ -285,7 +285,7 @@ def with_quicker_pole_as_lag(theta: Array) -> Array:
 
 
 def _nats_below(mode: QuadraticExpansion, theta: Array) -> float:
-    """Returns how much lower the posterior is at θ (k,) than at a mode, by the mode's curvature, in nats."""
+    """Returns how much lower the log posterior is at θ (k,) than at a mode, nats, by its quadratic expansion there."""
     difference = theta - mode.point
     return float(difference @ mode.curvature @ difference) / 2
 

@@ -53,7 +53,7 @@ MAX_SAMPLE_WEIGHT = 2.5
 """Largest time that one sample stands for in a transform, in median steps: samples beside a gap do not replace it."""
 
 MAX_STRIDE = 4
-"""Up to every so many-th message is tried in the search for even steps."""
+"""Largest stride with which messages are thinned in the search for even steps: every fourth message."""
 
 MIN_EVEN_STEPS = 3 / 5
 """Share of equal steps from which on a stream counts as evenly sampled: up to a fifth of the messages may be lost."""

@@ -619,6 +619,13 @@ def _step_of_loop(loop: ContinuousLoop, dt: float) -> _StepOfLoop:
 
 
 def _over_two_steps(transition: Array, covariance: Array) -> Array:
-    """Returns the covariance (…, n, n) of the process noise of two steps, by that of one and its transition matrix."""
+    """Returns the covariance (…, n, n) of the process noise of two steps, Q(2h) = Q + Φ Q Φᵀ.
+
+    Rounding would make it a little asymmetric, so that it is averaged with its transpose.
+
+    Args:
+        transition: transition matrix Φ of one step (…, n, n).
+        covariance: covariance Q of the process noise of one step (…, n, n).
+    """
     doubled = covariance + transition @ covariance @ transition.mT
     return np.asarray((doubled + doubled.mT) / 2)

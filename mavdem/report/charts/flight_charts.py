@@ -290,9 +290,13 @@ def _spectrum_lines(noise: MeasuredNoise, name: str) -> _SpectrumLines:
 
 
 def _filter_line(loop: Loop, max_frequency: float) -> Line:
-    """Returns the gain, dB, of the gyro filters of a loop up to a frequency, Hz, on the axis on the right.
+    """Returns the line of the gain, dB, of the gyro's filters over frequency, for the axis on the right of a chart.
 
     Digital filters are defined below half of the sampling rate (the Nyquist frequency), where the line ends.
+
+    Args:
+        loop: a loop, whose controller has the gyro's filters.
+        max_frequency: highest frequency of the chart, Hz.
     """
     nyquist = MAX_NYQUIST_FRACTION * loop.controller.gyro_rate
     frequency = np.linspace(0.1, min(max_frequency, nyquist), MAX_BINS)
