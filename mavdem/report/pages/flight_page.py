@@ -256,6 +256,7 @@ def responses_chapter(responses: Responses, advised: StepsByLoop = NO_STEPS) -> 
     rows = []
     doubts = Blocks()
     names_by_refusal = dict[Fact, list[str]]()
+    has_identified_step = False
     for axis, loops in responses.items():
         for loop_name, response in loops.items():
             name = f"{axis} {loop_name}"
@@ -264,7 +265,9 @@ def responses_chapter(responses: Responses, advised: StepsByLoop = NO_STEPS) -> 
                 refusal = measured.replace(subject="")
                 names_by_refusal.setdefault(refusal, []).append(name)
             else:
-                rows.append([name, *(_step_figure_text(measured, key) for key in STEP_FIGURES)])
+                has_identified_step |= measured.is_identified
+                row_name = f"{name} (step: identified loop)" if measured.is_identified else name
+                rows.append([row_name, *(_step_figure_text(measured, key) for key in STEP_FIGURES)])
             if response.compared is not None and not response.compared.is_good:
                 doubts.append(caution(response.compared))
     blocks = Blocks()
@@ -278,6 +281,8 @@ def responses_chapter(responses: Responses, advised: StepsByLoop = NO_STEPS) -> 
     if not columns:
         return Chapter("Step response", blocks)
     text = "Grey: measured, with its 90 % band. Blue, where the loop is identified: predicted."
+    if has_identified_step:
+        text += " A rate that rises within few messages has the step of the identified loop; its |T| is measured."
     if advised:
         text += " Green: predicted with the advised gains."
     attitudes = [loops["attitude"] for loops in responses.values() if "attitude" in loops]

@@ -132,6 +132,13 @@ def test_steps_of_known_loops_have_band_and_prediction():
     assert figures.rows[0][3:5] == ["over 0.50", "100 (50 to over 500)"]
 
 
+def test_a_step_of_the_identified_loop_is_not_called_measured():
+    found = LoopResponse(replace(response(), is_identified=True))
+    chapter = responses_chapter({"roll": {"rate": found}})
+    assert chapter.blocks[0].rows[0][0] == "roll rate (step: identified loop)"
+    assert "step of the identified loop" in chapter.groups[0].caption
+
+
 def test_spectra_have_their_lines_and_the_filters_over_them():
     line = SpectralLine(LineKind.MOTOR, 140.0, 100.0, 1.0, 5.0, 0.5)
     shown = {name: spectrum(name) for name in ("gyro_before", "gyro")}
