@@ -16,7 +16,7 @@ pytestmark = mark.slow
 @mark.parametrize(
     "log, shown, application",
     [
-        (short_flight, "/flight/0/", "dropped"),
+        (short_flight, "/flight/angle/", "dropped"),
         (lambda _: SLOW, "/report", "mavdem"),
     ],
 )
