@@ -150,13 +150,18 @@ class Inventory(Document):
 
 
 def analysis_document(analysis: LogAnalysis) -> JsonValues:
-    """Returns those values of the document ``Vehicle`` of ``mavdem info`` that come from the analysis of an axis.
+    """Returns some values of a vehicle in the JSON document of ``mavdem info``: those that its analysis has.
 
-    They are the findings, alarms of the motors, and whether a model can be learned. Messages and rates come from the
-    inventory of the log.
+    The fields of a vehicle (:class:`Vehicle`) are filled from two sources. Its messages and their rates come from
+    ``mavdem.assessment.inventory``, which lists what the log contains. The caller adds these from the analysis.
 
     Args:
-        analysis: of one vehicle, without a model.
+        analysis: analysis of the vehicle on one axis, made without learning a model.
+
+    Returns:
+        Values by field of ``Vehicle``: the findings about the flight, the changes of its motors ("alarms" and others),
+        which model could be learned ("model"; None for none), and whether a motor that weakens would have been detected
+        ("watched").
     """
     return {
         **analysis.findings._asdict(),
@@ -167,13 +172,14 @@ def analysis_document(analysis: LogAnalysis) -> JsonValues:
 
 
 def vehicle_document(assessment: Assessment) -> JsonValues:
-    """Returns those values of the document ``Vehicle`` of ``mavdem info`` that come from an assessment.
-
-    They are those of its analysis, the judgement with its lights, the wind, all instances, and which sensors can be
-    trusted.
+    """Returns some values of a vehicle in the JSON document of ``mavdem info``: those that its assessment has.
 
     Args:
-        assessment: of one vehicle, with an analysis.
+        assessment: assessment of the vehicle, with an analysis.
+
+    Returns:
+        Values by field of ``Vehicle``: those of ``analysis_document``, the judgement with its lights, the wind, all
+        instances, and which sensors can be trusted.
     """
     assert assessment.analysis is not None
     return {

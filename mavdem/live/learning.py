@@ -137,15 +137,20 @@ class FlightLearning:
         self.estimate = None
 
     def set_load(self, fits_physical: bool, refits: bool) -> None:
-        """Puts fits off, or allows them; a first model is always learned.
+        """Sets which of its two slow fits the learner may start, so that a busy computer can go without them.
+
+        Estimates go on with the latest model meanwhile. Before any row there is no learner, and nothing is set.
 
         Args:
-            fits_physical: whether physical parameters are fitted again.
-            refits: whether the model is learned again.
+            fits_physical: whether the physical parameters may be fitted again.
+            refits: whether the model may be learned again. A first model is learned even if not, since without one
+                there are no estimates at all.
         """
-        if self.learner is not None:
-            self.learner.fits_physical = fits_physical
-            self.learner.refits = refits or self.learner.learned is None
+        if self.learner is None:
+            return
+        has_model = self.learner.learned is not None
+        self.learner.fits_physical = fits_physical
+        self.learner.refits = refits or not has_model
 
     def learn_row(self, row: AlignedRow, weak_since: float | None) -> Estimate | None:
         """Updates the learner with a row of free flight, and keeps its model if that is new.

@@ -190,30 +190,34 @@ def _model_deviations(fit: IdentifiedAxis, values: LoopParameters) -> _LogDeviat
 
 
 def _model_error_covariance(fit: IdentifiedAxis, effect: Array, values: LoopParameters) -> Array:
-    """Returns the covariance of effects, damping, lag and delay that errors of the model cause.
+    """Returns the covariance of the errors that simplifications of the model cause in a plant's parameters.
 
-    There are four independent errors, one for each logarithm. A flight shows the response of the torque at high
-    frequencies best, effect e^(−jω delay) / (1 + jω lag). The fit reproduces that response even with a wrong model: an
-    error of the effect or the lag comes with errors of the others that compensate for it (:data:`DELAY_PER_EFFECT`,
-    :data:`LAG_COMPENSATION`). Each error therefore has a direction in the space of all parameters, and the covariance
-    is the sum of variance times direction times its transpose.
+    Four independent errors are assumed: of the effect, the damping, the lag and the delay, each of the parameter's
+    natural logarithm. An error does not stay with one parameter. The data determine best how the torque responds at
+    high frequencies, effect e^(−jω delay) / (1 + jω lag), and the fit matches that response even if the model is wrong.
+    So a wrong effect or lag comes with wrong values of other parameters that compensate for it in this response
+    (:data:`DELAY_PER_EFFECT`, :data:`LAG_COMPENSATION`).
+
+    With J the changes of all parameters per unit of each error, and V the diagonal matrix of the errors' variances, the
+    covariance is J V Jᵀ.
 
     Args:
-        fit: posterior, with the time between messages beyond a control cycle and the fraction that limits cut off.
+        fit: posterior of the axis. The variances depend on its time between messages beyond a control cycle, and on the
+            share of the output that limits cut off.
         effect: effect of each input (r,).
         values: parameters of the axis.
 
     Returns:
         Covariance (r + 3, r + 3), in the order effects, damping, lag, delay.
     """
-    # Each column is the change of all parameters by an error of 1 of one logarithm, at first of that parameter alone.
-    directions = _derivatives_by_logarithms(effect, values)
-    effect_column = _LogDeviations._fields.index("effect")
-    lag_column = _LogDeviations._fields.index("lag")
-    # An effect that is larger by one in its logarithm comes with a lag that is longer by one in its own.
-    directions[LAG_AND_DELAY, effect_column] = values.lag, -DELAY_PER_EFFECT * values.lag
-    # A lag that is longer by one in its logarithm comes with more effect and less delay.
-    directions[: len(effect), lag_column] = LAG_COMPENSATION * effect
-    directions[LAG_AND_DELAY, lag_column] = values.lag, -LAG_COMPENSATION * values.lag
+    # J, (r + 3, 4): a column for each error. At first an error changes only the parameter whose logarithm it is of.
+    changes_per_error = _derivatives_by_logarithms(effect, values)
+    effect_error = _LogDeviations._fields.index("effect")
+    lag_error = _LogDeviations._fields.index("lag")
+    # An effect that is too large comes with a lag that is too long by the same ratio, and with too short a delay.
+    changes_per_error[LAG_AND_DELAY, effect_error] = values.lag, -DELAY_PER_EFFECT * values.lag
+    # A lag that is too long comes with effects that are too large, and with too short a delay.
+    changes_per_error[: len(effect), lag_error] = LAG_COMPENSATION * effect
+    changes_per_error[LAG_AND_DELAY, lag_error] = values.lag, -LAG_COMPENSATION * values.lag
     variances = np.square(_model_deviations(fit, values))
-    return directions * variances @ directions.T
+    return changes_per_error * variances @ changes_per_error.T

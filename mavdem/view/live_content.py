@@ -108,11 +108,22 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
 
 
 def first_tab_paths(axis: str) -> dict[str, str]:
-    """Returns the entities of the plots of the first tab, by the keys of ``PLOTS``, for the learned axis."""
+    """Returns which data of the Rerun recording each plot of the first tab shows.
+
+    Rerun stores each line under a path, like a file in a folder ("air/1_speed"). A plot shows all lines under its path.
+
+    Args:
+        axis: the axis that a model is learned of, "roll" or "pitch".
+
+    Returns:
+        Path of the lines by name of the plot. The names are the keys of ``PLOTS``, which has the heights of the plots.
+    """
     return {
         "angle": f"axes/{axis}",
         "free_energy": "free_energy",
         "parameters": "parameters",
+        # The paths of the last two are named otherwise than the plots: the velocity of the wind, m/s, is under "air",
+        # and the torque that the wind exerts on the vehicle under "wind".
         "wind": "air",
         "torque": "wind",
     }

@@ -45,7 +45,7 @@ class SinkThread(threading.Thread):
         dropped: number of rows that were dropped, since too many waited.
         is_paused: whether rows wait; they are sent when this is unset, or when the thread ends.
         status: the latest status of the session.
-        trouble: why nothing arrives, in one sentence; empty where all arrives.
+        trouble: why nothing arrives at the sink, in one sentence for the user; empty where all arrives.
         closing: event by which the owner asks the thread to send the rest and to end.
     """
 
@@ -136,15 +136,27 @@ class SinkThread(threading.Thread):
             self.log(Event(time, Fact(Session.ROW_NOT_DRAWN, because=error)))
 
     def _give_up_recording(self, error: Exception) -> None:
-        """Notes that the sink failed, and disconnects the recording, which would write nothing more."""
-        failure = "cannot be written" if self._recording is None else "failed"
-        self.trouble = f"{self.sink.name} {failure}: {error}"
-        if self._recording is not None:
-            # A failed recording disconnects without waiting.
-            self._recording.disconnect()
-            self._recording = None
-            with suppress(OSError):
-                self.sink.delivered(arrived=False)
+        """Reports the failure of the sink in ``trouble``, which the user sees, and disconnects the recording.
+
+        The sink is the file, viewer or server; the recording is Rerun's stream of data to it. After an error Rerun
+        writes nothing more to this stream. So the thread goes on without a recording, until ``_open`` opens the sink
+        with a new one, if the sink is of a kind that is tried again.
+
+        Args:
+            error: what Rerun or the operating system raised while the sink was opened or data was sent.
+        """
+        if self._recording is None:
+            # The sink could not even be opened.
+            self.trouble = f"{self.sink.name} cannot be written: {error}"
+            return
+        self.trouble = f"{self.sink.name} failed: {error}"
+        # A failed recording disconnects without waiting.
+        self._recording.disconnect()
+        self._recording = None
+        # Part of the latest batch may be in the sink. A file then cuts off its incomplete end, so that it can be read.
+        # If that fails too, the trouble above is all there is to report.
+        with suppress(OSError):
+            self.sink.delivered(arrived=False)
 
     def _open(self) -> None:
         """Opens the sink with a new recording, if it is not open, rows wait for it, and an attempt is due.

@@ -126,7 +126,11 @@ class Sink:
         raise NotImplementedError
 
     def delivered(self, arrived: bool = True) -> None:
-        """Is called after each batch, with whether all of it has arrived."""
+        """Is called after each batch that was sent to the sink, which may put its data in order then.
+
+        Args:
+            arrived: whether all of the batch has arrived; False where sending failed and part of it may be missing.
+        """
 
     def close(self) -> None:
         """Ends what was started for the sink, after the recording is disconnected."""

@@ -135,7 +135,7 @@ def analyse(
     if is_slow:
         segments, slow_learnability = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
         if not segments:
-            return _with_slow_refusal(analysis, slow_learnability.reason)
+            return _with_slow_model_obstacle(analysis, slow_learnability.reason)
     if not segments or not (options.with_model or is_slow):
         return analysis
     try:
@@ -145,7 +145,7 @@ def analyse(
         if isinstance(error, TooFewSamples) and has_chosen_lengths:
             raise
         if is_slow:
-            return _with_slow_refusal(analysis, error.fact)
+            return _with_slow_model_obstacle(analysis, error.fact)
         return replace(analysis, reason=error.fact)
     flights = trained.flights
     learned = _with_cautions(trained.learned, flights, is_slow)
@@ -215,20 +215,27 @@ def _motors_are_watched(signals: Signals) -> bool:
     return rate_between_outages(motors) >= MIN_SAMPLE_RATE
 
 
-def _with_slow_refusal(analysis: LogAnalysis, refusal: Fact) -> LogAnalysis:
-    """Returns the analysis of a log without a model, with the second of two reasons for that added to the first.
+def _with_slow_model_obstacle(analysis: LogAnalysis, slow_model_obstacle: Fact) -> LogAnalysis:
+    """Returns the analysis of a log that allows no model, with the reason why it allows none of the slow motion either.
 
-    A log with slow streams is refused twice: a full model needs faster ones (the reason that ``analysis`` has already),
-    and the attempt to learn a model of the slow motion alone has failed too. One sentence tells a user both.
+    A log whose messages are too slow for a full model may still allow a model of the slow motion. If that cannot be
+    learned either, the user reads two sentences: what prevents the full model, and what prevents the slow one.
 
     Args:
-        analysis: the analysis, with the reason why there is no full model; returned as it is if it has none.
-        refusal: why there is no model of the slow motion. If that is the very same reason, nothing is added.
+        analysis: the analysis, whose ``reason`` says why there is no full model. Without a reason it is returned as it
+            is.
+        slow_model_obstacle: why there is no model of the slow motion. If it equals the reason, it is not repeated.
+
+    Returns:
+        A copy of the analysis whose ``reason`` has both.
     """
-    if analysis.reason is None or refusal == analysis.reason:
+    full_model_obstacle = analysis.reason
+    if full_model_obstacle is None or slow_model_obstacle == full_model_obstacle:
         return analysis
-    reason = Fact(NoModel.SLOW_MODEL_REFUSED, because=analysis.reason, refusal=refusal)
-    return replace(analysis, reason=reason)
+    both_obstacles = Fact(
+        NoModel.SLOW_MODEL_REFUSED, because=full_model_obstacle, refusal=slow_model_obstacle
+    )
+    return replace(analysis, reason=both_obstacles)
 
 
 def _with_cautions(learned: Learned, flights: Flights, is_slow: bool) -> Learned:

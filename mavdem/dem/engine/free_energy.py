@@ -311,17 +311,25 @@ def _terms_without_errors(posterior: Posterior) -> dict[Term, float]:
 
 
 def _mean_field_without_errors(posterior: Posterior) -> float:
-    """Returns the mean-field term of F̄ at zero errors and states, nats, summed over the training data.
+    """Returns the constant part of the mean-field term of F̄, which depends neither on errors nor on states.
 
-    It is ½ (tr(Σˣ U_XX) + dim X) of each sample, and ½ (dim ϑ − tr(Σ^ϑ P^ϑ)) of ϑ = θ and λ, whose other mean-field
-    terms are quadratic in the errors and in the states.
+    The mean-field term is ½ (tr(Σ U″) + dim) for each of X, θ and λ: Σ is the posterior covariance, U″ the curvature of
+    the internal energy (negative definite), and dim the number of quantities (see :class:`SampleFreeEnergy`).
+
+    - For the states X, U″ = U_XX is the same at every sample, so that all of the term is constant.
+    - For θ and λ, U″ = −P − (a part that the data determine), where P is the precision of the prior. The constant part
+      is ½ (dim − tr(Σ P)). The other part is quadratic in the states for θ, and in the prediction errors for λ.
+      ``SampleFreeEnergy`` adds it sample by sample.
+
+    Returns:
+        The sum over the training data, nats: the states count once for each sample, θ and λ once in all.
     """
     prior = posterior.model.prior
-    state_term = np.sum(posterior.state_covariance * state_curvature(posterior)) + len(
-        posterior.state_covariance
-    )
-    theta_term = len(posterior.theta) - np.sum(posterior.theta_covariance * prior.theta_precision)
-    lambda_term = len(posterior.lambda_) - np.sum(
-        posterior.lambda_covariance * prior.lambda_precision
-    )
+    # The sum of the elementwise product of two symmetric matrices is the trace of their product.
+    state_trace = np.sum(posterior.state_covariance * state_curvature(posterior))
+    theta_trace = np.sum(posterior.theta_covariance * prior.theta_precision)
+    lambda_trace = np.sum(posterior.lambda_covariance * prior.lambda_precision)
+    state_term = state_trace + len(posterior.state_covariance)
+    theta_term = len(posterior.theta) - theta_trace
+    lambda_term = len(posterior.lambda_) - lambda_trace
     return 0.5 * float(posterior.samples.sample_count * state_term + theta_term + lambda_term)

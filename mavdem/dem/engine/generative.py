@@ -355,11 +355,11 @@ class GenerativeModel:
         layout = self._regressor_layout
         curvature = np.zeros((len(self.prior.theta_mean),) * 2)
         state_precisions = noise_precisions[self.state_groups]
-        curvature[_blocks(layout.state_parameters)] = (
+        curvature[_row_block_index(layout.state_parameters)] = (
             state_precisions[:, None, None] * regressors.states
         )
         output_precisions = noise_precisions[self.output_groups]
-        curvature[_blocks(layout.output_parameters)] = (
+        curvature[_row_block_index(layout.output_parameters)] = (
             output_precisions[:, None, None] * regressors.outputs
         )
         return curvature
@@ -385,33 +385,40 @@ class GenerativeModel:
     def mean_field_curvature_in_states(
         self, noise_precisions: Array, theta_covariance: Array
     ) -> Array:
-        """Returns the matrix M with which the uncertainty of θ penalizes the states X of a sample, by −½ Xᵀ M X.
+        """Returns the matrix M with which the uncertainty of θ penalizes large states X of a sample, by −½ Xᵀ M X.
 
-        An uncertain parameter makes an uncertain error, in proportion to the state that it multiplies. The expected
-        squared errors therefore grow with the states: M_ab = Σ Π̃_ij Σ^θ_lm over all parameters l in row i and column a,
-        and m in row j and column b, of the error operator. This is the part of the mean-field term W^θ that depends
-        on X.
+        It is the part of the mean-field term W^θ of the free energy that depends on X. If row i of [A B] has the
+        posterior covariance Σ_i, an error δ ~ N(0, Σ_i) of the row changes the k-th derivative of the prediction error
+        of state i by −δᵀ [x; v]⁽ᵏ⁾. The expected weighted squares of the errors therefore grow by the sum over the
+        orders k and l of
+
+            e^λ_i S_kl [x; v]⁽ᵏ⁾ᵀ Σ_i [x; v]⁽ˡ⁾
+
+        with the temporal precisions S of the noise. So [A B] adds the Kronecker product S ⊗ W to M, at the columns of
+        [x; v] and its derivatives, where W is the sum of e^λ_i Σ_i over the rows. The rows of C, which multiply x
+        alone, add theirs likewise.
 
         Args:
             noise_precisions: (g,) e^λ.
-            theta_covariance: (k, k) covariance Σ^θ.
+            theta_covariance: (k, k) posterior covariance Σ^θ of all parameters.
 
         Returns:
             M, (dim X, dim X).
         """
         layout = self._regressor_layout
-        # Only the covariance within a row counts, since the noises of different channels are independent.
+        # The covariances Σ_i of the parameters of each row, stacked along the first axis. Covariances between rows do
+        # not count, since the noises of different channels are independent.
+        state_row_covariances = theta_covariance[_row_block_index(layout.state_parameters)]
+        output_row_covariances = theta_covariance[_row_block_index(layout.output_parameters)]
+        # W: the sum of these over the rows, weighted by the precision e^λ_i of the row's noise.
         state_weights = np.tensordot(
-            noise_precisions[self.state_groups],
-            theta_covariance[_blocks(layout.state_parameters)],
-            axes=1,
+            noise_precisions[self.state_groups], state_row_covariances, axes=1
         )
         output_weights = np.tensordot(
-            noise_precisions[self.output_groups],
-            theta_covariance[_blocks(layout.output_parameters)],
-            axes=1,
+            noise_precisions[self.output_groups], output_row_covariances, axes=1
         )
-        # The last row and column collect what falls on derivatives that the inputs do not have.
+        # Inputs may have fewer derivatives than states. The layout gives all that they lack one column after the last.
+        # So the matrix has one row and one column too many, which are cut off in the end.
         joint_size = self.hidden_columns.start + self.n * (self.p + 1) + self.r * (self.d + 1)
         curvature = np.zeros((joint_size + 1, joint_size + 1))
         columns = layout.state_columns.ravel()
@@ -442,8 +449,8 @@ class GenerativeModel:
             multiplied by e^λ.
         """
         layout = self._regressor_layout
-        state_covariances = theta_covariance[_blocks(layout.state_parameters)]
-        output_covariances = theta_covariance[_blocks(layout.output_parameters)]
+        state_covariances = theta_covariance[_row_block_index(layout.state_parameters)]
+        output_covariances = theta_covariance[_row_block_index(layout.output_parameters)]
         # The sum of the elementwise product of two symmetric matrices is the trace of their product, tr(Σ_i R).
         added_by_channel = np.concatenate(
             [
@@ -555,7 +562,7 @@ def _sum_over_orders(moments: Array, columns: Indices, temporal_precision: Array
     return np.einsum("kl,kilj->ij", temporal_precision, by_order)
 
 
-def _blocks(parameters: Indices) -> tuple[Indices, Indices]:
+def _row_block_index(parameters: Indices) -> tuple[Indices, Indices]:
     """Returns the index that selects, from a (k, k) matrix of all parameters, the square block of each row.
 
     The rows are those of [A B] or of C. The block of a row has the entries of its parameters with each other, such as
@@ -565,7 +572,7 @@ def _blocks(parameters: Indices) -> tuple[Indices, Indices]:
         parameters: (rows, s) indices in θ of the s parameters of each row.
 
     Returns:
-        Index arrays (rows, s, 1) and (rows, 1, s), by which ``matrix[_blocks(parameters)]`` is (rows, s, s).
+        Index arrays (rows, s, 1) and (rows, 1, s), by which ``matrix[_row_block_index(parameters)]`` is (rows, s, s).
     """
     return parameters[:, :, None], parameters[:, None, :]
 

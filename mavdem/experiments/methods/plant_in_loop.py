@@ -133,16 +133,17 @@ def recorded_controller(record: Record, mixer_row: Array) -> LoopController:
     if not controller.p > 0:
         name = controller.parameter_names["p"]
         raise NotLearnable(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p)
-    # How much the combination changes by a unit of demand.
-    per_demand = float(mixer_row @ inputs_per_demand(controller, record))
-    if not per_demand > 0:
+    # The controller's gains are for its demand. Times the change of the combination per unit of demand, they are those
+    # for the combination.
+    combination_per_demand = float(mixer_row @ inputs_per_demand(controller, record))
+    if not combination_per_demand > 0:
         raise NotLearnable(Loops.MIXER_REVERSED)
     return LoopController(
         angle_gain=controller.angle_gain,
-        p=controller.p * per_demand,
+        p=controller.p * combination_per_demand,
         integral_ratio=max(controller.i / controller.p, MIN_KNOWN_RATIO),
         derivative_ratio=max(controller.d / controller.p, MIN_KNOWN_RATIO),
-        feed_forward=controller.ff * per_demand,
+        feed_forward=controller.ff * combination_per_demand,
         derivative_of_error=controller.derivative_of_error,
         # ArduPilot adds the derivative of the shaped target angle to the rate setpoint, PX4 does not.
         setpoint_slope_gain=float(controller.is_ardupilot),
@@ -193,11 +194,12 @@ class ClosedLoop(ForecasterBase):
         return ()
 
     def rate_loop(self, draws: int = MARGIN_DRAWS, seed: int = 0) -> OpenLoop:
-        """Returns the rate loop of the learned plant with the autopilot's controller, which has the stability margins.
+        """Returns the rate loop, cut open, of the learned plant and the autopilot's controller, for stability margins.
 
-        The gains of the controller come from the autopilot's parameters, and only the plant from the posterior. The
-        posterior has gains too, but those that the recorded motors show. These are interpolated between messages, which
-        takes up to two thirds from the derivative gain.
+        Only the plant is taken from the posterior; the gains of the controller are those of the autopilot's parameters.
+        The posterior has estimates of the gains too, but they are biased: they are fitted to motor outputs that are
+        interpolated between messages. Interpolation smooths the fast changes, which lowers the estimate of the
+        derivative gain by up to two thirds.
 
         Args:
             draws: number of draws from the posterior of the plant, for the intervals of the margins. They follow the
@@ -210,13 +212,17 @@ class ClosedLoop(ForecasterBase):
         controller = logged_controller(
             self.record.parameters, record_axis(self.record), self.record.effect_directions
         )
-        per_demand = float(self.mixer[:, 0] @ inputs_per_demand(controller, self.record))
+        # The effect of the plant is per unit of the motors' combination. Times the combination's change per unit of the
+        # controller's demand, it is the effect of a demand.
+        combination_per_demand = float(
+            self.mixer[:, 0] @ inputs_per_demand(controller, self.record)
+        )
         covariance = inverse(self.maximum.curvature)
         theta = self.maximum.point
         thetas = np.vstack([theta, normal_draws(theta, covariance, draws, seed)])
         plants = GenerativeParameters(*np.exp(thetas).T)
         dynamics = np.column_stack([plants.damping, plants.lag, plants.delay])
-        return rate_loop(controller, plants.effect * per_demand, dynamics)
+        return rate_loop(controller, plants.effect * combination_per_demand, dynamics)
 
     def wind_torque(self) -> Forecast:
         """Returns the wind torque over the last segment, rad/s², given all of its samples: mean and variance (T, 1)."""
@@ -370,18 +376,27 @@ class ClosedLoop(ForecasterBase):
         return states
 
     def _start_states(self, steps: int, inputs: Array, outputs: Array) -> Array:
-        """Returns the state at the start of each forecast (S, n + 3), by all samples before it.
+        """Estimates the state at which each of several consecutive forecasts starts.
+
+        The Kalman filter runs over the last training segment and on over the test data that follow it. Each forecast
+        starts from the filter's prediction of the state at its first sample, given all samples before that one.
 
         Args:
-            steps: samples of each forecast.
-            inputs: (H, r) after the training data.
-            outputs: (H, 2) of the same samples.
+            steps: number of samples of each forecast. The first starts at the first test sample.
+            inputs: (H, r) motors of the test data, which follow the training data.
+            outputs: (H, 2) outputs of the same samples.
+
+        Returns:
+            Means of the states (S, n + 3), one row for each of the S = ⌈H / steps⌉ forecasts: the n states of the loop,
+            then the trims of its 3 channels (angle, rate, and the motors' combination).
         """
         data = self.posterior.data
-        later = np.hstack([outputs[:, self.angle_and_rate], inputs @ self.mixer]) - data.center
-        training = data.segments[-1]
-        states = self._predicted_states(np.concatenate([training, later]))
-        return states[len(training) : -1 : steps]
+        test_channels = np.hstack([outputs[:, self.angle_and_rate], inputs @ self.mixer])
+        training_samples = data.segments[-1]
+        samples = np.concatenate([training_samples, test_channels - data.center])
+        # Row i is the state predicted for sample i from those before it. A last row, after all samples, is left out.
+        predicted_states = self._predicted_states(samples)[:-1]
+        return predicted_states[len(training_samples) :: steps]
 
     def _joined_forecast(self, means: Array, variances: Array, length: int) -> Forecast:
         """Joins forecasts, one after the other, and cuts off what the last has beyond the samples.

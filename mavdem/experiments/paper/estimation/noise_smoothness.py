@@ -275,17 +275,27 @@ def _simulated_table(
 def _recorded_table(
     recorded: Mapping[str, Sequence[WindowResult]], comparisons: Mapping[str, Paired]
 ) -> tuple[Block, ...]:
-    """Returns the table of recorded flights: the learned smoothness, and the errors over those of the default."""
+    """Returns the table of recorded flights, after a sentence that introduces it.
+
+    A row shows the smoothness s that was learned with some settings of DEM, and compares the forecast error with this s
+    to the error with the default s = dt: their ratio, in how many windows the learned s has the lower error, and
+    whether a paired test distinguishes the two.
+
+    Args:
+        recorded: results of all windows of the flights, by name of the settings.
+        comparisons: errors with the learned smoothness compared with the default's, by name of the settings.
+    """
     rows = []
     for name, results in recorded.items():
-        widths = np.array([result.width for result in results])
-        inside = sum(result.is_inside for result in results)
+        learned_steps = np.array([result.width for result in results])
+        # Where F̄ is largest at the end of the grid of candidates, the true maximum may be beyond it.
+        inside_grid_count = sum(result.is_inside for result in results)
         comparison = comparisons[name]
         rows.append(
             [
                 name,
-                f"{rounded(float(np.median(widths)), 3)} dt",
-                f"{inside} of {len(results)}",
+                f"{rounded(float(np.median(learned_steps)), 3)} dt",
+                f"{inside_grid_count} of {len(results)}",
                 rounded(comparison.ratio, 3),
                 f"{comparison.less} of {comparison.windows}",
                 comparison.result.value,
