@@ -10,10 +10,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Offsets = NDArray[np.int64]
-"""Where records begin in a file, bytes."""
+from mavdem.ingest.byte_rows import Offsets
 
 STRETCH_BYTES = 1 << 18
 """Number of bytes of the file that are searched at once: a choice.

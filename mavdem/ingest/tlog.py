@@ -17,14 +17,10 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair, Source
 from mavdem.files import PathName
+from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.definitions import crc_extra_table
-from mavdem.ingest.mavlink.framing import (
-    CHECKSUM_MATCHES,
-    Bytes,
-    find_frames,
-    rows_of,
-)
+from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, find_frames
 from mavdem.ingest.mavlink.vehicles import FrameStream, assemble
 from mavdem.ingest.telemetry import Log, repair_facts
 

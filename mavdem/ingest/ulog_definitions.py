@@ -157,8 +157,6 @@ class RecordDefinitions:
         content: The file.
         topics: Layout of the data records of each subscription, by its number, in the order of the file.
         instances: Number of the topic's instance that each subscription follows, by the subscription's number.
-        data_lengths: Length of a whole data record by its first five bytes. These are the same in all records of a
-            subscription.
         lengths_by_number: The length that the header of a data record gives, by the number of its subscription
             (65536,); 0 where there is no such subscription.
     """
@@ -172,7 +170,6 @@ class RecordDefinitions:
         self.content = content
         self.topics: dict[int, TopicLayout] = {}
         self.instances: dict[int, int] = {}
-        self.data_lengths: dict[bytes, int] = {}
         self.lengths_by_number = np.zeros(1 << 16, dtype=np.int64)
         self._formats: dict[str, Sequence[_Field]] = {}
         # Layouts of messages by name: each is asked for when a subscription is compared, and when it is learned.
@@ -226,9 +223,8 @@ class RecordDefinitions:
             return _fit_if(length == 2)
         if kind == UNSUBSCRIPTION:
             return Fit.UNUSED if length == 2 else Fit.DAMAGED
-        is_data = (
-            self.content[position : position + 2] + bytes([DATA]) + body[:2] in self.data_lengths
-        )
+        data_header = self.content[position : position + 2] + bytes([DATA]) + body[:2]
+        is_data = self.data_length(data_header) is not None
         if kind in FUTURE_TYPES and 0 < length <= MAX_UNKNOWN_BYTES and not is_data:
             return Fit.UNKNOWN
         return Fit.DAMAGED
@@ -278,9 +274,19 @@ class RecordDefinitions:
                 self.instances[number] = body[0]
                 self._record_start = None
                 if topic.stamp_offset is not None:
-                    data_header = DATA_HEADER.pack(topic.min_bytes + 2, DATA, number)
-                    self.data_lengths[data_header] = DATA_HEADER.size + topic.min_bytes
                     self.lengths_by_number[number] = topic.min_bytes + 2
+
+    def data_length(self, data_header: bytes) -> int | None:
+        """Returns the number of bytes of a whole data record, header included; None where the header is of none.
+
+        Args:
+            data_header: The first five bytes of the record, or fewer at the end of the file.
+        """
+        if len(data_header) < DATA_HEADER.size:
+            return None
+        length, kind, number = DATA_HEADER.unpack(data_header)
+        is_of_topic = kind == DATA and length > 0 and self.lengths_by_number[number] == length
+        return HEADER.size + length if is_of_topic else None
 
     def possible_data_records(self, first: int, stop: int) -> PossibleRecords:
         """Finds what looks like data records of the present subscriptions.

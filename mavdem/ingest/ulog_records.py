@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.ingest.record_runs import Offsets, RecordRuns
+from mavdem.ingest.byte_rows import Offsets
+from mavdem.ingest.record_runs import RecordRuns
 from mavdem.ingest.ulog_definitions import (
     DATA,
     DATA_HEADER,
@@ -277,7 +278,7 @@ class _RecordScan:
                 return fitting_records > 0 or may_begin_unknown
             if self.definitions.next_position(position) > end or end - position < HEADER.size:
                 data_header = self.content[position : position + DATA_HEADER.size]
-                return fitting_records > 0 or data_header in self.definitions.data_lengths
+                return fitting_records > 0 or self.definitions.data_length(data_header) is not None
             fit = self.definitions.fit(position, end)
             if fit is Fit.DAMAGED:
                 return False
@@ -380,7 +381,7 @@ class _RecordScan:
             return True
         number = self.content[position + HEADER.size : position + DATA_HEADER.size]
         data_header = HEADER.pack((length - HEADER.size) % (1 << 16), DATA) + number
-        return self.definitions.data_lengths.get(data_header) == length
+        return self.definitions.data_length(data_header) == length
 
     def _data_offsets(self, position: int, end: int) -> list[int]:
         """Returns the offsets of the first data records from an offset on.
@@ -430,7 +431,7 @@ class _RecordScan:
         stamps = []
         for offset in offsets:
             body_start = offset + DATA_HEADER.size
-            length = self.definitions.data_lengths.get(self.content[offset:body_start])
+            length = self.definitions.data_length(self.content[offset:body_start])
             if length is None:
                 continue
             number = int.from_bytes(self.content[offset + HEADER.size : body_start], "little")

@@ -8,11 +8,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from mavdem.ingest.byte_rows import Bytes, Offsets, rows_of
 from mavdem.ingest.px4_topics import TOPIC_FIELDS
-from mavdem.ingest.record_runs import Offsets
 from mavdem.ingest.telemetry import Columns, rows_by_value
 from mavdem.ingest.ulog_definitions import (
     DATA,
@@ -71,7 +70,7 @@ def parse_records(records: SoundRecords) -> ParsedRecords:
     return ParsedRecords(topics, len(data_offsets), other_content)
 
 
-def _columns(content: NDArray[np.uint8], body_offsets: Offsets, layout: TopicLayout) -> Columns:
+def _columns(content: Bytes, body_offsets: Offsets, layout: TopicLayout) -> Columns:
     """Decodes the fields of one topic that mavdem reads.
 
     Args:
@@ -93,7 +92,7 @@ def _columns(content: NDArray[np.uint8], body_offsets: Offsets, layout: TopicLay
             "itemsize": layout.min_bytes,
         }
     )
-    bodies = sliding_window_view(content, layout.min_bytes)[body_offsets].view(record_type)[:, 0]
+    bodies = rows_of(content, body_offsets, layout.min_bytes).view(record_type)[:, 0]
     return {field.name: np.ascontiguousarray(bodies[field.name]) for field in fields}
 
 
@@ -107,7 +106,7 @@ def _fields_to_read(layout: TopicLayout) -> Sequence[NumberField]:
 
 
 def _integers_at(
-    content: NDArray[np.uint8], offsets: Offsets, stored: np.dtype[Any]
+    content: Bytes, offsets: Offsets, stored: np.dtype[Any]
 ) -> NDArray[np.unsignedinteger[Any]]:
     """Reads an integer at each of N offsets of a file (N,).
 
@@ -116,9 +115,7 @@ def _integers_at(
         offsets: Where the integers begin (N,).
         stored: Type of the integers.
     """
-    if len(offsets) == 0:
-        return np.zeros(0, dtype=stored)
-    return sliding_window_view(content, stored.itemsize)[offsets].view(stored)[:, 0]
+    return rows_of(content, offsets, stored.itemsize).view(stored)[:, 0]
 
 
 def _other_content(records: SoundRecords, other_offsets: Offsets, data_offsets: Offsets) -> bytes:
@@ -155,9 +152,7 @@ def _latest_record(records: SoundRecords, data_offsets: Offsets) -> bytes:
     return _record_at(records.content, int(data_offsets[stamps.argmax()]))
 
 
-def _subscriptions(
-    content: NDArray[np.uint8], data_offsets: Offsets
-) -> NDArray[np.unsignedinteger[Any]]:
+def _subscriptions(content: Bytes, data_offsets: Offsets) -> NDArray[np.unsignedinteger[Any]]:
     """Returns the number of the subscription that each of N data records follows (N,)."""
     return _integers_at(content, data_offsets + HEADER.size, np.dtype("<u2"))
 

@@ -17,12 +17,12 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.arrays import Integers
 from mavdem.containers import Names
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
+from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.record_runs import PossibleRecords, RecordRuns
 from mavdem.ingest.telemetry import Columns, repair_facts, rows_by_value
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
@@ -482,9 +482,7 @@ class _MessageScan:
         return header if header >= 0 else len(self.content)
 
 
-def _decoded(
-    data: NDArray[np.uint8], definition: FormatDefinition, starts: Integers
-) -> MessageTable:
+def _decoded(data: Bytes, definition: FormatDefinition, starts: Integers) -> MessageTable:
     """Decodes the messages of one name, all at once: their bytes are gathered into one structured array.
 
     Args:
@@ -499,8 +497,7 @@ def _decoded(
     if wire is None or definition.length != definition.wire_length or not wire.itemsize:
         return EMPTY_TABLE
     # Each message's bytes become a row of a table; the row is then read as one element of the structured type.
-    windows = np.lib.stride_tricks.sliding_window_view(data, wire.itemsize)
-    messages = windows[starts + HEADER_BYTES].view(wire)[:, 0]
+    messages = rows_of(data, starts + HEADER_BYTES, wire.itemsize).view(wire)[:, 0]
     columns = {}
     for i, (name, character) in enumerate(
         zip(definition.fields, definition.characters, strict=True)

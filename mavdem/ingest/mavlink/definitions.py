@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.containers import Names
+from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.framing import (
     HEADER_BYTES_V1,
@@ -22,9 +23,7 @@ from mavdem.ingest.mavlink.framing import (
     LENGTH_BYTE,
     MARKER_V1,
     MARKER_V2,
-    Bytes,
     CrcExtras,
-    rows_of,
 )
 from mavdem.ingest.telemetry import Columns, Fields, Parameters
 from mavdem.ingest.vocabulary import mavlink_constant

@@ -28,11 +28,8 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.arrays import Flags
+from mavdem.ingest.byte_rows import Bytes, Offsets, rows_of
 
-Bytes = NDArray[np.uint8]
-"""Bytes, or one-byte fields of frames."""
-Offsets = NDArray[np.int64]
-"""Byte offsets in a stream, or other integers per frame."""
 CrcExtras = NDArray[np.int32]
 """CRC_EXTRA by message id, -1 for ids without a message in the dialect.
 
@@ -101,25 +98,6 @@ CRC_TABLE = np.array([mcrf4xx(bytes((byte,)), 0) for byte in range(256)])
 By it the checksums of many frames are continued over their CRC_EXTRA at once (table-driven CRC, one byte per step):
 new = old >> 8 ^ CRC_TABLE[(old ^ byte) & 0xFF].
 """
-
-
-def rows_of(data: Bytes, start: Offsets, width: int) -> Bytes:
-    """Cuts pieces of equal length out of a stream, such as the headers that begin at each marker.
-
-    The pieces may overlap. The stream is viewed as a sequence of items of ``width`` bytes, one of which begins at each
-    byte (a stride of 1), so that the pieces are just the items with the numbers ``start``.
-
-    Args:
-        data: The stream (B,).
-        start: Offset (N,) of each piece; all of its bytes must lie in the stream.
-        width: Number of bytes of a piece.
-
-    Returns:
-        The pieces as a table (N, width).
-    """
-    # The type "V8" is an item of 8 bytes without meaning; NumPy copies such items faster than single bytes by index.
-    windows = np.ndarray((max(len(data) - width + 1, 0),), f"V{width}", data, strides=(1,))
-    return windows[start].view(np.uint8).reshape(len(start), width)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mavdem.arrays import Flags
+from mavdem.ingest.byte_rows import Bytes, Offsets, rows_of
 from mavdem.ingest.mavlink.clocks import Rows
-from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, Bytes, Frames, Offsets, rows_of
+from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, Frames
 from mavdem.ingest.mavlink.sender_links import (
     MAX_LATE_STEPS,
     READING_LAYOUTS,

@@ -15,6 +15,7 @@ from mavdem.confidence import Interval
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
+from mavdem.ingest.byte_rows import Bytes, Offsets
 from mavdem.ingest.mavlink.clocks import (
     MessageStamps,
     boot_clock,
@@ -32,9 +33,7 @@ from mavdem.ingest.mavlink.definitions import (
 from mavdem.ingest.mavlink.framing import (
     CHECKSUM_MATCHES,
     MESSAGE_UNKNOWN,
-    Bytes,
     Frames,
-    Offsets,
     concatenated_frames,
 )
 from mavdem.ingest.mavlink.sender_streams import SenderStream, sender_stream_of
