@@ -1,27 +1,19 @@
 """The smoothness of noise by F̄: its gradient and its maximum by brute force, and the checks on what it earns."""
 
-from dataclasses import replace
-from functools import partial
-
 import numpy as np
 from pytest import approx, fixture
 
-from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.experiments.paired_test import Paired
 from mavdem.experiments.paper.estimation import noise_smoothness
-from mavdem.experiments.paper.estimation.dem_covariance import (
-    KNOWN_PRECISION,
-    generalized_data,
-    generative_model,
-)
+from mavdem.experiments.paper.estimation.dem_covariance import generalized_data
 from mavdem.experiments.paper.estimation.noise_smoothness import (
     SimulatedResult,
     coverage_check,
+    fit_with_known_variances,
     gain_check,
 )
 from mavdem.experiments.paper.estimation.noisy_records import random_record
 from mavdem.experiments.paper.estimation.smoothness_learning import (
-    fit_states,
     learn_smoothness,
     smoothness_gradient,
     smoothness_uncertainty,
@@ -36,14 +28,8 @@ GRID = (0.1, 0.2, 0.4, 0.8, 1.6)
 def known_record():
     """A record with known variances: its generalized data, and the fit for one smoothness."""
     record = random_record(seed=0, smoothness=TRUE_SMOOTHNESS)
-    model = generative_model(record)
-    variances = np.append(record.noise_variances, record.process_variances / record.dt**2)
-    prior = model.prior._replace(
-        lambda_mean=-np.log(variances), lambda_precision=KNOWN_PRECISION * np.eye(len(variances))
-    )
     data = generalized_data(record)
-    statistics = SufficientStatistics.from_segments(data)
-    return record, data, partial(fit_states, replace(model, prior=prior), statistics)
+    return record, data, fit_with_known_variances(record, data)
 
 
 def test_the_gradient_by_smoothness_is_the_difference_of_free_energies(known_record):

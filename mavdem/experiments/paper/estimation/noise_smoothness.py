@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm, t
 
+from mavdem.arrays import Array
 from mavdem.dem import Settings, learn
 from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import one_thread, raise_on_overflow
@@ -32,8 +33,13 @@ from mavdem.experiments.paper.estimation.dem_covariance import (
     generalized_data,
     generative_model,
 )
-from mavdem.experiments.paper.estimation.noisy_records import SIMULATED_DT, random_record
+from mavdem.experiments.paper.estimation.noisy_records import (
+    SIMULATED_DT,
+    NoisyRecord,
+    random_record,
+)
 from mavdem.experiments.paper.estimation.smoothness_learning import (
+    FitAt,
     fit_all,
     fit_states,
     learn_smoothness,
@@ -147,6 +153,23 @@ def run(runner: Runner) -> ExperimentResult:
     )
 
 
+def fit_with_known_variances(record: NoisyRecord, data: Array) -> FitAt:
+    """Returns the function that fits the states of a known system, with known noise variances, for one smoothness.
+
+    Args:
+        record: the samples, with the variances of both noises.
+        data: the same in generalized coordinates.
+    """
+    model = generative_model(record)
+    # The noise of the continuous model has the unit of the states per second.
+    variances = np.append(record.noise_variances, record.process_variances / record.dt**2)
+    prior = model.prior._replace(
+        lambda_mean=-np.log(variances), lambda_precision=KNOWN_PRECISION * np.eye(len(variances))
+    )
+    statistics = SufficientStatistics.from_segments(data)
+    return partial(fit_states, replace(model, prior=prior), statistics)
+
+
 def _learn_simulated(job: tuple[int, int]) -> SimulatedResult:
     """Learns the smoothness of one record of a known system, with known noise variances.
 
@@ -155,15 +178,8 @@ def _learn_simulated(job: tuple[int, int]) -> SimulatedResult:
     """
     width, seed = job
     record = random_record(seed, width * SIMULATED_DT)
-    model = generative_model(record)
-    # The noise of the continuous model has the unit of the states per second.
-    variances = np.append(record.noise_variances, record.process_variances / record.dt**2)
-    prior = model.prior._replace(
-        lambda_mean=-np.log(variances), lambda_precision=KNOWN_PRECISION * np.eye(len(variances))
-    )
     data = generalized_data(record)
-    statistics = SufficientStatistics.from_segments(data)
-    fit_at = partial(fit_states, replace(model, prior=prior), statistics)
+    fit_at = fit_with_known_variances(record, data)
     with one_thread():
         learned = learn_smoothness(fit_at, [width * SIMULATED_DT for width in CANDIDATE_WIDTHS])
         uncertainty = smoothness_uncertainty(learned, fit_at, data, record.dt)
