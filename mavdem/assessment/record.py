@@ -23,6 +23,7 @@ from mavdem.assessment.lights.log import simulation_fact
 from mavdem.assessment.noise_spectra import MeasuredNoise, noise_of
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
+from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, NamedFacts
@@ -43,6 +44,18 @@ class NoLoop(NamedTuple):
 
     refusal: Fact
     """Why they are not known."""
+
+
+def analysed_contents(signals: Signals, analysis: LogAnalysis) -> VehicleContents:
+    """Returns what a log holds of a vehicle, as its analysis has it: for an inventory of the log.
+
+    Args:
+        signals: of the vehicle.
+        analysis: of one of its axes.
+    """
+    return VehicleContents(
+        signals.telemetry, analysis.learnability, analysis.condition, analysis.identity
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,12 +228,7 @@ class Assessment:
         It must only be used if a vehicle was judged; otherwise there is no evidence.
         """
         assert self.analysis is not None and self.evidence is not None
-        return VehicleContents(
-            self.evidence.signals.telemetry,
-            self.analysis.learnability,
-            self.analysis.condition,
-            self.analysis.identity,
-        )
+        return analysed_contents(self.evidence.signals, self.analysis)
 
     @cached_property
     def log_contents(self) -> JsonValues:

@@ -7,8 +7,8 @@ import click
 
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.axis import LogAnalysis, Options, analyse
-from mavdem.assessment.inventory import VehicleContents, inventory
-from mavdem.assessment.record import Assessment
+from mavdem.assessment.inventory import inventory
+from mavdem.assessment.record import Assessment, analysed_contents
 from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.options import source_options, verbose_option
 from mavdem.cli.output import print_json, print_screen, report_error, report_parts
@@ -58,11 +58,15 @@ def info_command(
     all_signals = [Signals(telemetry, axis, inputs) for telemetry in vehicles]
     if as_json or verbose:
         assessments = [assess_signals(log, signals, axis, options) for signals in all_signals]
-        document = _inventory_of_assessments(log, assessments)
+        contents = [assessment.contents for assessment in assessments]
+        findings = [vehicle_document(assessment) for assessment in assessments]
     else:
-        assessments = []
         analyses = [analyse(log, signals, axis, options) for signals in all_signals]
-        document = _inventory_of_analyses(log, all_signals, analyses)
+        contents = list(map(analysed_contents, all_signals, analyses))
+        findings = [analysis_document(analysis) for analysis in analyses]
+    document = inventory(log, contents)
+    for values, findings_of_vehicle in zip(document["vehicles"], findings, strict=True):
+        values |= findings_of_vehicle
     is_learnable = any(values["model"] for values in document["vehicles"])
     document["learnable"] = is_learnable
     if as_json:
@@ -80,37 +84,6 @@ def info_command(
         _print_analyses(document, log, all_signals, analyses)
     if not is_learnable:
         context.exit(EXIT_UNSUPPORTED)
-
-
-def _inventory_of_assessments(log: Log, assessments: Sequence[Assessment]) -> JsonValues:
-    """Returns the document of the command: the inventory of a log, with all that its vehicles' assessments have."""
-    document = inventory(log, [assessment.contents for assessment in assessments])
-    for values, assessment in zip(document["vehicles"], assessments, strict=True):
-        values |= vehicle_document(assessment)
-    return document
-
-
-def _inventory_of_analyses(
-    log: Log, all_signals: Sequence[Signals], analyses: Sequence[LogAnalysis]
-) -> JsonValues:
-    """Returns what the screen shows of the document of the command, without anything that needs an assessment.
-
-    Args:
-        log: the log.
-        all_signals: of each vehicle.
-        analyses: of each vehicle, in the same order, without a model.
-    """
-    contents = []
-    for signals, analysis in zip(all_signals, analyses, strict=True):
-        contents.append(
-            VehicleContents(
-                signals.telemetry, analysis.learnability, analysis.condition, analysis.identity
-            )
-        )
-    document = inventory(log, contents)
-    for values, analysis in zip(document["vehicles"], analyses, strict=True):
-        values |= analysis_document(analysis)
-    return document
 
 
 def _print_analyses(
