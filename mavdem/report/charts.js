@@ -212,6 +212,7 @@
     }
     const chart = new uPlot(options, columns, figure.querySelector(".plot"));
     chart.data_ = data;
+    placeTitle(figure);
     if (group) {
       group.charts.push(chart);
       group.whole ??= data.x.ends || [chart.scales.x.min, chart.scales.x.max];
@@ -230,12 +231,24 @@
     return chart;
   };
 
+  // The title stands on the line of the legend where both have room there, and else on a line of its own.
+  const placeTitle = figure => {
+    const title = figure.querySelector("h3"), legend = figure.querySelector(".u-legend");
+    if (!title || !legend) return;
+    title.style.position = "";
+    const entries = [...legend.querySelectorAll(".u-series")].reduce((sum, entry) => sum + entry.offsetWidth + 8, 0);
+    const fits = title.offsetWidth + entries <= figure.clientWidth;
+    title.style.position = fits ? "" : "static";
+    legend.style.paddingLeft = fits ? `${title.offsetWidth}px` : 0;
+  };
+
   const charts = new Map(), figures = [...document.querySelectorAll("figure.chart")];
   const fit = (figure, always = false) => {
     if (!figure.clientWidth) return;
     if (!charts.has(figure)) return charts.set(figure, draw(figure));
     const chart = charts.get(figure);
     if (always || chart.width !== figure.clientWidth) chart.setSize({ width: figure.clientWidth, height: height(figure, chart.data_) });
+    placeTitle(figure);
   };
   const repaint = () => {
     for (const figure of figures) {
