@@ -8,11 +8,12 @@ from mavdem.facts.sources import Package
 EXTRAS = {
     "control": ("control",),
     "dask": ("distributed",),
+    "mcp": ("mcp",),
     "pandas": ("pandas",),
     "parquet": ("pyarrow",),
     "plot": ("matplotlib",),
     "ros2": ("rosbags",),
-    "serve": ("python_multipart", "starlette", "uvicorn"),
+    "serve": ("h11", "python_multipart", "starlette", "uvicorn"),
     "urls": ("aiohttp", "fsspec"),
     "view": ("rerun",),
     "xarray": ("xarray",),
