@@ -14,6 +14,7 @@ instrument is not r itself but the part of r that follows x, what pilot or navig
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import product
 from math import ceil
 from typing import NamedTuple
@@ -23,6 +24,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.special import softmax
 
 from mavdem.arrays import Array
+from mavdem.containers import Numbers
 from mavdem.dem.engine.linalg import SMALLEST_POSITIVE, one_thread
 from mavdem.loops.margins import Complex
 
@@ -68,6 +70,9 @@ WHITE_NOISE_SHARE = 1e-6
 """White noise added to an autocovariance, relative to its variance, to keep the Yule-Walker equations regular."""
 MIN_FREEDOM_SHARE = 0.25
 """Least degrees of freedom of the scatter between windows, relative to the number of windows: a choice."""
+
+CACHED_PRIOR_SHAPES = 2
+"""Numbers of nodes whose prior shapes are kept: those of a rate loop and of an attitude loop, some MB each."""
 
 
 class ImpulseResponse(NamedTuple):
@@ -460,30 +465,51 @@ def _prior_covariance(precision: Array, moment: Array, knots: Array) -> Array:
     Returns:
         Covariance (K, K).
     """
-    taps = knots[-1]
-    nodes = len(moment)
-    # From 0 to 1, with the duration of the response as the unit.
-    time = knots[:-1] / taps
-    tail = TAIL_VARIANCE_RATIO * _decaying_matern(time, TAIL_LENGTH, TAIL_DECAY)
-    shapes = []
+    shapes = _prior_shapes(tuple(knots.tolist()))
+    variances = PRIOR_VARIANCES[:, None]
     log_evidence = []
+    for root in shapes.roots:
+        eigenvalues, eigenvectors = np.linalg.eigh(root.T @ precision @ root)
+        gained_precision = variances * np.maximum(eigenvalues, 0.0)
+        projected_moment = eigenvectors.T @ (root.T @ moment)
+        explained = variances * projected_moment**2 / (1 + gained_precision)
+        log_evidence.append((explained - np.log1p(gained_precision)).sum(axis=1) / 2)
+    # The evidence becomes weights of sum 1 over all shapes (rows) and variances (columns).
+    variance_by_shape = softmax(log_evidence) @ PRIOR_VARIANCES
+    return np.tensordot(variance_by_shape, shapes.covariances, axes=1)
+
+
+class _PriorShapes(NamedTuple):
+    """The S shapes of the prior of an impulse response with K nodes, one for each length scale and decay."""
+
+    covariances: Array
+    """Covariances of variance 1 (S, K, K)."""
+    roots: Array
+    """Cholesky factors of the covariances (S, K, K)."""
+
+
+@lru_cache(maxsize=CACHED_PRIOR_SHAPES)
+def _prior_shapes(knots: Numbers) -> _PriorShapes:
+    """Returns the shapes of the prior for the lags of the nodes, and of both ends of the response (K + 2,), in samples.
+
+    They depend on nothing else, so that all passes of a fit, and all axes of a flight, share them.
+    """
+    taps = knots[-1]
+    # From 0 to 1, with the duration of the response as the unit.
+    time = np.array(knots[:-1]) / taps
+    nodes = len(time) - 1
+    tail = TAIL_VARIANCE_RATIO * _decaying_matern(time, TAIL_LENGTH, TAIL_DECAY)
+    covariances = []
+    roots = []
     for length, decay in product(PRIOR_LENGTHS, PRIOR_DECAYS):
         process = _decaying_matern(time, length, decay) + tail
         # The response is 0 at time 0: the Gaussian process is conditioned on that.
         from_zero = process - np.outer(process[0], process[0]) / process[0, 0]
-        shape = from_zero[1:, 1:] / taps**2
-        jitter = JITTER * np.trace(shape) / nodes * np.eye(nodes)
-        root = np.linalg.cholesky(shape + jitter)
-        eigenvalues, eigenvectors = np.linalg.eigh(root.T @ precision @ root)
-        variances = PRIOR_VARIANCES[:, None]
-        gained_precision = variances * np.maximum(eigenvalues, 0.0)
-        projected_moment = eigenvectors.T @ (root.T @ moment)
-        explained = variances * projected_moment**2 / (1 + gained_precision)
-        shapes.append(shape)
-        log_evidence.append((explained - np.log1p(gained_precision)).sum(axis=1) / 2)
-    # The evidence becomes weights of sum 1 over all shapes (rows) and variances (columns).
-    variance_by_shape = softmax(log_evidence) @ PRIOR_VARIANCES
-    return np.tensordot(variance_by_shape, shapes, axes=1)
+        covariance = from_zero[1:, 1:] / taps**2
+        jitter = JITTER * np.trace(covariance) / nodes * np.eye(nodes)
+        covariances.append(covariance)
+        roots.append(np.linalg.cholesky(covariance + jitter))
+    return _PriorShapes(np.array(covariances), np.array(roots))
 
 
 def _decaying_matern(time: Array, length: float, decay: float) -> Array:
