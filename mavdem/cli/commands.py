@@ -52,6 +52,7 @@ COMMAND_GROUPS = {
     "Take along": {
         "convert": "Converts a log to another file format.",
         "open": "Learns from a log, and shows the dashboard at once.",
+        "mcp": "Offers logs to an assistant (Model Context Protocol).",
     },
     "Methods compared": {
         "compare": "Compares DEM with other methods, window by window.",

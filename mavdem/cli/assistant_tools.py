@@ -1,0 +1,201 @@
+"""The tools that ``mavdem mcp`` offers to an assistant: the commands' JSON documents, and any field of a log.
+
+They only read: results are written to temporary folders that go again, and nothing is sent to a vehicle or elsewhere.
+"""
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from mcp.server.mcpserver import MCPServer
+from mcp.server.mcpserver.exceptions import ToolError
+from mcp.types import ToolAnnotations
+
+from mavdem import __version__
+from mavdem.cli.exit_codes import EXIT_DONE, EXIT_UNSUPPORTED
+from mavdem.containers import JsonValues
+from mavdem.dataset.flights import choose_vehicle
+from mavdem.errors import NotLearnable, Unreadable
+from mavdem.export.fields import messages_of, samples_of
+from mavdem.ingest import Telemetry, read_log
+
+INSTRUCTIONS = """\
+mavdem says what a multirotor's flight log shows: what happened, which of eight lights is bad, stability margins and \
+gains to set, the wind, and what changed between two flights. Begin with `review`. Levels are good, watch, bad and \
+unknown; a figure without an interval is not known well. Say "unknown" where mavdem does. Never say that gains were \
+sent: nothing is ever sent to a vehicle."""
+"""What an assistant is told about the server as a whole."""
+
+LARGE_PARTS = ("model", "spectra")
+"""Keys of a review that hold columns of numbers, a hundred thousand characters each; left out unless asked for."""
+
+MAX_SAMPLES = 500
+"""Most samples of a field in one answer: an assistant reads numbers as text, and some ten thousand characters of them."""
+
+READ_ONLY = ToolAnnotations(read_only_hint=True, open_world_hint=False)
+"""What every tool is: it changes nothing, and reaches nothing but the files it is given."""
+
+
+def make_server() -> MCPServer:
+    """Returns a server with all tools, which serves standard input and output by its ``run()``."""
+    server = MCPServer("mavdem", instructions=INSTRUCTIONS, version=__version__, log_level="ERROR")
+    for tool in (review, tune, wind, diff, messages, samples):
+        server.tool(annotations=READ_ONLY, structured_output=False)(tool)
+    return server
+
+
+def review(log: str, parts: list[str] | None = None) -> JsonValues:
+    """Says what happened in a flight, its headline, eight lights, what can be trusted, and the next step.
+
+    Args:
+        log: Path of a flight log: .tlog, .bin, .log, .ulg, .mcap.
+        parts: Keys of the document to return, such as ["model"]; by default all but the large "model" and "spectra".
+    """
+    document = _command_document("review", [log])
+    if parts is None:
+        kept = {key: values for key, values in document.items() if key not in LARGE_PARTS}
+        return kept | {"left_out": list(LARGE_PARTS)}
+    unknown = sorted(set(parts) - set(document))
+    if unknown:
+        raise ToolError(f"There is no {', '.join(unknown)}: choose of {', '.join(document)}.")
+    return {key: document[key] for key in parts}
+
+
+def tune(log: str, axis: str = "all", more: bool = False) -> JsonValues:
+    """Says which stability margins the rate and attitude loops have, and which gains to set, or why none are advised.
+
+    Args:
+        log: Path of a flight log with the autopilot's parameters.
+        axis: roll, pitch, yaw or all.
+        more: Also raise gains of loops that have more margin than they need.
+    """
+    options = ["--axis", axis, *(["--more"] if more else [])]
+    return _command_document("tune", [log], options, has_folder=False)
+
+
+def wind(log: str) -> JsonValues:
+    """Estimates wind speed and direction, gusts, and the vehicle's drag.
+
+    Args:
+        log: Path of a flight log with attitude and velocity.
+    """
+    return _command_document("wind", [log], has_folder=False)
+
+
+def diff(before: str, after: str) -> JsonValues:
+    """Says which figures of a vehicle differ significantly between two flights.
+
+    Args:
+        before: Path of the log of the earlier flight.
+        after: Path of the log of the later flight.
+    """
+    return _command_document("diff", [before, after])
+
+
+def messages(log: str, vehicle: str | None = None) -> JsonValues:
+    """Lists every message of a log with its count, rate, times, numeric fields and instances.
+
+    Args:
+        log: Path of a flight log.
+        vehicle: SYSTEM:COMPONENT, where the log has several vehicles.
+    """
+    telemetry = _telemetry(log, vehicle)
+    return {"messages": [listed._asdict() for listed in messages_of(telemetry)]}
+
+
+def samples(
+    log: str,
+    message: str,
+    field: str,
+    instance: int | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    boot: int = 0,
+    vehicle: str | None = None,
+) -> JsonValues:
+    """Returns one field of a log over time, with its smallest, largest and mean value.
+
+    More samples than 500 are thinned evenly; smallest, largest and mean are those of all.
+
+    Args:
+        log: Path of a flight log.
+        message: Name of the message, as `messages` lists it.
+        field: Name of the field.
+        instance: Which of several equal sensors.
+        start: First time, s on the autopilot's boot clock; without it the beginning.
+        end: Last time, s; without it the end.
+        boot: After which boot of the autopilot, from 0.
+        vehicle: SYSTEM:COMPONENT, where the log has several vehicles.
+    """
+    telemetry = _telemetry(log, vehicle)
+    try:
+        time, values = samples_of(telemetry, message, field, instance, boot)
+    except ValueError as error:
+        raise ToolError(f"{error}.") from error
+    first = 0 if start is None else int(np.searchsorted(time, start))
+    last = len(time) if end is None else int(np.searchsorted(time, end, side="right"))
+    is_known = np.isfinite(values[first:last])
+    time, values = time[first:last][is_known], values[first:last][is_known]
+    if not values.size:
+        raise ToolError(f"{message}.{field} has no values then: `messages` says from when to when.")
+    stride = -(-len(time) // MAX_SAMPLES)
+    return {
+        "message": message,
+        "field": field,
+        "count": len(values),
+        "minimum": float(values.min()),
+        "maximum": float(values.max()),
+        "mean": float(values.mean()),
+        "every": stride,
+        "time_s": time[::stride].round(4).tolist(),
+        "values": values[::stride].tolist(),
+    }
+
+
+def _telemetry(log: str, vehicle: str | None) -> Telemetry:
+    """Reads a log, and returns the messages of one vehicle.
+
+    Raises:
+        ToolError: The log cannot be read, or has several vehicles and none was chosen.
+    """
+    try:
+        return choose_vehicle(read_log(log).vehicles, vehicle)
+    except (Unreadable, NotLearnable) as error:
+        raise ToolError(str(error)) from error
+
+
+def _command_document(
+    command: str, logs: Sequence[str], options: Sequence[str] = (), has_folder: bool = True
+) -> JsonValues:
+    """Runs a command of mavdem in a process of its own, and returns the document that it prints.
+
+    A process of its own keeps what the command prints apart from the assistant's messages, and its memory goes with it.
+
+    Args:
+        command: Name of the command.
+        logs: Paths of the logs.
+        options: Further options of the command.
+        has_folder: Whether the command writes results to a folder; they go to a temporary one.
+
+    Raises:
+        ToolError: The command failed; with its error.
+    """
+    with TemporaryDirectory(prefix="mavdem-") as folder:
+        folder_option = ["--out", str(Path(folder, "results"))] if has_folder else []
+        finished = subprocess.run(
+            [sys.executable, "-m", "mavdem", command, "--json", *folder_option, *options, "--", *logs],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            check=False,
+        )
+    if finished.returncode not in (EXIT_DONE, EXIT_UNSUPPORTED) or not finished.stdout:
+        lines = finished.stderr.strip().splitlines()
+        raise ToolError(lines[-1] if lines else f"mavdem {command} ended without a word.")
+    document: JsonValues = json.loads(finished.stdout)
+    return document

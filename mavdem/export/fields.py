@@ -1,0 +1,147 @@
+"""Any field of a log: which messages, fields and instances there are, and the samples of one of them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps
+
+CLOCK_COLUMNS = ("time", "boot")
+"""Columns that every message has beside the fields of its definition: when it was sent, and after which boot."""
+
+INSTANCE_COLUMNS = ("instance", "Instance", "I", "port", "id", "axis")
+"""Fields that say which of several equal sensors, outputs or axes a message is of, as MAVLink's and ArduPilot's
+definitions mark them; the first that a message has is taken."""
+
+
+class MessageFields(NamedTuple):
+    """What a log holds of one message type."""
+
+    message: str
+    """Name of the message, as MAVLink calls it."""
+    name_in_source: str
+    """Name of the message in the log, "RCOU" for "SERVO_OUTPUT_RAW"."""
+    messages: int
+    """Number of messages."""
+    rate: float
+    """Messages per second without gaps; of all instances together."""
+    first_time: float
+    """When the first one was sent, s on the autopilot's boot clock."""
+    last_time: float
+    """When the last one was sent, s; after a later boot, on that one's clock."""
+    fields: tuple[str, ...]
+    """Names of its numeric fields; an array's elements are "q[0]", "q[1]", and so on."""
+    instances: tuple[int, ...]
+    """Numbers of its instances, ascending; empty where the message has none."""
+
+
+class FieldSamples(NamedTuple):
+    """One field's samples, from one boot of the autopilot and perhaps of one instance."""
+
+    time: Array
+    """Times (N,), s on the autopilot's boot clock."""
+    values: Array
+    """Values (N,) in the unit of the message's definition; NaN where the log has none."""
+
+
+def messages_of(telemetry: Telemetry) -> list[MessageFields]:
+    """Lists the messages of a vehicle that have numeric fields, by their names.
+
+    Args:
+        telemetry: What the vehicle sent.
+    """
+    listed = []
+    for message, columns in sorted(telemetry.messages.items()):
+        fields = _numeric_fields(columns)
+        if not fields or not len(columns["time"]):
+            continue
+        steps = np.diff(columns["time"])
+        listed.append(
+            MessageFields(
+                message=message,
+                name_in_source=telemetry.name_in_source(message),
+                messages=len(columns["time"]),
+                rate=rate_without_gaps(steps[steps > 0]),
+                first_time=float(columns["time"][0]),
+                last_time=float(columns["time"][-1]),
+                fields=tuple(fields),
+                instances=_instances(columns),
+            )
+        )
+    return listed
+
+
+def samples_of(
+    telemetry: Telemetry, message: str, field: str, instance: int | None = None, boot: int = 0
+) -> FieldSamples:
+    """Returns all samples of one field.
+
+    Args:
+        telemetry: What the vehicle sent.
+        message: Name of the message, as MAVLink or as the log calls it.
+        field: One of the message's numeric fields, as ``messages_of`` lists them.
+        instance: Which of several equal sensors or outputs; None for all of them.
+        boot: After which boot of the autopilot, from 0.
+
+    Raises:
+        ValueError: The log has no such message, field or instance; it says which there are.
+    """
+    columns = _columns_of(telemetry, message)
+    fields = _numeric_fields(columns)
+    if field not in fields:
+        raise ValueError(f"{message} has no field {field}: it has {', '.join(fields)}")
+    rows = columns["boot"] == boot
+    if instance is not None:
+        instances = _instances(columns)
+        if instance not in instances:
+            there = ", ".join(map(str, instances)) or "none"
+            raise ValueError(f"{message} has no instance {instance}: there is {there}")
+        rows &= columns[_instance_column(columns)] == instance
+    return FieldSamples(time=columns["time"][rows], values=fields[field][rows])
+
+
+def _columns_of(telemetry: Telemetry, message: str) -> Columns:
+    """Returns the columns of a message by its name in MAVLink, or else by its name in the log.
+
+    Raises:
+        ValueError: The log has no such message.
+    """
+    if message in telemetry.messages:
+        return telemetry.messages[message]
+    for name, columns in telemetry.messages.items():
+        if message in telemetry.name_in_source(name).split("/"):
+            return columns
+    raise ValueError(f"the log has no {message}: it has {', '.join(sorted(telemetry.messages))}")
+
+
+def _numeric_fields(columns: Columns) -> dict[str, Array]:
+    """Returns the numeric fields of a message as columns (N,) of float64, an array's elements each by itself."""
+    fields: dict[str, Array] = {}
+    for key, values in columns.items():
+        # Some keys are members of an enumeration of strings; their own text is the field's name.
+        name = str(key)
+        if name in CLOCK_COLUMNS or values.dtype.kind not in "biuf":
+            continue
+        if values.ndim == 1:
+            fields[name] = values.astype(float)
+        else:
+            for index in range(values.shape[1]):
+                fields[f"{name}[{index}]"] = values[:, index].astype(float)
+    return fields
+
+
+def _instance_column(columns: Columns) -> str:
+    """Returns the name of the field that says which instance a message is of; empty where there is none."""
+    for name in INSTANCE_COLUMNS:
+        if name in columns and columns[name].dtype.kind in "iu":
+            return name
+    return ""
+
+
+def _instances(columns: Columns) -> tuple[int, ...]:
+    """Returns the numbers of a message's instances, ascending; empty where it has none."""
+    name = _instance_column(columns)
+    if not name:
+        return ()
+    return tuple(np.unique(columns[name]).tolist())

@@ -1,0 +1,62 @@
+"""Any field of a log: its messages, fields and instances, and the samples of one of them."""
+
+import numpy as np
+from pytest import fixture, raises
+
+from mavdem.export.fields import messages_of, samples_of
+from mavdem.ingest.telemetry import Telemetry
+
+
+@fixture
+def telemetry():
+    """Two ESCs at 2 Hz that report by turns, a quaternion of two boots, and a text without numbers."""
+    time = np.array([1.0, 1.0, 1.5, 1.5])
+    escs = {
+        "time": time,
+        "boot": np.zeros(4, int),
+        "Instance": np.array([0, 1, 0, 1], np.uint8),
+        "RPM": np.array([100, 200, 110, np.nan]),
+    }
+    attitude = {
+        "time": np.array([5.0, 0.2]),
+        "boot": np.array([0, 1]),
+        "q": np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0]]),
+    }
+    text = {
+        "time": np.array([1.0]),
+        "boot": np.array([0]),
+        "text": np.array(["armed"], dtype=object),
+    }
+    return Telemetry(
+        system=1,
+        component=1,
+        vehicle="QUADROTOR",
+        autopilot="ARDUPILOTMEGA",
+        messages={"ESC": escs, "ATTITUDE_QUATERNION": attitude, "STATUSTEXT": text},
+        source_names={"ATTITUDE_QUATERNION": "ATT/AHR2"},
+    )
+
+
+def test_messages_are_listed_with_numeric_fields_and_instances(telemetry):
+    attitude, escs = messages_of(telemetry)
+    assert attitude.fields == ("q[0]", "q[1]", "q[2]", "q[3]")
+    assert attitude.instances == () and attitude.name_in_source == "ATT/AHR2"
+    assert escs.fields == ("Instance", "RPM") and escs.instances == (0, 1)
+    assert (escs.messages, escs.rate, escs.first_time, escs.last_time) == (4, 2, 1, 1.5)
+
+
+def test_samples_are_those_of_one_instance_and_boot(telemetry):
+    first_esc = samples_of(telemetry, "ESC", "RPM", instance=0)
+    np.testing.assert_array_equal(first_esc.time, [1, 1.5])
+    np.testing.assert_array_equal(first_esc.values, [100, 110])
+    after_reboot = samples_of(telemetry, "AHR2", "q[1]", boot=1)
+    assert (after_reboot.time.tolist(), after_reboot.values.tolist()) == ([0.2], [1.0])
+
+
+def test_what_the_log_lacks_is_refused_with_what_it_has(telemetry):
+    with raises(ValueError, match="the log has no GPS: it has ATTITUDE_QUATERNION, ESC"):
+        samples_of(telemetry, "GPS", "Alt")
+    with raises(ValueError, match="ESC has no field rpm: it has Instance, RPM"):
+        samples_of(telemetry, "ESC", "rpm")
+    with raises(ValueError, match="ESC has no instance 7: there is 0, 1"):
+        samples_of(telemetry, "ESC", "RPM", instance=7)
