@@ -28,13 +28,13 @@ mavdem says what a multirotor's flight log shows: what happened, which of eight 
 gains to set, the wind, and what changed between two flights. Begin with `review`. Levels are good, watch, bad and \
 unknown; a figure without an interval is not known well. Say "unknown" where mavdem does. Never say that gains were \
 sent: nothing is ever sent to a vehicle."""
-"""What an assistant is told about the server as a whole."""
+"""The instructions that an assistant reads about the server as a whole."""
 
 LARGE_PARTS = ("model", "spectra")
 """Keys of a review that hold columns of numbers, a hundred thousand characters each; left out unless asked for."""
 
 MAX_SAMPLES = 500
-"""Most samples of a field in one answer: an assistant reads numbers as text, and some ten thousand characters of them."""
+"""Most samples of a field in one answer: some ten thousand characters, since an assistant reads numbers as text."""
 
 READ_ONLY = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 """What every tool is: it changes nothing, and reaches nothing but the files it is given."""
@@ -187,7 +187,17 @@ def _command_document(
     with TemporaryDirectory(prefix="mavdem-") as folder:
         folder_option = ["--out", str(Path(folder, "results"))] if has_folder else []
         finished = subprocess.run(
-            [sys.executable, "-m", "mavdem", command, "--json", *folder_option, *options, "--", *logs],
+            [
+                sys.executable,
+                "-m",
+                "mavdem",
+                command,
+                "--json",
+                *folder_option,
+                *options,
+                "--",
+                *logs,
+            ],
             stdin=subprocess.DEVNULL,
             capture_output=True,
             encoding="utf-8",
