@@ -7,7 +7,7 @@ from mavdem.dem import Learned
 from mavdem.experiments.held_out import HeldOut
 from mavdem.files import PathName, atomic_write
 from mavdem.flight import Flights
-from mavdem.ingest.mcap.records import write_series
+from mavdem.ingest.mcap.series import write_series
 from mavdem.report.numbers import without_remark
 from mavdem.report.series import series_of
 from mavdem.wind_velocity.estimation import WindVelocity

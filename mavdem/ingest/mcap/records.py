@@ -16,9 +16,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from io import BytesIO
-from itertools import repeat
 from math import isfinite
-from operator import itemgetter
 from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame
@@ -31,7 +29,6 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.arrays import Array
 from mavdem.containers import JsonValues
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
@@ -274,11 +271,11 @@ def _unpacked(compression: str, packed: bytes, max_size: int) -> bytes:
 MAX_STAMP = np.iinfo(np.uint64).max // NANOSECONDS_PER_MICROSECOND - 1
 """The last receive stamp, µs, that 64 bits of nanoseconds hold: in the year 2554."""
 
+LIBRARY = "mavdem"
+"""Name of the writing program in the header of a file."""
+
 HEADER_FIELDS = ("system_id", "component_id", "sequence", "message_id")
 """Fields of the header in BlueOS's JSON."""
-
-Series = tuple[Array, Mapping[str, Array]]
-"""Times (T,), s, and columns (T,) by name."""
 
 
 def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
@@ -331,38 +328,11 @@ def _json_body(message: Any) -> JsonValues:
         message.get_seq(),
         message.id,
     )
-    fields = {_json_name(name): _json_value(getattr(message, name)) for name in message.fieldnames}
+    fields = {_json_name(name): json_value(getattr(message, name)) for name in message.fieldnames}
     return {
         "header": dict(zip(HEADER_FIELDS, header_values, strict=True)),
         "message": {"type": message.get_type(), **fields},
     }
-
-
-def write_series(file: BinaryIO, series: Mapping[str, Series]) -> None:
-    """Writes columns over time as JSON, one message per row; a value that is not finite becomes null.
-
-    Args:
-        file: Where to write.
-        series: Times (T,), s, from 0 on, and columns (T,), by topic. Messages of all topics are written in the order of
-            time.
-    """
-    writer = start_writer(file)
-    messages: list[tuple[float, int, str]] = []
-    for topic, (time, columns) in series.items():
-        schema = _object_schema({name: {"type": "number"} for name in columns})
-        channel = _register_json_channel(writer, topic, schema)
-        # A whole column is formatted at once, which is much faster than a row at a time; the texts of a row are then
-        # put into the pattern of its object.
-        row_pattern = json.dumps(dict.fromkeys(columns, "%s")).replace('"%s"', "%s")
-        column_texts = []
-        for column in columns.values():
-            list_text = json.dumps(_json_value(column.tolist()))
-            column_texts.append(list_text.removeprefix("[").removesuffix("]").split(", "))
-        row_texts = map(row_pattern.__mod__, zip(*column_texts, strict=True))
-        messages.extend(zip(time.tolist(), repeat(channel), row_texts))
-    for seconds, channel, body in sorted(messages, key=itemgetter(0)):
-        write_message(writer, channel, round(seconds * NANOSECONDS), body.encode())
-    writer.finish()  # type: ignore[no-untyped-call]
 
 
 def start_writer(file: BinaryIO, chunk_bytes: int = CHUNK_BYTES) -> Writer:
@@ -373,7 +343,7 @@ def start_writer(file: BinaryIO, chunk_bytes: int = CHUNK_BYTES) -> Writer:
         chunk_bytes: Number of bytes of a chunk, which is written when it is full.
     """
     writer = Writer(file, chunk_size=chunk_bytes)
-    writer.start(library="mavdem")
+    writer.start(library=LIBRARY)
     return writer
 
 
@@ -400,10 +370,10 @@ def _json_name(name: str) -> str:
     return "mavtype" if name == "type" else name
 
 
-def _json_value(value: Any) -> Any:
+def json_value(value: Any) -> Any:
     """Returns a value as JSON has it: null for a number that is not finite."""
     if isinstance(value, list):
-        return [_json_value(item) for item in value]
+        return [json_value(item) for item in value]
     if isinstance(value, float) and not isfinite(value):
         return None
     return value
@@ -414,7 +384,7 @@ def _message_schema(message: Any) -> JsonValues:
 
     An array length of 0 stands for a field that is no array; texts are arrays of the type ``char``.
     """
-    header = _object_schema({name: {"type": "integer"} for name in HEADER_FIELDS})
+    header = object_schema({name: {"type": "integer"} for name in HEADER_FIELDS})
     fields: JsonValues = {"type": {"type": "string"}}
     for name, length in zip(message.ordered_fieldnames, message.array_lengths, strict=True):
         c_type = message.fieldtypes[message.fieldnames.index(name)]
@@ -425,9 +395,9 @@ def _message_schema(message: Any) -> JsonValues:
         else:
             field_schema = {"type": "number"}
         fields[_json_name(name)] = field_schema
-    return _object_schema({"header": header, "message": _object_schema(fields)})
+    return object_schema({"header": header, "message": object_schema(fields)})
 
 
-def _object_schema(properties: Mapping[str, Any]) -> JsonValues:
+def object_schema(properties: Mapping[str, Any]) -> JsonValues:
     """Returns the JSON schema of an object with these properties."""
     return {"type": "object", "properties": dict(properties)}
