@@ -85,6 +85,19 @@ def write_result_files(paths: Mapping[str, Path], document: str, assessment: Ass
     if analysis is None or analysis.learned is None or analysis.held_out is None:
         return
     paths[MODEL_FILE].write_text(analysis.learned.to_json() + "\n")
+    write_recordings(paths, assessment)
+
+
+def write_recordings(paths: Mapping[str, Path], assessment: Assessment) -> None:
+    """Writes the recordings of an assessment; without a model there are none.
+
+    Args:
+        paths: Path to write to, for each of the ``RECORDINGS`` that is wanted.
+        assessment: The assessment.
+    """
+    analysis = assessment.analysis
+    if analysis is None or analysis.learned is None or analysis.held_out is None:
+        return
     if RECORDING_FILE in paths:
         write_dashboard(paths[RECORDING_FILE], assessment)
     if CHANNELS_FILE in paths:

@@ -73,7 +73,7 @@ class Flight(Stage):
     wind_speed: Speed
     """speed of the mean wind"""
     files: CommaSeparated
-    """what was made of it, at /f/ID/FILE"""
+    """what was made of it, at /f/ID/FILE; recordings, flight.rrd and flight.mcap, are made when they are asked for"""
 
 
 class Flights(Document):
@@ -141,6 +141,19 @@ class Baseline(Document):
     """ids"""
 
 
+class Recordings(Document):
+    """How far the recordings of a flight are, flight.rrd for Rerun and flight.mcap for Foxglove."""
+
+    id: str
+    """of the flight"""
+    stage: str
+    """empty before they are asked for; then waiting, reading, learning, recording, done or failed"""
+    words: str
+    """the stage in words"""
+    problem: str
+    """why they cannot be made; empty where they can"""
+
+
 class Viewer(Document):
     """A viewer that shows a flight."""
 
@@ -148,5 +161,16 @@ class Viewer(Document):
     """of its page"""
 
 
-ANSWERS = (Flights, FlightReview, Added, Progress, Change, Baseline, Viewer, Error, Review)
+ANSWERS = (
+    Flights,
+    FlightReview,
+    Added,
+    Progress,
+    Change,
+    Baseline,
+    Recordings,
+    Viewer,
+    Error,
+    Review,
+)
 """Models whose schemas the description of the interface has."""

@@ -13,6 +13,7 @@ class Reading(Code):
     READER_DIED = "reader_died"
     READING_FAILED = "reading_failed"
     LOG_UNREACHABLE = "log_unreachable"
+    RECORDINGS_NOT_WRITTEN = "recordings_not_written"
     LOG_KEPT = "log_kept"
     NO_PLAIN_FILE = "no_plain_file"
     NO_VEHICLE = "no_vehicle"

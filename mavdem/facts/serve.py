@@ -34,13 +34,14 @@ class Start(Code):
 
 
 class Stage(StrEnum):
-    """How far a log is."""
+    """How far a log is, or the making of its recordings: from waiting through learning to recording."""
 
     WAITING = "waiting"
     READING = "reading"
     JUDGING = "judging"
     LEARNING = "learning"
     DRAWING = "drawing"
+    RECORDING = "recording"
     DONE = "done"
     FAILED = "failed"
 

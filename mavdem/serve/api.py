@@ -21,7 +21,8 @@ from mavdem.report.pages.library_page import interface_words
 from mavdem.results import RECORDING_FILE
 from mavdem.serve.index import Entry
 from mavdem.serve.openapi import openapi
-from mavdem.serve.pages import FLIGHTS_PER_PAGE
+from mavdem.serve.pages import FLIGHTS_PER_PAGE, accepted
+from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import error_values, query_number, read_document, valid_unicode
 from mavdem.serve.search import UNFINISHED_SQL, SqlCondition
 from mavdem.serve.uploads import MAX_FILES, UploadForm, receive_form
@@ -60,7 +61,7 @@ class Api:
 
         Args:
             visible: the library, with the access rights.
-            log_added: called after logs were added to the library.
+            log_added: called after logs were added to the library, or recordings were asked for.
             open_recording: opens a recording in a viewer and returns its address; None where that is not possible.
         """
         self._visible = visible
@@ -189,13 +190,30 @@ class Api:
         self._library.delete(request.path_params["id"])
         return Response(status_code=204)
 
+    def recordings(self, request: HttpRequest) -> Response:
+        """Answers with how far the recordings of a flight are."""
+        entry = self._visible.entry(request, request.path_params["id"])
+        return _json(self._visible.recordings(entry))
+
+    def make_recordings(self, request: HttpRequest) -> Response:
+        """Has the recordings of a flight made, unless they exist or are being made; answers with how far they are."""
+        entry = self._visible.entry(request, request.path_params["id"])
+        entry = RecordingRequests(self._library).request(entry)
+        self._log_added()
+        return accepted(self._visible.recordings(entry))
+
     def open_viewer(self, request: HttpRequest) -> Response:
-        """Opens the recording of a flight in a viewer on this machine, and answers with the viewer's address."""
+        """Opens the recording of a flight in a viewer on this machine, and answers with the viewer's address.
+
+        A recording that does not exist yet is made; meanwhile the answer says how far it is.
+        """
         self._rights.require(request, Use.WRITE)
         entry = self._visible.entry(request, request.path_params["id"])
         if self._open_recording is None or RECORDING_FILE not in entry.file_names:
             raise Refusal(Request.NO_SUCH_FLIGHT)
         recording = self._library.results_folder(entry) / RECORDING_FILE
+        if not recording.is_file():
+            return self.make_recordings(request)
         return _json(Viewer(address=self._open_recording(recording)))
 
     async def set_baseline(self, request: HttpRequest) -> Response:

@@ -50,7 +50,7 @@ class BackgroundReading(Protocol):
         """Starts the work."""
 
     def notify(self) -> None:
-        """Reports that a log was added to the library."""
+        """Reports that a log was added to the library, or recordings were asked for."""
 
     def stop(self) -> None:
         """Ends the work, and returns when it has ended."""
@@ -84,7 +84,7 @@ class Server:
         self._reading = reading
         self._monitor = monitor
         self._visible = VisibleLibrary(library, rights)
-        self._pages = Pages(self._visible, sample_log, open_recording, monitor)
+        self._pages = Pages(self._visible, reading.notify, sample_log, open_recording, monitor)
         self._api = Api(self._visible, reading.notify, open_recording)
 
     @cached_property
@@ -116,6 +116,8 @@ class Server:
             "GET /api/flights/{id}": api.flight,
             "PATCH /api/flights/{id}": api.change_flight,
             "DELETE /api/flights/{id}": api.delete_flight,
+            "GET /api/flights/{id}/recordings": api.recordings,
+            "POST /api/flights/{id}/recordings": api.make_recordings,
             "POST /api/flights/{id}/viewer": api.open_viewer,
             "PUT /api/baseline": api.set_baseline,
             "GET /api/progress": api.progress,

@@ -47,6 +47,10 @@ class Entry:
     """How far the log is read, a value of ``Stage``."""
     claimed: str = ""
     """Name of the server that reads the log now; empty if none does."""
+    recording_stage: str = ""
+    """How far the making of its recordings is, a value of ``Stage``; empty if nobody waits for them."""
+    recording_problem: str = ""
+    """Why its recordings could not be made, one sentence; empty where that was not tried or succeeded."""
     problem: str = ""
     """Why the log cannot be read, one sentence; empty where it can."""
     sharing: str = Sharing.PRIVATE
@@ -94,7 +98,8 @@ class Entry:
     gains: str = "{}"
     """JSON object of the autopilot's control parameters: value by name."""
     files: str = ""
-    """Names of the result files, separated by commas; for a log outside the library, the path of its page."""
+    """Names of the result files and of the recordings that can be made, separated by commas; for a log outside the
+    library, the path of its page."""
     sorted_by: str = ""
     """ISO 8601 time by which lists are sorted: the flight's date or, where that is unknown, the time of reception."""
 

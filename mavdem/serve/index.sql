@@ -5,3 +5,4 @@ create index if not exists by_order on entries (sorted_by desc);
 create index if not exists by_stage on entries (stage, received);
 create index if not exists by_vehicle on entries (vehicle, sorted_by desc);
 create index if not exists by_digest on entries (digest);
+create index if not exists by_recording on entries (recording_stage);

@@ -424,8 +424,7 @@ class Library:
         except Refusal as error:
             if error.fact.code is not Request.NO_SUCH_FLIGHT:
                 raise
-            with self.transaction() as db:
-                self._remove_files_of_deleted_log(db, entry)
+            self.remove_files_of_deleted_log(entry)
             return
         self.table_is_outdated.set()
 
@@ -449,15 +448,23 @@ class Library:
         if not (results / PAGE_FILE).is_file():
             return columns | {"stage": Stage.FAILED, "problem": outcome.rows[0].status}
         (results / PROGRESS).unlink(missing_ok=True)
-        paths = sorted(results.iterdir())
+        paths = list(results.iterdir())
+        # The progress file names the recordings too, which are made when somebody asks for them.
+        names = {path.name for path in paths}
+        names.update(filter(None, columns.get("files", "").split(",")))
         return columns | {
             "stage": Stage.DONE,
             "problem": "",
             "kept": sum(path.stat().st_size for path in paths),
-            "files": ",".join(path.name for path in paths),
+            "files": ",".join(sorted(names)),
         }
 
     # Files and SQL
+
+    def remove_files_of_deleted_log(self, entry: Entry) -> None:
+        """Removes the files of an entry that was deleted while its log was worked on."""
+        with self.transaction() as db:
+            self._remove_files_of_deleted_log(db, entry)
 
     def _remove_files_of_deleted_log(self, db: sqlite3.Connection, entry: Entry) -> None:
         """Removes the log and the results of a deleted entry, unless the same log was uploaded again meanwhile.

@@ -2,21 +2,30 @@
 
 import asyncio
 import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 from stat import S_ISREG
 from urllib.parse import parse_qs
 
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request as HttpRequest
-from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
+from starlette.responses import (
+    FileResponse,
+    HTMLResponse,
+    JSONResponse,
+    RedirectResponse,
+    Response,
+)
 
+from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Request, Stage, Use
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
 from mavdem.fleet.flights import vehicles_of
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
 from mavdem.fleet.row import FlightRows
-from mavdem.fleet.workers import PAGES
+from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.pages.difference_page import comparison_page
@@ -28,9 +37,10 @@ from mavdem.report.pages.library_page import (
     without_policy,
 )
 from mavdem.report.pages.page import PageLink
-from mavdem.results import PAGE_FILE, RECORDING_FILE
+from mavdem.results import PAGE_FILE, RECORDING_FILE, RECORDINGS
 from mavdem.serve.index import Entry
 from mavdem.serve.link_monitor import PAGE_SECONDS, LinkMonitor
+from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import read_body
 from mavdem.serve.rights import COOKIE_NAME
 from mavdem.serve.uploads import MAX_FILES
@@ -39,8 +49,26 @@ from mavdem.serve.visible_library import VisibleLibrary, refuse_missing_file
 FLIGHTS_PER_PAGE = 100
 """Flights on one page of the list."""
 
+MAX_RECORDING_WAIT = 20.0
+"""Seconds for which the download of a recording waits until it is made, at most: most flights take five, and proxies
+give up after 30 to 60."""
+
+MAX_WAITING_DOWNLOADS = 100
+"""Downloads that wait for a recording at a time; further ones are answered at once."""
+
+RECORDING_RETRY_SECONDS = 2
+"""Seconds after which a recording that is being made may be asked for again."""
+
 WRONG_TOKEN_DELAY = 1.0
 """Seconds until a wrong token is refused, so that guessing takes long."""
+
+
+def accepted(recordings: Recordings) -> Response:
+    """Returns the answer on recordings: 202 while they are made, 200 when they are there, 409 where that has failed."""
+    status_by_stage: dict[str, int] = {Stage.DONE: 200, Stage.FAILED: 409}
+    status = status_by_stage.get(recordings.stage, 202)
+    headers = {"Retry-After": str(RECORDING_RETRY_SECONDS)} if status == 202 else None
+    return JSONResponse(recordings.as_dict(), status, headers)
 
 
 class Pages:
@@ -53,6 +81,7 @@ class Pages:
     def __init__(
         self,
         visible: VisibleLibrary,
+        recordings_wanted: Callable[[], None],
         sample_log: Path | None,
         open_recording: Callable[[Path], str] | None,
         monitor: LinkMonitor | None,
@@ -61,6 +90,7 @@ class Pages:
 
         Args:
             visible: the library, with the access rights.
+            recordings_wanted: called after recordings were asked for.
             sample_log: a log that visitors may try the server with; None for no offer.
             open_recording: opens a recording in a viewer on this machine; None where that is not possible.
             monitor: monitor of a live link; None without one.
@@ -68,6 +98,8 @@ class Pages:
         self._visible = visible
         self._library = visible.library
         self._rights = visible.rights
+        self._recordings_wanted = recordings_wanted
+        self._waiting_downloads = 0
         self._sample_log = sample_log
         self._open_recording = open_recording
         self._monitor = monitor
@@ -118,7 +150,10 @@ class Pages:
         with refuse_missing_file():
             html = path.read_text("utf-8")
         files = entry.file_names if entry.digest else []
-        return HTMLResponse(with_bar(html, files=files, can_open=can_open, **values))
+        missing_recordings = RecordingRequests(self._library).missing_names(entry)
+        return HTMLResponse(
+            with_bar(html, files=files, missing=missing_recordings, can_open=can_open, **values)
+        )
 
     def _page_path(self, entry: Entry, vehicle: str) -> Path:
         """Returns the path of a flight's page: in its folder of results, or among the pages of ``mavdem track``.
@@ -135,14 +170,60 @@ class Pages:
             page_name = PAGE_FILE
         return self._library.results_folder(entry) / page_name
 
-    def file(self, request: HttpRequest) -> Response:
+    async def file(self, request: HttpRequest) -> Response:
         """Answers with a result file of a flight by its name, or with its log, by the name ``log``.
+
+        A recording that does not exist yet is made: the answer waits for it for ``MAX_RECORDING_WAIT``, and is then 202
+        with the header Retry-After and the document on how far it is.
+        """
+        entry = await run_in_threadpool(self._visible.entry, request, request.path_params["id"])
+        name = request.path_params["name"]
+        recordings = RecordingRequests(self._library)
+        is_listed_recording = name in RECORDINGS and name in entry.file_names
+        if is_listed_recording and request.method == "GET":
+            entry = await run_in_threadpool(recordings.request, entry)
+            self._recordings_wanted()
+            entry = await self._wait_for_recording(entry)
+            if await run_in_threadpool(recordings.missing_names, entry):
+                return accepted(self._visible.recordings(entry))
+        return await run_in_threadpool(self._file_response, request, entry, name)
+
+    async def _wait_for_recording(self, entry: Entry) -> Entry:
+        """Waits until the recordings of a flight are made or have failed, for a while at most.
+
+        Args:
+            entry: the flight.
+
+        Returns:
+            The entry as it is then.
+        """
+        recordings = RecordingRequests(self._library)
+        deadline = time.monotonic() + MAX_RECORDING_WAIT
+        if self._waiting_downloads >= MAX_WAITING_DOWNLOADS:
+            return entry
+        self._waiting_downloads += 1
+        try:
+            while time.monotonic() < deadline:
+                stage = await run_in_threadpool(recordings.stage, entry)
+                if stage in (Stage.DONE, Stage.FAILED):
+                    break
+                await asyncio.sleep(POLL_SECONDS)
+                entry = await run_in_threadpool(self._library.entry, entry.id)
+        finally:
+            self._waiting_downloads -= 1
+        return entry
+
+    def _file_response(self, request: HttpRequest, entry: Entry, name: str) -> Response:
+        """Returns the answer with a result file of a flight, or its log.
 
         Only files that the index lists are given out, whatever the URL says. The log needs the right to read all
         flights, unless its owner shares it with those who may see the flight.
+
+        Args:
+            request: the request, for the sender's rights.
+            entry: the flight.
+            name: name of the file, or ``log``.
         """
-        entry = self._visible.entry(request, request.path_params["id"])
-        name = request.path_params["name"]
         if name == "log":
             if not entry.log_shared and not self._rights.allows(request, Use.READ):
                 raise Refusal(Request.NO_RIGHT, name=Use.DOWNLOAD)

@@ -109,7 +109,8 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
     vehicles = _assessed_vehicles(log, progress)
     rows = [row for vehicle in vehicles for row in vehicle.rows]
     progress.report(Stage.DRAWING, **_index_columns(vehicles[0].assessment, rows))
-    _write_results(vehicles, unfinished_folder)
+    names = _write_results(vehicles, unfinished_folder)
+    progress.report(Stage.DRAWING, files=",".join(names))
     # Results of an earlier reading of the same log may be there.
     shutil.rmtree(results / digest, ignore_errors=True)
     os.replace(unfinished_folder, results / digest)
@@ -149,16 +150,20 @@ def _assessed_vehicles(log: Log, progress: ProgressFile) -> list[AssessedVehicle
     return sorted(vehicles, key=lambda vehicle: vehicle.severity, reverse=True)
 
 
-def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> None:
+def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[str]:
     """Writes the result files of a log into a folder: all files of the vehicle that flew worst, a page of each other.
+
+    Its recordings are not written: they are made when somebody asks for them (``recordings``).
 
     Args:
         vehicles: the vehicles of the log. The files are those of the first one, with a page for each other.
         folder: the folder.
+
+    Returns:
+        Names of the files, and of the recordings that can be made.
     """
     assessment = vehicles[0].assessment
-    names = result_files(assessment, possible_recordings())
-    files = {name: name for name in names}
+    files = {name: name for name in result_files(assessment, possible_recordings())}
     for vehicle in vehicles[1:]:
         first_row = vehicle.rows[0]
         page_name = f"vehicle_{first_row.system}_{first_row.component}.html"
@@ -166,8 +171,9 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> None:
         html = review_page(vehicle.assessment)
         (folder / page_name).write_text(html, "utf-8", "replace")
     document = complete_document("review", review_document(assessment) | {"files": files})
-    paths = {name: folder / name for name in names}
+    paths = {name: folder / name for name in result_files(assessment)}
     write_result_files(paths, json.dumps(document, indent=1, allow_nan=False), assessment)
+    return list(files)
 
 
 def _assessment_columns(assessment: Assessment) -> dict[str, str]:

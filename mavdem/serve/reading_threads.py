@@ -1,21 +1,29 @@
-"""Threads that take waiting logs from the library and have each read, by a worker process or by a Dask cluster."""
+"""Threads that take waiting logs from the library and have each read, by a worker process or by a Dask cluster.
+
+They have recordings made in the same way, for those who ask for them.
+"""
 
 import sqlite3
 import threading
+from collections.abc import Callable
 
 from mavdem.errors import Refusal
-from mavdem.facts.serve import Stage
+from mavdem.facts.serve import Request, Stage
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import Job, JobLimits, LogReader, ReadLog, outcome_of
 from mavdem.live.link import RETRY_SECONDS
 from mavdem.serve.index import Entry
 from mavdem.serve.library import Library
 from mavdem.serve.reading import publish_table, read_for_library
+from mavdem.serve.recordings import RecordingRequests, make_recordings
 from mavdem.serve.recovery import dead_servers, recover
 from mavdem.serve.stored_files import SERVERS
 
 MAX_CLUSTER_JOBS = 32
 """Logs that are given to a cluster at a time, at most."""
+
+WAITING_AGAIN = {"stage": Stage.WAITING, "claimed": ""}
+"""Columns of the index of a log that could not be read now."""
 
 TEMPORARY_ERRORS = (Refusal, OSError, sqlite3.Error)
 """Errors that may pass, after which another attempt is made: the disk is full, the cluster does not answer, or the
@@ -43,6 +51,7 @@ class ReadingThreads:
             read: the function that reads one log.
         """
         self._library = library
+        self._recordings = RecordingRequests(library)
         self._limits = limits
         self._cluster = cluster
         self._read = read
@@ -57,7 +66,7 @@ class ReadingThreads:
             thread.start()
 
     def notify(self) -> None:
-        """Wakes a thread, after a log was added to the library."""
+        """Wakes a thread, after a log was added to the library, or recordings were asked for."""
         with self._log_added:
             self._log_added.notify()
 
@@ -74,7 +83,9 @@ class ReadingThreads:
     def _run(self) -> None:
         """Runs in each thread: reads waiting logs one after the other, and writes the fleet's table when none waits.
 
-        Reading comes first, because somebody waits for it; the table is written once for all logs that were read since.
+        Recordings come first: somebody waits for them, and each flight's are made once. Reading comes next. The table
+        is written once for all logs that were read since.
+
         After an error that may pass, the thread waits and goes on.
         """
         reader = self._cluster or LogReader(self._is_stopping.is_set)
@@ -83,8 +94,11 @@ class ReadingThreads:
         needs_warm_up = self._cluster is None
         while not self._is_stopping.is_set():
             try:
-                entry = self._library.claim()
-                if entry is not None:
+                flight = self._recordings.claim()
+                entry = None if flight else self._library.claim()
+                if flight is not None:
+                    self._make_recordings(reader, flight)
+                elif entry is not None:
                     self._read_log(reader, entry)
                 elif needs_warm_up or self._library.table_is_outdated.is_set():
                     needs_warm_up = False
@@ -117,10 +131,47 @@ class ReadingThreads:
         try:
             outcome = reader.read(job, self._limits, self._read)
         except TEMPORARY_ERRORS:
-            self._library.change(entry.id, stage=Stage.WAITING, claimed="")
+            self.store_persistently(lambda: self._library.change(entry.id, **WAITING_AGAIN))
             raise
         if outcome is not None:
-            self._library.finish_reading(entry, outcome, self._limits)
+            self.store_persistently(
+                lambda: self._library.finish_reading(entry, outcome, self._limits)
+            )
+
+    def _make_recordings(self, reader: LogReader | Cluster, entry: Entry) -> None:
+        """Has the recordings of a flight made, and stores the outcome; without an outcome the server is ending.
+
+        Raises:
+            Refusal, OSError, sqlite3.Error: they cannot be made now, and wait again.
+        """
+        job = Job(str(self._library.log_path(entry)))
+        try:
+            outcome = reader.read(job, self._limits, make_recordings)
+        except TEMPORARY_ERRORS:
+            self.store_persistently(lambda: self._recordings.give_back(entry))
+            raise
+        if outcome is not None:
+            self.store_persistently(lambda: self._recordings.finish(entry, outcome))
+
+    def store_persistently(self, change: Callable[[], object]) -> None:
+        """Makes a change of the index, again and again while that fails by an error that may pass.
+
+        A log would stay claimed for ever otherwise, where the disk is full just then. When the server ends meanwhile,
+        it releases what it has claimed.
+
+        Args:
+            change: makes the change.
+        """
+        while True:
+            try:
+                change()
+                return
+            except TEMPORARY_ERRORS as error:
+                is_deleted = (
+                    isinstance(error, Refusal) and error.fact.code is Request.NO_SUCH_FLIGHT
+                )
+                if is_deleted or self._is_stopping.wait(RETRY_SECONDS):
+                    return
 
     def _publish_table(self, reader: LogReader | Cluster) -> None:
         """Has the fleet's table of flights written anew, on this machine also where a cluster reads the logs."""

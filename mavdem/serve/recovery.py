@@ -88,14 +88,19 @@ def recover(library: RecoverableLibrary) -> None:
 
 
 def release_claims(db: sqlite3.Connection, server: str) -> None:
-    """Gives the logs that a server has claimed back to the queue of waiting logs.
+    """Gives the logs that a server has claimed, to read them or to make their recordings, back to their queue.
 
     Args:
         db: the connection, within a transaction.
         server: name of the server.
     """
+    # A claimed log whose reading is done was claimed for its recordings.
     db.execute(
-        "update entries set stage = ?, claimed = '' where claimed = ?", [Stage.WAITING, server]
+        """update entries set claimed = '',
+        stage = iif(stage = :done, stage, :waiting),
+        recording_stage = iif(stage = :done, :waiting, recording_stage)
+        where claimed = :server""",
+        {"done": Stage.DONE, "waiting": Stage.WAITING, "server": server},
     )
 
 

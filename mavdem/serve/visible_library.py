@@ -9,14 +9,17 @@ from typing import NamedTuple
 from starlette.requests import Request as HttpRequest
 
 from mavdem.containers import JsonValues, group_by
+from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Request, Sharing, Use
 from mavdem.fleet.flights import worst_row
 from mavdem.fleet.row import FlightRow
 from mavdem.report.fleet import TROUBLED_HEALTHS
+from mavdem.report.pages.library_page import interface_words
 from mavdem.results import REPORT_FILE
 from mavdem.serve.index import Entry
 from mavdem.serve.library import Library
+from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import query_number
 from mavdem.serve.rights import Rights
 from mavdem.serve.search import search_condition
@@ -103,6 +106,19 @@ class VisibleLibrary:
             return None
         with refuse_missing_file():
             return dict(json.loads(path.read_bytes()))
+
+    def recordings(self, entry: Entry) -> Recordings:
+        """Returns the document on how far the recordings of a flight are.
+
+        Whoever may see a flight may have its recordings made.
+        """
+        stage = RecordingRequests(self.library).stage(entry)
+        return Recordings(
+            id=entry.id,
+            stage=stage,
+            words=interface_words()["stages"].get(stage, ""),
+            problem=entry.recording_problem,
+        )
 
     def visitor_values(self, request: HttpRequest) -> JsonValues:
         """Returns the values that the templates of all pages need: what the visitor may do, and the server's URL.

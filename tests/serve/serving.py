@@ -16,10 +16,11 @@ from mavdem.fleet.row import FlightRow
 from mavdem.fleet.workers import Job, JobLimits, outcome_of
 from mavdem.report.blocks import Sentence
 from mavdem.report.pages.page import render_document
-from mavdem.results import PAGE_FILE, REPORT_FILE
+from mavdem.results import PAGE_FILE, RECORDINGS, REPORT_FILE
 from mavdem.serve.app import Server
 from mavdem.serve.index import columns_of_flight
 from mavdem.serve.library import Library
+from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.rights import Rights
 from mavdem.serve.run import Connection
 from mavdem.serve.stored_files import PROGRESS, RESULTS
@@ -43,6 +44,7 @@ def read_made_up(path, key, page):
         raise Unreadable(Fact(Reading.NO_VEHICLE))
     made = path.parents[2] / RESULTS / path.parent.name
     made.mkdir(exist_ok=True)
+    names = "flight.mcap,flight.rrd" if "model" in said else ""
     lights = {f"light_{light}": "good" for light in Light} | {"light_motors": "bad"}
     known = {"vehicle": "quad 7", "headline": said, "headline_level": "bad", "date": "2026-11-20"}
     if "weak" in said:
@@ -52,10 +54,20 @@ def read_made_up(path, key, page):
         for axis in ("roll", "pitch")
     ]
     told = columns_of_flight(rows) | {"date": "2026-11-20T10:00:00", "gains": '{"MC_ROLL_P": 6.5}'}
-    (made / PROGRESS).write_text(json.dumps(told | {"modes": "Loiter,Land"}))
+    (made / PROGRESS).write_text(json.dumps(told | {"modes": "Loiter,Land", "files": names}))
     (made / PAGE_FILE).write_text(render_document(path.name, "", [Sentence("", said)]))
     (made / REPORT_FILE).write_text(json.dumps({"headline": said}))
     return rows, {}
+
+
+def record_made_up(path, key, page):
+    """Recordings of a log; one with "no room" in it has none."""
+    if b"no room" in path.read_bytes():
+        raise Unreadable(Fact(Reading.RECORDINGS_NOT_WRITTEN, because="full"))
+    made = path.parents[2] / RESULTS / path.parent.name
+    for name in RECORDINGS:
+        (made / name).write_text(f"{name} of {path.name}")
+    return [], {}
 
 
 class AtOnce:
@@ -63,6 +75,7 @@ class AtOnce:
 
     def __init__(self, library, is_eager=True):
         self.library = library
+        self.recordings = RecordingRequests(library)
         self.is_eager = is_eager
 
     def start(self):
@@ -76,6 +89,9 @@ class AtOnce:
             self.run()
 
     def run(self):
+        while (entry := self.recordings.claim()) is not None:
+            job = Job(str(self.library.log_path(entry)))
+            self.recordings.finish(entry, outcome_of(job, record_made_up))
         while (entry := self.library.claim()) is not None:
             job = Job(str(self.library.log_path(entry)))
             self.library.finish_reading(entry, outcome_of(job, read_made_up), LIMITS)

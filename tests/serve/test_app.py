@@ -476,7 +476,8 @@ def test_a_recording_opens_in_a_viewer(tmp_path):
     with serving(tmp_path, open_recording=lambda path: f"http://viewer/{path.name}") as server:
         id = server.add("a.ulg", "One.")
         assert server.ask("POST", f"/api/flights/{id}/viewer", {}).status == 404
-        server.library.change(id, files="flight.rrd,report.html")
+        id = server.add("b.ulg", "With a model.")
+        assert server.ask("POST", f"/api/flights/{id}/viewer", {}).json["stage"] == "done"
         assert server.ask("POST", f"/api/flights/{id}/viewer", {}).json == {
             "address": "http://viewer/flight.rrd"
         }
@@ -489,8 +490,8 @@ def test_a_viewer_that_cannot_be_started_is_refused(tmp_path, monkeypatch):
 
     monkeypatch.setattr("mavdem.view.WebServer", taken)
     with serving(tmp_path, open_recording=RecordingViewer().open) as server:
-        id = server.add("a.ulg", "One.")
-        server.library.change(id, files="flight.rrd")
+        id = server.add("a.ulg", "With a model.")
+        server.get(f"/f/{id}/flight.rrd")
         refused = server.ask("POST", f"/api/flights/{id}/viewer", {})
         assert refused.refusal == (503, Request.NOT_STARTED)
 

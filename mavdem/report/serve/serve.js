@@ -207,10 +207,46 @@
     if (!confirm("Delete this flight with log and page?")) return;
     try { await callApi("DELETE", `/api/flights/${id}`); location = "/"; } catch (error) { alert(error.message); }
   });
+  // Recordings are made when somebody asks for them. Meanwhile the page shows how far they are.
+  const makeRecordings = async () => {
+    const path = `/api/flights/${id}/recordings`, status = $("making"), began = Date.now();
+    let state = await callApi("POST", path);
+    while (state.stage !== "done") {
+      if (state.stage === "failed") throw new Error(state.problem);
+      status.className = "soft";
+      status.textContent = `${state.words} … ${Math.round((Date.now() - began) / 1000)} s`;
+      await new Promise(resolve => setTimeout(resolve, 500));
+      state = await callApi("GET", path);
+    }
+    for (const link of document.querySelectorAll("#bar [data-missing]")) link.removeAttribute("data-missing");
+    status.textContent = "";
+  };
+  const showRecordingProblem = error => {
+    $("making").className = "said bad";
+    $("making").textContent = error.message;
+  };
+  for (const link of document.querySelectorAll("#bar [data-missing]")) link.addEventListener("click", async event => {
+    if (!link.hasAttribute("data-missing")) return;
+    event.preventDefault();
+    try { await makeRecordings(); location = link.href; } catch (error) { showRecordingProblem(error); }
+  });
   $("rerun")?.addEventListener("click", async () => {
-    const button = $("rerun");
+    const button = $("rerun"), path = `/api/flights/${id}/viewer`;
     button.disabled = true;
-    try { open((await callApi("POST", `/api/flights/${id}/viewer`)).address, "_blank"); } catch (error) { alert(error.message); }
+    try {
+      let viewer = await callApi("POST", path);
+      if (!viewer.address) {
+        await makeRecordings();
+        viewer = await callApi("POST", path);
+      }
+      // A browser may block a window that opens long after the click.
+      if (!open(viewer.address, "_blank")) {
+        const link = element("a", "The recording is ready: open it", null);
+        link.href = viewer.address;
+        link.target = "_blank";
+        $("making").replaceChildren(link);
+      }
+    } catch (error) { showRecordingProblem(error); }
     button.disabled = false;
   });
 })();

@@ -1,0 +1,185 @@
+"""Recordings of flights in the library, ``flight.rrd`` and ``flight.mcap``, which are made when somebody asks for them.
+
+Writing them takes as long as everything else that is done for a log, and few are ever opened. The column
+``recording_stage`` of a flight's entry has its state: empty before anybody asks and when the files are there, then
+waiting, a stage of the work, or failed. A request is stored in the index, so that it outlives the server, and is worked
+on by the threads and processes that read logs, within the same limits. Two requests for a flight are one.
+"""
+
+import json
+import os
+import shutil
+from contextlib import chdir
+from pathlib import Path
+
+from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.identity import identity_of
+from mavdem.dataset.signals import Signals
+from mavdem.errors import Refusal, Unreadable, error_message
+from mavdem.facts.fleet import Reading
+from mavdem.facts.serve import Request, Stage
+from mavdem.fleet.workers import JobOutcome, LogRows
+from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import Log, Telemetry
+from mavdem.results import RECORDINGS, REPORT_FILE, possible_recordings, write_recordings
+from mavdem.serve.index import DIGEST_GLOB, Entry, entry_from_row
+from mavdem.serve.library import Library
+from mavdem.serve.reading import LOWER_PRIORITY, ProgressFile
+from mavdem.serve.stored_files import PROGRESS, RESULTS
+
+
+class RecordingRequests:
+    """The requests for recordings of flights of a library, for all threads of one server."""
+
+    def __init__(self, library: Library) -> None:
+        """Takes the library, whose index has the requests."""
+        self._library = library
+
+    def missing_names(self, entry: Entry) -> list[str]:
+        """Returns the names of the recordings of a flight that can be made and do not exist yet."""
+        folder = self._library.results_folder(entry)
+        names = [name for name in entry.file_names if name in RECORDINGS]
+        return [name for name in names if not (folder / name).is_file()]
+
+    def request(self, entry: Entry) -> Entry:
+        """Asks for the recordings of a flight, unless they exist or are being made.
+
+        After a failure it asks anew.
+
+        Args:
+            entry: the flight.
+
+        Returns:
+            Its entry, with the state of its recordings.
+
+        Raises:
+            Refusal: the flight has no recordings, its log is not kept, or there is no room for them.
+        """
+        is_possible = entry.stage == Stage.DONE and any(
+            name in RECORDINGS for name in entry.file_names
+        )
+        if not entry.digest or not is_possible:
+            raise Refusal(Request.NO_SUCH_FLIGHT)
+        if not self.missing_names(entry):
+            return entry
+        self._library.check_space(0)
+        with self._library.transaction() as db:
+            db.execute(
+                """update entries set recording_stage = ?, recording_problem = '' where id = ?
+                and recording_stage in ('', ?)""",
+                [Stage.WAITING, entry.id, Stage.FAILED],
+            )
+        return self._library.entry(entry.id)
+
+    def claim(self) -> Entry | None:
+        """Marks the recordings that have been waited for longest as being made by this server.
+
+        Returns:
+            The entry of their flight; None if nobody waits for recordings.
+        """
+        with self._library.transaction() as db:
+            row = db.execute(
+                """update entries set recording_stage = ?, claimed = ? where id =
+                (select id from entries where recording_stage = ? and digest glob ? limit 1)
+                returning *""",
+                [Stage.READING, self._library.name, Stage.WAITING, DIGEST_GLOB],
+            ).fetchone()
+        return None if row is None else entry_from_row(row)
+
+    def give_back(self, entry: Entry) -> None:
+        """Lets claimed recordings wait again, since they cannot be made now."""
+        self._library.change(entry.id, recording_stage=Stage.WAITING, claimed="")
+
+    def finish(self, entry: Entry, outcome: JobOutcome) -> None:
+        """Stores the outcome of making the recordings of a flight, which may have been deleted meanwhile.
+
+        Args:
+            entry: the flight, as it was claimed.
+            outcome: its first row has the reason where they could not be made.
+        """
+        results = self._library.results_folder(entry)
+        shutil.rmtree(results.with_name(f".{entry.digest}"), ignore_errors=True)
+        columns = {"claimed": "", "recording_stage": "", "recording_problem": ""}
+        if self.missing_names(entry):
+            reason = outcome.rows[0].status if outcome.rows else ""
+            columns |= {"recording_stage": Stage.FAILED, "recording_problem": str(reason)}
+        kept_bytes = 0
+        if results.is_dir():
+            kept_bytes = sum(path.stat().st_size for path in results.iterdir())
+        try:
+            self._library.change(entry.id, kept=kept_bytes, **columns)
+        except Refusal as error:
+            if error.fact.code is not Request.NO_SUCH_FLIGHT:
+                raise
+            self._library.remove_files_of_deleted_log(entry)
+
+    def stage(self, entry: Entry) -> str:
+        """Returns how far the recordings of a flight are: a value of ``Stage``, or empty if nobody has asked."""
+        if not self.missing_names(entry):
+            return Stage.DONE
+        if entry.recording_stage in ("", Stage.WAITING, Stage.FAILED):
+            return entry.recording_stage
+        return str(self._library.progress_columns(entry).get("stage", entry.recording_stage))
+
+
+def make_recordings(path: Path, key: str, page: object) -> LogRows:
+    """Makes the recordings of a log of the library; a ``ReadLog`` function for worker processes.
+
+    The log is read and its model learned again: storing the model with all that the recordings show would take more of
+    the disk than the log. They appear in the folder of results when both are complete.
+
+    Args:
+        path: path of the log, ``FOLDER/logs/DIGEST/NAME``.
+        key: key of its content, which is not used.
+        page: maker of a page, which is not used.
+
+    Returns:
+        No rows and no pages.
+
+    Raises:
+        Unreadable: the log cannot be read, no model can be learned from it, or there is no room for the files.
+    """
+    os.setpriority(os.PRIO_PROCESS, 0, LOWER_PRIORITY)
+    # FOLDER is two levels above the folder of the log.
+    results = path.parents[2] / RESULTS / path.parent.name
+    unfinished_folder = results.with_name(f".{results.name}")
+    shutil.rmtree(unfinished_folder, ignore_errors=True)
+    unfinished_folder.mkdir()
+    try:
+        progress = ProgressFile(unfinished_folder / PROGRESS)
+        progress.report(Stage.READING)
+        with chdir(path.parent):
+            log = read_log(path.name)
+        if not log.vehicles:
+            raise Unreadable(Reading.NO_VEHICLE)
+        telemetry = _vehicle_of_page(log, results / REPORT_FILE)
+        progress.report(Stage.LEARNING)
+        assessment = assess_signals(log, Signals(telemetry))
+        progress.report(Stage.RECORDING)
+        paths = {name: unfinished_folder / name for name in possible_recordings()}
+        write_recordings(paths, assessment)
+        for name, unfinished_path in paths.items():
+            if unfinished_path.is_file():
+                os.replace(unfinished_path, results / name)
+    except OSError as error:
+        raise Unreadable(Reading.RECORDINGS_NOT_WRITTEN, because=error_message(error)) from None
+    finally:
+        shutil.rmtree(unfinished_folder, ignore_errors=True)
+    return [], {}
+
+
+def _vehicle_of_page(log: Log, document_path: Path) -> Telemetry:
+    """Returns the vehicle of a log that its page is about.
+
+    Args:
+        log: a log with at least one vehicle.
+        document_path: path of the document that was written with the page, which names the vehicle.
+    """
+    if len(log.vehicles) == 1:
+        return log.vehicles[0]
+    identity = json.loads(document_path.read_bytes())["identity"]
+    for telemetry in log.vehicles:
+        candidate = identity_of(Signals(telemetry))
+        if (candidate.system, candidate.name) == (identity["system"], identity["name"]):
+            return telemetry
+    return log.vehicles[0]

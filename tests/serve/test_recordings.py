@@ -1,0 +1,207 @@
+"""Recordings of flights that the server makes when somebody asks for them."""
+
+import json
+import threading
+
+from browsing import browsing
+from mcap.reader import make_reader
+from pytest import approx, mark, raises
+from recorded_flights import short_flight
+from serving import LIMITS, log, record_made_up, serving
+
+from mavdem.errors import Refusal
+from mavdem.facts.serve import Request, Sharing, Stage
+from mavdem.fleet.workers import Job, outcome_of
+from mavdem.serve.library import Library
+from mavdem.serve.reading import read_for_library
+from mavdem.serve.reading_threads import ReadingThreads
+from mavdem.serve.recordings import RecordingRequests, make_recordings
+from mavdem.serve.recovery import recover
+
+MODEL = "A model."
+"""Content of a made-up log of which recordings can be made."""
+
+
+def outcome_of_recording(library, entry):
+    return outcome_of(Job(str(library.log_path(entry))), record_made_up)
+
+
+def recorded_flight(library, content=MODEL):
+    """Adds a made-up log to a library, and returns the entry of its flight, whose recordings are not made."""
+    incoming = library.new_incoming_path()
+    incoming.write_bytes(log(content))
+    entry = library.add(incoming, "a.ulg")
+    names = "flight.mcap,flight.rrd,report.html"
+    library.results_folder(entry).mkdir()
+    return library.change(entry.id, stage=Stage.DONE, files=names)
+
+
+def test_a_recording_is_made_when_it_is_first_downloaded(tmp_path):
+    with serving(tmp_path) as server:
+        id = server.add("a.ulg", MODEL)
+        state = f"/api/flights/{id}/recordings"
+        assert server.get(state).json["stage"] == ""
+        assert "flight.rrd" in server.get(f"/api/flights/{id}").json["flight"]["files"]
+        assert server.get(f"/f/{id}").text.count("data-missing") == 2
+        assert server.get(f"/f/{id}/flight.mcap").text == "flight.mcap of a.ulg"
+        assert server.get(state).json == {"id": id, "stage": "done", "words": "Done", "problem": ""}
+        assert server.get(f"/f/{id}/flight.rrd").text == "flight.rrd of a.ulg"
+        assert server.ask("POST", state).status == 200
+        assert "data-missing" not in server.get(f"/f/{id}").text
+
+
+def test_while_it_is_made_the_answer_is_202_and_says_how_far_it_is(tmp_path, monkeypatch):
+    monkeypatch.setattr("mavdem.serve.pages.MAX_RECORDING_WAIT", 0.0)
+    with serving(tmp_path, is_eager=False) as server:
+        id = server.add("a.ulg", MODEL)
+        server.work.run()
+        for _ in range(2):
+            answer = server.get(f"/f/{id}/flight.rrd")
+            assert (answer.status, answer.headers["Retry-After"]) == (202, "2")
+            assert answer.json["stage"] == Stage.WAITING
+        assert server.ask("POST", f"/api/flights/{id}/recordings").status == 202
+        assert server.work.recordings.claim().id == id
+        # Two requests are one.
+        assert server.work.recordings.claim() is None
+        assert server.get(f"/f/{id}/flight.rrd").json["stage"] == Stage.READING
+
+
+def test_a_download_waits_for_the_recording(tmp_path, monkeypatch):
+    monkeypatch.setattr("mavdem.serve.pages.POLL_SECONDS", 0.02)
+    with serving(tmp_path, is_eager=False) as server:
+        id = server.add("a.ulg", MODEL)
+        server.work.run()
+        answers = []
+
+        def download():
+            answers.append(server.get(f"/f/{id}/flight.mcap").text)
+
+        threads = [threading.Thread(target=download) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+        while not server.library.find("recording_stage <> ''", (), 1)[1]:
+            pass
+        server.work.run()
+        for thread in threads:
+            thread.join()
+        assert answers == ["flight.mcap of a.ulg"] * 2
+
+
+def test_a_failure_is_one_sentence_and_the_next_request_tries_again(tmp_path):
+    with serving(tmp_path) as server:
+        id = server.add("a.ulg", f"{MODEL} no room")
+        for _ in range(2):
+            answer = server.get(f"/f/{id}/flight.mcap")
+            assert answer.status == 409 and answer.json["stage"] == Stage.FAILED
+            assert answer.json["problem"] == "The recordings cannot be written (full)."
+        assert server.get(f"/api/flights/{id}").json["flight"]["stage"] == Stage.DONE
+
+
+def test_whoever_sees_a_flight_may_have_its_recordings_made_and_nobody_else(tmp_path):
+    with serving(tmp_path, token="0123456789abcdef") as server:
+        id = server.add("a.ulg", MODEL, token="0123456789abcdef")
+        other = server.add("b.ulg", "No such thing.", token="0123456789abcdef")
+        assert server.get(f"/f/{id}/flight.mcap").status == 404
+        assert server.ask("POST", f"/api/flights/{id}/recordings").status == 404
+        server.library.change(id, sharing=Sharing.LINK)
+        server.library.change(other, sharing=Sharing.LINK)
+        assert server.get(f"/f/{id}/flight.mcap").status == 200
+        assert server.get(f"/f/{other}/flight.mcap").status == 404
+        assert server.ask("POST", f"/api/flights/{other}/recordings").status == 404
+
+
+def test_a_request_outlives_the_server(tmp_path):
+    library = Library(tmp_path)
+    recordings = RecordingRequests(library)
+    entry = recordings.request(recorded_flight(library))
+    assert recordings.claim().id == entry.id
+    library.close()
+    again = Library(tmp_path)
+    recover(again)
+    assert again.entry(entry.id).stage == Stage.DONE
+    claimed = RecordingRequests(again).claim()
+    assert (claimed.id, claimed.recording_stage) == (entry.id, Stage.READING)
+
+
+def test_recordings_of_a_deleted_flight_are_removed(tmp_path):
+    library = Library(tmp_path)
+    recordings = RecordingRequests(library)
+    recordings.request(recorded_flight(library))
+    claimed = recordings.claim()
+    outcome = outcome_of_recording(library, claimed)
+    library.delete(claimed.id)
+    library.results_folder(claimed).mkdir()
+    recordings.finish(claimed, outcome)
+    assert list((tmp_path / "results").iterdir()) == []
+
+
+def test_a_library_without_room_refuses(tmp_path):
+    library = Library(tmp_path)
+    entry = recorded_flight(library)
+    library.quota = 1
+    with raises(Refusal) as refused:
+        RecordingRequests(library).request(entry)
+    assert refused.value.fact.code is Request.QUOTA_REACHED
+
+
+def test_what_cannot_be_stored_now_is_stored_later(tmp_path, monkeypatch):
+    """A full disk for two attempts at storing the outcome."""
+    monkeypatch.setattr("mavdem.serve.reading_threads.RETRY_SECONDS", 0.01)
+    library = Library(tmp_path)
+    threads = ReadingThreads(library, 1, LIMITS)
+    attempts = []
+
+    def change():
+        attempts.append(1)
+        if len(attempts) < 3:
+            raise Refusal(Request.DISK_FULL)
+
+    threads.store_persistently(change)
+    assert len(attempts) == 3
+
+
+@mark.slow
+def test_both_recordings_of_a_real_log_show_what_its_page_shows(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.setpriority", lambda *_: None)
+    library = Library(tmp_path / "library")
+    incoming = library.new_incoming_path()
+    incoming.write_bytes(short_flight(tmp_path).read_bytes())
+    entry = library.add(incoming, "flight.tlog")
+    job = Job(str(library.log_path(entry)))
+    library.finish_reading(library.claim(), outcome_of(job, read_for_library), LIMITS)
+    entry = library.entry(entry.id)
+    recordings = RecordingRequests(library)
+    assert recordings.missing_names(entry) == ["flight.mcap", "flight.rrd"]
+    recordings.request(entry)
+    recordings.finish(recordings.claim(), outcome_of(job, make_recordings))
+    results = library.results_folder(entry)
+    assert {path.name for path in results.iterdir()} == set(entry.file_names)
+    assert recordings.stage(library.entry(entry.id)) == Stage.DONE
+    with (results / "flight.mcap").open("rb") as file:
+        last = [
+            json.loads(message.data)["free_energy_action"]
+            for _, _, message in make_reader(file).iter_messages("learned/free_energy_action")
+        ][-1]
+    model = json.loads((results / "report.json").read_text())["model"]
+    assert last == approx(model["free_energy"]["end"])
+
+
+@mark.slow
+def test_the_browser_waits_and_then_downloads(tmp_path):
+    with serving(tmp_path / "served", is_eager=False) as server, browsing(tmp_path / "a") as page:
+        id = server.add("a.ulg", MODEL)
+        server.work.run()
+        page.open(f"{server.address}/f/{id}")
+        page.run("document.querySelector('a[href$=\"flight.mcap\"]').click()")
+        page.until("document.getElementById('making').textContent.startsWith('Received')")
+        server.work.run()
+        page.until("document.getElementById('making').textContent === ''")
+        assert not page.run("!!document.querySelector('[data-missing]')")
+        failing = server.add("b.ulg", f"{MODEL} no room")
+        server.work.run()
+        page.open(f"{server.address}/f/{failing}")
+        page.run("document.querySelector('a[href$=\"flight.mcap\"]').click()")
+        page.until("document.getElementById('making').textContent.startsWith('Received')")
+        server.work.run()
+        page.until("document.getElementById('making').textContent.includes('cannot be written')")
+        assert page.said == []
