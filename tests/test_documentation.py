@@ -105,8 +105,13 @@ def test_every_file_that_is_named_is_there():
 
 
 def test_the_written_pages_can_be_read_in_under_two_hours():
-    # The pages of the reference are made from the code, tables are printed by commands: both are looked up.
-    written = [text for page, text in PAGES.items() if not page.startswith("docs/reference/")]
+    # The pages of the reference are made from the code, tables and blocks of cog are printed by commands: these are
+    # looked up.
+    written = [
+        re.sub(r"<!-- \[\[\[cog.*?\[\[\[end\]\]\].*?-->", "", text, flags=re.DOTALL)
+        for page, text in PAGES.items()
+        if not page.startswith("docs/reference/")
+    ]
     lines = [line for text in written for line in text.splitlines() if not line.startswith("|")]
     assert sum(len(line.split()) for line in lines) <= 25_000
 
