@@ -7,13 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mavdem.assessment import Assessment
-from mavdem.containers import Names
+from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.axis import Options
+from mavdem.containers import JsonValues, Names
+from mavdem.dataset.flights import choose_vehicle
+from mavdem.dataset.signals import Signals
 from mavdem.export.mcap_channels import write_channels
-from mavdem.extras import missing_modules
-from mavdem.files import write_text_atomically
+from mavdem.extras import missing_modules, require_extra
+from mavdem.files import reporting_write_errors, writable_target, write_text_atomically
 from mavdem.fleet.flights import flights_of, worst_row
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.workers import PAGES
+from mavdem.ingest import read_log
 from mavdem.report.blocks import Block
 from mavdem.report.pages.fleet_page import fleet_page, fleet_remark, with_fleet_remark
 from mavdem.report.pages.flight_page import review_page
@@ -108,6 +113,55 @@ def write_recordings(paths: Mapping[str, Path], assessment: Assessment) -> None:
             analysis.held_out,
             assessment.wind_of_model,
         )
+
+
+def convert_to_recording(
+    source: Path, out: Path, axis: str, vehicle: str | None, inputs: str | None
+) -> JsonValues:
+    """Learns a model from a log, and writes it with the flight as a recording for Rerun or for Foxglove.
+
+    Args:
+        source: The log.
+        out: The file to write, .rrd or .mcap, which appears whole or not at all.
+        axis, vehicle, inputs: As for :func:`mavdem.read_flight`.
+
+    Returns:
+        Plain JSON values of the document of ``mavdem convert``: samples from which the model was learned, their step
+        and first and last time, s.
+
+    Raises:
+        Unreadable: The log cannot be read, or ``out`` cannot be written.
+        NotLearnable: No model can be learned from the log.
+        MissingExtra: ``out`` is an .rrd, and Rerun is not installed.
+        ValueError: ``out`` is the source.
+    """
+    ending = out.suffix.lower()
+    if ending == Path(RECORDING_FILE).suffix:
+        require_extra("view", f"{out}")
+    with reporting_write_errors(out):
+        # A target that cannot be written is refused before the work.
+        writable_target(out)
+        if out.exists() and source.exists() and out.samefile(source):
+            raise ValueError(f"{out} is the input: name another file")
+        log = read_log(source)
+        signals = Signals(choose_vehicle(log.vehicles, vehicle))
+        assessment = assess_signals(log, signals, axis, Options(inputs=inputs))
+        analysis = assessment.analysis
+        if analysis is None or assessment.model is None:
+            raise assessment.refusal
+        file_name = CHANNELS_FILE if ending == Path(CHANNELS_FILE).suffix else RECORDING_FILE
+        write_recordings({file_name: out}, assessment)
+    flights = analysis.flights
+    return {
+        "source": str(source),
+        "out": str(out),
+        "samples": sum(len(flight.time) for flight in flights),
+        "dt": flights[0].dt,
+        "start": float(flights[0].time[0]),
+        "end": float(flights[-1].time[-1]),
+        "learnable": True,
+        "cautions": [str(caution) for caution in analysis.learnability.cautions],
+    }
 
 
 def write_dashboard(target: Target, assessment: Assessment) -> None:

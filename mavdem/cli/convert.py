@@ -1,5 +1,7 @@
 """``mavdem convert``: a log as another kind of log, or its flight as a table."""
 
+from pathlib import Path
+
 import click
 
 from mavdem.cli.options import source_options
@@ -7,7 +9,10 @@ from mavdem.cli.output import print_json, progress
 from mavdem.cli.sources import refuse_link
 from mavdem.cli.streams import escape_unprintable, print_to_stdout
 from mavdem.export.conversion import convert as convert_file
+from mavdem.ingest.formats import detect_format
+from mavdem.log_formats import Format
 from mavdem.report.templates import render_section
+from mavdem.results import CHANNELS_FILE, RECORDING_FILE, convert_to_recording
 
 
 @click.command("convert")
@@ -19,21 +24,26 @@ def convert_command(
     """Converts a log to another file format.
 
     The ending of OUT says the format. .tlog and .mcap receive every frame of the recorded stream with its receive time;
-    an .mcap also every message as JSON. .csv and .parquet receive the longest settled flight of one vehicle as a table
-    (--axis, --vehicle, --inputs), with the wind in m/s where it is known (north and east that the air moves to, and
-    half widths of 90 %); tables are not read again. If no model can be learned from the log, the table has what there
-    is of attitude and inputs, with a caution. Times in .csv are rounded to microseconds, other numbers to float32;
-    .parquet keeps float64.
+    an .mcap also every message as JSON. .rrd receives the plots of the flight and of its model for `rerun`, and an
+    .mcap of a log without frames (.bin, .log, .ulg) their series for Foxglove and PlotJuggler. .csv and .parquet
+    receive the longest settled flight of one vehicle as a table (--axis, --vehicle, --inputs), with the wind in m/s
+    where it is known (north and east that the air moves to, and half widths of 90 %); tables are not read again. If no
+    model can be learned from the log, the table has what there is of attitude and inputs, with a caution. Times in .csv
+    are rounded to microseconds, other numbers to float32; .parquet keeps float64.
 
     \b
     Examples:
       mavdem convert flight.tlog flight.mcap
       mavdem convert flight.mcap roll.csv --axis roll
+      mavdem convert flight.bin flight.rrd
     """
     refuse_link(source)
     try:
         with progress(f"Converting {source}", measured=False):
-            document = convert_file(source, out, axis, vehicle, inputs)
+            if _is_recording(source, out):
+                document = convert_to_recording(Path(source), Path(out), axis, vehicle, inputs)
+            else:
+                document = convert_file(source, out, axis, vehicle, inputs)
     except ValueError as error:
         # Unreadable and NotLearnable are ValueErrors too, and report themselves.
         if type(error) is not ValueError:
@@ -48,3 +58,13 @@ def convert_command(
         print_to_stdout(f"Noted: {repair}")
     for caution in document.get("cautions", ()):
         print_to_stdout(f"Caution: {caution}")
+
+
+def _is_recording(source: str, out: str) -> bool:
+    """Returns whether a log is to become a recording of its model: for Rerun, or channels where it holds no frames."""
+    ending = Path(out).suffix.lower()
+    if ending == Path(RECORDING_FILE).suffix:
+        return True
+    if ending != Path(CHANNELS_FILE).suffix:
+        return False
+    return detect_format(source)[1] not in (Format.TLOG, Format.MCAP)

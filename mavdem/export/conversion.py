@@ -66,7 +66,9 @@ def convert(
     ending = out.suffix.lower()
     endings = [*STREAM_WRITERS, *TABLE_WRITERS]
     if ending not in endings:
-        raise ValueError(f"{out} must end in {', '.join(endings)}: the ending chooses the format")
+        # A recording for Rerun is made above this room, by ``mavdem.results``.
+        listed = ", ".join([*endings, ".rrd"])
+        raise ValueError(f"{out} must end in {listed}: the ending chooses the format")
     if ending == ".parquet":
         require_extra("parquet", f"{out}")
     with reporting_write_errors(out):

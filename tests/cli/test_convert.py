@@ -4,10 +4,13 @@ import csv
 
 import numpy as np
 from command_line import refused, run, strict_json
+from mcap.reader import make_reader
 from pytest import mark
-from recorded_flights import FLIGHT, LOGS
+from recorded_flights import FLIGHT, LOGS, SLOW, short_flight
 
 from mavdem import read_flight
+from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
+from mavdem.results import convert_to_recording
 
 
 def convert(capsys, *words):
@@ -48,6 +51,27 @@ def test_a_table_is_the_flight(axis, tmp_path, capsys):
     assert head == [*steps] and told["samples"] == len(values)
     exact = np.column_stack([flight.time, flight.inputs, flight.outputs])
     assert (abs(values - exact) <= 0.5 * np.array([*steps.values()]) * (1 + 1e-6)).all()
+
+
+@mark.slow
+def test_recordings_hold_the_flight_of_the_model(tmp_path, capsys):
+    log = short_flight(tmp_path)
+    dashboard = tmp_path / "flight.rrd"
+    document = convert(capsys, log, dashboard)
+    assert document["learnable"] and document["samples"] > 1000
+    assert dashboard.read_bytes().startswith(b"RRF2")
+    channels = tmp_path / "channels.mcap"
+    values = convert_to_recording(log, channels, "roll", None, None)
+    assert values | {"out": str(dashboard)} == {name: document[name] for name in values}
+    with channels.open("rb") as file:
+        counts = make_reader(file).get_summary().statistics.channel_message_counts
+    assert document["samples"] in counts.values()
+
+
+def test_a_log_without_a_model_has_no_recording(tmp_path, capsys):
+    out = tmp_path / "flight.rrd"
+    assert run("convert", SLOW, out) == EXIT_UNSUPPORTED
+    assert capsys.readouterr().err and not out.exists()
 
 
 @mark.parametrize("how", ["itself", "by a link", "by a hard link"])
