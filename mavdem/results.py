@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +20,12 @@ from mavdem.fleet.row import FlightRows
 from mavdem.fleet.workers import PAGES
 from mavdem.ingest import read_log
 from mavdem.report.blocks import Block
-from mavdem.report.pages.fleet_page import fleet_page, fleet_remark, with_fleet_remark
+from mavdem.report.pages.fleet_page import (
+    RowsOfVehicle,
+    fleet_page,
+    fleet_remark,
+    with_fleet_remark,
+)
 from mavdem.report.pages.flight_page import review_page
 
 if TYPE_CHECKING:
@@ -178,17 +183,23 @@ def write_dashboard(target: Target, assessment: Assessment) -> None:
 
 
 def write_fleet_pages(
-    folder: Path, rows: FlightRows, changes: Mapping[str, Sequence[Block]]
+    folder: Path,
+    rows: FlightRows,
+    changes: Mapping[str, Sequence[Block]],
+    full_rows: RowsOfVehicle | None = None,
+    outdated_vehicles: Container[str] | None = None,
 ) -> Path:
     """Writes the index page of a fleet, and updates the pages of its flights.
 
     The page of each flight states how the flight differs from others of its vehicle. That may change when flights are
-    added, and is updated on all pages.
+    added, and is updated on all pages of the vehicle.
 
     Args:
         folder: Folder of the fleet.
-        rows: Rows of all flights of the fleet, one for each axis of a flight.
+        rows: Rows of all flights of the fleet, one for each axis of a flight; ``BRIEF_COLUMNS`` are enough.
         changes: Changes of each vehicle since a baseline, as blocks of text, by the vehicle's name.
+        full_rows: Returns the rows of a vehicle with all columns, for its charts; ``rows`` have them unless given.
+        outdated_vehicles: Names of the vehicles whose pages are to be updated; all unless given.
 
     Returns:
         Path of the index page.
@@ -196,12 +207,16 @@ def write_fleet_pages(
     Raises:
         Unreadable: A page cannot be written.
     """
-    for flight_rows in flights_of(rows):
+    outdated_rows = []
+    for row in rows:
+        if row.page and (outdated_vehicles is None or row.vehicle in outdated_vehicles):
+            outdated_rows.append(row)
+    for flight_rows in flights_of(outdated_rows):
         path = folder / PAGES / Path(flight_rows[0].page or "").name
         if path.is_file():
             _update_flight_page(path, fleet_remark(worst_row(flight_rows)))
     index = folder / INDEX_FILE
-    write_text_atomically(index, fleet_page(rows, changes))
+    write_text_atomically(index, fleet_page(rows, changes, full_rows))
     return index
 
 

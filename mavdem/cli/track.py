@@ -1,5 +1,6 @@
 """``mavdem track``: a table of the flights of a fleet, and what changed from one flight of a vehicle to the next."""
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -14,11 +15,15 @@ from mavdem.dem.parallel import available_workers
 from mavdem.documents.fleet import track_document
 from mavdem.extras import missing_extra_fact
 from mavdem.fleet.cluster import Cluster
-from mavdem.fleet.difference import BaselineDifferences, baseline_differences
+from mavdem.fleet.difference import (
+    BaselineDifferences,
+    baseline_differences,
+    latest_flights,
+)
 from mavdem.fleet.flights import summary
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
-from mavdem.fleet.store import read_rows
+from mavdem.fleet.store import open_store, read_brief_rows, read_rows, read_rows_of_logs
 from mavdem.fleet.tracking import TrackedLogs, track
 from mavdem.fleet.workers import JobLimits, WorkerPool
 from mavdem.report.blocks import Blocks, Sentence
@@ -125,15 +130,21 @@ def track_command(
     else:
         reader = WorkerPool(jobs or available_workers(), limits, rows_of_log)
     tracked = _track_with_progress(out, logs, reader, baseline)
-    rows = read_rows(out)
+    rows = read_brief_rows(out)
     counts = summary(rows)
     differences: BaselineDifferences = {}
     if tracked.healthy:
-        differences = baseline_differences(rows, tracked.healthy)
+        latest = latest_flights(rows, tracked.healthy)
+        latest_rows = read_rows_of_logs(out, {flight[0].file for flight in latest.values()})
+        differences = baseline_differences(latest_rows, tracked.healthy)
     blocks_by_vehicle: BlocksByVehicle = {}
     for vehicle, (latest_flight, difference) in differences.items():
         blocks_by_vehicle[vehicle] = baseline_blocks(latest_flight, difference)
-    index = write_fleet_pages(out, rows, blocks_by_vehicle)
+    full_rows = partial(read_rows, out)
+    with open_store(out) as store:
+        outdated_vehicles = store.outdated_vehicles()
+        index = write_fleet_pages(out, rows, blocks_by_vehicle, full_rows, outdated_vehicles)
+        store.mark_pages_updated(outdated_vehicles)
     for problem in tracked.problems:
         print_to_stderr(f"mavdem: {problem.advised}")
     if as_json:

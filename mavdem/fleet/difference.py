@@ -13,7 +13,7 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable, QuantityOutcome
 from mavdem.fleet.comparability import MissingQuantity, comparison_obstacle, missing_quantities
 from mavdem.fleet.flight_conditions import Conditions, condition_allowance, mean_conditions
-from mavdem.fleet.flights import Flights, flights_of, vehicles_of
+from mavdem.fleet.flights import AxisRows, Flights, flights_of, vehicles_of
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE, flight_estimates
 from mavdem.fleet.random_effects import (
     SD_BETWEEN_FLIGHTS,
@@ -151,18 +151,27 @@ def baseline_differences(rows: FlightRows, baseline: FlightRows) -> BaselineDiff
         By vehicle, the first row of its latest flight and the difference, which is None if the baseline has no flight
         of this vehicle.
     """
-    # The key of a row is a digest of its log, so that a flight of the baseline is known under any file name.
-    baseline_keys = {row.key for row in baseline if row.key}
     baseline_vehicles = vehicles_of(baseline)
-    later_rows = [row for row in rows if row.key not in baseline_keys]
     differences: BaselineDifferences = {}
-    for name, flights in vehicles_of(later_rows).items():
-        if name == UNKNOWN:
-            continue
-        latest_flight = flights[-1]
+    for name, latest_flight in latest_flights(rows, baseline).items():
         healthy_rows = [row for flight in baseline_vehicles.get(name, ()) for row in flight]
         difference = None
         if healthy_rows:
             difference = vehicle_difference(healthy_rows, latest_flight)
         differences[name] = (latest_flight[0], difference)
     return differences
+
+
+def latest_flights(rows: FlightRows, baseline: FlightRows) -> dict[str, AxisRows]:
+    """Returns the rows of each known vehicle's latest flight, without those of a baseline, by the vehicle's name.
+
+    Args:
+        rows: rows of the fleet's table. They may contain the baseline.
+        baseline: rows of the healthy flights.
+    """
+    # The key of a row is a digest of its log, so that a flight of the baseline is known under any file name.
+    baseline_keys = {row.key for row in baseline if row.key}
+    later_rows = [row for row in rows if row.key not in baseline_keys]
+    return {
+        name: flights[-1] for name, flights in vehicles_of(later_rows).items() if name != UNKNOWN
+    }

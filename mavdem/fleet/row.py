@@ -6,8 +6,9 @@ A row is made from the document ``report.json`` of a log, and is stored, compare
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -52,6 +53,9 @@ SYSTEM_ID_BASIS = "system id"
 
 NOT_IDENTIFIABLE = Status.NOT_IDENTIFIABLE
 """Status of a physical parameter that the flight does not determine."""
+
+PHYSICAL_COLUMNS = ("effect", "damping", "lag")
+"""Columns of physical parameters, each of which has a status and an interval in further columns."""
 
 MOTORS, DEMAND = INPUT_KINDS
 
@@ -306,6 +310,11 @@ class FlightRow:
         return self.status == STATUS_READ
 
     @property
+    def has_own_name(self) -> bool:
+        """Whether the name of the vehicle is that of one vehicle, whose flights can be compared with each other."""
+        return self.vehicle != UNKNOWN and self.vehicle_basis != SYSTEM_ID_BASIS
+
+    @property
     def has_flight(self) -> bool:
         """Whether the row is of a flight: one with figures, or one without any whose assessment is bad."""
         return self.is_read or self.headline_level == Level.BAD
@@ -335,10 +344,46 @@ class FlightRow:
 
     def as_dict(self) -> JsonValues:
         """Returns the columns as plain JSON values, the date as ISO 8601."""
-        values = asdict(self)
+        values = {name: getattr(self, name) for name in column_types()}
         if self.date is not None:
             values["date"] = self.date.isoformat()
         return values
+
+    @staticmethod
+    def from_stored(values: JsonValues) -> FlightRow:
+        """Returns a row from the values of :meth:`as_dict`, in a tenth of the time that the constructor takes.
+
+        Their types are right, since the row was constructed before it was stored. Only what JSON lacks is made: tuples
+        and the time. Parameters that are not identifiable lose their values, as in the constructor.
+
+        Args:
+            values: values by name of the column. Columns that are missing have the default of the class, and take no
+                memory in the row.
+
+        Raises:
+            TypeError: the name of the file is missing, or a column has no list where it needs one.
+        """
+        if "file" not in values:
+            raise TypeError("a row needs the name of its file")
+        row = object.__new__(FlightRow)
+        columns = vars(row)
+        for name, value in values.items():
+            if isinstance(value, list):
+                columns[name] = tuple(value)
+            elif isinstance(value, str):
+                # Many rows share a text, such as a level or the firmware, which is kept once.
+                columns[name] = sys.intern(value)
+            elif value is not None:
+                columns[name] = value
+        if row.positions:
+            columns["positions"] = tuple(tuple(arms) for arms in row.positions)
+        if row.date is not None:
+            columns["date"] = column_value(row.date, datetime)
+        for name in PHYSICAL_COLUMNS:
+            if getattr(row, f"{name}_status") == NOT_IDENTIFIABLE:
+                columns.pop(name, None)
+                columns.pop(f"{name}_interval", None)
+        return row
 
     @staticmethod
     def without_flight(file: str, status: Fact, **columns: Any) -> FlightRow:

@@ -15,16 +15,18 @@ import os
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from importlib import metadata
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mavdem.containers import JsonValues, Names
 from mavdem.errors import Unreadable, error_message
 from mavdem.extras import missing_modules
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder
+from mavdem.facts.lights import Light
 from mavdem.facts.motors import HealthUnknown
 from mavdem.files import atomic_write
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, FlightRows, row_schema, utf8_text
@@ -37,12 +39,41 @@ STORE = "fleet.sqlite"
 TABLE = Path("flights", "flights.parquet")
 """Path of the table in the folder of a fleet."""
 
-ROWS_PER_GROUP = 10_000
-"""Rows of a group in the Parquet file. Readers that look for a vehicle skip whole groups, by the least and the greatest
-name in each."""
+ROWS_PER_GROUP = 2_000
+"""Rows of a group in the Parquet file, which are in memory at a time: 8 MB as JSON. Readers that look for a vehicle skip
+whole groups, by the least and the greatest name in each."""
 
 BUSY_SECONDS = 600.0
 """s for which a run waits while another one writes, such as the table of a large fleet."""
+
+BRIEF_COLUMNS = (
+    "file",
+    "key",
+    "vehicle",
+    "vehicle_basis",
+    "frame",
+    "firmware",
+    "system",
+    "component",
+    "date",
+    "axis",
+    "tier",
+    "duration",
+    "wind_speed",
+    "wind_direction",
+    "headline",
+    "headline_level",
+    *(f"light_{light}" for light in Light),
+    "health",
+    "fault_probability",
+    "suspect_motor",
+    "health_reason",
+    "warnings",
+    "status",
+    "status_code",
+    "page",
+)
+"""Columns that an index of all flights shows. They are stored by themselves too, since a row has four times as many."""
 
 COLUMNS = {column.name for column in fields(FlightRow)}
 """Names of the columns of this version."""
@@ -64,13 +95,57 @@ AssessRows = Callable[[FlightRows, FlightRows], FlightRows]
 """A function of all rows of one vehicle, and the rows of its baseline; it returns the same rows with their health."""
 
 
+class StoredRow(NamedTuple):
+    """A row as the store has it."""
+
+    text: str
+    """The row as JSON."""
+    file: str
+    """Name of its log in the table."""
+
+
 def is_fleet(folder: Path) -> bool:
     """Returns whether a folder has a store, which ``mavdem track`` has written."""
     return (folder / STORE).is_file()
 
 
-def read_rows(folder: Path) -> FlightRows:
+def read_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
     """Returns the rows of a fleet, by vehicle, file and axis.
+
+    Args:
+        folder: folder of the fleet.
+        vehicle: name of the vehicle whose rows are returned; None for those of all vehicles.
+
+    Raises:
+        Unreadable: the folder has no store, or a damaged one.
+    """
+    condition = "file is not null and (:vehicle is null or vehicle = :vehicle)"
+    query = f"select row, file from flights where {condition}"
+    return _stored_rows(folder, query, {"vehicle": vehicle})
+
+
+def read_brief_rows(folder: Path) -> FlightRows:
+    """Returns the rows of a fleet with ``BRIEF_COLUMNS`` alone; other columns have their defaults.
+
+    Raises:
+        Unreadable: the folder has no store, or a damaged one.
+    """
+    # A store of an earlier version has no brief rows until a run has opened it.
+    return _stored_rows(folder, "select brief, file from flights where file is not null", {})
+
+
+def read_rows_of_logs(folder: Path, files: Iterable[str]) -> FlightRows:
+    """Returns the rows of the logs with these names in the table of a fleet.
+
+    Raises:
+        Unreadable: the folder has no store, or a damaged one.
+    """
+    query = "select row, file from flights where file in (select value from json_each(:files))"
+    return _stored_rows(folder, query, {"files": json.dumps(sorted(files))})
+
+
+def _stored_rows(folder: Path, query: str, values: JsonValues) -> FlightRows:
+    """Returns the rows that a query with named ``values`` finds in the store of a fleet, in their order.
 
     Raises:
         Unreadable: the folder has no store, or a damaged one.
@@ -83,8 +158,7 @@ def read_rows(folder: Path) -> FlightRows:
     uri = f"{path.absolute().as_uri()}?{access}"
     try:
         with closing(sqlite3.connect(uri, timeout=BUSY_SECONDS, uri=True)) as db:
-            stored_rows = db.execute("select row, file from flights where file is not null")
-            rows = [row_of_json(text, file) for text, file in stored_rows]
+            rows = [row_of_json(text, file) for text, file in db.execute(query, values)]
     except sqlite3.Error as error:
         raise Unreadable(_damage(path, error)) from None
     return sorted(rows, key=lambda row: row.order)
@@ -95,28 +169,136 @@ def _damage(path: Path, error: Exception) -> Fact:
     return Fact(Folder.FLEET_DAMAGED, path=path, because=error)
 
 
-def write_rows(folder: Path, rows: Iterable[FlightRow]) -> None:
-    """Writes the table of a fleet from ``rows``, in their order, in place of an earlier one.
+def write_rows(
+    folder: Path, rows: Iterable[StoredRow], changed_vehicles: Sequence[str] | None = None
+) -> None:
+    """Writes the table of a fleet from stored rows, in place of an earlier one.
 
     Without pyarrow no table is written, and an earlier one is removed, since it is no longer true.
 
+    Args:
+        folder: folder of the fleet.
+        rows: rows in the order of their vehicles.
+        changed_vehicles: names of the vehicles whose rows are replaced by ``rows``, while those of others stay as they
+            are in the table; None to make the whole table of ``rows``.
+
     Raises:
         OSError: the table cannot be written.
+        sqlite3.DatabaseError: a row is damaged.
     """
     path = folder / TABLE
     if missing_modules("parquet"):
         path.unlink(missing_ok=True)
         return
-    import pyarrow
     from pyarrow import parquet
 
     path.parent.mkdir(exist_ok=True)
-    table = pyarrow.Table.from_pylist([asdict(row) for row in rows], row_schema())
+    groups = _row_groups(rows)
+    if changed_vehicles is not None:
+        groups = _merged_groups(path, groups, changed_vehicles)
     # The unfinished file is in the fleet's folder: readers of all files beside the table would read it, too.
     with atomic_write(path, folder) as file:
-        parquet.write_table(table, file, row_group_size=ROWS_PER_GROUP, compression="zstd")
+        with parquet.ParquetWriter(file, row_schema(), compression="zstd") as writer:
+            for group in groups:
+                writer.write_table(group)
         file.flush()
         os.fsync(file.fileno())
+
+
+def has_current_table(folder: Path) -> bool:
+    """Returns whether a fleet has a table with the columns of this version, so that parts of it can be replaced."""
+    if missing_modules("parquet"):
+        return False
+    import pyarrow
+    from pyarrow import parquet
+
+    try:
+        table_schema = parquet.read_schema(folder / TABLE)
+    except (OSError, pyarrow.ArrowException):
+        return False
+    schema = row_schema()
+    # The schema of a file has further metadata on each column, but not on the table.
+    return bool(table_schema.equals(schema) and table_schema.metadata == schema.metadata)
+
+
+def _row_groups(rows: Iterable[StoredRow]) -> Iterator[Any]:
+    """Yields rows as tables of pyarrow with ``ROWS_PER_GROUP`` rows each, in their order.
+
+    Raises:
+        sqlite3.DatabaseError: a row is damaged.
+    """
+    rows = iter(rows)
+    group = list(islice(rows, ROWS_PER_GROUP))
+    while group:
+        yield _arrow_table(group)
+        group = list(islice(rows, ROWS_PER_GROUP))
+
+
+def _merged_groups(
+    path: Path, new_groups: Iterable[Any], changed_vehicles: Sequence[str]
+) -> Iterator[Any]:
+    """Yields the row groups of a table in which the rows of some vehicles are replaced, in the order of the vehicles.
+
+    Args:
+        path: of the table.
+        new_groups: the rows that take the place of those of the changed vehicles, as tables of pyarrow.
+        changed_vehicles: their names.
+    """
+    import pyarrow
+    from pyarrow import compute, parquet
+
+    schema = row_schema()
+    names = pyarrow.array(changed_vehicles, pyarrow.string())
+    new_rows = pyarrow.concat_tables([schema.empty_table(), *new_groups])
+    with parquet.ParquetFile(path) as file:
+        for number in range(file.num_row_groups):
+            # Without threads it takes half the memory, and no longer.
+            group = file.read_row_group(number, use_threads=False).cast(schema)
+            last_vehicle = group["vehicle"][-1]
+            kept_rows = group.filter(compute.invert(compute.is_in(group["vehicle"], names)))
+            comes_before = compute.less_equal(new_rows["vehicle"], last_vehicle)
+            # Arrow's sort is stable, so that the rows of each vehicle stay in their order.
+            together = pyarrow.concat_tables([kept_rows, new_rows.filter(comes_before)])
+            new_rows = new_rows.filter(compute.invert(comes_before))
+            # A group without rows would have no last vehicle when it is read again.
+            if together.num_rows:
+                yield together.sort_by("vehicle")
+    if new_rows.num_rows:
+        yield new_rows
+
+
+def _arrow_table(rows: Sequence[StoredRow]) -> Any:
+    """Returns stored rows as a ``pyarrow.Table`` with the columns of this version.
+
+    Arrow reads the JSON itself: a table of thousands of rows is written while Python would have parsed a few hundred.
+
+    Raises:
+        sqlite3.DatabaseError: a row is damaged.
+    """
+    import pyarrow
+    from pyarrow import json as arrow_json
+
+    schema = row_schema()
+    # Times are stored with their zone, UTC, which the table does not name; Arrow reads no such text as a time.
+    date_index = schema.get_field_index("date")
+    text_schema = schema.set(date_index, pyarrow.field("date", pyarrow.string()))
+    # A line is a row, as long as no row contains a line break; a damaged one may.
+    lines = "\n".join(row.text.replace("\n", " ") for row in rows)
+    try:
+        table = arrow_json.read_json(
+            pyarrow.BufferReader(lines.encode()),
+            arrow_json.ReadOptions(use_threads=False, block_size=max(len(lines.encode()), 1)),
+            arrow_json.ParseOptions(
+                explicit_schema=text_schema, unexpected_field_behavior="ignore"
+            ),
+        )
+    except pyarrow.ArrowInvalid as error:
+        raise sqlite3.DatabaseError(error) from None
+    dates = table["date"].cast(pyarrow.timestamp("us", "UTC")).cast(pyarrow.timestamp("us"))
+    files = pyarrow.array([row.file for row in rows], pyarrow.string())
+    table = table.set_column(date_index, schema.field("date"), dates)
+    table = table.set_column(schema.get_field_index("file"), schema.field("file"), files)
+    return table.cast(schema)
 
 
 @contextmanager
@@ -164,11 +346,13 @@ class Store:
         if self.db.execute("pragma journal_mode = wal").fetchone()[0] != "wal":
             raise sqlite3.OperationalError("SQLite's write-ahead log does not work on this disk")
         self.db.executescript(TABLES_SQL)
+        self._add_brief_rows()
         (version,) = self.db.execute("pragma user_version").fetchone()
         if version != SCHEMA_VERSION:
-            # The rows stay until their log is read again.
+            # The rows stay until their log is read again, and the table is written anew as a whole.
             self.db.executescript(
                 f"""begin immediate; update logs set ended = 'source';
+                insert into unpublished (vehicle) values (null);
                 pragma user_version = {SCHEMA_VERSION}; commit;"""
             )
 
@@ -181,6 +365,25 @@ class Store:
         with self.db:
             self.db.execute("begin immediate")
             yield
+
+    def _add_brief_rows(self) -> None:
+        """Adds brief rows and pages to the store of an earlier version, whose rows had neither."""
+        columns = {column["name"] for column in self.db.execute("pragma table_info(flights)")}
+        if "brief" in columns:
+            return
+        with self.transaction():
+            self.db.execute("alter table flights add column brief text")
+            self.db.execute("alter table flights add column page text")
+            self.db.execute("alter table unpublished add column vehicle text")
+            query = "select rowid, row, coalesce(file, '') from flights"
+            for row_id, *columns in self.db.execute(query).fetchall():
+                # A damaged row is reported where it is used.
+                with suppress(sqlite3.DatabaseError):
+                    row = row_of_json(*columns)
+                    self.db.execute(
+                        "update flights set brief = ?, page = ? where rowid = ?",
+                        [brief_json(row), row.page, row_id],
+                    )
 
     def has_read(self, source: LogSource, limits: JobLimits) -> bool:
         """Returns whether a log need not be read: it is unchanged, and another reading would end as the last one did.
@@ -253,8 +456,12 @@ class Store:
             parameters = ", ".join("?" * len(entry))
             self.db.execute(f"insert or replace into logs values ({parameters})", entry)
             self._delete_rows("log = ?", [content])
-            rows = [(content, row.vehicle, json.dumps(row.as_dict())) for row in outcome.rows]
-            self.db.executemany("insert into flights (log, vehicle, row) values (?, ?, ?)", rows)
+            for row in outcome.rows:
+                values = [content, row.vehicle, json.dumps(row.as_dict()), brief_json(row), row.page]
+                self.db.execute(
+                    "insert into flights (log, vehicle, row, brief, page) values (?, ?, ?, ?, ?)",
+                    values,
+                )
 
     def _write_pages(self, outcome: JobOutcome) -> None:
         """Writes the pages of an outcome into the folder of the fleet."""
@@ -298,13 +505,11 @@ class Store:
         A page is the HTML file of a flight. A log whose column ``ended`` is "source" is read again like one whose file
         could not be opened.
         """
-        # A row is the JSON text of a flight; one that is damaged counts as a row without a page.
-        pages = self.db.execute(
-            """select distinct log, json_extract(iif(json_valid(row), row, '{}'), '$.page') as page from flights
-            where page glob ?""",
-            [f"{PAGES}/*"],
-        )
-        contents = [[content] for content, page in pages if not (self.folder / page).is_file()]
+        written = set()
+        if (self.folder / PAGES).is_dir():
+            written = {f"{PAGES}/{name}" for name in os.listdir(self.folder / PAGES)}
+        pages = self.db.execute("select distinct log, page from flights where page is not null")
+        contents = [[content] for content, page in pages if page not in written]
         self.db.executemany("update logs set ended = 'source' where log = ?", contents)
 
     def track(self, sources: Iterable[LogSource]) -> None:
@@ -353,7 +558,7 @@ class Store:
         """Judges the vehicles of which anything is new, or whose baseline is, and writes the table if it changed.
 
         Rows are marked with the hash of the baseline by which they were judged; those with another mark, or none, are
-        to be judged again. A change is noted in the table ``unpublished`` within the same transaction, so that a run
+        to be judged again. A changed vehicle is noted in the table ``unpublished`` within the same transaction, so that a run
         that is killed before it writes the Parquet file leaves this to the next one.
 
         Args:
@@ -362,16 +567,12 @@ class Store:
         healthy = self.healthy
         baseline = hashlib.sha256(repr(healthy).encode()).hexdigest()
         with self.transaction():
-            changes_before = self.db.total_changes
             self._update_names()
             query = """select distinct vehicle from flights where file is not null and judged is not ?
                 order by vehicle"""
             for (vehicle,) in self.db.execute(query, [baseline]).fetchall():
                 healthy_rows = [row for row in healthy if row.vehicle == vehicle]
                 self._judge_vehicle(vehicle, assess, healthy_rows, baseline)
-            has_changed = self.db.total_changes > changes_before
-            if has_changed or not (self.folder / TABLE).is_file():
-                self.db.execute("insert into unpublished values (null)")
         folder = os.open(self.folder, os.O_RDONLY)
         try:
             # Two runs that end together write one after the other, so that the later one has all rows. Other runs can
@@ -396,32 +597,56 @@ class Store:
         """
         query = """select rowid, row, file from flights where vehicle = ? and file is not null
             order by file, log, rowid"""
-        row_ids = []
-        rows = []
-        for row_id, text, file in self.db.execute(query, [vehicle]):
-            row_ids.append(row_id)
-            rows.append(row_of_json(text, file))
+        unjudged_query = query.replace("order by", f"and judged is not '{baseline}' order by")
+        found = self.db.execute(unjudged_query, [vehicle]).fetchall()
+        # Without a name of its own or a baseline a flight is not compared with others, which stay as they are.
+        if healthy_rows or row_of_json(*found[0][1:]).has_own_name:
+            found = self.db.execute(query, [vehicle]).fetchall()
+        rows = [row_of_json(text, file) for _, text, file in found]
         judged_rows = assess_safely(rows, assess, healthy_rows)
-        for row, row_id in zip(judged_rows, row_ids, strict=True):
+        for (row_id, *_), row in zip(found, judged_rows, strict=True):
             self.db.execute(
-                "update flights set row = ?, judged = ? where rowid = ?",
-                [json.dumps(row.as_dict()), baseline, row_id],
+                "update flights set row = ?, brief = ?, judged = ? where rowid = ?",
+                [json.dumps(row.as_dict()), brief_json(row), baseline, row_id],
             )
+        self.db.execute("insert into unpublished (vehicle) values (?)", [vehicle])
+        self.db.execute("insert or ignore into outdated_pages values (?)", [vehicle])
+
+    def outdated_vehicles(self) -> set[str]:
+        """Returns the names of vehicles that were judged anew since their pages were last marked as updated."""
+        return {vehicle for (vehicle,) in self.db.execute("select vehicle from outdated_pages")}
+
+    def mark_pages_updated(self, vehicles: Iterable[str]) -> None:
+        """Notes that the pages of the flights of these vehicles say how the flights differ from each other."""
+        with self.transaction():
+            names = [[vehicle] for vehicle in vehicles]
+            self.db.executemany("delete from outdated_pages where vehicle = ?", names)
 
     def _write_table(self) -> None:
         """Writes the table file from the rows as they are now, unless it is up to date.
 
-        The table ``unpublished`` has a number for each change since the file was written. Those up to the last number
-        that is read together with the rows are deleted afterwards; later ones stay for the next run.
+        The table ``unpublished`` has a number and a vehicle for each change since the file was written. Those up to the
+        last number that is read together with the rows are deleted afterwards; later ones stay for the next run. Rows
+        of other vehicles are taken from the file.
         """
         with self.db:
             self.db.execute("begin")
-            (last_change,) = self.db.execute("select max(change) from unpublished").fetchone()
-            if last_change is None:
+            changes = self.db.execute("select change, vehicle from unpublished").fetchall()
+            if not changes and (self.folder / TABLE).is_file():
                 return
-            query = """select row, file from flights where file is not null
+            vehicles = sorted({vehicle for _, vehicle in changes if vehicle is not None})
+            # A change of an earlier version of mavdem names no vehicle.
+            all_name_vehicles = all(vehicle is not None for _, vehicle in changes)
+            changed_vehicles = None
+            if all_name_vehicles and has_current_table(self.folder):
+                changed_vehicles = vehicles
+            query = """select row, file from flights where file is not null and
+                (:all or vehicle in (select value from json_each(:vehicles)))
                 order by vehicle, file, log, rowid"""
-            write_rows(self.folder, self.rows(query))
+            values = {"all": changed_vehicles is None, "vehicles": json.dumps(vehicles)}
+            rows = (StoredRow(*columns) for columns in self.db.execute(query, values))
+            write_rows(self.folder, rows, changed_vehicles)
+        last_change = max((change for change, _ in changes), default=0)
         self.db.execute("delete from unpublished where change <= ?", [last_change])
 
     def _update_names(self) -> None:
@@ -443,7 +668,8 @@ class Store:
             condition: SQL; by default that the log of a row no longer exists under any name.
             values: Values of the question marks in it.
         """
-        vehicles = f"select vehicle from flights where {condition}"
+        vehicles = f"select distinct vehicle from flights where {condition}"
+        self.db.execute(f"insert into unpublished (vehicle) {vehicles}", values)
         self.db.execute(f"update flights set judged = null where vehicle in ({vehicles})", values)
         self.db.execute(f"delete from flights where {condition}", values)
 
@@ -467,6 +693,13 @@ def _query_values(source: LogSource, limits: JobLimits) -> JsonValues:
     }
 
 
+def brief_json(row: FlightRow) -> str:
+    """Returns the ``BRIEF_COLUMNS`` of a row as JSON, without those that are not known."""
+    values = row.as_dict()
+    known = {name: values[name] for name in BRIEF_COLUMNS if values[name] not in (None, ())}
+    return json.dumps(known)
+
+
 def row_of_json(text: str, file: str | None = None) -> FlightRow:
     """Returns a row of the store. Columns of other versions are left out.
 
@@ -481,6 +714,6 @@ def row_of_json(text: str, file: str | None = None) -> FlightRow:
         values = {name: value for name, value in json.loads(text).items() if name in COLUMNS}
         if file is not None:
             values["file"] = file
-        return FlightRow(**values)
+        return FlightRow.from_stored(values)
     except (AttributeError, TypeError, ValueError, RecursionError) as error:
         raise sqlite3.DatabaseError(error) from error

@@ -6,10 +6,12 @@ create table if not exists logs (
     time_limit real, memory_limit integer, mavdem_version text, tracked integer
 );
 -- The rows of each log. file is the name of the log in the table, null where it is not in the table; judged is the hash of the
--- baseline that the row was judged with.
-create table if not exists flights (log text, vehicle text, file text, judged text, row text);
--- Changes of the rows that are not in the table yet.
-create table if not exists unpublished (change integer primary key);
+-- baseline that the row was judged with; brief is the part of the row that an index of all flights shows, page its page.
+create table if not exists flights (log text, vehicle text, file text, judged text, row text, brief text, page text);
+-- The vehicles that were judged anew since the pages of their flights were last compared with each other.
+create table if not exists outdated_pages (vehicle text primary key);
+-- Changes of the rows that are not in the table yet, and the vehicles whose rows they are.
+create table if not exists unpublished (change integer primary key, vehicle text);
 -- The rows of the baseline.
 create table if not exists healthy (row text);
 create index if not exists logs_by_log on logs (log);

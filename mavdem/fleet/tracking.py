@@ -19,7 +19,7 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.motors import HealthUnknown
 from mavdem.fleet.cluster import Cluster
-from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN, FlightRow, FlightRows
+from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import LogSource, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, open_store, read_rows
 from mavdem.fleet.workers import Job, MakePage, WorkerPool
@@ -80,9 +80,7 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
     flown = [row for row in rows if row.is_read]
     if not flown:
         return rows
-    # Without a name of its own, the flights may be of several vehicles.
-    has_own_name = flown[0].vehicle != UNKNOWN and flown[0].vehicle_basis != SYSTEM_ID_BASIS
-    if not baseline and not has_own_name:
+    if not baseline and not flown[0].has_own_name:
         reason = Fact(HealthUnknown.VEHICLE_UNNAMED)
         columns: JsonValues = {"health_reason": reason.advised, "health_code": reason.code}
         return [replace(row, **columns) if row.is_read else row for row in rows]

@@ -22,7 +22,16 @@ from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.motors import HealthUnknown, MotorsBetween
 from mavdem.fleet import store
 from mavdem.fleet.row import FlightRow, row_schema
-from mavdem.fleet.store import STORE, TABLE, open_store, read_rows, write_rows
+from mavdem.fleet.store import (
+    BRIEF_COLUMNS,
+    STORE,
+    TABLE,
+    StoredRow,
+    open_store,
+    read_brief_rows,
+    read_rows,
+    write_rows,
+)
 from mavdem.fleet.tracking import assess_rows, residual_mean
 from mavdem.fleet.workers import JobLimits
 
@@ -62,7 +71,9 @@ def test_the_examples_of_the_documentation_answer(here, capsys):
         FlightRow(file=f"{day}.bin", date=f"2026-11-0{day}", health=health, **known)
         for day, health in days
     ]
-    write_rows(here / "fleet", [*flown, *read_rows(here / "fleet")])
+    rows = [*flown, *read_rows(here / "fleet")]
+    stored_rows = [StoredRow(json.dumps(row.as_dict()), row.file) for row in rows]
+    write_rows(here / "fleet", stored_rows)
     names = {}
     examples = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     for code in examples:
@@ -94,7 +105,7 @@ def test_a_damaged_row_is_said_to_be(fleet, row):
     with open_store(out) as store:
         query = "select row, file from flights"
         assert len([*store.sound_rows(query)]) == len([*store.db.execute(query)]) - 1
-    log.write_bytes(log.read_bytes() + b"~")
+    (out / TABLE).unlink()
     assert refusal(lambda: track(out, folder, log)) is Folder.FLEET_DAMAGED
 
 
@@ -184,15 +195,44 @@ def test_a_table_that_could_not_be_written_is_written_by_the_next_run(fleet, mon
 
 
 def test_another_run_may_write_while_the_table_is_written(tmp_path, monkeypatch):
-    def write(folder, rows):
+    def write(folder, rows, changed_vehicles):
         with open_store(folder) as other:
             other.healthy = [FULL]
-        write_rows(folder, rows)
+        write_rows(folder, rows, changed_vehicles)
 
     monkeypatch.setattr(store, "write_rows", write)
     monkeypatch.setattr(store, "BUSY_SECONDS", 0.1)
     fleet_of(tmp_path, [FULL])
     assert table_of(tmp_path)
+
+
+def test_a_changed_vehicle_takes_the_place_of_its_rows_in_the_table(tmp_path):
+    rows = [replace(FULL, file=f"{name}.bin", key=f"{name}-1", vehicle=name) for name in "cab"]
+    fleet_of(tmp_path, rows)
+    changed = [replace(rows[1], tier="a"), replace(FULL, file="c.bin", key="new-1", vehicle="b")]
+    fleet_of(tmp_path, changed)
+    spliced = parquet.read_table(tmp_path / TABLE)
+    (tmp_path / TABLE).unlink()
+    with open_store(tmp_path) as whole_store:
+        whole_store.publish(assess_rows)
+    assert spliced.equals(parquet.read_table(tmp_path / TABLE))
+    assert spliced["vehicle"].to_pylist() == ["a", "b", "b"]
+    assert spliced["tier"].to_pylist() == ["a", None, None]
+
+
+def test_brief_rows_have_the_columns_of_the_index_and_are_made_for_an_older_store(tmp_path):
+    fleet_of(tmp_path, [FULL, FAILED])
+    brief_rows = read_brief_rows(tmp_path)
+    full_rows = read_rows(tmp_path)
+    for brief, full in zip(brief_rows, full_rows, strict=True):
+        for name in BRIEF_COLUMNS:
+            assert getattr(brief, name) == getattr(full, name)
+        assert brief.effect is None
+    with closing(sqlite3.connect(tmp_path / STORE, isolation_level=None)) as db:
+        for table, column in (("flights", "brief"), ("flights", "page"), ("unpublished", "vehicle")):
+            db.execute(f"alter table {table} drop column {column}")
+    with open_store(tmp_path):
+        assert read_brief_rows(tmp_path) == brief_rows
 
 
 def test_a_log_that_cannot_be_reached_for_a_while_keeps_its_rows(tmp_path):

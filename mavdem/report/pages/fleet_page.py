@@ -39,16 +39,24 @@ DATE_LENGTH = 16
 BADGES = "fault", "bad", "drift", "watch", fleet_words.NOT_USED, "unknown", "ok", "good"
 """Words in the column of the health, the most urgent first: the order in which the page sorts."""
 
+RowsOfVehicle = Callable[[str], FlightRows]
+"""Returns the rows of a vehicle by its name, with all their columns."""
+
 REMARK_PLACE = re.compile(r'(?<=<main>\n)(<p class="said [^<]*</p>\n)?')
 """The beginning of a flight's page, with the remark about other flights of the vehicle if there is one already."""
 
 
-def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None = None) -> str:
+def fleet_page(
+    rows: FlightRows,
+    changes: Mapping[str, Sequence[Block]] | None = None,
+    full_rows: RowsOfVehicle | None = None,
+) -> str:
     """Renders the index of a fleet; the same rows give the same bytes, in whatever order they come.
 
     Args:
-        rows: rows of all flights and axes.
+        rows: rows of all flights and axes; ``BRIEF_COLUMNS`` are enough.
         changes: what changed since a baseline, by vehicle; None without a baseline.
+        full_rows: returns the rows of a vehicle with all columns, for its charts; ``rows`` have them unless given.
     """
     flights = flights_of(rows)
     rose = _rose(flights)
@@ -60,7 +68,7 @@ def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None =
     return render_page(
         environment().get_template("fleet.html"),
         blocks=fleet_words.fleet_blocks(rows),
-        vehicles=_vehicle_parts(rows, changes or {}),
+        vehicles=_vehicle_parts(rows, changes or {}, full_rows),
         rose=rose,
         first=Table([*COLUMNS], lines[:FIRST_SHOWN], words=True),
         table={
@@ -73,7 +81,9 @@ def fleet_page(rows: FlightRows, changes: Mapping[str, Sequence[Block]] | None =
 
 
 def _vehicle_parts(
-    rows: FlightRows, changes: Mapping[str, Sequence[Block]]
+    rows: FlightRows,
+    changes: Mapping[str, Sequence[Block]],
+    full_rows: RowsOfVehicle | None,
 ) -> list[dict[str, object]]:
     """Returns the values from which the template makes the part of each vehicle, the most urgent vehicle first.
 
@@ -85,6 +95,7 @@ def _vehicle_parts(
     Args:
         rows: rows of all flights.
         changes: what changed since a baseline, by name of the vehicle.
+        full_rows: returns the rows of a vehicle with all columns; ``rows`` have them unless given.
     """
     ranked = sorted(
         (urgency(flights), name, flights)
@@ -95,6 +106,12 @@ def _vehicle_parts(
     drawn = with_several_flights[:MAX_DRAWN]
     parts = []
     for position, (vehicle_urgency, name, flights) in enumerate(ranked):
+        group = None
+        if name in drawn:
+            drawn_flights = flights
+            if full_rows is not None:
+                drawn_flights = vehicles_of(full_rows(name))[name]
+            group = vehicle_group(drawn_flights)
         needs_look = vehicle_urgency.rank < MAX_URGENT_RANK
         parts.append(
             {
@@ -104,7 +121,7 @@ def _vehicle_parts(
                 "badge": fleet_words.badge(flights),
                 "words": fleet_words.vehicle_words(flights),
                 "changes": changes.get(name, ()),
-                "group": vehicle_group(flights) if name in drawn else None,
+                "group": group,
                 "is_open": needs_look and position < MAX_LISTED_NAMES,
             }
         )
