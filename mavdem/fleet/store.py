@@ -190,8 +190,11 @@ def write_rows(
     if missing_modules("parquet"):
         path.unlink(missing_ok=True)
         return
+    import pyarrow
     from pyarrow import parquet
 
+    # Arrow's own pools keep some 50 MB more for themselves.
+    pyarrow.set_memory_pool(pyarrow.system_memory_pool())
     path.parent.mkdir(exist_ok=True)
     groups = _row_groups(rows)
     if changed_vehicles is not None:
