@@ -40,8 +40,8 @@ TABLE = Path("flights", "flights.parquet")
 """Path of the table in the folder of a fleet."""
 
 ROWS_PER_GROUP = 2_000
-"""Rows of a group in the Parquet file, which are in memory at a time: 8 MB as JSON. Readers that look for a vehicle skip
-whole groups, by the least and the greatest name in each."""
+"""Rows of a group in the Parquet file, which are in memory at a time: 8 MB as JSON. Readers that look for a vehicle
+skip whole groups, by the least and the greatest name in each."""
 
 BUSY_SECONDS = 600.0
 """s for which a run waits while another one writes, such as the table of a large fleet."""
@@ -460,7 +460,13 @@ class Store:
             self.db.execute(f"insert or replace into logs values ({parameters})", entry)
             self._delete_rows("log = ?", [content])
             for row in outcome.rows:
-                values = [content, row.vehicle, json.dumps(row.as_dict()), brief_json(row), row.page]
+                values = [
+                    content,
+                    row.vehicle,
+                    json.dumps(row.as_dict()),
+                    brief_json(row),
+                    row.page,
+                ]
                 self.db.execute(
                     "insert into flights (log, vehicle, row, brief, page) values (?, ?, ?, ?, ?)",
                     values,
@@ -561,8 +567,8 @@ class Store:
         """Judges the vehicles of which anything is new, or whose baseline is, and writes the table if it changed.
 
         Rows are marked with the hash of the baseline by which they were judged; those with another mark, or none, are
-        to be judged again. A changed vehicle is noted in the table ``unpublished`` within the same transaction, so that a run
-        that is killed before it writes the Parquet file leaves this to the next one.
+        to be judged again. A changed vehicle is noted in the table ``unpublished`` within the same transaction, so that
+        a run that is killed before it writes the Parquet file leaves this to the next one.
 
         Args:
             assess: judges all rows of a vehicle.

@@ -229,7 +229,11 @@ def test_brief_rows_have_the_columns_of_the_index_and_are_made_for_an_older_stor
             assert getattr(brief, name) == getattr(full, name)
         assert brief.effect is None
     with closing(sqlite3.connect(tmp_path / STORE, isolation_level=None)) as db:
-        for table, column in (("flights", "brief"), ("flights", "page"), ("unpublished", "vehicle")):
+        for table, column in (
+            ("flights", "brief"),
+            ("flights", "page"),
+            ("unpublished", "vehicle"),
+        ):
             db.execute(f"alter table {table} drop column {column}")
     with open_store(tmp_path):
         assert read_brief_rows(tmp_path) == brief_rows
