@@ -13,7 +13,7 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable, QuantityOutcome
 from mavdem.fleet.comparability import MissingQuantity, comparison_obstacle, missing_quantities
 from mavdem.fleet.flight_conditions import Conditions, condition_allowance, mean_conditions
-from mavdem.fleet.flights import AxisRows, Flights, flights_of, vehicles_of
+from mavdem.fleet.flights import Flights, flights_of, vehicles_of
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE, flight_estimates
 from mavdem.fleet.random_effects import (
     SD_BETWEEN_FLIGHTS,
@@ -162,7 +162,7 @@ def baseline_differences(rows: FlightRows, baseline: FlightRows) -> BaselineDiff
     return differences
 
 
-def latest_flights(rows: FlightRows, baseline: FlightRows) -> dict[str, AxisRows]:
+def latest_flights(rows: FlightRows, baseline: FlightRows) -> dict[str, FlightRows]:
     """Returns the rows of each known vehicle's latest flight, without those of a baseline, by the vehicle's name.
 
     Args:
