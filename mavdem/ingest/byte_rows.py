@@ -1,4 +1,10 @@
-"""Pieces of equal length out of the bytes of a log, such as headers, time stamps and the values of one message."""
+"""Pieces of equal length out of the bytes of a log, such as headers, time stamps and the values of one message.
+
+A large log is mapped into memory instead of being read. Whatever is looked at of it becomes resident, so that the pages
+are released after every ``RESIDENT_BYTES``.
+"""
+
+import mmap
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,15 +12,20 @@ from numpy.typing import NDArray
 Bytes = NDArray[np.uint8]
 """Bytes of a stream or a file, or one-byte fields of its messages."""
 
-Offsets = NDArray[np.int64]
+Offsets = NDArray[np.integer]
 """Byte offsets in a stream or a file, or other integers per message."""
+
+
+RESIDENT_BYTES = 1 << 24
+"""Number of bytes of a mapped file that are looked at before its pages are released: a choice."""
 
 
 def rows_of(data: Bytes, start: Offsets, width: int) -> Bytes:
     """Cuts pieces of equal length out of a stream, such as the headers that begin at each marker.
 
     The pieces may overlap. The stream is viewed as a sequence of items of ``width`` bytes, one of which begins at each
-    byte (a stride of 1), so that the pieces are just the items with the numbers ``start``.
+    byte (a stride of 1), so that the pieces are just the items with the numbers ``start``. Of a mapped file only some
+    pages are resident at a time.
 
     Args:
         data: The stream (B,).
@@ -26,4 +37,32 @@ def rows_of(data: Bytes, start: Offsets, width: int) -> Bytes:
     """
     # The type "V8" is an item of 8 bytes without meaning; NumPy copies such items faster than single bytes by index.
     windows = np.ndarray((max(len(data) - width + 1, 0),), f"V{width}", data, strides=(1,))
-    return windows[start].view(np.uint8).reshape(len(start), width)
+    if mapping_of(data) is None:
+        return windows[start].view(np.uint8).reshape(len(start), width)
+    pieces = np.empty(len(start), windows.dtype)
+    rows_at_a_time = max(len(start) * RESIDENT_BYTES // len(data), 1)
+    for first in range(0, len(start), rows_at_a_time):
+        rows = slice(first, first + rows_at_a_time)
+        pieces[rows] = windows[start[rows]]
+        release_pages(data)
+    return pieces.view(np.uint8).reshape(len(start), width)
+
+
+def bytes_at(data: Bytes, start: Offsets) -> Bytes:
+    """Returns the byte at each offset (N,) of a stream (B,), as ``rows_of`` does."""
+    return rows_of(data, start, 1)[:, 0]
+
+
+def mapping_of(data: Bytes) -> mmap.mmap | None:
+    """Returns the mapping of the file whose bytes an array shows; None for an array in memory."""
+    view = data.base
+    if isinstance(view, memoryview) and isinstance(view.obj, mmap.mmap):
+        return view.obj
+    return None
+
+
+def release_pages(data: Bytes) -> None:
+    """Makes a mapped file's pages resident no more; they come back when they are looked at. Else it does nothing."""
+    mapping = mapping_of(data)
+    if mapping is not None and hasattr(mmap, "MADV_DONTNEED"):
+        mapping.madvise(mmap.MADV_DONTNEED)

@@ -1,15 +1,19 @@
 """The bytes of a log file, unpacked if it is an archive (xz, or zip), or the reason why they cannot be read."""
 
 import lzma
+import mmap
 import stat
 import zipfile
 import zlib
 from pathlib import Path
 
+import numpy as np
+
 from mavdem.errors import Unreadable, error_message
 from mavdem.facts import Fact
 from mavdem.facts.sources import Source
 from mavdem.files import PathName
+from mavdem.ingest.byte_rows import RESIDENT_BYTES, Bytes, release_pages
 from mavdem.log_formats import LOG_ENDINGS
 
 RECOGNITION_BYTES = 4096
@@ -20,6 +24,13 @@ BEGINNING_BYTES = 1 << 16
 
 MAX_LOG_BYTES = 1 << 30
 """Largest file that is read into memory, and largest content of an archive: hours of the densest logs."""
+
+MIN_MAPPED_BYTES = 1 << 25
+"""Size from which on a file is mapped into memory instead of being read: a choice.
+
+Only what is looked at of a mapped file takes memory. But a program that shortens it meanwhile ends the process, so that
+files that fit into memory easily are read.
+"""
 
 MIN_UNPACKED_LIMIT = 1 << 26
 """Number of bytes that any archive may unpack to, however small it is."""
@@ -42,6 +53,9 @@ ZIP_MAGIC = b"PK\x03\x04"
 EMPTY_ZIP_MAGIC = b"PK\x05\x06"
 """First bytes of a zip archive without a file: its end record."""
 
+ARCHIVE_MAGICS = (XZ_MAGIC, ZIP_MAGIC, EMPTY_ZIP_MAGIC)
+"""First bytes of the archives that are unpacked."""
+
 ENCRYPTION_FLAG = 1
 """Bit in the flags of a zip archive's member that needs a password (section 4.4.4 there)."""
 
@@ -60,6 +74,38 @@ def file_bytes(path: PathName) -> bytes:
             memory, a damaged archive, or a zip archive of several logs or of none.
     """
     return _content(path)
+
+
+def mapped_bytes(path: PathName) -> Bytes:
+    """Returns the bytes (B,) of a file as ``file_bytes`` does, of a large one as a mapping that takes no memory.
+
+    Raises:
+        Unreadable: As ``file_bytes``.
+    """
+    path = Path(path)
+    size = path.stat().st_size if path.is_file() else 0
+    if not MIN_MAPPED_BYTES <= size <= MAX_LOG_BYTES:
+        return np.frombuffer(file_bytes(path), dtype=np.uint8)
+    try:
+        with path.open("rb") as file:
+            mapping = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
+    except (OSError, ValueError) as error:
+        raise Unreadable(Source.FILE_NOT_OPENED, path=path, because=error_message(error)) from None
+    if mapping[: len(XZ_MAGIC)].startswith(ARCHIVE_MAGICS):
+        return np.frombuffer(file_bytes(path), dtype=np.uint8)
+    data = np.frombuffer(mapping, dtype=np.uint8)
+    if not _has_content(data):
+        raise Unreadable(Source.FILE_EMPTY, path=path, zeros=True)
+    return data
+
+
+def _has_content(data: Bytes) -> bool:
+    """Returns whether any byte of a file (B,) is not zero."""
+    for start in range(0, len(data), RESIDENT_BYTES):
+        if data[start : start + RESIDENT_BYTES].any():
+            return True
+        release_pages(data)
+    return False
 
 
 def file_beginning(path: PathName) -> bytes:

@@ -145,7 +145,7 @@ def last_values(query_time: Array, time: Array, values: NDArray[Any]) -> NDArray
     return np.insert(values, 0, 0)[samples_before]
 
 
-def rows_by_value(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.intp]]:
+def rows_by_value(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.int32]]:
     """Groups the rows of a column by their value.
 
     Args:
@@ -154,14 +154,36 @@ def rows_by_value(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.intp
     Returns:
         The rows of each value, ascending; the values are in ascending order too.
     """
-    order = np.argsort(values, kind="stable")
-    sorted_values = values[order]
-    is_first = np.ones(len(values), dtype=np.bool_)
-    is_first[1:] = sorted_values[1:] != sorted_values[:-1]
-    first_rows = np.flatnonzero(is_first)
-    # What lies before the first row of the first value is empty.
-    groups = np.split(order, first_rows)[1:]
-    return dict(zip(sorted_values[first_rows].tolist(), groups, strict=True))
+    parts: dict[int, list[NDArray[np.int32]]] = {}
+    # A long column is sorted part by part, which takes less memory.
+    for begin in range(0, len(values), SORTED_ROWS):
+        part = values[begin : begin + SORTED_ROWS]
+        if part.dtype.itemsize > np.dtype(np.uint16).itemsize and is_in_uint16(part):
+            # Numbers of 16 bits are sorted fastest.
+            part = part.astype(np.uint16)
+        order = np.argsort(part, kind="stable").astype(np.int32)
+        sorted_values = part[order]
+        is_first = np.ones(len(part), dtype=np.bool_)
+        is_first[1:] = sorted_values[1:] != sorted_values[:-1]
+        first_rows = np.flatnonzero(is_first)
+        # What lies before the first row of the first value is empty.
+        groups = np.split(order + np.int32(begin), first_rows)[1:]
+        for value, rows in zip(sorted_values[first_rows].tolist(), groups, strict=True):
+            parts.setdefault(value, []).append(rows)
+    rows_of_values = {}
+    for value in sorted(parts):
+        rows_of_parts = parts.pop(value)
+        rows_of_values[value] = np.concatenate(rows_of_parts)
+    return rows_of_values
+
+
+SORTED_ROWS = 1 << 20
+"""Number of rows that are sorted at once: a choice."""
+
+
+def is_in_uint16(values: NDArray[np.integer[Any]]) -> bool:
+    """Returns whether all values (N,), at least one, are 0 to 65535."""
+    return bool(values.min() >= 0 and values.max() <= np.iinfo(np.uint16).max)
 
 
 def selected_rows(columns: Columns, rows: slice | NDArray[Any]) -> Fields:

@@ -7,20 +7,21 @@ the autopilot's own stamps (``mavlink.clocks``) instead. Layout: pymavlink ``mav
 import os
 import struct
 from collections.abc import Iterable
+from functools import partial
 from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.arrays import Integers
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.byte_rows import Bytes, rows_of
-from mavdem.ingest.contents import file_bytes
+from mavdem.ingest.contents import mapped_bytes
+from mavdem.ingest.mavlink.clocks import Rows
 from mavdem.ingest.mavlink.definitions import crc_extra_table
-from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, find_frames
+from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, SCANNED_BYTES, Frames, find_frames
 from mavdem.ingest.mavlink.vehicles import FrameStream, assemble
 from mavdem.ingest.telemetry import Log, repair_facts
 
@@ -32,6 +33,9 @@ MIN_FRAME_DENSITY = 1e-6
 
 In random bytes a frame is found by chance every 7 million bytes (1.5e-7).
 """
+
+LINE_FEED, CARRIAGE_RETURN = b"\n\r"
+"""Bytes that end lines."""
 
 MIN_LINE_FEEDS = 8
 """Number of line feeds that must all follow a carriage return for a text-mode transfer to be undone.
@@ -59,22 +63,19 @@ def tlog_stream(path: PathName) -> FrameStream:
         Unreadable: The file cannot be opened, or contains no MAVLink.
     """
     source = os.fspath(path)
-    data, repairs = _without_carriage_returns(file_bytes(path))
+    data, repairs = _without_carriage_returns(mapped_bytes(path))
     frames = find_frames(data, crc_extra_table(), STAMP_BYTES)
-    bytes_before = frames.start - np.concatenate([[0], frames.end[:-1]])
-    covered = np.minimum(bytes_before, STAMP_BYTES) + frames.size
-    skipped = len(data) - int(covered.sum())
+    stamp_bytes = np.minimum(_bytes_before(frames, slice(None)), STAMP_BYTES)
+    covered = stamp_bytes.sum(dtype=np.int64) + frames.size.sum(dtype=np.int64)
+    skipped = len(data) - int(covered)
     matching = np.count_nonzero(frames.checksum == CHECKSUM_MATCHES)
     if len(frames) and not matching:
         count = len(frames)
         raise Unreadable(Source.DIALECT_UNKNOWN, path=source, count=count, recording=False)
     if matching <= MIN_FRAME_DENSITY * skipped:
         raise Unreadable(Source.FORMAT_UNKNOWN, path=source, name="mavlink")
-    # After damage, the bytes before a frame may be anything.
-    has_stamp = bytes_before == STAMP_BYTES
-    stamps = _receive_stamps(data, frames.start)
-    stamps[~has_stamp] = 0
-    return FrameStream(source, ".tlog", data, frames, stamps, skipped, repairs)
+    receive_stamps = partial(_receive_stamps, data, frames)
+    return FrameStream(source, ".tlog", data, frames, receive_stamps, skipped, repairs)
 
 
 def write_tlog(file: BinaryIO, stream: FrameStream) -> int:
@@ -99,14 +100,40 @@ def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
     return count
 
 
-def _receive_stamps(data: Bytes, frame_start: Integers) -> NDArray[np.uint64]:
-    """Reads the stamp (N,), UNIX µs, before each frame; it is undefined where no stamp fits before the frame."""
-    stamp_start = np.maximum(frame_start - STAMP_BYTES, 0)
-    big_endian = rows_of(data, stamp_start, STAMP_BYTES).view(">u8")[:, 0]
-    return big_endian.astype(np.uint64)
+def _bytes_before(frames: Frames, rows: slice | Rows) -> NDArray[np.integer]:
+    """Returns the number of bytes between each of some frames (n,) and the frame before it.
+
+    Args:
+        frames: All frames (N,) of the log.
+        rows: Rows (n,) of the frames.
+    """
+    if isinstance(rows, slice):
+        first, stop, _ = rows.indices(len(frames))
+        before = frames[max(first - 1, 0) : max(stop - 1, 0)].end
+        if first == 0:
+            before = np.insert(before, 0, 0)
+        return frames.start[rows] - before[: stop - first]
+    before = np.where(rows > 0, frames.start[rows - 1] + frames.size[rows - 1], 0)
+    return frames.start[rows] - before
 
 
-def _without_carriage_returns(content: bytes) -> tuple[Bytes, Facts]:
+def _receive_stamps(data: Bytes, frames: Frames, rows: slice | Rows) -> NDArray[np.uint64]:
+    """Reads the receive stamps before some frames (n,), UNIX µs; 0 where there is none.
+
+    Args:
+        data: The bytes of the log.
+        frames: All its frames (N,).
+        rows: Rows (n,) of the frames.
+    """
+    # After damage, the bytes before a frame may be anything.
+    has_stamp = _bytes_before(frames, rows) == STAMP_BYTES
+    stamp_start = frames.start[rows][has_stamp] - STAMP_BYTES
+    stamps = np.zeros(len(has_stamp), dtype=np.uint64)
+    stamps[has_stamp] = rows_of(data, stamp_start, STAMP_BYTES).view(">u8")[:, 0]
+    return stamps
+
+
+def _without_carriage_returns(data: Bytes) -> tuple[Bytes, Facts]:
     """Undoes the conversion of line ends by a transfer in text mode, which puts a carriage return before line feeds.
 
     It is recognised by every byte of the value of a line feed having a carriage return before it, which in a binary
@@ -115,9 +142,16 @@ def _without_carriage_returns(content: bytes) -> tuple[Bytes, Facts]:
     Returns:
         The bytes as they were recorded, and the repair if there was one.
     """
-    line_feeds = content.count(b"\n")
-    if line_feeds < MIN_LINE_FEEDS or content.count(b"\r\n") < line_feeds:
-        return np.frombuffer(content, dtype=np.uint8), ()
-    restored = content.replace(b"\r\n", b"\n")
+    line_feeds = 0
+    for block_start in range(0, len(data), SCANNED_BYTES):
+        feeds = block_start + np.flatnonzero(
+            data[block_start : block_start + SCANNED_BYTES] == LINE_FEED
+        )
+        if len(feeds) and (feeds[0] == 0 or (data[feeds - 1] != CARRIAGE_RETURN).any()):
+            return data, ()
+        line_feeds += len(feeds)
+    if line_feeds < MIN_LINE_FEEDS:
+        return data, ()
+    restored = data.tobytes().replace(b"\r\n", b"\n")
     repairs = repair_facts(Repair.CARRIAGE_RETURNS_UNDONE, count=line_feeds)
     return np.frombuffer(restored, dtype=np.uint8), repairs

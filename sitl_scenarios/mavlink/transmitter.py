@@ -479,4 +479,5 @@ def recorded(scenario: Scenario, motion: Motion) -> FrameStream:
     # The remainder keeps the dates within three years.
     boot = FIRST_BOOT + scenario.seed % 1000 * DAY
     stamps = boot + np.round([1e6 * time for time, _ in received])
-    return FrameStream("simulation", "simulation", data, frames, stamps.astype(np.uint64), 0, ())
+    receive_stamps = stamps.astype(np.uint64).__getitem__
+    return FrameStream("simulation", "simulation", data, frames, receive_stamps, 0, ())

@@ -6,7 +6,7 @@ reboots and outliers; all other stamps are compared with it, which undoes their 
 ``time_usec`` may also be UNIX time: a type whose stamps lie on another epoch is moved as a whole.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from mavdem.ingest.telemetry import repair_facts
 
 Times = NDArray[np.float64]
 """Times or differences of times, s."""
-Rows = NDArray[np.int64]
+Rows = NDArray[np.integer]
 """Row numbers, or numbers of boots."""
 StreamPositions = NDArray[np.integer]
 """Where messages are in the stream: byte offsets or message numbers. Only their order matters."""
@@ -84,8 +84,11 @@ class MessageStamps(NamedTuple):
     """Name of the message type."""
     positions: StreamPositions
     """Position of each message in the stream (n,), ascending."""
-    stamps: Times | None = None
-    """Stamp inside each message (n,), s, 0 where it has none; None for a type without stamps."""
+    stamps: Times | Callable[[], Times] | None = None
+    """Stamp inside each message (n,), s, 0 where it has none, or a function that decodes them.
+
+    None for a type without stamps.
+    """
     period: float = np.inf
     """Time after which the counter of the stamps wraps, s; infinite for 64-bit counters."""
 
@@ -153,13 +156,17 @@ def boot_clock(message_types: Sequence[MessageStamps]) -> tuple[dict[str, BootTi
     boot_times = {}
     for message_type in message_types:
         count = len(message_type.positions)
+        # The number of the only boot takes no memory.
         boot_times[message_type.message] = BootTimes(
-            np.full(count, np.nan), np.zeros(count, dtype=np.int64)
+            np.full(count, np.nan), np.broadcast_to(np.int64(0), count)
         )
     reference_type = reference_type_of(message_types)
     if reference_type is None:
         return boot_times, ()
     reference, repairs = _reference_readings(reference_type)
+    if reference.boot.any():
+        for name, times in boot_times.items():
+            boot_times[name] = times._replace(boot=np.zeros(len(times.time), dtype=np.int64))
     for message_type in message_types:
         positions, stamps = stamped_messages(message_type)
         readings = reference
@@ -173,8 +180,10 @@ def boot_clock(message_types: Sequence[MessageStamps]) -> tuple[dict[str, BootTi
             # look like a time at which this message was sent.
             readings_before = _last_rows_before(readings.positions, positions)
             rows = np.searchsorted(message_type.positions, positions)
-            boot_times[message_type.message].time[rows] = readings.time[readings_before]
-            boot_times[message_type.message].boot[rows] = readings.boot[readings_before]
+            times = boot_times[message_type.message]
+            times.time[rows] = readings.time[readings_before]
+            if times.boot.flags.writeable:
+                times.boot[rows] = readings.boot[readings_before]
     _fill_unstamped(message_types, boot_times)
     return boot_times, repairs
 
@@ -183,8 +192,11 @@ def stamped_messages(message_type: MessageStamps) -> tuple[StreamPositions, Time
     """Returns positions and stamps, s, of the messages of a type that have a stamp."""
     if message_type.stamps is None:
         return message_type.positions[:0], np.empty(0)
-    has_stamp = message_type.stamps > 0
-    return message_type.positions[has_stamp], message_type.stamps[has_stamp]
+    stamps = message_type.stamps() if callable(message_type.stamps) else message_type.stamps
+    has_stamp = stamps > 0
+    if has_stamp.all():
+        return message_type.positions, stamps
+    return message_type.positions[has_stamp], stamps[has_stamp]
 
 
 def reference_type_of(message_types: Sequence[MessageStamps]) -> MessageStamps | None:
@@ -194,21 +206,21 @@ def reference_type_of(message_types: Sequence[MessageStamps]) -> MessageStamps |
         The first of ``REFERENCES`` with enough stamps; else the type with most stamps, one whose counter wraps
         preferred, since 64-bit stamps may be UNIX time; None where no message has a stamp.
     """
+    by_name = {message_type.message: message_type for message_type in message_types}
+    for name in REFERENCES:
+        if name in by_name and len(stamped_messages(by_name[name])[0]) >= MIN_REFERENCE_STAMPS:
+            return by_name[name]
     stamp_counts: dict[str, int] = {}
-    by_name: dict[str, MessageStamps] = {}
     for message_type in message_types:
         positions, _ = stamped_messages(message_type)
         if len(positions):
             stamp_counts[message_type.message] = len(positions)
-            by_name[message_type.message] = message_type
-    for name in REFERENCES:
-        if stamp_counts.get(name, 0) >= MIN_REFERENCE_STAMPS:
-            return by_name[name]
-    return max(
-        by_name.values(),
-        key=lambda stamped: (np.isfinite(stamped.period), stamp_counts[stamped.message]),
-        default=None,
+    if not stamp_counts:
+        return None
+    most_stamped = max(
+        stamp_counts, key=lambda name: (np.isfinite(by_name[name].period), stamp_counts[name])
     )
+    return by_name[most_stamped]
 
 
 def _last_rows_before(positions: StreamPositions, query: StreamPositions) -> Rows:
@@ -225,20 +237,55 @@ def _fill_unstamped(
         message_types: The messages of a component by type.
         boot_times: Their times and boots, which are changed in place; NaN where there is no time yet.
     """
-    all_positions = np.concatenate([kind.positions for kind in message_types])
-    all_times = np.concatenate([boot_times[kind.message].time for kind in message_types])
-    all_boots = np.concatenate([boot_times[kind.message].boot for kind in message_types])
-    timed_rows = np.flatnonzero(~np.isnan(all_times))
-    if not len(timed_rows):
-        return
-    timed_rows = timed_rows[np.argsort(all_positions[timed_rows], kind="stable")]
-    timed_positions = all_positions[timed_rows]
+    timed_types = []
     for message_type in message_types:
         times = boot_times[message_type.message]
-        missing = np.isnan(times.time)
-        last_rows = timed_rows[_last_rows_before(timed_positions, message_type.positions[missing])]
-        times.time[missing] = all_times[last_rows]
-        times.boot[missing] = all_boots[last_rows]
+        is_timed = ~np.isnan(times.time)
+        if is_timed.all() and len(is_timed):
+            timed_types.append(_ClockReadings(message_type.positions, times.time, times.boot))
+        elif is_timed.any():
+            timed_types.append(
+                _ClockReadings(
+                    message_type.positions[is_timed], times.time[is_timed], times.boot[is_timed]
+                )
+            )
+    if not timed_types:
+        return
+    for message_type in message_types:
+        times = boot_times[message_type.message]
+        is_missing = np.isnan(times.time)
+        if is_missing.any():
+            latest = _latest_readings(timed_types, message_type.positions[is_missing])
+            times.time[is_missing] = latest.time
+            if times.boot.flags.writeable:
+                times.boot[is_missing] = latest.boot
+
+
+def _latest_readings(
+    timed_types: Sequence[_ClockReadings], query: StreamPositions
+) -> _ClockReadings:
+    """Returns the last reading of any message type at or before each position; the very first where all are after it.
+
+    Of readings at one position that of the later type in the sequence is returned.
+
+    Args:
+        timed_types: The readings of each type, at least one reading of at least one type.
+        query: Positions (m,) in the stream.
+    """
+    first_type = min(timed_types, key=lambda readings: int(readings.positions[0]))
+    latest = _ClockReadings(
+        np.full(len(query), -1, dtype=np.int64),
+        np.full(len(query), first_type.time[0]),
+        np.full(len(query), first_type.boot[0]),
+    )
+    for readings in timed_types:
+        rows = np.searchsorted(readings.positions, query, side="right") - 1
+        is_later = (rows >= 0) & (readings.positions[rows] >= latest.positions)
+        later_rows = rows[is_later]
+        latest.positions[is_later] = readings.positions[later_rows]
+        latest.time[is_later] = readings.time[later_rows]
+        latest.boot[is_later] = readings.boot[later_rows]
+    return latest
 
 
 def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, Facts]:

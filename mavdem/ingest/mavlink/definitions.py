@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.containers import Names
-from mavdem.ingest.byte_rows import Bytes, rows_of
+from mavdem.ingest.byte_rows import Bytes, bytes_at, rows_of
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.framing import (
     HEADER_BYTES_V1,
@@ -74,7 +74,23 @@ def crc_extra_table() -> CrcExtras:
 def decoded_columns(
     data: Bytes, start: NDArray[np.integer], definition: MessageDefinition
 ) -> Fields:
-    """Decodes the payloads of frames of one message.
+    """Decodes all fields of frames of one message.
+
+    Args:
+        data: The stream (B,).
+        start: Offset (N,) of each frame's marker.
+        definition: The definition of the message.
+
+    Returns:
+        Columns by name, as ``decoded_field`` returns them.
+    """
+    return {name: decoded_field(data, start, definition, name) for name in definition.fields}
+
+
+def decoded_field(
+    data: Bytes, start: NDArray[np.integer], definition: MessageDefinition, name: str
+) -> NDArray[Any]:
+    """Decodes one field of frames of one message.
 
     Bytes that were not sent are zero: trailing zeros in MAVLink 2, extensions in MAVLink 1. Bytes beyond the
     definition, extensions newer than the dialect, are left out.
@@ -83,25 +99,33 @@ def decoded_columns(
         data: The stream (B,).
         start: Offset (N,) of each frame's marker.
         definition: The definition of the message.
+        name: Name of the field.
 
     Returns:
-        Columns by name: (N,), or (N, k) for an array field. Texts are bytes, ``S``.
+        The column (N,), or (N, k) of an array field. Texts are bytes, ``S``.
     """
-    width = definition.wire.itemsize
-    header_bytes = np.where(data[start] == MARKER_V1, HEADER_BYTES_V1, HEADER_BYTES_V2)
-    payload_start = start.astype(np.int64) + header_bytes
-    payloads = np.empty((len(payload_start), width), np.uint8)
-    # Each payload is cut out at full width, whatever was sent of it. For the last frames of the stream this would reach
+    assert definition.wire.fields is not None
+    field_type, field_offset = definition.wire.fields[name][:2]
+    width = field_type.itemsize
+    header_bytes = np.where(bytes_at(data, start) == MARKER_V1, HEADER_BYTES_V1, HEADER_BYTES_V2)
+    field_start = start.astype(np.int64) + header_bytes + field_offset
+    # A field is cut out at full width, whatever was sent of it. In the last frames of the stream this would reach
     # beyond its end, so their bytes are taken one by one, with the last byte repeated.
-    exceeds_stream = payload_start + width > len(data)
-    payloads[~exceeds_stream] = rows_of(data, payload_start[~exceeds_stream], width)
-    offsets = payload_start[exceeds_stream, None] + np.arange(width)
-    payloads[exceeds_stream] = data.take(offsets, mode="clip")
-    sent_bytes = data[start + LENGTH_BYTE]
+    exceeds_stream = np.flatnonzero(field_start + width > len(data))
+    offsets = field_start[exceeds_stream, None] + np.arange(width)
+    field_start[exceeds_stream] = 0
+    # A stream that is shorter than the field has no piece of its width at all.
+    values = np.zeros((len(start), width), dtype=np.uint8)
+    if len(exceeds_stream) < len(start):
+        values = rows_of(data, field_start, width)
+    values[exceeds_stream] = data.take(offsets, mode="clip")
     # What lies behind the sent bytes belongs to the checksum or to the next frame.
-    payloads[np.arange(width) >= sent_bytes[:, None]] = 0
-    messages = payloads.view(definition.wire)[:, 0]
-    return {name: np.ascontiguousarray(messages[name]) for name in definition.fields}
+    sent_bytes = bytes_at(data, start + LENGTH_BYTE)
+    cut_rows = np.flatnonzero(sent_bytes < field_offset + width)
+    cut_values = values[cut_rows]
+    cut_values[np.arange(field_offset, field_offset + width) >= sent_bytes[cut_rows, None]] = 0
+    values[cut_rows] = cut_values
+    return values.view(np.dtype([(name, field_type)]))[name][:, 0]
 
 
 def pymavlink_messages(data: bytes) -> list[Any]:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.arrays import Flags
-from mavdem.ingest.byte_rows import Bytes, Offsets, rows_of
+from mavdem.ingest.byte_rows import RESIDENT_BYTES, Bytes, Offsets, release_pages, rows_of
 
 CrcExtras = NDArray[np.int32]
 """CRC_EXTRA by message id, -1 for ids without a message in the dialect.
@@ -102,12 +102,15 @@ new = old >> 8 ^ CRC_TABLE[(old ^ byte) & 0xFF].
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """A table of N frames in stream order; every column has shape (N,)."""
+    """A table of N frames in stream order; every column has shape (N,).
+
+    The table of a whole stream has the narrow types of ``COLUMN_TYPES``.
+    """
 
     start: Offsets
     """Offset of the marker in the stream."""
-    end: Offsets
-    """Offset after the last byte."""
+    size: Offsets
+    """Number of bytes of the whole frame."""
     message_id: Offsets
     """MAVLink's number of the message."""
     system: Bytes
@@ -120,15 +123,47 @@ class Frames:
     """``CHECKSUM_MATCHES``, ``MESSAGE_UNKNOWN`` or ``CHECKSUM_FAILED``."""
 
     @property
-    def size(self) -> Offsets:
-        """Number of bytes of each whole frame (N,)."""
-        return self.end - self.start
+    def end(self) -> Offsets:
+        """Offset after the last byte of each frame (N,)."""
+        return self.start + self.size
 
     def __len__(self) -> int:
         return len(self.start)
 
     def __getitem__(self, rows: slice | Flags | Offsets) -> Frames:
         return Frames(*(column[rows] for column in vars(self).values()))
+
+
+COLUMN_TYPES = {
+    "start": np.int32,
+    "size": np.int16,
+    "message_id": np.int32,
+    "system": np.uint8,
+    "component": np.uint8,
+    "sequence": np.uint8,
+    "checksum": np.uint8,
+}
+"""Types of the columns of a whole stream's frames, 14 bytes together; the offsets suffice for 2 GiB."""
+
+
+class _FrameColumns:
+    """Collects tables of frames into one: column by column, so that no frame is held twice."""
+
+    def __init__(self) -> None:
+        """Begins without a frame."""
+        self._columns = {name: bytearray() for name in COLUMN_TYPES}
+
+    def add(self, frames: Frames) -> None:
+        """Appends a table of frames."""
+        for name, column_type in COLUMN_TYPES.items():
+            self._columns[name] += getattr(frames, name).astype(column_type).tobytes()
+
+    def frames(self) -> Frames:
+        """Returns all frames that were added, as one table that uses the memory of the collected columns."""
+        columns = {}
+        for name, column_type in COLUMN_TYPES.items():
+            columns[name] = np.frombuffer(self._columns[name], dtype=column_type)
+        return Frames(**columns)
 
 
 def concatenated_frames(tables: Sequence[Frames]) -> Frames:
@@ -175,7 +210,7 @@ def find_frames(data: Bytes, crc_extras: CrcExtras, gap: int = 0) -> Frames:
     size = len(data)
     # All bytes before this offset are decided.
     decided_end = 0
-    decided_tables = []
+    decided_frames = _FrameColumns()
     # Isolated frames of earlier blocks that begin after the decided bytes.
     undecided_isolated: list[Frames] = []
     for block_start in range(0, max(size, 1), SCANNED_BYTES):
@@ -193,11 +228,13 @@ def find_frames(data: Bytes, crc_extras: CrcExtras, gap: int = 0) -> Frames:
             fits = _fits_between(block.start, block.end, accepted, decided_end, new_end)
             isolated.append(block.isolated_frames(fits))
             accepted_isolated = _without_overlaps(_in_stream_order(isolated), decided_end)
-            decided_tables.append(_in_stream_order([accepted, accepted_isolated]))
+            decided_frames.add(_in_stream_order([accepted, accepted_isolated]))
             decided_end = new_end
             undecided_isolated = []
         undecided_isolated.append(block.isolated_frames(block.start >= decided_end))
-    return concatenated_frames(decided_tables)
+        if block_end % RESIDENT_BYTES == 0:
+            release_pages(data)
+    return decided_frames.frames()
 
 
 class _FrameBlock:
@@ -334,7 +371,7 @@ def _frames_of_headers(start: Offsets, headers: Bytes) -> Frames:
     sequence, system, component = sender.T
     return Frames(
         start=start,
-        end=start + _frame_lengths(headers),
+        size=_frame_lengths(headers),
         message_id=np.where(is_version_2, message_id_v2, headers[:, MESSAGE_ID_BYTE_V1]),
         sequence=sequence,
         system=system,

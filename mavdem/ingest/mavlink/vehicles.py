@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.arrays import Flags
 from mavdem.confidence import Interval
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest.byte_rows import Bytes, Offsets
 from mavdem.ingest.mavlink.clocks import (
+    BootTimes,
     MessageStamps,
+    Rows,
+    Times,
     boot_clock,
     deviates_from_median,
     reference_type_of,
@@ -25,11 +28,13 @@ from mavdem.ingest.mavlink.clocks import (
 )
 from mavdem.ingest.mavlink.definitions import (
     MessageDefinition,
-    decoded_columns,
+    decoded_field,
     definitions_by_id,
+    definitions_by_name,
     enum_name,
     latest_parameters,
 )
+from mavdem.ingest.mavlink.frame_columns import FrameColumns
 from mavdem.ingest.mavlink.framing import (
     CHECKSUM_MATCHES,
     MESSAGE_UNKNOWN,
@@ -49,7 +54,6 @@ from mavdem.ingest.other_recordings import (
 from mavdem.ingest.telemetry import (
     Columns,
     Component,
-    Fields,
     Log,
     Parameters,
     Tables,
@@ -57,7 +61,6 @@ from mavdem.ingest.telemetry import (
     UnreadFrames,
     repair_facts,
     rows_by_value,
-    selected_rows,
 )
 from mavdem.ingest.vocabulary import (
     NAMES,
@@ -83,6 +86,9 @@ MAX_STAMP_JUMP = 3600.0
 
 STAMP_WINDOW = 9
 """Number of receive stamps of which that median is taken."""
+
+STAMPS_AT_ONCE = 1 << 20
+"""Number of frames of which receive stamps are held at once: a choice, which bounds the memory for long recordings."""
 
 MICROSECONDS = 1e6
 """Microseconds in a second."""
@@ -126,8 +132,7 @@ def assemble(stream: FrameStream) -> Log:
     sender_ids = _sender_ids(frames)
     sender_streams = {}
     is_first = np.ones(len(frames), dtype=np.bool_)
-    # Numbers of 16 bits are sorted fastest.
-    for sender_id, rows in rows_by_value(sender_ids.astype(np.uint16)).items():
+    for sender_id, rows in rows_by_value(sender_ids).items():
         sender_stream = sender_stream_of(stream.data, frames, rows)
         sender_streams[sender_id] = sender_stream
         if sender_stream.copies:
@@ -135,6 +140,7 @@ def assemble(stream: FrameStream) -> Log:
     if not is_first.all():
         frames = frames[is_first]
         sender_ids = sender_ids[is_first]
+    del is_first
     frames_of_senders = _matching_frames(frames, sender_ids)
     unread = tuple(_unread_frames(frames, sender_ids, frames_of_senders))
     records = []
@@ -173,7 +179,7 @@ def assemble(stream: FrameStream) -> Log:
         unread=unread,
         frames=len(stream.frames),
         bytes_skipped=stream.bytes_skipped,
-        receive_time=_receive_interval(stream.stamps),
+        receive_time=_receive_interval(stream),
     )
 
 
@@ -187,23 +193,39 @@ def _stream_repairs(stream: FrameStream, unread: Sequence[UnreadFrames]) -> Fact
     return repairs + repair_facts(Repair.BYTES_SKIPPED, count=skipped, part="frame")
 
 
-def _receive_interval(stamps: NDArray[np.uint64]) -> Interval:
+def _receive_interval(stream: FrameStream) -> Interval:
     """Returns the first and the last receive stamp of a recording, UNIX s; NaN where there is none.
 
-    Stamps far from those around them are left out: they are damaged, or from a computer clock that was not yet set.
-
-    Args:
-        stamps: When each frame was received (N,), UNIX µs; 0 where that was not recorded.
+    Stamps far from those around them are left out: they are damaged, or from a computer clock that was not yet set. A
+    long recording is read in parts; the stamps at a part's end wait for the next part, since they are compared with the
+    ones behind them too.
     """
-    seconds = stamps[stamps > 0] / MICROSECONDS
-    seconds = seconds[~deviates_from_median(seconds, STAMP_WINDOW, MAX_STAMP_JUMP)]
-    if not len(seconds):
+    first_stamps, last_stamps = [], []
+    margin = STAMP_WINDOW // 2
+    seconds = np.empty(0)
+    # Number of the first values of ``seconds`` that were compared already.
+    compared = 0
+    for first_row in range(0, len(stream.frames), STAMPS_AT_ONCE):
+        end_row = first_row + STAMPS_AT_ONCE
+        stamps = stream.receive_stamps(slice(first_row, end_row))
+        seconds = np.concatenate([seconds, stamps[stamps > 0] / MICROSECONDS])
+        end = len(seconds)
+        if end_row < len(stream.frames):
+            end = max(end - margin, compared)
+        is_wrong = deviates_from_median(seconds, STAMP_WINDOW, MAX_STAMP_JUMP)
+        trusted_seconds = seconds[compared:end][~is_wrong[compared:end]]
+        if len(trusted_seconds):
+            first_stamps.append(float(trusted_seconds.min()))
+            last_stamps.append(float(trusted_seconds.max()))
+        first_kept = max(end - margin, 0)
+        seconds = seconds[first_kept:]
+        compared = end - first_kept
+    if not first_stamps:
         return np.nan, np.nan
-    return float(seconds.min()), float(seconds.max())
+    return min(first_stamps), max(last_stamps)
 
 
-# A sender's system and component id are packed into one number, so that frames can be sorted by sender. The same is
-# done with message ids, which have 24 bits.
+# A sender's system and component id are packed into one number, so that frames can be sorted by sender.
 
 COMPONENT_BITS = 8
 """Number of bits of a component id."""
@@ -213,18 +235,14 @@ SENDER_BITS = 16
 """Number of bits of a packed sender."""
 SENDER_MASK = 0xFFFF
 """Those bits."""
-MESSAGE_ID_BITS = 24
-"""Number of bits of a message id."""
-MESSAGE_ID_MASK = 0xFFFFFF
-"""Those bits."""
 
 
-def _sender_ids(frames: Frames) -> Offsets:
+def _sender_ids(frames: Frames) -> NDArray[np.uint16]:
     """Packs system and component id of each frame (N,) into ``system << 8 | component``."""
-    return frames.system.astype(np.int64) << COMPONENT_BITS | frames.component
+    return (frames.system.astype(np.uint16) << COMPONENT_BITS | frames.component).astype(np.uint16)
 
 
-def _matching_frames(frames: Frames, sender_ids: Offsets) -> dict[int, OffsetsByMessage]:
+def _matching_frames(frames: Frames, sender_ids: NDArray[np.uint16]) -> dict[int, OffsetsByMessage]:
     """Groups the frames whose checksum matches by sender and message.
 
     Args:
@@ -234,14 +252,17 @@ def _matching_frames(frames: Frames, sender_ids: Offsets) -> dict[int, OffsetsBy
     Returns:
         Offsets of the frames by packed sender, ascending, and message id.
     """
-    is_matching = frames.checksum == CHECKSUM_MATCHES
-    starts = frames.start[is_matching]
-    keys = (sender_ids << MESSAGE_ID_BITS | frames.message_id)[is_matching]
-    grouped: dict[int, dict[int, NDArray[np.integer]]] = {}
-    for key, rows in rows_by_value(keys).items():
-        messages = grouped.setdefault(key >> MESSAGE_ID_BITS, {})
-        messages[key & MESSAGE_ID_MASK] = starts[rows]
-    return dict(grouped)
+    grouped: dict[int, OffsetsByMessage] = {}
+    for sender_id, rows in rows_by_value(sender_ids).items():
+        matching_rows = rows[frames.checksum[rows] == CHECKSUM_MATCHES]
+        if len(matching_rows):
+            rows_of_messages = rows_by_value(frames.message_id[matching_rows])
+            starts = frames.start[matching_rows]
+            grouped[sender_id] = {
+                message_id: starts[message_rows]
+                for message_id, message_rows in rows_of_messages.items()
+            }
+    return grouped
 
 
 MIN_FOREIGN_FRAMES = 3
@@ -249,7 +270,9 @@ MIN_FOREIGN_FRAMES = 3
 
 
 def _unread_frames(
-    frames: Frames, sender_ids: Offsets, frames_of_senders: Mapping[int, OffsetsByMessage]
+    frames: Frames,
+    sender_ids: NDArray[np.uint16],
+    frames_of_senders: Mapping[int, OffsetsByMessage],
 ) -> Iterator[UnreadFrames]:
     """Counts the frames that cannot be read, by message and sender, and finds out why.
 
@@ -270,7 +293,8 @@ def _unread_frames(
     checksums = frames.checksum[is_unreadable]
     # One key per message and sender. An unknown message is unknown in each of its frames, so that the first frame of a
     # key shows it.
-    keys = (frames.message_id << SENDER_BITS | sender_ids)[is_unreadable]
+    message_ids = frames.message_id[is_unreadable].astype(np.int64)
+    keys = message_ids << SENDER_BITS | sender_ids[is_unreadable]
     for key, rows in rows_by_value(keys).items():
         message_id = key >> SENDER_BITS
         sender_id = key & SENDER_MASK
@@ -306,10 +330,10 @@ def _component_record(
         frames_of_messages: Offsets of its readable frames by message id.
         sender_stream: What its frames show of the links over which they came.
     """
-    messages, clock_repairs = _messages(stream, frames_of_messages)
-    if sender_stream.copies:
-        # Messages that only the second link delivered came late, after later ones.
-        messages = {name: _in_time_order(columns) for name, columns in messages.items()}
+    # Messages that only the second link delivered came late, after later ones.
+    messages, clock_repairs = _messages(
+        stream, frames_of_messages, is_in_order=not sender_stream.copies
+    )
     kind, autopilot = UNNAMED, UNNAMED
     if "HEARTBEAT" in messages:
         kind, autopilot = vehicle_identity(messages["HEARTBEAT"])
@@ -333,11 +357,6 @@ def _component_record(
     return _ComponentRecord(
         component, messages, repairs + clock_repairs, sender_stream.has_two_senders
     )
-
-
-def _in_time_order(columns: Columns) -> Columns:
-    """Returns a message's columns in the order of boots and times; messages of the same time keep their order."""
-    return selected_rows(columns, np.lexsort((columns["time"], columns["boot"])))
 
 
 def _is_vehicle(component: Component) -> bool:
@@ -395,25 +414,25 @@ def vehicle_identity(heartbeats: Columns) -> tuple[str, str]:
     return enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot)
 
 
-def _messages(stream: FrameStream, frames_of_messages: OffsetsByMessage) -> tuple[Tables, Facts]:
-    """Decodes the frames of one component and puts them on its boot clock.
-
-    All messages are decoded first, since the clock compares the stamps of all message types with each other.
+def _messages(
+    stream: FrameStream, frames_of_messages: OffsetsByMessage, *, is_in_order: bool
+) -> tuple[Tables, Facts]:
+    """Puts the frames of one component on its boot clock. Of their fields only the stamps are decoded for this.
 
     Args:
         stream: The recording.
         frames_of_messages: Offsets of the component's readable frames by message id.
+        is_in_order: Whether the frames of each message are in the order in which they were sent. Otherwise they are
+            sorted by boot and time; messages of the same time keep their order.
 
     Returns:
         Columns by name of the message, and repairs of the clock.
     """
-    decoded = {}
-    message_stamps = []
-    for message_id, starts in frames_of_messages.items():
-        definition = definitions_by_id()[message_id]
-        fields = decoded_columns(stream.data, starts, definition)
-        decoded[definition.name] = fields
-        message_stamps.append(_message_stamps(definition, starts, fields))
+    definitions = definitions_by_id()
+    message_stamps = [
+        _message_stamps(stream.data, definitions[message_id], starts)
+        for message_id, starts in frames_of_messages.items()
+    ]
     repairs: Facts = ()
     blocks = _blocks_of_other_recordings(stream, message_stamps)
     if blocks:
@@ -422,18 +441,24 @@ def _messages(stream: FrameStream, frames_of_messages: OffsetsByMessage) -> tupl
         for stamps in message_stamps:
             is_kept = outside_blocks(blocks, stamps.positions)
             count += int(np.count_nonzero(~is_kept))
-            fields = selected_rows(decoded.pop(stamps.message), is_kept)
             if is_kept.any():
-                decoded[stamps.message] = fields
-                kept_stamps.append(_selected_stamps(stamps, is_kept))
+                definition = definitions_by_name()[stamps.message]
+                kept_starts = stamps.positions[is_kept]
+                kept_stamps.append(_message_stamps(stream.data, definition, kept_starts))
         message_stamps = kept_stamps
         duration = sum(block.duration for block in blocks)
         repairs = repair_facts(Repair.OTHER_CLOCK_LEFT_OUT, count=count, duration=duration)
     boot_times, clock_repairs = boot_clock(message_stamps)
     tables = {}
-    for name, fields in decoded.items():
-        time, boot = boot_times[name]
-        tables[name] = {**fields, "time": time, "boot": boot}
+    for stamps in message_stamps:
+        times = boot_times[stamps.message]
+        starts = stamps.positions
+        if not is_in_order:
+            order = np.lexsort((times.time, times.boot))
+            starts = starts[order]
+            times = BootTimes(times.time[order], times.boot[order])
+        definition = definitions_by_name()[stamps.message]
+        tables[stamps.message] = FrameColumns(stream.data, starts, definition, times)
     return tables, repairs + clock_repairs
 
 
@@ -456,7 +481,7 @@ def _blocks_of_other_recordings(
     if not (np.diff(seconds) < -STREAM_RULES.max_fall).any():
         return []
     frame_rows = np.searchsorted(stream.frames.start, positions)
-    receive_stamps = stream.stamps[frame_rows].astype(np.float64) / MICROSECONDS
+    receive_stamps = stream.receive_stamps(frame_rows).astype(np.float64) / MICROSECONDS
     is_received = receive_stamps > 0
     utc_at_boot = (receive_stamps - seconds)[is_received]
     return blocks_of_other_recordings(
@@ -467,35 +492,33 @@ def _blocks_of_other_recordings(
     )
 
 
-def _selected_stamps(message_stamps: MessageStamps, selection: Flags) -> MessageStamps:
-    """Returns some of the messages (n,) of a type, by flags (n,)."""
-    stamps = message_stamps.stamps
-    return message_stamps._replace(
-        positions=message_stamps.positions[selection],
-        stamps=None if stamps is None else stamps[selection],
-    )
-
-
 def _message_stamps(
-    definition: MessageDefinition, starts: NDArray[np.integer], fields: Fields
+    data: Bytes, definition: MessageDefinition, starts: NDArray[np.integer]
 ) -> MessageStamps:
     """Returns the stamps in the messages of one type, s, if the type has a field with the boot clock.
 
     Args:
+        data: The recording (B,).
         definition: The definition of the message.
-        starts: Offset (n,) of each frame in the stream.
-        fields: Columns (n,) of the message.
+        starts: Offset (n,) of each frame in the recording.
     """
     for name, units_per_second in BOOT_CLOCK_UNITS.items():
-        if name in fields:
+        if name in definition.fields:
             # A counter of 32 bits wraps in the course of a flight, one of 64 bits never does.
-            counter_bytes = fields[name].dtype.itemsize
+            counter_bytes = definition.wire[name].itemsize
             period = np.inf
             if counter_bytes < np.dtype(np.uint64).itemsize:
                 period = 2.0 ** (8 * counter_bytes) / units_per_second
-            stamps = fields[name] / units_per_second
+            stamps = partial(_decoded_stamps, data, definition, starts, name)
             return MessageStamps(definition.name, starts, stamps, period)
     return MessageStamps(definition.name, starts)
+
+
+def _decoded_stamps(
+    data: Bytes, definition: MessageDefinition, starts: NDArray[np.integer], name: str
+) -> Times:
+    """Decodes the stamps (n,) of messages, s, from the field of that name; other arguments as ``_message_stamps``."""
+    return decoded_field(data, starts, definition, name) / BOOT_CLOCK_UNITS[name]
 
 
 @dataclass(frozen=True, eq=False)
@@ -510,24 +533,30 @@ class FrameStream:
     """The bytes with the frames, in the order of the recording."""
     frames: Frames
     """The frames (N,), in the same order."""
-    stamps: NDArray[np.uint64]
-    """When each frame was received (N,), UNIX µs, as recorded; 0 where that was not."""
+    receive_stamps: Callable[[slice | Rows], NDArray[np.uint64]]
+    """Function that returns when the frames in some rows (n,) were received, UNIX µs, as recorded; 0 where not."""
     bytes_skipped: int
     """Number of bytes of the recording that belong to no frame."""
     repairs: Facts
     """What was odd or damaged, and what was done about it."""
+
+    @property
+    def stamps(self) -> NDArray[np.uint64]:
+        """When each frame was received (N,), UNIX µs, as recorded; 0 where that was not."""
+        return self.receive_stamps(slice(None))
 
     def stamped_frames(self) -> Iterator[tuple[int, bytes]]:
         """Yields receive stamp, UNIX µs, and bytes of each frame, for writing the stream to a file.
 
         A frame without a stamp gets that of the last frame before it that has one, or 0 if there is none.
         """
-        rows = np.arange(len(self.stamps))
-        last_stamped_row = np.maximum.accumulate(np.where(self.stamps > 0, rows, 0))
+        stamps = self.stamps
+        rows = np.arange(len(stamps))
+        last_stamped_row = np.maximum.accumulate(np.where(stamps > 0, rows, 0))
         # NumPy's view of the memory, whose slices are cheaper than those of the array.
         content = self.data.data
         for stamp, start, end in zip(
-            self.stamps[last_stamped_row].tolist(),
+            stamps[last_stamped_row].tolist(),
             self.frames.start.tolist(),
             self.frames.end.tolist(),
             strict=True,
@@ -573,8 +602,8 @@ def joined_parts(parts: Sequence[RecordingPart]) -> RecordingPart:
         part_numbers[order].tolist(), frames.start.tolist(), frames.end.tolist(), strict=True
     ):
         data += contents[part_number][start:end]
-    ends = np.cumsum(frames.size)
-    frames = replace(frames, start=ends - frames.size, end=ends)
+    ends = np.cumsum(frames.size, dtype=np.int64)
+    frames = replace(frames, start=ends - frames.size)
     return RecordingPart(
         np.frombuffer(data, dtype=np.uint8), frames, positions[order], log_times[order]
     )

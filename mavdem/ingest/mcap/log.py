@@ -145,7 +145,9 @@ def _stream(source: str, recording: McapRecording) -> FrameStream:
     stamps = part.log_time // np.uint64(NANOSECONDS_PER_MICROSECOND)
     if flight_topics(recording):
         repairs += repair_facts(Repair.TOPICS_NOT_READ, name="ros2")
-    return FrameStream(source, ".mcap", part.data, part.frames, stamps, skipped, repairs)
+    return FrameStream(
+        source, ".mcap", part.data, part.frames, stamps.__getitem__, skipped, repairs
+    )
 
 
 def _pieces_by_channel(recording: McapRecording) -> list[list[_StreamPiece]]:

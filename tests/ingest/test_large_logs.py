@@ -1,0 +1,59 @@
+"""Reading of long logs: mapped into memory, and column by column."""
+
+import pickle
+
+import numpy as np
+
+from mavdem.ingest import byte_rows, contents
+from mavdem.ingest.byte_rows import mapping_of
+from mavdem.ingest.contents import mapped_bytes
+from mavdem.ingest.tlog import read_tlog
+from tests.ingest.mavlink_streams import flight, heartbeat, tlog
+
+
+def flight_log(tmp_path):
+    """Writes a telemetry log of 20 s with damage in its middle."""
+    path = tmp_path / "flight.tlog"
+    content = tlog([heartbeat(), *flight(np.arange(0.5, 20.5, 0.02))])
+    middle = len(content) // 2
+    path.write_bytes(content[:middle] + b"\xfd" * 50 + content[middle + 7 :])
+    return path
+
+
+def columns_of(log):
+    """Returns every column of a log's vehicle by message and field."""
+    columns = {}
+    for name, fields in log.vehicles[0].messages.items():
+        columns |= {(name, field): values.copy() for field, values in fields.items()}
+    return columns
+
+
+def test_a_mapped_log_reads_like_one_in_memory(tmp_path, monkeypatch):
+    path = flight_log(tmp_path)
+    in_memory = read_tlog(path)
+    monkeypatch.setattr(contents, "MIN_MAPPED_BYTES", 1)
+    monkeypatch.setattr(byte_rows, "RESIDENT_BYTES", 1000)
+    assert mapping_of(mapped_bytes(path)) is not None
+    mapped = read_tlog(path)
+    assert mapped.receive_time == in_memory.receive_time
+    assert mapped.bytes_skipped == in_memory.bytes_skipped
+    expected = columns_of(in_memory)
+    found = columns_of(mapped)
+    assert found.keys() == expected.keys()
+    for key, values in found.items():
+        np.testing.assert_array_equal(values, expected[key])
+
+
+def test_columns_go_to_other_processes_without_the_recording(tmp_path):
+    attitude = read_tlog(flight_log(tmp_path)).vehicles[0].messages["ATTITUDE"]
+    pickled = pickle.loads(pickle.dumps(attitude))
+    assert list(pickled) == list(attitude)
+    np.testing.assert_array_equal(pickled["roll"], attitude["roll"])
+
+
+def test_a_column_is_known_before_it_is_decoded(tmp_path):
+    attitude = read_tlog(flight_log(tmp_path)).vehicles[0].messages["ATTITUDE"]
+    assert "pitch" in attitude
+    assert "airspeed" not in attitude
+    assert attitude["pitch"] is attitude["pitch"]
+    assert not attitude["pitch"].flags.writeable
