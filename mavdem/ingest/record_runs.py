@@ -50,7 +50,9 @@ class RecordRuns:
         """
         self._find_records = find_records
         self._stretch = slice(0, 0)
-        self._starts = self._ends = self._last_rows = np.zeros(0, dtype=np.int64)
+        self._starts: Offsets = np.zeros(0, dtype=np.int64)
+        self._ends: Offsets = self._starts
+        self._last_rows: Offsets = self._starts
 
     def run_at(self, position: int, end: int) -> RecordRun | None:
         """Returns the records that follow each other from an offset on, as far as a stretch goes.

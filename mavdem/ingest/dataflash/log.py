@@ -38,7 +38,7 @@ from mavdem.ingest.dataflash.translation import (
     translated,
     with_new_names,
 )
-from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock
+from mavdem.ingest.mavlink.clocks import MessageStamps, Rows, boot_clock
 from mavdem.ingest.other_recordings import (
     DATAFLASH_RULES,
     BootTimesInUtc,
@@ -424,7 +424,7 @@ def _placed_by_neighbours(
     stamps: Array | None,
     next_rows: NDArray[np.signedinteger],
     time: Array,
-    boot: Integers,
+    boot: Rows,
 ) -> Columns:
     """Gives times to messages that have no stamps, or old ones, by the stamped messages before and after them.
 
