@@ -1,5 +1,7 @@
 """Made-up roll axes: driven by its motors, and flown by an autopilot that answers what it measures."""
 
+from functools import cache
+
 import numpy as np
 from numpy.random import default_rng
 from scipy.ndimage import gaussian_filter1d
@@ -12,6 +14,7 @@ RATE = 4.0
 GAIN = np.array([0.08, -0.08, -0.08, 0.08])
 
 
+@cache
 def simulated(seed=0, samples=850, wind=0.0, lag=0.0):
     """A roll axis with damping, driven by four motors and, with ``wind``, by coloured moments (rad/s²)."""
     rng = default_rng(seed)

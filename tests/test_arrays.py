@@ -30,6 +30,7 @@ def test_the_density_of_student_s_distribution_is_that_of_scipy():
         assert_allclose(student_t_log_density(values, freedom), expected, rtol=1e-9)
 
 
+@mark.slow
 def test_the_command_that_most_users_call_imports_no_slow_part_of_scipy():
     slow_parts = {f"scipy.{name}" for name in ("integrate", "optimize", "signal", "stats")}
     program = "import sys, mavdem.cli.review; print(*sys.modules)"

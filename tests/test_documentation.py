@@ -222,6 +222,7 @@ def undocumented(value):
     ]
 
 
+@mark.slow
 def test_arguments_and_attributes_are_documented():
     missing = {name: undocumented(value) for name, value in exported()}
     assert {name: names for name, names in missing.items() if names} == {}

@@ -151,17 +151,26 @@ USED_BY = {
 """Rooms that know arrays only, and what of ours they may use: no file, link or viewer."""
 
 
-@cache
-def syntax_tree(path):
-    """All elements of the syntax tree of a file, which several tests look at."""
-    return list(ast.walk(ast.parse((ROOT / path).read_text())))
+ROOMS = sorted(set().union(*FLOORS), key=len, reverse=True)
+"""The rooms, those within others first."""
+
+
+def statements(body):
+    """All statements of a block, those of its inner blocks included: imports are nothing else."""
+    for statement in body:
+        yield statement
+        for block in ("body", "orelse", "finalbody"):
+            yield from statements(getattr(statement, block, ()))
+        for branch in (*getattr(statement, "handlers", ()), *getattr(statement, "cases", ())):
+            yield from statements(branch.body)
 
 
 @cache
 def imported(path):
     """Full names of what a file imports, also inside functions, for type checkers only, and named by a string."""
+    tree = ast.parse((ROOT / path).read_text())
     names = set()
-    for node in syntax_tree(path):
+    for node in statements(tree.body):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -169,11 +178,12 @@ def imported(path):
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
     if "importlib.import_module" in names:
         package = ".".join(path.parent.parts)
-        strings = {getattr(node, "value", None) for node in syntax_tree(path)}
+        strings = {getattr(node, "value", None) for node in ast.walk(tree)}
         names |= {f"{package}.{string}" for string in strings} & MODULES.keys()
     return names
 
 
+@cache
 def module_of(name):
     """The module of ours that an imported name is or stands in."""
     while name and name not in MODULES:
@@ -186,10 +196,11 @@ def within(module, packages):
     return next((one for one in packages if f"{module}.".startswith(f"{one}.")), None)
 
 
+@cache
 def room_of(module):
     """The room of a module: the longest part of its name that ``FLOORS`` names."""
     inner = module.partition(".")[2] or "__init__"
-    return within(inner, sorted(set().union(*FLOORS), key=len, reverse=True))
+    return within(inner, ROOMS)
 
 
 def floor(room):

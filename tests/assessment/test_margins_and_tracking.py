@@ -248,6 +248,7 @@ def stepped(hover, damping):
     return evidence(asking(telemetry, time, RATES, None, steps))
 
 
+@mark.slow
 def test_overshoot_is_that_of_the_measured_step_response():
     damping = 0.2
     found = stepped(Hover(hovering=100.0), damping)

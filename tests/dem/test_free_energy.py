@@ -207,6 +207,7 @@ def problem(**settings):
     return model, SufficientStatistics.from_segments(*generalized_data(complete, scaling, record))
 
 
+@mark.slow
 @mark.parametrize("settings", [{}, {"order": 2, "window": 3}])
 def test_a_converged_ascent_has_nothing_left_to_gain(settings):
     model, samples = problem(**settings)

@@ -142,6 +142,7 @@ def test_a_phase_margin_that_fell_far_is_a_change_in_spite_of_wide_intervals():
     assert np.degrees(fallen[0].difference) == approx(-43.0, abs=0.1)
 
 
+@mark.slow
 def test_false_discoveries_are_as_rare_as_stated():
     """Where some of many quantities changed, few of those that are called changed did not."""
     rng = default_rng(8)

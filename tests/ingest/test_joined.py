@@ -63,6 +63,7 @@ def separation(*telemetries):
     return fact.figures["because"]
 
 
+@mark.slow
 @mark.parametrize("has_utc", [True, False])
 def test_a_restart_in_flight_joins_two_logs(has_utc):
     first, second = halves(has_utc=has_utc)
@@ -83,6 +84,7 @@ def test_logs_with_utc_may_be_in_any_order():
     assert abs(vehicle.repairs[0].figures["duration"] - 4.0) < 0.1
 
 
+@mark.slow
 @mark.parametrize("has_utc", [True, False])
 def test_an_autopilot_that_ran_on_has_one_boot(has_utc):
     first, second = halves(restarted=False, has_utc=has_utc)

@@ -55,6 +55,7 @@ def test_what_shows_nothing_is_not_called_the_ground():
     assert vehicle.phase.obstacle.code is Session.NOT_FLYING
 
 
+@mark.slow
 def test_a_long_climb_is_free_flight_before_it_is_settled():
     one = Vehicle()
     assert not one.fly(2.0, climb=1.0) and not one.phase.is_free(one.time)
@@ -72,6 +73,7 @@ def test_a_long_climb_is_free_flight_before_it_is_settled():
     assert not lands.phase.is_free(lands.time) and not lands.phase.may_have_free_rows
 
 
+@mark.slow
 def test_a_descent_is_not_settled_unless_reported_as_flight():
     for landed in (None, IN_AIR):
         one = Vehicle()
@@ -82,6 +84,7 @@ def test_a_descent_is_not_settled_unless_reported_as_flight():
             assert not one.fly(5.0, climb=-0.6, landed=landed)
 
 
+@mark.slow
 def test_a_landing_is_dated_by_the_last_report_in_flight():
     one = Vehicle()
     assert one.fly(20.0)

@@ -26,6 +26,7 @@ def with_parameters(frames, values):
     return by_time(frames, sent)
 
 
+@mark.slow
 def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
     others = [
         (number / 50, message("ATTITUDE", 3, 1, sequence=number % 256)) for number in range(700)
@@ -93,6 +94,7 @@ def test_a_plane_that_is_named_is_reported_to_be_none():
     assert not made.rows and refusal in made.facts
 
 
+@mark.slow
 def test_motors_are_placed_by_parameters_when_these_come_in_flight():
     values = {b"SERVO%d_FUNCTION" % n: 32 + n for n in range(1, 5)}
     made = replay(with_parameters(Flight().frames(end=14.0), values))
@@ -117,6 +119,7 @@ def test_parameters_that_name_other_channels_begin_a_new_segment():
     assert after.inputs[0] == after.inputs[3] != after.inputs[1]
 
 
+@mark.slow
 def test_two_vehicles_under_one_id_are_refused_until_one_is_silent():
     first = Flight(hover=Hover(hovering=40.0)).frames(end=30.0)
     second = Flight(hover=Hover(hovering=40.0), clock=500.0).frames(start=8.0, end=14.0)

@@ -98,6 +98,7 @@ def test_a_motor_at_its_limit_is_named(hot):
     assert begun <= alarm.time <= begun + 0.6
 
 
+@mark.slow
 @mark.parametrize("sound", [{"size": 0.0}, {"frequency": 1.0, "size": 450.0}])
 def test_what_is_sound_or_steered_is_no_limit_cycle(sound):
     made = replay(Flight(Hot(hovering=10.0, **sound)).frames(end=16.0))
@@ -300,6 +301,7 @@ def test_the_first_seconds_of_a_flight_name_no_motor():
     assert off + DECISION_SECONDS <= alarm.time <= off + DECISION_SECONDS + 1.0
 
 
+@mark.slow
 @mark.parametrize("top", [1800.0, 2000.0])
 def test_a_climb_at_one_throttle_is_no_stop_of_the_motors(top):
     made = replay(Flight(Topped(hovering=12.0, top=top)).frames(end=16.0))

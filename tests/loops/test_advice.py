@@ -120,6 +120,7 @@ def test_an_attitude_loop_that_alone_lacks_margin_is_in_stage_2():
     assert advice.parameters["MC_ROLL_P"] == approx(25 / MAX_GAIN_STEP, rel=0.01)
 
 
+@mark.slow
 def test_the_angles_gain_falls_with_the_rate_gains_only_where_its_loop_would_lack_margin():
     usual = advise(made_up(4.5))
     assert "MC_ROLL_P" not in usual.parameters and not usual.notes
@@ -146,6 +147,7 @@ def test_more_is_first_the_margins_at_all_effectivenesses():
     assert "crossover goes from" in advice.sentence.sentence
 
 
+@mark.slow
 def test_an_unusual_ratio_of_the_log_is_named():
     loop = made_up(1.0).with_parameters({"MC_ROLLRATE_D": 0.015})
     advice = advise(loop)

@@ -140,6 +140,7 @@ def turned(*turns):
     return lambda at: sum(angle * np.clip((at - a) / (b - a), 0, 1) for a, b, angle in turns)
 
 
+@mark.slow
 def test_what_changes_with_the_heading_names_no_motor():
     """The nose turns from 18 to 22 s, in which a motor begins to work harder."""
     time, commands = flight(1, 60.0, 0.005)

@@ -3,7 +3,7 @@
 import numpy as np
 from made_up_loop import made_up
 from partial_records import partial_record
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.assessment.axis.twin import GainTrial, TwinMotion, samples_of_most_movement
 from mavdem.assessment.evidence import Evidence
@@ -17,6 +17,7 @@ from mavdem.report.charts.gain_trial import gain_trial_groups
 WITHOUT_TWIN = partial_record(Evidence, loops={"roll": Fact(Loops.LOOP_TOO_SHORT)})
 
 
+@mark.slow
 def test_steps_of_both_gains_are_drawn_over_each_other():
     advice = {"roll": advise(made_up(4.5)), "pitch": Fact(Loops.LOOP_TOO_SHORT)}
     groups = gain_trial_groups(WITHOUT_TWIN, advice)
@@ -36,6 +37,7 @@ def test_kept_gains_are_not_compared():
     assert not gain_trial_groups(WITHOUT_TWIN, {"roll": advise(made_up(1.0))})
 
 
+@mark.slow
 def test_motions_of_the_twin_stand_below_the_steps_with_their_errors(monkeypatch):
     time = np.arange(0, 12, 0.1)
     setpoint = np.where((time > 5) & (time < 8), 0.1, 0.0)

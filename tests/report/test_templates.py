@@ -62,6 +62,7 @@ def test_a_screen_reads_as_its_golden_file(name, request):
     is_golden(request, name, SCREENS[name]())
 
 
+@mark.slow
 def test_a_comparison_of_methods(request):
     flight = mavdem.read_flight(LOGS / "px4_wind5_steps.tlog")
     methods = [

@@ -145,6 +145,7 @@ def test_after_a_reboot_only_heartbeats_come_until_messages_are_asked_for_again(
     assert np.sum(kinds == 0) > 15 and later[kinds == 30].max(initial=0.0) < 10.001
 
 
+@mark.slow
 def test_an_outage_and_a_jump_of_the_clock_are_as_long_as_they_are_asked_to_be(tmp_path):
     faults = Faults(outage=3.0, outage_seconds=2.5, clock_jump=9.0, clock_jump_seconds=100.0)
     (vehicle,) = read(tmp_path, scenario(faults=faults), made_up_motion()).vehicles

@@ -401,6 +401,7 @@ def test_who_asks_nothing_and_who_is_one_too_many_is_hung_up_on(tmp_path, monkey
         assert server.get("/api/flights").status == 200
 
 
+@mark.slow
 def test_a_form_of_many_files_needs_few_descriptors(served):
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (len(os.listdir("/proc/self/fd")) + 40, hard))

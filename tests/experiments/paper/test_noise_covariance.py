@@ -102,6 +102,7 @@ def test_checks_compare_dem_with_the_best_of_the_others():
     assert not noise_covariance.online_check(factors).holds
 
 
+@mark.slow
 def test_the_report_has_the_best_estimator_in_white_noise_first(monkeypatch):
     monkeypatch.setattr(noise_covariance, "RANDOM_RECORDS", 1)
     quick = {"innovation correlation (ALS)": BATCH_ESTIMATORS["innovation correlation (ALS)"]}
