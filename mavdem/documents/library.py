@@ -117,6 +117,16 @@ class Progress(Stage):
 
     words: str
     """the stage in words"""
+    step: str = ""
+    """step of the stage, in words; empty where there is none"""
+    share: float | None = None
+    """share of the step that is done; null where it is not known"""
+    seconds: Seconds = None
+    """how long it has been worked on; null before that"""
+    ahead: int = 0
+    """logs that are read before it"""
+    has_plots: bool = False
+    """whether its page has the plots that need no model"""
 
 
 class Change(Document):

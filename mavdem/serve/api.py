@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
 from pathlib import Path, PureWindowsPath
@@ -15,11 +16,10 @@ from mavdem.documents.document import Document
 from mavdem.documents.library import Added, Baseline, Change, Flight, Flights, Progress, Viewer
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
-from mavdem.fleet.workers import POLL_SECONDS
 from mavdem.ingest.formats import detect_format
 from mavdem.report.pages.library_page import interface_words
 from mavdem.results import RECORDING_FILE
-from mavdem.serve.index import Entry
+from mavdem.serve.index import COLUMNS, Entry
 from mavdem.serve.openapi import openapi
 from mavdem.serve.pages import FLIGHTS_PER_PAGE, accepted
 from mavdem.serve.recordings import RecordingRequests
@@ -32,7 +32,13 @@ MAX_UPLOADS = 32
 """Uploads that are received at a time: each has a file open."""
 
 MAX_PROGRESS_STREAMS = 100
-"""Clients that watch the progress at a time: for each the index is asked twice a second."""
+"""Clients that watch the progress at a time: for each the index is asked five times a second."""
+
+PROGRESS_SECONDS = 0.2
+"""Seconds between looks at the progress of logs: the first plots come within a second."""
+
+PROGRESS_KEYS = ("step", "share", "has_plots")
+"""Keys of the progress file that are given to those who wait as they are."""
 
 MAX_WAITING_LOGS = 5000
 """Logs that wait to be read, at most: hours of work."""
@@ -285,7 +291,7 @@ class Api:
                     yield f"data: {json.dumps(changes)}\n\n"
                 if not unfinished_ids:
                     break
-                await asyncio.sleep(POLL_SECONDS)
+                await asyncio.sleep(PROGRESS_SECONDS)
         except asyncio.CancelledError:
             # The server is ending.
             return
@@ -295,9 +301,18 @@ class Api:
 
     def _progress_of(self, entry: Entry) -> Progress:
         """Returns the progress of a flight, with what the process that reads its log has reported."""
-        if not entry.is_done:
-            entry = replace(entry, **self._library.progress_columns(entry))
-        return Progress.from_results(entry, words=interface_words()["stages"][entry.stage])
+        values: JsonValues = {}
+        if entry.stage == Stage.WAITING:
+            values["ahead"] = self._library.count_waiting_before(entry)
+        elif not entry.is_done:
+            progress = self._library.progress(entry)
+            columns = {name: progress[name] for name in COLUMNS if name in progress}
+            entry = replace(entry, **columns)
+            values = {name: progress[name] for name in PROGRESS_KEYS if name in progress}
+            if "started" in progress:
+                values["seconds"] = round(time.time() - progress["started"])
+        words = interface_words()["stages"][entry.stage]
+        return Progress.from_results(entry, words=words, **values)
 
 
 def _columns_of_form(fields: dict[str, str], path: str) -> JsonValues:

@@ -45,6 +45,7 @@ from mavdem.serve.index import (
 )
 from mavdem.serve.recovery import import_former_index, recover, release_claims
 from mavdem.serve.stored_files import (
+    FIRST_PLOTS,
     INCOMING,
     LOGS,
     PROGRESS,
@@ -128,24 +129,35 @@ class Library:
         """Returns the folder with the result files of a log."""
         return self.folder / RESULTS / entry.digest
 
-    def progress_columns(self, entry: Entry) -> JsonValues:
-        """Returns the columns of the index that the reading process has written into a log's progress file so far.
+    def progress(self, entry: Entry) -> JsonValues:
+        """Returns what the process that works on a log has written into its progress file so far.
 
-        The file is in the final folder of results or, while the log is read, in a hidden folder beside it. It is
-        missing before reading begins, and for a moment while the folder is renamed; then there are no columns.
+        The file is in the final folder of results or, while the log is worked on, in a hidden folder beside it. It is
+        missing before the work begins, and for a moment while the folder is renamed; then there are no values.
 
         Args:
-            entry: the log that is being read.
+            entry: the log that is being read, or whose recordings are being made.
 
         Returns:
-            Values by the names of the columns.
+            Values by their keys (``mavdem.serve.reading.ProgressFile``).
         """
         for folder_name in (entry.digest, f".{entry.digest}"):
             with suppress(OSError, ValueError):
                 path = self.folder / RESULTS / folder_name / PROGRESS
-                progress = json.loads(path.read_bytes())
-                return {column: progress[column] for column in COLUMNS if column in progress}
+                return dict(json.loads(path.read_bytes()))
         return {}
+
+    def progress_columns(self, entry: Entry) -> JsonValues:
+        """Returns the columns of the index that the reading process of a log has reported so far, by their names."""
+        progress = self.progress(entry)
+        return {column: progress[column] for column in COLUMNS if column in progress}
+
+    def first_plots(self, entry: Entry) -> str:
+        """Returns the plots of a flight whose log is being read, part of a page; empty before they are drawn."""
+        with suppress(OSError):
+            path = self.folder / RESULTS / f".{entry.digest}" / FIRST_PLOTS
+            return path.read_text("utf-8")
+        return ""
 
     @property
     def used_bytes(self) -> int:
@@ -308,6 +320,12 @@ class Library:
         count_query = f"select count(*) from entries where {where}"
         (total,) = self.db.execute(count_query, values).fetchone()
         return [entry_from_row(row) for row in rows], total
+
+    def count_waiting_before(self, entry: Entry) -> int:
+        """Returns the number of waiting logs that are read before a waiting log."""
+        query = "select count(*) from entries where stage = ? and received < ?"
+        (count,) = self.db.execute(query, [Stage.WAITING, entry.received]).fetchone()
+        return int(count)
 
     def vehicle_names(self) -> list[str]:
         """Returns the names of all vehicles, in alphabetical order."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from stat import S_ISREG
 from urllib.parse import parse_qs
 
+from markupsafe import Markup
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request as HttpRequest
 from starlette.responses import (
@@ -142,6 +143,7 @@ class Pages:
         path = self._page_path(entry, vehicle)
         # The page of a log that `mavdem track` has read may be missing; then the page for unread logs is shown.
         if entry.stage != Stage.DONE or not (entry.digest or path.is_file()):
+            values["first_plots"] = Markup(self._library.first_plots(entry))
             return HTMLResponse(render_server_page("flight", **values))
         if values["may_read"] and not vehicle:
             values["trouble"] = self._visible.rows_with_trouble([entry]).get(entry.id)

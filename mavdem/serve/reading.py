@@ -7,15 +7,20 @@ the work and what is known of the log so far, for the pages of those who wait.
 import json
 import os
 import shutil
-from collections.abc import Sequence
-from contextlib import chdir
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import chdir, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY
+from mavdem.assessment.reported import reported_events
+from mavdem.assessment.time_history import time_history
 from mavdem.containers import JsonValues
 from mavdem.dataset.signals import Signals
 from mavdem.documents import complete_document
@@ -34,9 +39,11 @@ from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Log
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.pages.flight_page import review_page
+from mavdem.report.pages.library_page import first_plots
 from mavdem.results import PAGE_FILE, possible_recordings, result_files, write_result_files
 from mavdem.serve.index import columns_of_flight
-from mavdem.serve.stored_files import PROGRESS, RESULTS
+from mavdem.serve.stored_files import FIRST_PLOTS, PROGRESS, RESULTS
+from mavdem.wind_velocity.from_log import UNKNOWN_WIND
 
 LOWER_PRIORITY = 5
 """Nice value of the worker processes: the server, which answers users, goes first (0 is normal, 19 the lowest)."""
@@ -61,17 +68,36 @@ class AssessedVehicle(NamedTuple):
 
 
 class ProgressFile:
-    """The file in which a worker process reports how far the reading of a log is."""
+    """The file in which a worker process reports how far its work on a log is.
+
+    Besides columns of the index it has the keys ``started``, UNIX time, s; ``step``, in words; ``share``, how much of
+    the step is done, null where that is not known; and ``has_plots``, whether the first plots can be seen.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._columns = JsonValues()
+        self._values: JsonValues = {"started": time.time()}
 
-    def report(self, stage: Stage, **columns: Any) -> None:
+    def report(self, stage: Stage, **values: Any) -> None:
         """Writes the stage of the work, and adds columns of the index that are known now."""
-        self._columns.update(columns, stage=stage)
+        self._write(stage=stage, step="", share=None, **values)
+
+    @contextmanager
+    def show_step(self, title: str, measured: bool = True) -> Iterator[Callable[[float], None]]:
+        """Writes a step of the stage; a ``mavdem.assessment.axis.analysis.ShowStep``.
+
+        Args:
+            title: the step in words.
+            measured: whether the function that it yields is called with the share of the step that is done.
+        """
+        self._write(step=title, share=0.0 if measured else None)
+        yield lambda share: self._write(share=share)
+
+    def _write(self, **values: Any) -> None:
+        """Changes values, and writes all of them."""
+        self._values.update(values)
         with atomic_write(self._path) as file:
-            file.write(json.dumps(self._columns).encode())
+            file.write(json.dumps(self._values).encode())
 
 
 def read_for_library(path: Path, key: str, page: object) -> LogRows:
@@ -106,11 +132,14 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
         log = read_log(path.name)
     if not log.vehicles:
         raise Unreadable(Reading.NO_VEHICLE)
+    _write_first_plots(log, unfinished_folder / FIRST_PLOTS)
+    progress.report(Stage.JUDGING, has_plots=(unfinished_folder / FIRST_PLOTS).is_file())
     vehicles = _assessed_vehicles(log, progress)
     rows = [row for vehicle in vehicles for row in vehicle.rows]
     progress.report(Stage.DRAWING, **_index_columns(vehicles[0].assessment, rows))
     names = _write_results(vehicles, unfinished_folder)
     progress.report(Stage.DRAWING, files=",".join(names))
+    (unfinished_folder / FIRST_PLOTS).unlink(missing_ok=True)
     # Results of an earlier reading of the same log may be there.
     shutil.rmtree(results / digest, ignore_errors=True)
     os.replace(unfinished_folder, results / digest)
@@ -134,6 +163,25 @@ def publish_table(path: Path, key: str, page: object) -> LogRows:
     return [], {}
 
 
+# Damaged messages hold infinite numbers and NaN.
+@np.errstate(all="ignore")
+def _write_first_plots(log: Log, path: Path) -> None:
+    """Writes what a flight did over time, for those who wait: the assessment takes ten times as long as the reading.
+
+    The plots are those of the first vehicle of the log that has any; without one, no file is written.
+
+    Args:
+        log: the log.
+        path: the file with this part of a page.
+    """
+    for telemetry in log.vehicles:
+        signals = Signals(telemetry)
+        history = time_history(signals, (), UNKNOWN_WIND, reported_events(signals))
+        if history is not None:
+            path.write_text(first_plots(history), "utf-8", "replace")
+            return
+
+
 def _assessed_vehicles(log: Log, progress: ProgressFile) -> list[AssessedVehicle]:
     """Assesses each vehicle of a log and reports the progress.
 
@@ -143,7 +191,7 @@ def _assessed_vehicles(log: Log, progress: ProgressFile) -> list[AssessedVehicle
     vehicles = []
     for telemetry in log.vehicles:
         progress.report(Stage.JUDGING)
-        assessment = assess_signals(log, Signals(telemetry))
+        assessment = assess_signals(log, Signals(telemetry), progress=progress.show_step)
         progress.report(Stage.LEARNING, **_assessment_columns(assessment))
         rows = rows_of_assessment(assessment.with_axis(ADDITIONAL_AXIS), log.source)
         vehicles.append(AssessedVehicle(assessment, rows))

@@ -119,7 +119,7 @@ class RecordingRequests:
             return Stage.DONE
         if entry.recording_stage in ("", Stage.WAITING, Stage.FAILED):
             return entry.recording_stage
-        return str(self._library.progress_columns(entry).get("stage", entry.recording_stage))
+        return str(self._library.progress(entry).get("stage", entry.recording_stage))
 
 
 def make_recordings(path: Path, key: str, page: object) -> LogRows:
@@ -154,7 +154,7 @@ def make_recordings(path: Path, key: str, page: object) -> LogRows:
             raise Unreadable(Reading.NO_VEHICLE)
         telemetry = _vehicle_of_page(log, results / REPORT_FILE)
         progress.report(Stage.LEARNING)
-        assessment = assess_signals(log, Signals(telemetry))
+        assessment = assess_signals(log, Signals(telemetry), progress=progress.show_step)
         progress.report(Stage.RECORDING)
         paths = {name: unfinished_folder / name for name in possible_recordings()}
         write_recordings(paths, assessment)

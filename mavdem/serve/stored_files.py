@@ -28,6 +28,9 @@ SERVERS = "servers"
 PROGRESS = "progress.json"
 """File in a folder of results with the columns of the index that are known while the log is read."""
 
+FIRST_PLOTS = "first_plots.html"
+"""File in a folder of results with the plots that need no model, part of a page, while the log is read."""
+
 SERVER_NAME_BYTES = 8
 """Number of random bytes in the name of a server and of an upload, written as hexadecimal digits."""
 

@@ -122,6 +122,10 @@ class WindEvidence(NamedTuple):
     """Why there is no estimate; ``None`` where there is one."""
 
 
+UNKNOWN_WIND = WindEvidence(None, None, None)
+"""The evidence before the wind is estimated."""
+
+
 class _FlightMotion(NamedTuple):
     """Motion in the free flight of one boot, at N stamps of the attitude."""
 

@@ -135,6 +135,13 @@ class Served(namedtuple("Served", "library work port")):
     def get(self, path, **how):
         return self.ask("GET", path, **how)
 
+    def progress(self, id):
+        """The first event of the progress of a flight."""
+        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=300)) as line:
+            line.request("GET", f"/api/progress?id={id}")
+            data = line.getresponse().readline().decode()
+        return json.loads(data.removeprefix("data: "))[0]
+
     def upload(self, *files, path="/api/logs", token="", fields=None, **headers):
         """Uploads files, each a name and bytes, in Flight Review's form, with ``fields`` by name."""
         kind = f"multipart/form-data; boundary={BOUNDARY}"

@@ -113,25 +113,35 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
     evidence = assessment.evidence
     if analysis is None or evidence is None or evidence.time_history is None:
         return None
-    history = evidence.time_history
+    timeline = timeline_of_history(evidence.time_history)
+    torque_chart = _wind_torque_chart(assessment.analyses)
+    torque_charts = (torque_chart,) if torque_chart.lines else ()
+    return timeline._replace(
+        training_intervals=tuple((flight.time[0], flight.time[-1]) for flight in analysis.flights),
+        wind_charts=timeline.wind_charts + torque_charts,
+    )
+
+
+def timeline_of_history(history: TimeHistory) -> Timeline:
+    """Returns the charts and events that need no model.
+
+    Args:
+        history: signals of one boot of a flight.
+    """
     axis_charts = {}
     for axis, axis_history in history.axes.items():
         axis_charts[axis] = () if axis_history is None else axis_history_charts(axis, axis_history)
-    wind_charts = (
-        [] if history.wind is None else list(wind_speed_and_direction_charts(history.wind))
-    )
-    torque_chart = _wind_torque_chart(assessment.analyses)
-    if torque_chart.lines:
-        wind_charts.append(torque_chart)
+    wind_charts: Charts = ()
+    if history.wind is not None:
+        wind_charts = tuple(wind_speed_and_direction_charts(history.wind))
     return Timeline(
         flight_charts=tuple(chart for chart in _flight_charts(history) if chart.lines),
         span=(history.segment.start, history.segment.end),
         axis_charts=axis_charts,
-        training_intervals=tuple((flight.time[0], flight.time[-1]) for flight in analysis.flights),
         modes=tuple(Span(mode.start, mode.end, mode.name) for mode in history.modes),
         events=history.events,
         position=history.position,
-        wind_charts=tuple(wind_charts),
+        wind_charts=wind_charts,
     )
 
 

@@ -14,12 +14,15 @@ from typing import Any
 
 from jinja2 import Environment
 
+from mavdem.assessment.time_history import TimeHistory
 from mavdem.containers import Names
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.files import load_adjacent_toml
 from mavdem.fleet.flights import AxisRows
 from mavdem.report.blocks import Block
+from mavdem.report.charts.chart import MAX_POINTS_OF_SMALL_PAGE, Group
+from mavdem.report.charts.timeline import timeline_of_history
 from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.fleet import HEALTH_LEVELS, vehicle_words
 from mavdem.report.pages.fleet_page import with_fleet_remark
@@ -92,6 +95,27 @@ def render_server_page(name: str, /, **values: Any) -> str:
         **values: what the template uses, by name.
     """
     return render_page(_environment().get_template(f"serve/{name}.html"), **values)
+
+
+def first_plots(history: TimeHistory) -> str:
+    """Renders the plots of a flight that need no model, with its events, for the page of a log that is being read.
+
+    Args:
+        history: the flight over time.
+    """
+    timeline = timeline_of_history(history)
+    axis_columns = tuple(
+        tuple(timeline.marked(chart) for chart in charts)
+        for charts in timeline.axis_charts.values()
+        if charts
+    )
+    groups = [Group((timeline.overview,)), Group(axis_columns)]
+    return render_server_page(
+        "first_plots",
+        groups=[group for group in groups if any(group.columns)],
+        events=timeline.events,
+        points=MAX_POINTS_OF_SMALL_PAGE,
+    )
 
 
 def with_bar(page: str, **values: Any) -> str:

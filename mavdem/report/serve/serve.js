@@ -126,6 +126,13 @@
     }
     send();
   };
+  // How far a log is: who comes before it, or the step of the work, its share and the time so far.
+  const progressText = flight => {
+    if (flight.stage === "waiting") return flight.ahead ? `${flight.words}: ${flight.ahead} before it` : flight.words;
+    const share = flight.share === null || flight.share === undefined ? "" : ` ${Math.round(100 * flight.share)} %`;
+    const seconds = flight.seconds === null || flight.seconds === undefined ? "" : `, ${flight.seconds} s so far`;
+    return `${flight.step || flight.words}${share}${seconds}`;
+  };
   const progressByStage = { waiting: 0.3, reading: 0.4, judging: 0.5, learning: 0.6, drawing: 0.8, done: 1, failed: 1 };
   const showProgress = flight => {
     const item = uploadItems.get(flight.id);
@@ -138,7 +145,7 @@
       name.replaceWith(link);
     }
     item.status.className = `said ${flight.stage === "failed" ? "bad" : flight.level}`;
-    item.status.textContent = flight.problem || flight.headline || flight.words;
+    item.status.textContent = flight.problem || flight.headline || progressText(flight);
     if (flight.stage === "done" || flight.stage === "failed") uploadItems.delete(flight.id), item.bar.remove(), searchAfter(200);
   };
   $("filearg")?.addEventListener("change", event => { uploadFiles(event.target.files); event.target.value = ""; });
@@ -159,7 +166,7 @@
   // What is being read.
   let source = null;
   const watchProgress = remainingId => {
-    const workingFlight = document.querySelector("#flight[data-working]"), id = remainingId || workingFlight?.dataset.id;
+    const workingFlight = document.querySelector("#reading[data-working]"), id = remainingId || workingFlight?.dataset.id;
     if (source || !(workingFlight || uploadItems.size || document.querySelector("#flights [data-working]"))) return;
     source = new EventSource(id ? `/api/progress?id=${id}` : "/api/progress");
     source.onmessage = event => {
@@ -168,7 +175,7 @@
       for (const flight of flights) {
         showProgress(flight);
         const row = flightRows()?.querySelector(`tr[data-id="${flight.id}"]`), stageText = row?.querySelector("[data-stage]");
-        if (stageText) stageText.textContent = `${flight.words} …`;
+        if (stageText) stageText.textContent = `${progressText(flight)} …`;
         if (row && flight.stage === "done" || flight.stage === "failed") searchAfter(200);
       }
     };
@@ -176,10 +183,11 @@
     source.addEventListener("end", () => { source.close(); source = null; if (uploadItems.size) watchProgress([...uploadItems.keys()][0]); });
   };
   const updateFlightPage = flight => {
-    if (flight.stage === "done" || flight.stage === "failed") return location.reload();
+    if (flight.stage === "done" || flight.stage === "failed" || flight.has_plots && !$("flight")) return location.reload();
     $("headline").textContent = flight.headline;
     $("headline").className = flight.level;
     showLights($("lamps"), flight.lights);
+    $("step").textContent = `${progressText(flight)}. The page opens by itself when it is ready.`;
     let isBefore = true;
     for (const item of $("steps").children) {
       const isCurrent = item.dataset.stage === flight.stage;
@@ -190,7 +198,7 @@
   watchProgress();
 
   // The page of one flight.
-  const id = $("bar")?.dataset.id ?? $("flight")?.dataset.id;
+  const id = $("bar")?.dataset.id ?? $("reading")?.dataset.id;
   $("edit")?.addEventListener("submit", async event => {
     event.preventDefault();
     const form = event.target.elements;

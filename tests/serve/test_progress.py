@@ -1,0 +1,67 @@
+"""What those see who wait for a log: who comes before them, the step of the work, and the plots that need no model."""
+
+import json
+
+from recorded_flights import short_flight
+from serving import log, serving
+
+from mavdem.assessment.time_history import time_history
+from mavdem.dataset.signals import Signals
+from mavdem.facts.serve import Stage
+from mavdem.ingest import read_log
+from mavdem.report.pages.library_page import first_plots
+from mavdem.serve.reading import ProgressFile
+from mavdem.serve.stored_files import FIRST_PLOTS, PROGRESS
+from mavdem.wind_velocity.from_log import UNKNOWN_WIND
+
+
+def test_a_waiting_log_says_how_many_come_before_it(tmp_path):
+    with serving(tmp_path, is_eager=False) as server:
+        ids = [server.add(f"{number}.ulg", str(number)) for number in range(3)]
+        assert [server.progress(id)["ahead"] for id in ids] == [0, 1, 2]
+
+
+def test_a_log_that_is_read_says_step_share_and_time(tmp_path):
+    with serving(tmp_path, is_eager=False) as server:
+        id = server.add("a.ulg", "One.")
+        entry = server.library.claim()
+        folder = server.library.results_folder(entry).with_name(f".{entry.digest}")
+        folder.mkdir()
+        progress = ProgressFile(folder / PROGRESS)
+        progress.report(Stage.JUDGING, has_plots=False)
+        with progress.show_step("Judging by held-out windows") as show_share:
+            show_share(0.5)
+        document = server.progress(id)
+        assert (document["stage"], document["step"]) == ("judging", "Judging by held-out windows")
+        assert (document["share"], document["has_plots"]) == (0.5, False)
+        assert document["seconds"] >= 0
+        with progress.show_step("Learning", measured=False):
+            pass
+        assert server.progress(id)["share"] is None
+
+
+def test_the_page_of_a_log_that_is_read_has_its_first_plots(tmp_path):
+    with serving(tmp_path, is_eager=False) as server:
+        id = server.add("a.ulg", "One.")
+        assert 'id="flight"' not in server.get(f"/f/{id}").text
+        entry = server.library.entry(id)
+        folder = server.library.results_folder(entry).with_name(f".{entry.digest}")
+        folder.mkdir()
+        (folder / FIRST_PLOTS).write_text("<figure>Height</figure>")
+        assert "<figure>Height</figure>" in server.get(f"/f/{id}").text
+
+
+def test_first_plots_show_what_was_recorded(tmp_path):
+    (vehicle,) = read_log(short_flight(tmp_path)).vehicles
+    history = time_history(Signals(vehicle), (), UNKNOWN_WIND, ())
+    page = first_plots(history)
+    for title in ("Motors, %", "Motors minus their mean, %", "Roll, °", "Yaw rate, °/s"):
+        assert f"<h3>{title}</h3>" in page
+    assert len(page) < 1_500_000
+
+
+def test_the_progress_file_is_json_at_any_time(tmp_path):
+    progress = ProgressFile(tmp_path / PROGRESS)
+    for stage in (Stage.READING, Stage.LEARNING):
+        progress.report(stage, headline=log().decode())
+        assert json.loads((tmp_path / PROGRESS).read_text())["stage"] == stage
