@@ -9,9 +9,10 @@ import numpy as np
 from sitl_scenarios.controller import ControlOutput
 from sitl_scenarios.damage import damage_history
 from sitl_scenarios.dynamics import NO_ACCELERATION, AirState, Body, State, physics_steps
+from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.gyro import NO_ROTATION
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.parameter_controller import controller_for, gyro_for
+from sitl_scenarios.parameter_controller import check_parameters, controller_for, gyro_for
 from sitl_scenarios.plan import (
     AFTER_SECONDS,
     BOOT_SECONDS,
@@ -121,6 +122,31 @@ class Simulation:
         self.armed = armed
         if armed:
             self._begin_flight(self._current_cycle)
+        return True
+
+    def set_parameter(self, name: str, value: float) -> bool:
+        """Sets a parameter of the flight controller, also in flight; its integrators begin anew.
+
+        Args:
+            name: Name of the parameter.
+            value: Its new value, in the autopilot's unit.
+
+        Returns:
+            Whether it is set: not, where the controller here has no such parameter, or the value is not possible.
+        """
+        vehicle = self.scenario.vehicle
+        parameters = vehicle.parameters | {name: value}
+        changed_vehicle = vehicle.model_copy(update={"parameters": parameters})
+        scenario = self.scenario.model_copy(update={"vehicle": changed_vehicle})
+        if name not in control_parameters(self.scenario):
+            return False
+        try:
+            check_parameters(scenario)
+        except ValueError:
+            return False
+        self.scenario = scenario
+        self._controller = controller_for(scenario)
+        self._gyro = gyro_for(self._controller)
         return True
 
     def advance(self, cycles: int) -> Motion:

@@ -10,12 +10,12 @@ from mavdem.cli.output import json_text, print_result, progress
 from mavdem.cli.output_files import check_output_folder, replaced_files
 from mavdem.cli.result_folders import available_folder
 from mavdem.cli.sources import refuse_link
-from mavdem.cli.streams import print_to_stderr
 from mavdem.documents.fleet import Diff
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
 from mavdem.fleet.state import VehicleState, of_common_vehicle, state_of
+from mavdem.report.blocks import Sentence
 from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks
 from mavdem.report.pages.difference_page import comparison_page
 
@@ -92,11 +92,11 @@ def diff_command(
         document_path.write_text(json_text(document))
         # The page may contain the name of a file, which need not be valid Unicode.
         page_path.write_text(page, "utf-8", "replace")
-    print_to_stderr(f"The page is {folder / PAGE_FILE}.")
     blocks = [
         *headline_blocks(headlines),
         *difference_blocks(difference, parameters, names_without_gains),
         *next_blocks(difference, parameters),
+        Sentence(str(folder / PAGE_FILE), "Page:"),
     ]
     print_result(document, blocks, as_json)
     if not difference.changes:

@@ -104,13 +104,13 @@ def fly_command(
 
     SCENARIO is a name from --list, or the path of a .toml file. The vehicle arms, climbs, hovers as the scenario says,
     lands and disarms. It sends MAVLink as PX4 or ArduPilot does: into a log (--out), with the true states beside it, or
-    live to a ground station (--udp), which may request messages and parameters, arm and disarm. The same scenario and
+    live to a ground station (--udp), which may request messages, read and set parameters, arm and disarm. The same scenario and
     seed give the same log, byte by byte; each seed has its own date.
 
     \b
     Examples:
       mavdem fly --list
-      mavdem fly hover_blower --out flight.tlog --rrd flight.rrd
+      mavdem fly hover_blower --out flight.tlog
       mavdem learn flight.tlog --truth flight.truth.npz
       mavdem fly hover_blower --vehicle mine.toml --params tuned/gains.stage1.params --out flight.tlog
 

@@ -1,6 +1,6 @@
 """MAVLink commands and requests of a ground station to a simulated vehicle, and the vehicle's replies.
 
-Sources: https://mavlink.io/en/services/command.html, https://mavlink.io/en/services/parameter.html.
+Sources: the services of https://mavlink.io/en/services/: command, parameter, mission, timesync; logs by common.xml.
 """
 
 from collections.abc import Iterable
@@ -21,9 +21,22 @@ BROADCAST_ID = mavlink_constant("MAV_COMP_ID_ALL")
 """Target system or component of messages to all."""
 
 HANDLED_MESSAGES = frozenset(
-    {"COMMAND_LONG", "PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "REQUEST_DATA_STREAM"}
+    {
+        "COMMAND_LONG",
+        "LOG_REQUEST_LIST",
+        "MISSION_CLEAR_ALL",
+        "MISSION_COUNT",
+        "MISSION_REQUEST",
+        "MISSION_REQUEST_INT",
+        "MISSION_REQUEST_LIST",
+        "PARAM_REQUEST_LIST",
+        "PARAM_REQUEST_READ",
+        "PARAM_SET",
+        "REQUEST_DATA_STREAM",
+        "TIMESYNC",
+    }
 )
-"""Messages that the vehicle handles; each names its target system and component."""
+"""Messages that the vehicle handles."""
 
 
 def addressed_messages(datagram: bytes, system: int, component: int) -> list[Any]:
@@ -41,8 +54,9 @@ def addressed_messages(datagram: bytes, system: int, component: int) -> list[Any
         message
         for message in pymavlink_messages(datagram)
         if message.get_type() in HANDLED_MESSAGES
-        and message.target_system in (system, BROADCAST_ID)
-        and message.target_component in (component, BROADCAST_ID)
+        # TIMESYNC of older senders names no target: it is meant for all.
+        and getattr(message, "target_system", BROADCAST_ID) in (system, BROADCAST_ID)
+        and getattr(message, "target_component", BROADCAST_ID) in (component, BROADCAST_ID)
     ]
 
 
@@ -61,6 +75,14 @@ MESSAGE_IDS = 2**16
 MICROSECONDS_PER_SECOND = 1e6
 """Factor from seconds to the microseconds of message intervals."""
 
+NANOSECONDS_PER_SECOND = 1e9
+"""Factor from seconds to the nanoseconds of TIMESYNC."""
+
+MISSION_ACCEPTED, MISSION_UNSUPPORTED, MISSION_INVALID_ITEM = (
+    mavlink_constant(f"MAV_MISSION_{name}")
+    for name in ("ACCEPTED", "UNSUPPORTED", "INVALID_SEQUENCE")
+)
+
 
 @dataclass
 class CommandHandler:
@@ -76,8 +98,9 @@ class CommandHandler:
     def handle(self, received: Any) -> None:
         """Executes a message from a ground station; the reply goes out with the transmitter's next block.
 
-        A command is acknowledged with its result. Requests for parameters are answered by their values, and requests
-        for data streams change the rates of messages.
+        A command is acknowledged with its result. Requests for parameters are answered by their values, also where one
+        is set, and requests for data streams change the rates of messages. The vehicle flies its scenario: it has no
+        mission and takes none, and it has no logs.
 
         Args:
             received: Message of pymavlink that is addressed to the vehicle; others than ``HANDLED_MESSAGES`` are
@@ -99,8 +122,58 @@ class CommandHandler:
                 self.transmitter.send_parameters()
             case "PARAM_REQUEST_READ":
                 self.transmitter.send_parameters(received.param_id)
+            case "PARAM_SET":
+                self._set_parameter(received)
             case "REQUEST_DATA_STREAM":
                 self._set_stream_rate(received)
+            case "MISSION_REQUEST_LIST":
+                self._answer_on_mission("MISSION_COUNT", received, count=0)
+            case "MISSION_REQUEST" | "MISSION_REQUEST_INT":
+                self._answer_on_mission("MISSION_ACK", received, type=MISSION_INVALID_ITEM)
+            case "MISSION_COUNT":
+                self._answer_on_mission("MISSION_ACK", received, type=MISSION_UNSUPPORTED)
+            case "MISSION_CLEAR_ALL":
+                self._answer_on_mission("MISSION_ACK", received, type=MISSION_ACCEPTED)
+            case "LOG_REQUEST_LIST":
+                # One entry with a number of 0 logs ends the list.
+                self.transmitter.send_once("LOG_ENTRY")
+            case "TIMESYNC" if received.tc1 == 0:
+                # A request has tc1 = 0 and the sender's time in ts1, which the reply returns.
+                now = round(self.transmitter.clock * NANOSECONDS_PER_SECOND)
+                self.transmitter.send_once("TIMESYNC", tc1=now, ts1=received.ts1)
+
+    def _answer_on_mission(self, name: str, request: Any, **values: int) -> None:
+        """Answers a request of the mission service.
+
+        Args:
+            name: Name of the message that answers.
+            request: Message of pymavlink; its sender and its type of mission are those of the answer.
+            values: Further fields of the answer.
+        """
+        self.transmitter.send_once(
+            name,
+            target_system=request.get_srcSystem(),
+            target_component=request.get_srcComponent(),
+            mission_type=request.mission_type,
+            **values,
+        )
+
+    def _set_parameter(self, request: Any) -> None:
+        """Sets a parameter, and answers with the value that it has then; an unknown name is not answered.
+
+        Parameters of the controller act at once. Others keep their values, which the answer tells.
+
+        Args:
+            request: PARAM_SET of pymavlink.
+        """
+        names = [parameter.name for parameter in self.transmitter.parameters]
+        if request.param_id not in names:
+            return
+        parameter = self.transmitter.parameters[names.index(request.param_id)]
+        value = parameter.decoded(request.param_value, self.transmitter.autopilot.bitwise)
+        if self.simulation.set_parameter(parameter.name, value):
+            self.transmitter.change_parameter(parameter.name, value)
+        self.transmitter.send_parameters(parameter.name)
 
     def _set_stream_rate(self, request: Any) -> None:
         """Sets the rate of a group of messages, as the request REQUEST_DATA_STREAM asks.
@@ -209,9 +282,49 @@ class CommandHandler:
         return ACCEPTED
 
 
+    def _send_message(self, message: float, _: float) -> int:
+        """Executes MAV_CMD_REQUEST_MESSAGE, for AUTOPILOT_VERSION and the messages that the vehicle sends by schedule.
+
+        Args:
+            message: Number of the message.
+
+        Returns:
+            MAV_RESULT: denied for a message that the vehicle does not have.
+        """
+        name = _message_name(message)
+        if name == "AUTOPILOT_VERSION":
+            return self._send_version(1.0, 0.0)
+        if name not in self.transmitter.schedule.usual_rates:
+            return DENIED
+        self.transmitter.schedule.send_next(name, self.transmitter.clock)
+        return ACCEPTED
+
+    def _send_version(self, is_wanted: float, _: float) -> int:
+        """Executes MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: replies with AUTOPILOT_VERSION.
+
+        The version is 0: the simulated vehicle is no version of the autopilot that it resembles.
+
+        Args:
+            is_wanted: 1 to get the reply.
+
+        Returns:
+            MAV_RESULT: denied for another value of ``is_wanted``.
+        """
+        if round(is_wanted) != 1:
+            return DENIED
+        encoding = "BYTEWISE" if self.transmitter.autopilot.bitwise else "C_CAST"
+        capabilities = 0
+        for capability in (f"PARAM_ENCODE_{encoding}", "MISSION_INT", "MAVLINK2"):
+            capabilities |= mavlink_constant(f"MAV_PROTOCOL_CAPABILITY_{capability}")
+        self.transmitter.send_once("AUTOPILOT_VERSION", capabilities=capabilities)
+        return ACCEPTED
+
+
 COMMANDS = {
     mavlink_constant("MAV_CMD_COMPONENT_ARM_DISARM"): CommandHandler._arm,
     mavlink_constant("MAV_CMD_GET_MESSAGE_INTERVAL"): CommandHandler._send_interval,
+    mavlink_constant("MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES"): CommandHandler._send_version,
+    mavlink_constant("MAV_CMD_REQUEST_MESSAGE"): CommandHandler._send_message,
     mavlink_constant("MAV_CMD_SET_MESSAGE_INTERVAL"): CommandHandler._set_interval,
 }
 """Method that executes each MAV_CMD, given its first two parameters."""

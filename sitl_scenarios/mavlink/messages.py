@@ -257,6 +257,13 @@ class Parameter(NamedTuple):
             return float(struct.unpack("<f", integer_bytes)[0])
         return self.value
 
+    def decoded(self, value: float, bitwise: bool) -> float:
+        """Returns the value that the message PARAM_SET carries in a 32-bit float; the opposite of ``encoded``."""
+        if bitwise and self.kind != REAL32:
+            float_bytes = struct.pack("<f", value)
+            return float(struct.unpack("<i", float_bytes)[0])
+        return value
+
 
 def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
     """Returns all parameters that the autopilot of a scenario reports, in alphabetical order.

@@ -60,6 +60,8 @@ class Schedule:
         # Time of the first message and interval, s, of each stream, and how many of it have been sent.
         self._streams: dict[str, Pair] = {}
         self._sent_counts: dict[str, int] = {}
+        # Messages that are not streamed, and are to be sent once.
+        self._single: set[str] = set()
         for number, (name, rate) in enumerate(usual_rates.items()):
             interval = 1 / rate if rate else np.inf
             first = start
@@ -87,6 +89,19 @@ class Schedule:
         """Returns the seconds between one message and the next; infinite for none."""
         return self._streams[name][1]
 
+    def send_next(self, name: str, now: float) -> None:
+        """Sends a message once in the next cycle, as the command REQUEST_MESSAGE does; a stream goes on from there.
+
+        Args:
+            name: Name of the message.
+            now: Time, s.
+        """
+        interval = self.interval(name)
+        if np.isfinite(interval):
+            self.set(name, interval, now)
+        else:
+            self._single.add(name)
+
     def due(self, name: str, times: Array) -> Rows:
         """Returns in which of the next cycles a message is sent, and counts it as sent.
 
@@ -102,7 +117,9 @@ class Schedule:
         """
         first, interval = self._streams[name]
         if not np.isfinite(interval):
-            return np.empty(0, dtype=np.intp)
+            is_requested = name in self._single and len(times) > 0
+            self._single.discard(name)
+            return np.zeros(int(is_requested), dtype=np.intp)
         # A message whose time rounding has put just after a cycle belongs to this cycle.
         periods = np.floor((times + EARLY_SECONDS - first) / interval)
         due_counts = np.maximum(periods + 1, 0)
@@ -219,6 +236,13 @@ class Transmitter:
                 param_count=len(self.parameters),
                 param_index=index,
             )
+
+    def change_parameter(self, name: str, value: float) -> None:
+        """Changes the value of a parameter that the autopilot reports; a reboot keeps it."""
+        vehicle = self._scenario.vehicle
+        changed = vehicle.model_copy(update={"parameters": vehicle.parameters | {name: value}})
+        self._scenario = self._scenario.model_copy(update={"vehicle": changed})
+        self.parameters = parameters(self._scenario, self.autopilot)
 
     def _fault_events(self) -> Iterator[tuple[float, Callable[[float], None]]]:
         """Yields the faults that a scenario lets happen to its autopilot during the flight.

@@ -97,6 +97,12 @@ class InstrumentedSimulation(Simulation):
             return self._flight_time >= self._disarmed_at + LATE_RECORD_SECONDS
         return super().finished
 
+    def set_parameter(self, name: str, value: float) -> bool:
+        """Sets a parameter of the flight controller, by which the pilot's modes fly too."""
+        is_set = super().set_parameter(name, value)
+        self._pilot.controller = self._controller
+        return is_set
+
     def _estimate(self, state: State) -> State:
         """Returns the state as the autopilot estimates it with its faulty sensors."""
         estimate = super()._estimate(state)

@@ -10,6 +10,7 @@ from sitl_scenarios.scenario import Scenario, StreamSpec
 
 CYCLES = {"px4": 0.004, "ardupilot": 0.0025}
 GROUND = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
+GAINS = ("MC_ROLLRATE_P", "ATC_RAT_RLL_P")
 each_autopilot = mark.parametrize("autopilot", CYCLES)
 
 
@@ -28,6 +29,11 @@ class Vehicle:
     def set_armed(self, armed, force=False):
         self.asked.append((armed, force))
         return self._armable or force
+
+    def set_parameter(self, name, value):
+        """The controller's part: a gain is set, unless it is negative."""
+        self.asked.append((name, value))
+        return name in GAINS and value >= 0
 
     def flown(self, seconds):
         """The messages of the next seconds by name."""
@@ -105,6 +111,48 @@ def test_parameters_are_listed_and_read(autopilot):
         vehicle.hears(dialect.MAVLink_param_request_read_message(1, 1, name, -1))
     (read,) = vehicle.flown(0.1)["PARAM_VALUE"]
     assert (read.param_id, read.param_value) == (listed[3].param_id, listed[3].param_value)
+
+
+@each_autopilot
+def test_a_parameter_is_set_and_its_value_is_the_answer(autopilot):
+    vehicle = Vehicle(autopilot)
+    gain = GAINS[0 if autopilot == "px4" else 1]
+
+    def answered(name, value):
+        vehicle.hears(dialect.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
+        return [one.param_value for one in vehicle.flown(0.1).get("PARAM_VALUE", ())]
+
+    assert answered(gain, 0.25) == [0.25]
+    assert answered(gain, -1.0) == [0.25]
+    assert answered("NOTHING", 1.0) == []
+    vehicle.hears(dialect.MAVLink_param_request_read_message(1, 1, gain.encode(), -1))
+    assert vehicle.flown(0.1)["PARAM_VALUE"][0].param_value == 0.25
+
+
+@each_autopilot
+def test_ground_stations_find_an_ordinary_vehicle_without_mission_and_logs(autopilot):
+    vehicle = Vehicle(autopilot)
+    vehicle.hears(dialect.MAVLink_mission_request_list_message(1, 1, 0))
+    vehicle.hears(dialect.MAVLink_mission_count_message(1, 1, 3, 0))
+    vehicle.hears(dialect.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
+    vehicle.hears(dialect.MAVLink_timesync_message(0, 12345))
+    said = vehicle.flown(0.1)
+    assert said["MISSION_COUNT"][0].count == 0
+    assert said["MISSION_ACK"][0].type == dialect.MAV_MISSION_UNSUPPORTED
+    assert said["LOG_ENTRY"][0].num_logs == 0
+    (answer,) = said["TIMESYNC"]
+    assert answer.ts1 == 12345 and answer.tc1 == approx(1e9, rel=0.2)
+
+
+@each_autopilot
+def test_a_message_is_sent_once_on_request(autopilot):
+    vehicle = Vehicle(autopilot)
+    assert len(vehicle.command(512, 148)[1]["AUTOPILOT_VERSION"]) == 1
+    assert len(vehicle.command(520, 1)[1]["AUTOPILOT_VERSION"]) == 1
+    vehicle.command(511, 30, -1)
+    assert len(vehicle.command(512, 30)[1]["ATTITUDE"]) == 1
+    assert "ATTITUDE" not in vehicle.flown(1.0)
+    assert vehicle.command(512, 77)[0] == 2
 
 
 def test_streams_are_asked_of_ardupilot_as_ground_stations_do():

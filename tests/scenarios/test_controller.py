@@ -15,7 +15,7 @@ from sitl_scenarios.plan import FlightPlan
 from sitl_scenarios.rotors import IDLE_COMMAND, mixed_commands, rotor_frame
 from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Sticks
 from sitl_scenarios.sensors import StateEstimator
-from sitl_scenarios.simulation import fly
+from sitl_scenarios.simulation import fly, simulation_of
 
 X = rotor_frame("x", (0.1, 0.1))
 CYCLE = 0.004
@@ -160,3 +160,17 @@ def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
     differs = flown[1] - flown[0]
     softer = flown[2] - flown[0]
     assert differs.std(0).max() < 0.06 * moved[:, 0].std() < 0.1 * softer[:, 0].std()
+
+
+@mark.parametrize("instruments", [False, True])
+def test_a_parameter_set_in_flight_is_flown_from_then_on(instruments):
+    spec = {"duration": 20, "stream": {"instruments": instruments}}
+    spec["excitation"] = {"kind": "doublets", "axis": "roll"}
+    changed, unchanged = (simulation_of(scenario_of(spec)) for _ in range(2))
+    changed.advance(2000)
+    unchanged.advance(2000)
+    assert not changed.set_parameter("MC_ROLLRATE_P", -1.0)
+    assert not changed.set_parameter("NOTHING", 1.0)
+    assert changed.set_parameter("MC_ROLL_P", 2.0)
+    slow, fast = (simulation.advance(2000) for simulation in (changed, unchanged))
+    assert abs(slow.rates[:, 0]).max() < 0.8 * abs(fast.rates[:, 0]).max()
