@@ -102,10 +102,10 @@ def fly_command(
 ) -> None:
     """Simulates the flight of a multirotor in wind.
 
-    SCENARIO is a name from --list, or the path of a .toml file. The vehicle arms, climbs, hovers as the scenario says,
-    lands and disarms. It sends MAVLink as PX4 or ArduPilot does: into a log (--out), with the true states beside it, or
-    live to a ground station (--udp), which may request messages, read and set parameters, arm and disarm. The same scenario and
-    seed give the same log, byte by byte; each seed has its own date.
+    SCENARIO is a name from --list, or the path of a .toml file. The vehicle arms, climbs, hovers as the scenario
+    says, lands and disarms. It sends MAVLink as PX4 or ArduPilot does: into a log (--out), with the true states
+    beside it, or live to a ground station (--udp), which may request messages, read and set parameters, arm and
+    disarm. The same scenario and seed give the same log, byte by byte; each seed has its own date.
 
     \b
     Examples:

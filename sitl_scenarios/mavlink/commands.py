@@ -281,7 +281,6 @@ class CommandHandler:
         )
         return ACCEPTED
 
-
     def _send_message(self, message: float, _: float) -> int:
         """Executes MAV_CMD_REQUEST_MESSAGE, for AUTOPILOT_VERSION and the messages that the vehicle sends by schedule.
 

@@ -37,7 +37,9 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     assert run("diff", *fleets) == 0
     said = capsys.readouterr().out
     assert "Changed: motor 3's share +12" in said and "4 flights of A and 4 flights of B" in said
-    assert said.endswith("Next: Inspect motor 3 and its propeller before the next flight.\n\n")
+    next_step, page = said.split("\n\n")[-3:-1]
+    assert next_step == "Next: Inspect motor 3 and its propeller before the next flight."
+    assert page == "Page: old_and_new/diff.html"
     assert "Motor 3&#39;s " in Path("old_and_new/diff.html").read_text()
     changes = document_of(capsys, "diff", *fleets, "--vehicle", "alpha")["changes"]
     changed = [one["quantity"] for one in changes if one["outcome"] == "changed"]
@@ -81,7 +83,7 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     assert "No single change is certain." in capsys.readouterr().out
     for _ in range(2):
         assert run("diff", "a.bin", "other/c.bin", "--vehicle", "alpha") == 0
-        assert "a_and_c-2/diff.html" in capsys.readouterr().err
+        assert "a_and_c-2/diff.html" in capsys.readouterr().out
     assert {path.name for path in Path().iterdir()} == {"a_and_a", "a_and_c", "a_and_c-2"}
     said = refused(capsys, 1, "diff", "a.bin", "b.bin")
     assert "B has no flight with figures. It is empty." in said
