@@ -119,8 +119,9 @@ def read_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
     Raises:
         Unreadable: the folder has no store, or a damaged one.
     """
-    condition = "file is not null and (:vehicle is null or vehicle = :vehicle)"
-    query = f"select row, file from flights where {condition}"
+    query = "select row, file from flights where file is not null"
+    if vehicle is not None:
+        query += " and vehicle = :vehicle"
     return _stored_rows(folder, query, {"vehicle": vehicle})
 
 

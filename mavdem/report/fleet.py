@@ -66,7 +66,7 @@ class VehicleWords(NamedTuple):
     """What was found in all flights; may be empty."""
 
 
-def fleet_blocks(rows: FlightRows) -> Blocks:
+def fleet_blocks(rows: FlightRows, names_vehicles: bool = True) -> Blocks:
     """Returns the summary of a fleet: a headline, what was flown, and a table of why logs were not used.
 
     Vehicles with a name of their own are counted as such. Flights under a shared or unknown name are counted apart,
@@ -74,6 +74,7 @@ def fleet_blocks(rows: FlightRows) -> Blocks:
 
     Args:
         rows: rows of all flights and axes, and of logs without a flight.
+        names_vehicles: whether the headline names the vehicles that need a look, which a page shows below it.
     """
     vehicles = fleet_flights.vehicles_of(rows)
     shown_vehicles = {
@@ -100,6 +101,7 @@ def fleet_blocks(rows: FlightRows) -> Blocks:
         "fleet",
         **_health_summary(shown_vehicles),
         vehicles=len(distinct_flights),
+        names_vehicles=names_vehicles,
         all_known=len(distinct_flights) == len(shown_vehicles),
         flown=_flown_summary(flown),
         twice=duplicate_count,
@@ -156,6 +158,12 @@ def badge(flights: Flights) -> str:
     if health in TROUBLED_HEALTHS or latest.headline_level is None:
         return Rated(health, HEALTH_LEVELS[MotorHealth(health)])
     return Rated(latest.headline_level, Level(latest.headline_level))
+
+
+def badge_level(flights: Flights) -> Level:
+    """Returns the level of the :func:`badge` of flights; unknown for a log that was not used."""
+    word = badge(flights)
+    return word.level if isinstance(word, Rated) else Level.UNKNOWN
 
 
 def urgency(flights: Flights) -> Urgency:

@@ -1,9 +1,10 @@
 """The HTML index of a fleet: a summary, the charts of each vehicle over its flights, and a table of all flights."""
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from math import degrees
-from pathlib import PurePath
 from typing import NamedTuple
 from urllib.parse import quote
 
@@ -16,11 +17,11 @@ from mavdem.fleet.flights import AxisRows, Flights, flights_of, vehicles_of, wor
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.report import fleet as fleet_words
 from mavdem.report.blocks import Block, Table
-from mavdem.report.charts.chart import Plan
+from mavdem.report.charts.chart import Group, Plan
 from mavdem.report.charts.plans import rose_of_flights
 from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.fleet import MAX_URGENT_RANK, TROUBLED_HEALTHS, truncated, urgency
-from mavdem.report.numbers import MAX_LISTED_NAMES, listed, rounded
+from mavdem.report.numbers import listed, rounded
 from mavdem.report.pages.page import environment, render_page
 from mavdem.wind_velocity.compass import compass_text
 
@@ -28,7 +29,19 @@ MAX_DRAWN = 20
 """Vehicles with charts, the most urgent ones: with more, a page takes long to make and is too large to mail."""
 
 FIRST_SHOWN = 50
-"""Rows of the table before more are asked for: so many a browser lays out while somebody types a search."""
+"""Rows of the table that a browser without scripts shows."""
+
+SUMMARY_BLOCKS = 2
+"""Paragraphs of the summary at the top of the page: the headline, and what was flown."""
+
+MAX_BARS = 40
+"""Bars of a vehicle's latest flights: so many can be told apart on a phone."""
+
+MAX_NAME_LENGTH = 16
+"""Letters of a vehicle's name that are shown whole; of a longer one, such as a serial number, both ends are."""
+
+LEVEL_MARKS = {Level.BAD: "■", Level.WATCH: "▲", Level.GOOD: "●", Level.UNKNOWN: "○"}
+"""Mark of each level, which tells levels apart without their colours, the worst first."""
 
 MAX_NOTE_LENGTH = 320
 """Letters of the notes on a flight in the table; the page of the flight has all of them."""
@@ -59,38 +72,96 @@ def fleet_page(
         full_rows: returns the rows of a vehicle with all columns, for its charts; ``rows`` have them unless given.
     """
     flights = flights_of(rows)
-    rose = _rose(flights)
     # Flights with a date come first, the newest at the top.
     dated_count = sum(flight[0].date is not None for flight in flights)
     newest_first = [*reversed(flights[:dated_count]), *flights[dated_count:]]
     lines = [[column.cell(flight) for column in COLUMNS.values()] for flight in newest_first]
     links = [_link(flight[0]) for flight in newest_first]
+    vehicles = _vehicle_parts(rows, changes or {}, full_rows)
+    blocks = fleet_words.fleet_blocks(rows, names_vehicles=False)
+    # The headline and what was flown; without a flight there is nothing but the reasons.
+    first_blocks = SUMMARY_BLOCKS if vehicles else len(blocks)
     return render_page(
         environment().get_template("fleet.html"),
-        blocks=fleet_words.fleet_blocks(rows),
-        vehicles=_vehicle_parts(rows, changes or {}, full_rows),
-        rose=rose,
+        blocks=blocks[:first_blocks],
+        unused_blocks=blocks[first_blocks:],
+        vehicles=vehicles,
+        unjudged=_repeated_differences(vehicles),
+        lights=[*Light],
+        light_counts=_light_counts(flights),
+        marks=LEVEL_MARKS,
+        bars=MAX_BARS,
+        rose=_rose(flights),
+        widths=[column.width for column in COLUMNS.values()],
+        areas={name: column.area for name, column in COLUMNS.items()},
         first=Table([*COLUMNS], lines[:FIRST_SHOWN], words=True),
         table={
             "kinds": [column.kind for column in COLUMNS.values()],
             "rows": [[*link, *line] for link, line in zip(links, lines, strict=True)],
-            "first": FIRST_SHOWN,
             "healths": BADGES,
         },
     )
+
+
+class FlightBars(NamedTuple):
+    """The latest flights of a vehicle as bars, one a flight, coloured by how it went."""
+
+    words: str
+    """How many flights have each level."""
+
+    paths: Mapping[Level, str]
+    """SVG path of the bars of each level; a bar is 1 wide."""
+
+
+class LightCounts(NamedTuple):
+    """The levels of one light in all flights."""
+
+    name: Light
+    """The light."""
+
+    counts: Mapping[Level, int]
+    """Number of flights with each level."""
+
+
+@dataclass
+class VehiclePart:
+    """What the template shows of one vehicle."""
+
+    name: str
+    """Name of the vehicle."""
+    short_name: str
+    """The name as far as it is shown in a line."""
+    last: FlightRow
+    """A row of its latest flight."""
+    flights: int
+    """Number of its flights."""
+    badge: str
+    """How the latest flight went, with its level."""
+    bars: FlightBars
+    """Its latest flights."""
+    lights: Mapping[Light, str]
+    """Levels of the lights of its latest flight."""
+    words: fleet_words.VehicleWords
+    """What was found of it."""
+    changes: Sequence[Block]
+    """What changed since the baseline."""
+    group: Group | None
+    """Its charts over the flights."""
+    is_open: bool
+    """Whether it is unfolded at first."""
 
 
 def _vehicle_parts(
     rows: FlightRows,
     changes: Mapping[str, Sequence[Block]],
     full_rows: RowsOfVehicle | None,
-) -> list[dict[str, object]]:
-    """Returns the values from which the template makes the part of each vehicle, the most urgent vehicle first.
+) -> list[VehiclePart]:
+    """Returns what the page shows of each vehicle, the most urgent vehicle first.
 
     Urgency is a rank by the health of the motors and the latest headline. Flights that do not say whose they are may be
     those of several vehicles, and have no part. To keep the page small, charts are drawn only for the ``MAX_DRAWN``
-    most urgent vehicles with more than one flight. Parts are folded, except the first ones if their vehicle needs a
-    look.
+    most urgent vehicles with more than one flight. Parts are folded, except the first one with charts if its vehicle
+    needs a look.
 
     Args:
         rows: rows of all flights.
@@ -105,7 +176,7 @@ def _vehicle_parts(
     with_several_flights = [name for _, name, flights in ranked if len(flights) > 1]
     drawn = with_several_flights[:MAX_DRAWN]
     parts = []
-    for position, (vehicle_urgency, name, flights) in enumerate(ranked):
+    for vehicle_urgency, name, flights in ranked:
         group = None
         if name in drawn:
             drawn_flights = flights
@@ -113,19 +184,80 @@ def _vehicle_parts(
                 drawn_flights = vehicles_of(full_rows(name))[name]
             group = vehicle_group(drawn_flights)
         needs_look = vehicle_urgency.rank < MAX_URGENT_RANK
+        last = flights[-1][0]
         parts.append(
-            {
-                "name": name,
-                "last": flights[-1][0],
-                "flights": len(flights),
-                "badge": fleet_words.badge(flights),
-                "words": fleet_words.vehicle_words(flights),
-                "changes": changes.get(name, ()),
-                "group": group,
-                "is_open": needs_look and position < MAX_LISTED_NAMES,
-            }
+            VehiclePart(
+                name=name,
+                short_name=short_name(name),
+                last=last,
+                flights=len(flights),
+                badge=fleet_words.badge(flights),
+                bars=_bars(flights),
+                lights={light: _level(last, light) for light in Light},
+                words=fleet_words.vehicle_words(flights),
+                changes=changes.get(name, ()),
+                group=group,
+                is_open=needs_look and name in drawn[:1],
+            )
         )
     return parts
+
+
+def short_name(name: str) -> str:
+    """Returns the name of a vehicle as far as a line has room: the beginning and the end of a serial number."""
+    if len(name) <= MAX_NAME_LENGTH:
+        return name
+    return f"{name[:4]}…{name[-6:]}"
+
+
+def _level(row: FlightRow, light: Light) -> str:
+    """Returns the level of a light of a flight; unknown where the log has none."""
+    return getattr(row, f"light_{light}") or Level.UNKNOWN
+
+
+def _bars(flights: Flights) -> FlightBars:
+    """Returns the latest ``MAX_BARS`` flights of a vehicle as bars, the newest at the right."""
+    shown = flights[-MAX_BARS:]
+    paths = dict.fromkeys(LEVEL_MARKS, "")
+    counts: Counter[Level] = Counter()
+    for place, flight in enumerate(shown, start=MAX_BARS - len(shown)):
+        level = fleet_words.badge_level([flight])
+        counts[level] += 1
+        paths[level] += f"M{place} 0v1h.8v-1z"
+    words = listed(f"{counts[level]} {level}" for level in LEVEL_MARKS if counts[level])
+    drawn_paths = {level: path for level, path in paths.items() if path}
+    return FlightBars(f"Latest flights: {words}", drawn_paths)
+
+
+def _light_counts(flights: Flights) -> list[LightCounts]:
+    """Returns how often each light has each level, those with most bad flights first; empty without a flight."""
+    counts = []
+    flown = [flight[0] for flight in flights if flight[0].has_flight]
+    for light in Light:
+        levels = Counter(_level(row, light) for row in flown)
+        counts.append(LightCounts(light, {level: levels[level] for level in LEVEL_MARKS}))
+    counts.sort(key=lambda one: (-one.counts[Level.BAD], -one.counts[Level.WATCH]))
+    return counts if flown else []
+
+
+def _repeated_differences(parts: Sequence[VehiclePart]) -> Table:
+    """Returns a table of the sentences that are the same for several vehicles, and takes them from their parts.
+
+    Args:
+        parts: what the page shows of each vehicle; those with a repeated sentence lose it.
+
+    Returns:
+        Sentence and number of vehicles, the most frequent first.
+    """
+    counts = Counter(part.words.difference for part in parts if part.words.difference)
+    cells = []
+    for sentence, count in counts.most_common():
+        if count > 1:
+            cells.append([sentence, str(count)])
+    for part in parts:
+        if counts[part.words.difference] > 1:
+            part.words = part.words._replace(difference="")
+    return Table(["reason", "vehicles"], cells, words=True)
 
 
 def _rose(flights: Flights) -> Plan | None:
@@ -169,10 +301,17 @@ class Column(NamedTuple):
     cell: Callable[[AxisRows], str]
     """Makes the cell of a flight; empty where the quantity is not known."""
 
+    width: str
+    """Width of the column on a wide screen; the notes take what is left."""
+
+    area: str = ""
+    """Place of the cell in the three lines that a flight has on a phone; empty where it is left out."""
+
 
 def _file_name(flight: AxisRows) -> str:
     """Returns the name of a log without its folder."""
-    return PurePath(flight[0].file).name or flight[0].file
+    file = flight[0].file
+    return re.split(r"[/\\\\]", file)[-1] or file
 
 
 def _vehicle(flight: AxisRows) -> str:
@@ -250,15 +389,15 @@ def _wind(flight: AxisRows) -> str:
 
 
 COLUMNS = {
-    "flight": Column("text", _file_name),
-    "vehicle": Column("text", _vehicle),
-    "date": Column("text", _date),
-    "tier": Column("text", _tier),
-    "health": Column("health", _badge),
-    "lights": Column("text", _warning_lights),
-    "motor": Column("text", _suspect_motors),
-    "notes": Column("notes", _notes),
-    "settled (s)": Column("number", _settled_seconds),
-    "wind (m/s)": Column("number", _wind),
+    "flight": Column("text", _file_name, "11rem", "flight"),
+    "vehicle": Column("text", _vehicle, "7.2rem", "vehicle"),
+    "date": Column("text", _date, "8.5rem", "date"),
+    "tier": Column("text", _tier, "3.2rem"),
+    "health": Column("health", _badge, "4.8rem", "health"),
+    "lights": Column("text", _warning_lights, "10rem", "lights"),
+    "motor": Column("text", _suspect_motors, "4.2rem"),
+    "notes": Column("notes", _notes, "auto", "notes"),
+    "settled (s)": Column("number", _settled_seconds, "5.5rem"),
+    "wind (m/s)": Column("number", _wind, "6.2rem"),
 }
 """Columns of the table of flights, by their headers."""
