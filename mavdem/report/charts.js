@@ -1,5 +1,6 @@
 // The charts of a page: each figure has its data beside it, and is drawn by uPlot as soon as it has a width. Charts of
-// one group are zoomed and read together.
+// one group are zoomed and read together. The root element has what other scripts use of them, as "charts", and gets the
+// events "drawn", and "cursor" with the time under the cursor of the flight's charts.
 (() => {
   const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const tints = ["#1f7ad633", "#12997a33", "#b5852a33", "#9461d133"], groups = {}, edge = 12;
@@ -125,10 +126,15 @@
     ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textAlign = "left"; ctx.textBaseline = "top";
     ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio;
     if (dotDistance) ctx.textAlign = "center";
+    let end = -Infinity;
     for (const [i, [x, name, fill]] of data.marks.entries()) {
-      // Names of marks stand one below the other, since marks may be close together; on an axis of names none are.
-      const [right, down] = dotDistance ? [0, 0] : [3, 12 * i];
-      const textAndPosition = [name, chart.valToPos(x, "x", true) + right * ratio, bbox.top + (3 + down) * ratio];
+      // Names of marks stand one below the other, since marks may be close together; on an axis of names none are. The
+      // numbers of events stand in one line, as far as there is room.
+      const isEvent = data.group === "flight", [right, down] = dotDistance ? [0, 0] : [isEvent ? 2 : 3, isEvent ? 0 : 12 * i];
+      const left = chart.valToPos(x, "x", true) + right * ratio;
+      if (isEvent && left < end) continue;
+      end = left + ctx.measureText(name).width + 2 * ratio;
+      const textAndPosition = [name, left, bbox.top + (3 + down) * ratio];
       ctx.strokeText(...textAndPosition); ctx.fillStyle = fill; ctx.fillText(...textAndPosition);
     }
     ctx.restore();
@@ -137,8 +143,7 @@
   const series = (line, lines) => {
     // Where lines lie over each other, each shines through.
     const isOneOfMany = lines > 3 && line.kind === "line";
-    const drawn = { label: line.name, stroke: line.colour + (isOneOfMany ? "c0" : ""), width: isOneOfMany ? 1 : 1.3, scale: line.right ? "beside" : "y", points: { show: false },
-      value: (_, value) => digits(value) };
+    const drawn = { label: line.name, stroke: line.colour + (isOneOfMany ? "c0" : ""), width: isOneOfMany ? 1 : 1.3, scale: line.right ? "beside" : "y", points: { show: false } };
     if (line.kind === "dashes") drawn.dash = [5, 4];
     if (line.kind === "dots" || line.kind === "stems") drawn.paths = () => null;
     return drawn;
@@ -176,10 +181,11 @@
       for (const part of ["y", "low", "high"]) line[part] = unpack(line[part], line.right ? false : data.y.log);
       if (line.low) for (const part of ["high", "low"]) {
         columns.push(line[part]);
-        drawn.push({ class: "edge", stroke: "transparent", scale: line.right ? "beside" : "y", points: { show: false }, paths: line.kind === "dots" ? () => null : undefined });
+        drawn.push({ stroke: "transparent", scale: line.right ? "beside" : "y", points: { show: false }, paths: line.kind === "dots" ? () => null : undefined });
       }
       if (line.low && line.kind !== "dots") bands.push({ series: [drawn.length - 2, drawn.length - 1], fill: line.colour + "38" });
       columns.push(line.y);
+      line.series = line.low ? [drawn.length - 2, drawn.length - 1, drawn.length] : [drawn.length];
       drawn.push(series(line, data.lines.length));
     }
     const grid = { stroke: () => colour("--line"), width: 1 }, noLabels = (_, splits) => splits.map(() => "");
@@ -200,10 +206,11 @@
         { ...base, ...(strip ? { values: noLabels, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: width, space },
         ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 52, space, grid: { show: false }, label: data.beside.label }] : []),
       ],
-      legend: { show: !strip && !data.picture && data.lines.filter(line => line.name).length > 1, markers: { width: 2 } },
-      cursor: { y: false, ...(data.group ? { sync: { key: data.group } } : {}), drag: { x: !!data.group, y: false } },
+      legend: { show: false },
+      cursor: { y: !!data.picture, points: { size: 6 }, ...(data.group ? { sync: { key: data.group } } : {}), drag: { x: !!data.group, y: false } },
       hooks: {
         drawClear: [chart => drawBackground(data, chart)], draw: [chart => drawForeground(data, chart)],
+        setCursor: [chart => showValues(figure, data, chart)],
         setScale: [(chart, key) => key === "x" && group && group.charts.includes(chart) && zoom(group, chart.scales.x.min, chart.scales.x.max)],
       },
     };
@@ -212,14 +219,22 @@
     }
     const chart = new uPlot(options, columns, figure.querySelector(".plot"));
     chart.data_ = data;
-    placeTitle(figure);
+    addLegend(figure, data, chart);
+    followTouch(chart);
     if (group) {
+      if (strip) group.modes = data.spans;
       group.charts.push(chart);
       group.whole ??= data.x.ends || [chart.scales.x.min, chart.scales.x.max];
       const [min, max] = group.span ?? group.whole;
       chart.setScale("x", { min, max });
       figure.addEventListener("keydown", event => {
         const [first, last] = group.whole, { min, max } = chart.scales.x, size = max - min;
+        if (event.shiftKey && event.key.startsWith("Arrow")) {
+          const now = chart.cursor.idx == null ? (min + max) / 2 : chart.posToVal(chart.cursor.left, "x");
+          event.preventDefault();
+          setCursor(group, Math.max(min, Math.min(now + (event.key === "ArrowRight" ? size : -size) / 100, max)));
+          return;
+        }
         const to = { ArrowLeft: [min - size / 4, max - size / 4], ArrowRight: [min + size / 4, max + size / 4],
           "+": [min + size / 4, max - size / 4], "-": [min - size / 2, max + size / 2], Escape: [first, last] }[event.key];
         if (!to) return;
@@ -231,15 +246,65 @@
     return chart;
   };
 
-  // The title stands on the line of the legend where both have room there, and else on a line of its own.
-  const placeTitle = figure => {
-    const title = figure.querySelector("h3"), legend = figure.querySelector(".u-legend");
-    if (!title || !legend) return;
-    title.style.position = "";
-    const entries = [...legend.querySelectorAll(".u-series")].reduce((sum, entry) => sum + entry.offsetWidth + 8, 0);
-    const fits = title.offsetWidth + entries <= figure.clientWidth;
-    title.style.position = fits ? "" : "static";
-    legend.style.paddingLeft = fits ? `${title.offsetWidth}px` : 0;
+  // The legend of a chart: the cursor's place, and for each line its name and its value there. A name hides its line.
+  const addLegend = (figure, data, chart) => {
+    const header = figure.querySelector("header");
+    if (!header) return;
+    const legend = element("div", "legend"), at = element("span", "at"), named = data.lines.length > 1;
+    legend.append(at);
+    data.values = data.picture ? [] : data.lines.map(line => {
+      const hides = named && line.kind !== "dots" && line.kind !== "stems";
+      const entry = element(hides ? "button" : "span"), value = element("b");
+      if (named) entry.append(Object.assign(element("i"), { style: `background: ${line.colour}` }), `${line.name} `);
+      entry.append(value);
+      legend.append(entry);
+      if (!hides) return value;
+      Object.assign(entry, { type: "button", title: "Hide or show" });
+      entry.addEventListener("click", () => {
+        const show = !chart.series[line.series.at(-1)].show;
+        for (const number of line.series) chart.setSeries(number, { show });
+        entry.setAttribute("aria-pressed", show);
+      });
+      return value;
+    });
+    data.at = at;
+    header.append(legend);
+  };
+  const element = (tag, name = "") => Object.assign(document.createElement(tag), { className: name });
+
+  // The number with the unit that its axis has in brackets: "12.3 s" of "time since boot (s)".
+  const onAxis = (value, axis) => axis.names.length ? axis.names[Math.round(value)] ?? "" : `${digits(Number(value.toPrecision(4)))} ${/\(([^()]*)\)$/.exec(axis.label)?.[1] ?? ""}`.trim();
+  const showValues = (figure, data, chart) => {
+    const { left, top, idx } = chart.cursor, inside = left >= 0 && idx != null, x = inside ? chart.posToVal(left, "x") : null;
+    if (data.group === "flight") root.dispatchEvent(new CustomEvent("cursor", { detail: x }));
+    if (!data.at) return;
+    if (!data.picture) {
+      data.at.textContent = inside ? onAxis(data.columns[idx], data.x) : "";
+      data.lines.forEach((line, i) => data.values[i].textContent = inside ? digits(line.y[idx] == null ? null : Number(line.y[idx].toPrecision(4))) : "");
+      return;
+    }
+    const { heat, rows, ends, range } = data.lines[0], hovered = inside && chart.over.matches(":hover");
+    data.at.textContent = inside ? onAxis(x, data.x) : "";
+    if (!hovered) return;
+    const [first, last] = data.columns, y = chart.posToVal(top, "y"), bytes = data.bytes ??= Uint8Array.from(atob(heat), c => c.charCodeAt(0)), count = bytes.length / rows;
+    const row = Math.round((x - first) / (last - first) * (rows - 1)), column = Math.round((y - ends[0]) / (ends[1] - ends[0]) * (count - 1));
+    if (row < 0 || row >= rows || column < 0 || column >= count) return;
+    data.at.textContent += `, ${onAxis(y, data.y)}: ${digits(Math.round(range * (bytes[row * count + column] / 255 - 1)))} dB`;
+  };
+
+  // Sets the cursor of all charts of a group at a place of their common axis.
+  const setCursor = (group, x) => {
+    for (const chart of group.charts) chart.setCursor({ left: chart.valToPos(x, "x"), top: 1 }, true, false);
+  };
+
+  // A finger that moves to the sides over a chart moves its cursor; up and down it scrolls the page.
+  const followTouch = chart => {
+    chart.over.style.touchAction = "pan-y";
+    for (const kind of ["pointerdown", "pointermove"]) chart.over.addEventListener(kind, event => {
+      if (event.pointerType !== "touch") return;
+      const { left, top } = chart.over.getBoundingClientRect();
+      chart.setCursor({ left: event.clientX - left, top: event.clientY - top }, true);
+    });
   };
 
   const charts = new Map(), figures = [...document.querySelectorAll("figure.chart")];
@@ -248,7 +313,6 @@
     if (!charts.has(figure)) return charts.set(figure, draw(figure));
     const chart = charts.get(figure);
     if (always || chart.width !== figure.clientWidth) chart.setSize({ width: figure.clientWidth, height: height(figure, chart.data_) });
-    placeTitle(figure);
   };
   const repaint = () => {
     for (const figure of figures) {
@@ -261,22 +325,15 @@
     }
   };
   root.classList.add("plotted");
-  root.groups = groups;
-  const observer = new ResizeObserver(entries => requestAnimationFrame(() => entries.forEach(entry => fit(entry.target))));
+  let isFirst = true;
+  const observer = new ResizeObserver(entries => requestAnimationFrame(() => {
+    entries.forEach(entry => fit(entry.target));
+    if (isFirst) root.dispatchEvent(new Event("drawn"));
+    isFirst = false;
+  }));
   for (const figure of figures) observer.observe(figure);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.forEach(chart => chart.redraw(false, true)));
-  addEventListener("beforeprint", () => {
-    root.classList.add("printing");
-    for (const events of document.querySelectorAll("details.events")) events.open = true;
-    repaint();
-  });
+  addEventListener("beforeprint", () => { root.classList.add("printing"); repaint(); });
   addEventListener("afterprint", () => { root.classList.remove("printing"); repaint(); });
-  const flight = () => groups.flight;
-  document.getElementById("whole")?.addEventListener("click", () => flight() && zoom(flight(), ...flight().whole));
-  for (const row of document.querySelectorAll("[data-at]")) row.addEventListener("click", () => {
-    if (!flight()) return;
-    const [first, last] = flight().whole;
-    zoom(flight(), Math.max(row.dataset.at - 5, first), Math.min(+row.dataset.at + 5, last));
-    document.getElementById("flight")?.scrollIntoView({ block: "nearest" });
-  });
+  root.charts = { groups, zoom, setCursor, unpack, digits };
 })();

@@ -13,13 +13,15 @@ figures for people: shares as percent, lists as "a, b and c".
 
 import re
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from importlib.resources import files
 from math import degrees, tau
 from operator import attrgetter
 from shlex import quote
-from typing import Any
+from typing import Any, NamedTuple
 
 from jinja2 import Environment, StrictUndefined, Template
 
@@ -47,6 +49,23 @@ PARAMETERS = {
 }
 """The name shown for each physical parameter, by its name in ``Physical.status``."""
 
+
+class Medium(NamedTuple):
+    """Where sentences are read, which decides how they name what to do."""
+
+    has_terminal: bool = True
+    """Whether the reader has a terminal: sentences for a browser name no commands."""
+
+    has_gain_table: bool = False
+    """Whether the gains to set stand beside the sentences, in a table."""
+
+
+TERMINAL = Medium()
+"""What sentences are made for unless :func:`sentences_for` says otherwise."""
+
+MEDIUM: ContextVar[Medium] = ContextVar("MEDIUM", default=TERMINAL)
+"""Where the sentences that are rendered now will be read."""
+
 MAX_DECIMALS_BELOW_LIMIT = 5
 """Decimals that :func:`rounded_below` tries at most, before it shows six significant digits."""
 
@@ -60,6 +79,16 @@ def sentence_and_remedy(fact: Fact) -> Words:
     Where the table of the fact's code has no remedy, a fact among its figures called ``remedy`` takes that place.
     """
     return Words(_render(fact, "sentence"), _render(fact, "remedy"))
+
+
+@contextmanager
+def sentences_for(medium: Medium) -> Iterator[None]:
+    """Makes all sentences that are rendered within fit for the ``medium``."""
+    token = MEDIUM.set(medium)
+    try:
+        yield
+    finally:
+        MEDIUM.reset(token)
 
 
 def headline(fact: Fact) -> str:
@@ -140,6 +169,8 @@ def _render(fact: Fact, part: str) -> str:
         "remedy": "",
         "action": None,
         "is_grounded": False,
+        "has_terminal": MEDIUM.get().has_terminal,
+        "has_gain_table": MEDIUM.get().has_gain_table,
         "level": fact.level,
         "time": fact.time,
         "until": fact.until,

@@ -317,7 +317,7 @@ class Chart(NamedTuple):
     def as_json(self, max_points: int) -> JsonValues:
         """Returns the chart as a JSON object, from which the script ``charts.js`` of a page draws it.
 
-        Arrays are packed as 16-bit integers in base64 (see ``_packed``), which keeps a page small. All lines are put on
+        Arrays are packed as 16-bit integers in base64 (see ``packed``), which keeps a page small. All lines are put on
         one grid of abscissae first, so that the grid is stored only once, under the key "at". A spectrogram takes the
         place of the lines: it becomes the only element of "lines", and "at" holds just its first and last abscissa,
         since its columns are evenly spaced.
@@ -347,7 +347,7 @@ class Chart(NamedTuple):
             "x": self.x.as_json(),
             "y": self.y.as_json(),
             "beside": None if self.right_axis is None else self.right_axis.as_json(),
-            "at": _packed(grid, is_grid_logarithmic, may_be_even=not is_grid_logarithmic),
+            "at": packed(grid, is_grid_logarithmic, may_be_even=not is_grid_logarithmic),
             "lines": packed_lines,
             "levels": self.levels,
             "marks": self.marks,
@@ -368,6 +368,9 @@ class Plan(NamedTuple):
 
     svg: Markup
     """The drawing as an ``<svg>`` element."""
+
+    track: JsonValues | None = None
+    """Of a map: what the script ``page.js`` needs to follow the cursor of the charts; None of another drawing."""
 
 
 Panel = Chart | Plan
@@ -426,9 +429,9 @@ def _line_as_json(line: Line, is_logarithmic: bool) -> JsonValues:
         "name": line.name,
         "colour": line.colour,
         "x": None,
-        "y": _packed(line.y, is_logarithmic),
-        "low": _packed(line.lower_edge, is_logarithmic),
-        "high": _packed(line.upper_edge, is_logarithmic),
+        "y": packed(line.y, is_logarithmic),
+        "low": packed(line.lower_edge, is_logarithmic),
+        "high": packed(line.upper_edge, is_logarithmic),
         "kind": line.style,
         "right": line.is_on_right_axis,
     }
@@ -438,7 +441,7 @@ def _spectrogram_as_json(spectrogram: Spectrogram) -> JsonValues:
     """Returns a spectrogram as JSON: a byte for each value, from the lowest power (0) to the highest (255), in base64.
 
     The bytes come in rows of one abscissa each, as in ``Spectrogram.power``; "ends" are the first and the last
-    frequency.
+    frequency, and "range" is the power, dB, from the lowest to the highest.
     """
     power = spectrogram.power
     # The lower limit only avoids a division by zero where all power is the same.
@@ -447,11 +450,12 @@ def _spectrogram_as_json(spectrogram: Spectrogram) -> JsonValues:
     return {
         "heat": b64encode(pixels.astype(np.uint8).tobytes()).decode(),
         "rows": len(spectrogram.x),
+        "range": power_range,
         "ends": (spectrogram.frequency[0], spectrogram.frequency[-1]),
     }
 
 
-def _packed(
+def packed(
     values: Array | None, is_logarithmic: bool, may_be_even: bool = False
 ) -> JsonValues | None:
     """Packs an array (N,) into 16-bit integers: value = low + step · (integer + 32767), and −32768 is NaN.

@@ -1,5 +1,6 @@
-"""Plans: drawings of a page with axes of their own: the vehicle from above, the wind rose, and the flown path."""
+"""Plans: drawings of a page with axes of their own: the vehicle from above, and the wind rose."""
 
+import re
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -9,10 +10,9 @@ from markupsafe import Markup
 from mavdem.arrays import Array
 from mavdem.assessment.condition import Condition
 from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.facts import Level
+from mavdem.facts import Fact, Level
 from mavdem.motors.change_hypotheses import FAULT_RISE
 from mavdem.report.charts.chart import Plan
-from mavdem.report.charts.timeline import Timeline
 from mavdem.report.numbers import listed
 from mavdem.report.pages.page import environment
 from mavdem.wind_velocity.compass import compass_text
@@ -37,12 +37,19 @@ MIN_PATH_SIZE = 2.0
 """Smallest width of a drawn path, m: a hover does not fill the drawing with the noise of its position."""
 
 
-def frame_plan(motors: MotorOutputs | None, condition: Condition | None) -> Plan | None:
+_MOTOR_NUMBER = re.compile(r"motor (\d+)")
+"""The number of the motor that a fact is about, such as "motor 2 (rear left)"."""
+
+
+def frame_plan(
+    motors: MotorOutputs | None, condition: Condition | None, light: Fact
+) -> Plan | None:
     """Returns the vehicle from above: each motor at its position, with trim deviation and headroom.
 
     Args:
         motors: outputs with the geometry of the motors; None where they were not logged.
         condition: condition of the vehicle with its hover, the outputs in steady flight; None where it is not known.
+        light: the fact of the light of the motors.
 
     Returns:
         The drawing; None where the positions or the hover of all motors are not known.
@@ -57,12 +64,12 @@ def frame_plan(motors: MotorOutputs | None, condition: Condition | None) -> Plan
     positions = np.array(motors.geometry.positions, np.float64)
     positions *= RADIUS / max(np.hypot(*positions.T).max(), 1e-9)
     half_widths = condition.share_interval or (None,) * count
+    levels = _motor_levels(light, np.array(hover.imbalance))
     drawn_motors = []
     for number, ((forward, right), half_width) in enumerate(
         zip(positions.tolist(), half_widths, strict=True)
     ):
         deviation = f"{100 * (hover.trim_share[number] - 1):+.1f} %".replace("-", "−")
-        is_faulty = abs(hover.imbalance[number]) > 100 * FAULT_RISE
         drawn_motors.append(
             {
                 "name": number + 1,
@@ -73,15 +80,38 @@ def frame_plan(motors: MotorOutputs | None, condition: Condition | None) -> Plan
                 "deviation": deviation,
                 "half": "" if half_width is None else f"± {100 * half_width:.1f} %",
                 "headroom": f"{100 * hover.headroom[number]:.0f} % left",
-                "level": Level.WATCH if is_faulty else Level.GOOD,
+                "level": levels[number],
             }
         )
     motor_texts = [
         f"motor {motor['name']} {motor['deviation']} {motor['half']}, {motor['headroom']}"
         for motor in drawn_motors
     ]
-    svg = _svg("frame", motors=drawn_motors, size=150.0 / count**0.9)
+    svg = svg_of("frame", motors=drawn_motors, size=150.0 / count**0.9)
     return Plan("From above", f"Trim deviation and headroom: {listed(motor_texts)}.", svg)
+
+
+def _motor_levels(light: Fact, imbalance: Array) -> list[Level]:
+    """Returns the level by which each motor is coloured, so that the drawing agrees with the light.
+
+    Under a light that warns, the motor that it names has its level. If it names none, those have it whose trim deviates
+    as much as after a fault or, if there are none of these, all.
+
+    Args:
+        light: the fact of the light of the motors.
+        imbalance: trim deviation of each motor (M,), percent.
+    """
+    count = len(imbalance)
+    if not light.warns:
+        return [light.level] * count
+    named = _MOTOR_NUMBER.search(light.subject)
+    if named is not None:
+        is_concerned = np.arange(1, count + 1) == int(named[1])
+    else:
+        is_concerned = abs(imbalance) > 100 * FAULT_RISE
+    if not is_concerned.any():
+        return [light.level] * count
+    return [light.level if concerned else Level.GOOD for concerned in is_concerned]
 
 
 def rose_of_wind(wind: WindVelocity) -> Plan:
@@ -153,48 +183,11 @@ def _wind_rose(
     # Where the outer ring stands for more than 1, the labels are whole numbers.
     decimals = 0 if scale < RADIUS else 1
     rings = [(radius, f"{radius / scale:.{decimals}f}{unit}") for radius in (RADIUS / 2, RADIUS)]
-    svg = _svg("rose", petals=petals, rings=rings, arrow=mean_direction)
+    svg = svg_of("rose", petals=petals, rings=rings, arrow=mean_direction)
     return Plan("Wind rose", description, svg)
 
 
-def flown_path(timeline: Timeline | None) -> Plan | None:
-    """Returns the flown path over ground, north up, with a bar of scale.
-
-    Both directions have one scale, by which the larger extent of the path fills the drawing.
-
-    Args:
-        timeline: timeline of the flight, with its position; None without one.
-
-    Returns:
-        The drawing; None where the position is not known.
-    """
-    position = None if timeline is None else timeline.position
-    if position is None:
-        return None
-    north, east = position.values[:, :2].T
-    size = max(np.ptp(north), np.ptp(east), MIN_PATH_SIZE)
-    # The bar is about a third of the path, rounded to one digit.
-    bar_length = float(f"{size / 3:.0e}")
-    scale = 2 * RADIUS / size
-    # Every so many samples one is drawn (rounded up). The middle of the path is the origin, and y points down.
-    stride = -(-len(north) // MAX_PATH_POINTS)
-    x = scale * (east[::stride] - (east.min() + east.max()) / 2)
-    y = -scale * (north[::stride] - (north.min() + north.max()) / 2)
-    points = " ".join(f"{right:.1f} {down:.1f}" for right, down in zip(x, y, strict=True))
-    svg = _svg(
-        "path",
-        way=f"M{points}",
-        first=(x[0], y[0]),
-        last=(x[-1], y[-1]),
-        scale=(scale * bar_length, f"{bar_length:g} m"),
-    )
-    description = (
-        f"Path over ground, {np.ptp(east):.0f} m wide and {np.ptp(north):.0f} m high; north is up."
-    )
-    return Plan("Flown path", description, svg)
-
-
-def _svg(macro: str, **values: Any) -> Markup:
+def svg_of(macro: str, **values: Any) -> Markup:
     """Returns the ``<svg>`` that a macro of ``plans.html`` makes of values."""
     macros = environment().get_template("plans.html").module
     return Markup(getattr(macros, macro)(**values))

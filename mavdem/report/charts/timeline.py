@@ -19,6 +19,7 @@ from mavdem.assessment.time_history import (
     WindHistory,
 )
 from mavdem.confidence import Interval
+from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.event import Event
@@ -65,6 +66,9 @@ class Timeline(NamedTuple):
     events: tuple[Event, ...] = ()
     """What happened, in order of time."""
 
+    event_labels: Names = ()
+    """What is written beside each event, such as its number; empty without labels."""
+
     position: TimeSeries | None = None
     """Flown path (N, 3), m north, east and down."""
 
@@ -91,11 +95,12 @@ class Timeline(NamedTuple):
             chart: a chart over time. Marks and spans that it has already are replaced.
         """
         event_marks = []
-        for event in self.events:
+        labels = self.event_labels or ("",) * len(self.events)
+        for event, label in zip(self.events, labels, strict=True):
             # The time of an event may be unknown.
             if np.isfinite(event.seconds):
                 colour = BAD if event.is_alarm else MEASURED
-                event_marks.append(Mark(event.seconds, colour=colour))
+                event_marks.append(Mark(event.seconds, label, colour))
         training_spans = tuple(Span(start, end) for start, end in self.training_intervals)
         return chart._replace(x=self._time_axis, marks=tuple(event_marks), spans=training_spans)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from math import ceil, inf, nan
 from pathlib import Path
@@ -17,12 +17,13 @@ from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopVerdict
 from mavdem.assessment.axis.responses import NO_STEPS, Responses, StepsByLoop, advised_steps
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
-from mavdem.containers import JsonValues
+from mavdem.containers import JsonValues, Names
 from mavdem.dem import Learned
-from mavdem.facts import Fact, Facts, NamedFacts
+from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event
+from mavdem.facts.lights import Light
 from mavdem.facts.loops import Gains, LoopActions
 from mavdem.facts.session import Spent
 from mavdem.ingest.telemetry import Telemetry
@@ -41,10 +42,12 @@ from mavdem.report.charts.flight_charts import (
     spectrum_chart,
     step_charts,
 )
+from mavdem.report.charts.flown_path import flown_path
 from mavdem.report.charts.gain_trial import gain_trial_groups
-from mavdem.report.charts.plans import flown_path, frame_plan, rose_of_wind
+from mavdem.report.charts.plans import frame_plan, rose_of_wind
 from mavdem.report.charts.timeline import Timeline, live_timeline, timeline_of
 from mavdem.report.condition import air_blocks, log_blocks
+from mavdem.report.gain_changes import gain_changes
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
 from mavdem.report.loops import (
@@ -55,7 +58,14 @@ from mavdem.report.loops import (
     margin_tables,
 )
 from mavdem.report.numbers import display_unit, listed, rounded, with_unit
-from mavdem.report.pages.page import Chapter, Head, PageLink, render_document
+from mavdem.report.pages.page import (
+    Chapter,
+    Head,
+    PageEvent,
+    PageLink,
+    anchor_of,
+    render_document,
+)
 from mavdem.report.review import review_title
 from mavdem.report.screen import (
     conclusion,
@@ -66,7 +76,13 @@ from mavdem.report.screen import (
     torque_blocks,
     vehicle_blocks,
 )
-from mavdem.report.templates import capitalize_first, render_section, sentences_by_axes
+from mavdem.report.templates import (
+    Medium,
+    capitalize_first,
+    render_section,
+    sentences_by_axes,
+    sentences_for,
+)
 from mavdem.report.trust import trust_table
 from mavdem.report.truth import truth_blocks
 from mavdem.report.why import why
@@ -107,6 +123,27 @@ STEP_FIGURES = {
     "peak_frequency": StepFigure("at (Hz)", 1.0),
 }
 """Columns of the table of step responses, by the field of ``StepResponse``."""
+
+INSTANCES_TITLE = "Every battery, estimator, sensor and output"
+"""Title of the chapter of what a vehicle has several of."""
+
+LOG_TITLE = "What was read from the log, and repaired"
+"""Title of the chapter of the log itself."""
+
+MOTOR_LEADS = ("Motors:", "Steady command:")
+"""Leads of the sentences on the condition that are about the motors."""
+
+CHAPTER_OF_LIGHT = {
+    Light.MOTORS: "Motors",
+    Light.VIBRATION: "Spectra",
+    Light.TRACKING: "Three axes",
+    Light.MARGINS: "Control loops",
+    Light.POWER: INSTANCES_TITLE,
+    Light.ESTIMATOR: INSTANCES_TITLE,
+    Light.WIND: "Wind",
+    Light.LOG: LOG_TITLE,
+}
+"""Title of the chapter with more about each light; a chapter is open where one of its lights is not good."""
 
 TRACKING_FIGURES = {
     "angle_error": "angle error (RMS)",
@@ -150,22 +187,97 @@ def log_page(
         back: the page that leads here, if any.
     """
     is_full = contents is not None
-    timeline = timeline_of(assessment)
-    events = [
-        Event(nan if fact.time is None else fact.time, fact)
-        for fact in _with_saturations_counted(assessment.events)
-    ]
-    head = Head(assessment.headline.level, assessment.lights, events, timeline, assessment.analysis)
-    chapters = [*_flight_chapters(assessment, timeline, is_full), *_model_chapters(assessment)]
-    if contents is not None:
-        title = "What was read from the log, and repaired"
-        chapters.append(Chapter(title, log_blocks(contents), folded=True))
-    subtitle = capitalize_first(review_title(assessment).text)
-    max_points = MAX_POINTS if is_full else MAX_POINTS_OF_SMALL_PAGE
-    conclusion_blocks = conclusion(assessment.judgement)
-    # The lights stand in a grid below the headline; its witnesses and the next step follow.
-    result = [conclusion_blocks[0], *why(assessment.headline), conclusion_blocks[-1]]
-    return render_document(name, subtitle, result, chapters, back, head, max_points)
+    advice = assessment.advised_gains if is_full else {}
+    changes = None
+    if assessment.evidence is not None:
+        vehicle = assessment.evidence.signals.telemetry
+        changes = gain_changes(name, vehicle, advice, assessment.next_step)
+    with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
+        timeline = timeline_of(assessment)
+        events = _numbered_events(assessment.events)
+        if timeline is not None:
+            timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
+        chapters = [*_flight_chapters(assessment, timeline, advice, is_full)]
+        chapters += _model_chapters(assessment)
+        if contents is not None:
+            chapters.append(Chapter(LOG_TITLE, log_blocks(contents), folded=True))
+        chapters = [*_opened_where_not_good(chapters, assessment.lights)]
+        head = Head(
+            assessment.headline.level,
+            assessment.lights,
+            events,
+            timeline,
+            assessment.analysis,
+            light_anchors=_anchors_of_lights(chapters),
+            path=flown_path(timeline, assessment.wind),
+            changes=changes,
+        )
+        subtitle = capitalize_first(review_title(assessment).text)
+        max_points = MAX_POINTS if is_full else MAX_POINTS_OF_SMALL_PAGE
+        conclusion_blocks = conclusion(assessment.judgement)
+        # The witnesses of the headline and the next step follow it; the lights stand in a grid below them.
+        result = [conclusion_blocks[0], *why(assessment.headline), conclusion_blocks[-1]]
+        return render_document(name, subtitle, result, chapters, back, head, max_points)
+
+
+def _opened_where_not_good(chapters: Iterable[Chapter], lights: NamedFacts) -> Iterator[Chapter]:
+    """Yields the chapters with the worst level of their lights, open where that is the worst of the vehicle.
+
+    So the chapters of what is bad are open or, where nothing is bad, those of what is to be watched. What is to be
+    watched of the log itself its light says in full.
+
+    Args:
+        chapters: the chapters.
+        lights: by name.
+    """
+    vehicle_levels = {fact.level for name, fact in lights.items() if name != Light.LOG}
+    worst = Level.BAD if Level.BAD in vehicle_levels else Level.WATCH
+    for chapter in chapters:
+        levels = {
+            lights[light].level
+            for light, title in CHAPTER_OF_LIGHT.items()
+            if title == chapter.title and light in lights
+        }
+        is_open = worst in levels and chapter.title != LOG_TITLE
+        for level in (Level.BAD, Level.WATCH, Level.UNKNOWN, Level.GOOD):
+            if level in levels:
+                chapter = chapter._replace(level=level)
+                break
+        yield chapter._replace(folded=not is_open)
+
+
+def _anchors_of_lights(chapters: Sequence[Chapter]) -> dict[str, str]:
+    """Returns the anchor of the chapter about each light, as far as the page has it."""
+    titles = {chapter.title for chapter in chapters if chapter.blocks or chapter.groups}
+    return {
+        str(light): anchor_of(title) for light, title in CHAPTER_OF_LIGHT.items() if title in titles
+    }
+
+
+def _numbered_events(events: Facts) -> list[PageEvent]:
+    """Returns the events of a log as a page lists them; those with a time are numbered."""
+    page_events = []
+    number = 0
+    for fact in _with_saturations_counted(events):
+        if fact.time is None:
+            page_events.append(PageEvent(Event(nan, fact)))
+        else:
+            number += 1
+            page_events.append(PageEvent(Event(fact.time, fact), number))
+    return page_events
+
+
+def _labels_in_charts(events: Sequence[PageEvent], timeline: Timeline) -> Names:
+    """Returns the label of each event of the timeline: its number in the list of events; empty where it has none."""
+    numbers = {}
+    for page_event in events:
+        fact = page_event.event.fact
+        numbers[fact.code, fact.time, fact.subject] = str(page_event.number)
+    labels = []
+    for event in timeline.events:
+        fact = event.fact
+        labels.append(numbers.get((fact.code, fact.time, fact.subject), ""))
+    return tuple(labels)
 
 
 def _with_saturations_counted(events: Facts) -> Iterator[Fact]:
@@ -185,13 +297,14 @@ def _with_saturations_counted(events: Facts) -> Iterator[Fact]:
 
 
 def _flight_chapters(
-    assessment: Assessment, timeline: Timeline | None, is_full: bool
+    assessment: Assessment, timeline: Timeline | None, advice: AdviceByAxis, is_full: bool
 ) -> Iterator[Chapter]:
     """Yields the chapters of what a flight shows without a model; none if the log holds no flight.
 
     Args:
         assessment: assessment of the log.
         timeline: charts over time; None where the attitude has too few samples.
+        advice: gains that are advised by axis, or why there are none; empty without advice.
         is_full: whether the page is that of one log, with spectrograms and advice on gains, or a small one of a fleet.
     """
     evidence = assessment.evidence
@@ -200,18 +313,20 @@ def _flight_chapters(
         return
     if timeline is not None:
         yield _axes_chapter(assessment, timeline)
-    advice = assessment.advised_gains if is_full else {}
     yield responses_chapter(assessment.responses, advised_steps(assessment.responses, advice))
-    yield _loops_chapter(assessment, evidence, advice)
+    yield from _loops_chapters(assessment, evidence, advice)
     yield _gyro_chapter(assessment, timeline, is_full)
     yield _other_sensors_chapter(assessment.noise, timeline, is_full)
-    yield _motors_chapter(analysis, evidence)
-    yield _wind_chapter(assessment, analysis, timeline)
+    yield _motors_chapter(analysis, evidence, assessment.lights["motors"])
+    yield _condition_chapter(analysis)
+    yield _wind_chapter(assessment, analysis)
     if evidence.trust:
-        yield Chapter("What can be trusted", [trust_table(evidence.trust)])
+        checks = [check for trust in evidence.trust for check in trust.checks]
+        level = Level.WATCH if any(check.warns for check in checks) else None
+        yield Chapter("What can be trusted", [trust_table(evidence.trust)], level=level)
     if assessment.instances:
         table = instance_table(assessment.instances, evidence.has_flown)
-        yield Chapter("Every battery, estimator, sensor and output", [table])
+        yield Chapter(INSTANCES_TITLE, [table])
     yield _parameters_chapter(evidence.signals.telemetry)
 
 
@@ -320,43 +435,46 @@ def _step_figure_text(response: StepResponse, key: str) -> str:
     return "{} ({} to {})".format(*texts)
 
 
-def _loops_chapter(assessment: Assessment, evidence: Evidence, advice: AdviceByAxis) -> Chapter:
-    """Returns the chapter of control loops: what was decided on each axis, margins, advised gains, and charts of both.
+def _loops_chapters(
+    assessment: Assessment, evidence: Evidence, advice: AdviceByAxis
+) -> Iterator[Chapter]:
+    """Yields two chapters of control loops: what was decided on each axis with charts, then margins and gains.
 
     Args:
         assessment: assessment of the log, with the decisions on the loops.
         evidence: the loops of all axes as far as they were identified, and their margins.
         advice: gains that are advised by axis, or why there are none; empty without advice.
     """
-    decisions = decision_sentences(assessment.loop_decisions)
-    blocks: Blocks = [*_margin_sentences(evidence, assessment.loop_decisions)]
+    decisions = assessment.loop_decisions
+    summary = [*decision_sentences(decisions), *_margin_sentences(evidence, decisions)]
     loops = evidence.identified_loops
+    if not loops:
+        yield Chapter("Control loops", [*summary, *gain_limits(advice)])
+        return
     loops_by_axis: dict[str, Mapping[str, Loop]] = {
         axis: {"now": loop} for axis, loop in loops.items()
     }
+    figures: Blocks = [*margin_tables(loops)]
     for axis, axis_advice in advice.items():
-        lead = f"Gains of {axis}:"
         # Why an axis has no gains is in the decision on it.
         if isinstance(axis_advice, Advice) and not axis_advice.refusals:
-            blocks.append(Sentence(axis_advice.sentence.advised, lead))
-            blocks += gain_blocks(axis_advice)
+            figures.append(Sentence(axis_advice.sentence.advised, f"Gains of {axis}:"))
+            figures += gain_blocks(axis_advice)
             loops_by_axis[axis] = compared_loops(axis_advice)
-    blocks += gain_limits(advice)
-    if not loops:
-        return Chapter("Control loops", [*decisions, *blocks])
+    figures += gain_limits(advice)
     # Each axis has a column of charts, in which the loop now and the loop with advised gains are drawn together.
     columns = [loop_charts(axis_loops) for axis_loops in loops_by_axis.values()]
     text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
     if any(len(compared) > 1 for compared in loops_by_axis.values()):
         text += " Blue: with the gains that flew; green: with the advised ones."
-    groups = [Group(tuple(columns), text)]
+    yield Chapter("Control loops", summary, [Group(tuple(columns), text)])
+    groups: list[Group] = []
     for trial in gain_trial_groups(evidence, advice, assessment.responses).values():
         # All axes have one caption, below the last.
-        if len(groups) > 1:
+        if groups:
             groups[-1] = groups[-1]._replace(caption="")
         groups.append(trial)
-    # What to do comes before the figures.
-    return Chapter("Control loops", [*decisions, *margin_tables(loops), *blocks], groups)
+    yield Chapter("Margins and advised gains", figures, groups)
 
 
 def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Sentence]:
@@ -449,26 +567,40 @@ def _spectrum_groups(
         yield Group.side_by_side(charts, "The stronger the blue, the higher the power.")
 
 
-def _motors_chapter(analysis: LogAnalysis, evidence: Evidence) -> Chapter:
+def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> Chapter:
     """Returns the chapter of the motors: a table of them, the vehicle from above, and without a model its condition.
 
     Tier "a" is a log of which a full model can be learned. The hover figures are part of its table of motors; for other
     tiers sentences on the condition say the same with less.
+
+    Args:
+        analysis: of the axis that was asked for.
+        evidence: of the vehicle.
+        light: the fact of the light of the motors, which colours the drawing.
     """
     is_full_tier = analysis.tier.tier == "a"
     hover = analysis.condition.hover if is_full_tier else None
     blocks = motor_blocks(analysis.learned, hover)
     if analysis.learned is None or not is_full_tier:
-        blocks += render_section("condition", analysis.condition)
-    plan = frame_plan(evidence.signals.motors, analysis.condition)
+        for sentence in render_section("condition", analysis.condition):
+            if sentence.lead in MOTOR_LEADS:
+                blocks.append(sentence)
+    plan = frame_plan(evidence.signals.motors, analysis.condition, light)
     groups = [] if plan is None else [Group.side_by_side([plan])]
     return Chapter("Motors", blocks, groups, is_side_by_side=True)
 
 
-def _wind_chapter(
-    assessment: Assessment, analysis: LogAnalysis, timeline: Timeline | None
-) -> Chapter:
-    """Returns the chapter of the wind: in m/s and as a torque, with the wind rose and the flown path.
+def _condition_chapter(analysis: LogAnalysis) -> Chapter:
+    """Returns the chapter of the vehicle's condition in figures: lean, vibration, batteries, and how long it flew."""
+    blocks: Blocks = []
+    for sentence in render_section("condition", analysis.condition):
+        if sentence.lead not in MOTOR_LEADS:
+            blocks.append(sentence)
+    return Chapter("Condition in figures", blocks)
+
+
+def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
+    """Returns the chapter of the wind: in m/s and as a torque, with the wind rose.
 
     The rose needs both speed and direction. Of a simulated flight the estimates are compared with its truth here.
     """
@@ -481,9 +613,8 @@ def _wind_chapter(
     rose = None
     if wind is not None and wind.direction_identifiable and wind.speed_identifiable:
         rose = rose_of_wind(wind)
-    plans = [rose, flown_path(timeline)]
-    groups = [Group.side_by_side(plans)] if any(plans) else []
-    return Chapter("Wind and path", blocks, groups, is_side_by_side=True)
+    groups = [] if rose is None else [Group.side_by_side([rose])]
+    return Chapter("Wind", blocks, groups, is_side_by_side=True)
 
 
 def _parameters_chapter(telemetry: Telemetry) -> Chapter:
@@ -614,7 +745,7 @@ def live_page(
     head = Head(
         judgement.headline.level,
         judgement.lights,
-        events,
+        [PageEvent(event) for event in events],
         timeline,
         vehicle=status.vehicle or "",
     )

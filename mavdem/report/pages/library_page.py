@@ -31,8 +31,8 @@ from mavdem.report.pages.page import environment, render_page
 POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 """The element of a flight's page with its own policy, which is for a file without a server."""
 
-CHART_SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js")
-"""The scripts within a page that draw its charts."""
+CHART_SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js", "page.js")
+"""The scripts within a page: those that draw its charts, and what else it does."""
 
 MAX_NAME_LENGTH = 19
 """Letters of a vehicle's name that are shown whole; of a longer one, such as a serial number, both ends are."""

@@ -6,9 +6,11 @@ of ``mavdem/report``; charts are drawn by uPlot (MIT), which a page contains wit
 
 import platform
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
+from math import isfinite
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, Template
@@ -24,15 +26,19 @@ from mavdem.facts.event import Event
 from mavdem.flight import Flight
 from mavdem.loops.advice import Advice
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.charts.chart import MAX_POINTS, Chart, Group
+from mavdem.report.charts.chart import MAX_POINTS, Chart, Group, Plan
 from mavdem.report.charts.flight_charts import loop_charts
 from mavdem.report.charts.gain_trial import gain_trial_groups
 from mavdem.report.charts.timeline import Timeline
+from mavdem.report.gain_changes import GainChanges
 from mavdem.report.loops import compared_loops, tune_blocks
 from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
 from mavdem.report.screen import conclusion, flight_title, model_screen
 from mavdem.report.why import why_text
+
+MAX_BRIEF_EVENTS = 6
+"""Events that a page shows at first: a choice, so that the list takes less room than the charts."""
 
 _UNSAFE_CHARACTERS = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"
@@ -41,6 +47,9 @@ _UNSAFE_CHARACTERS = re.compile(
 
 _SPACE_BEFORE_PERCENT = re.compile(r"(?<=\d) ?%")
 """A percent sign after a number, with the space before it if there is one."""
+
+_WORD = re.compile("[a-z0-9]+")
+"""A word of a title in lower case."""
 
 _CODE = re.compile("`([^`]*)`")
 """Text between backquotes, such as a command."""
@@ -74,6 +83,39 @@ class Chapter(NamedTuple):
     is_side_by_side: bool = False
     """Whether charts and blocks stand beside each other where there is room."""
 
+    level: Level | None = None
+    """Level of what it is about, which is shown beside its title; None without."""
+
+    @property
+    def anchor(self) -> str:
+        """Name by which links within the page lead to it: its title in lower case, with hyphens between the words."""
+        return anchor_of(self.title)
+
+
+def anchor_of(title: str) -> str:
+    """Returns the name by which links within a page lead to the part with this title."""
+    return "-".join(_WORD.findall(title.lower()))
+
+
+class PageEvent(NamedTuple):
+    """An event as a page lists it."""
+
+    event: Event
+    """The event."""
+
+    number: int | None = None
+    """Its number in the list and in the charts; None where it has none."""
+
+    @property
+    def seconds(self) -> float:
+        """When it was, s on the clock of the charts; NaN where that is not known."""
+        return self.event.seconds
+
+    @property
+    def has_time(self) -> bool:
+        """Whether its time is known."""
+        return isfinite(self.event.seconds)
+
 
 class Head(NamedTuple):
     """The top of a flight's page: level, lights, events, timeline and vehicle."""
@@ -84,7 +126,7 @@ class Head(NamedTuple):
     lights: NamedFacts
     """The lights by name."""
 
-    events: Sequence[Event] = ()
+    events: Sequence[PageEvent] = ()
     """What happened, in order of time."""
 
     timeline: Timeline | None = None
@@ -95,6 +137,30 @@ class Head(NamedTuple):
 
     vehicle: str = ""
     """Name of the vehicle, where there is no analysis."""
+
+    light_anchors: Mapping[str, str] = MappingProxyType({})
+    """Name of the part of the page on each light, by the light; a light without a part is left out."""
+
+    path: Plan | None = None
+    """Map of the flown path, which follows the cursor of the charts; None without a position."""
+
+    changes: GainChanges | None = None
+    """Gains to set before the next flight; None if none change."""
+
+    @property
+    def brief_events(self) -> Sequence[PageEvent]:
+        """The events that a page shows at first: all if they are few, otherwise those that are not good."""
+        if len(self.events) <= MAX_BRIEF_EVENTS:
+            return self.events
+        return [event for event in self.events if event.event.fact.warns][:MAX_BRIEF_EVENTS]
+
+    @property
+    def has_more_of_events(self) -> bool:
+        """Whether there are more events than the brief ones, or one has advice or witnesses, which these leave out."""
+        if len(self.brief_events) < len(self.events):
+            return True
+        facts = [page_event.event.fact for page_event in self.events]
+        return any(fact.remedy or why_text(fact) for fact in facts)
 
 
 def render_document(

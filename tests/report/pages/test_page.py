@@ -81,7 +81,8 @@ def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back(a
     stop = Fact(MotionEvent.MOTOR_AT_ITS_STOP, time=1.0, share=0.5, subject="motor 2")
     evidence = replace(analysed.evidence, events=(stop, stop))
     text = flight_page("flight.tlog", replace(analysed, analyses=two, evidence=evidence))
-    assert text.count("at its limit") == text.count("limit 2 times, first 50") == 1
+    # In the brief list of events, and in that of all.
+    assert text.count("at its limit") == text.count("limit 2 times, first 50") == 2
     assert len(text.encode()) < 500_000
     assert '<a href="../index.html">' in text and "Model of pitch" in text
     assert Balanced(text).ids
@@ -114,8 +115,10 @@ def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_owned(flig
 
 
 ZOOM = """(async () => {
-while (!(document.documentElement.groups.flight?.charts.length > 10)) await new Promise(done => setTimeout(done, 20));
-const group = document.documentElement.groups.flight, chart = group.charts[2], over = chart.over;
+for (const part of document.querySelectorAll(".chapter > details")) part.open = true;
+const { groups } = document.documentElement.charts;
+while (!(groups.flight?.charts.length > 10)) await new Promise(done => setTimeout(done, 20));
+const group = groups.flight, chart = group.charts[2], over = chart.over;
 const box = over.getBoundingClientRect();
 const spans = async () => {
   await new Promise(done => setTimeout(done, 50));
@@ -147,12 +150,38 @@ def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(fl
     assert_allclose(whole, 60.0, atol=0.5)
 
 
+USED = """(async () => {
+const root = document.documentElement, tick = () => new Promise(done => setTimeout(done, 50));
+while (!(root.charts.groups.flight?.charts.length > 3)) await tick();
+const group = root.charts.groups.flight, span = () => group.charts[0].scales.x.max - group.charts[0].scales.x.min;
+const event = document.querySelector("tr[data-at] a"), spans = [span()];
+for (const _ of [1, 2]) { event.click(); await tick(); spans.push(span()); }
+const figure = document.querySelectorAll("#flight figure.chart")[1];
+figure.dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowRight", shiftKey: true}));
+const values = figure.querySelector(".legend").innerText, now = document.getElementById("now").innerText;
+const part = document.querySelector("#parameters > details"), closed = !part.open;
+location.hash = "#parameters"; await tick();
+return [spans, values, now, closed && part.open];
+})()"""
+
+
+@mark.slow
+def test_an_event_moves_the_plots_and_back_the_cursor_reads_them_and_a_link_opens_its_part(
+    flight, tmp_path
+):
+    _, (spans, values, now, is_opened) = shown(flight, USED, tmp_path, 1200)
+    whole, around_event, whole_again = spans
+    assert whole == whole_again and around_event <= 10.0 < whole
+    assert re.search(r"\d s\s", values) and re.search(r"motor 1\s+\d", values)
+    assert re.match(r"\d+\.\d s", now) and is_opened
+
+
 DRAWN = """[...document.querySelectorAll("figure.chart")].filter(chart => chart.clientWidth)
 .map(chart => chart.querySelector(".uplot") !== null)"""
 
 
 @mark.slow
-def test_a_page_with_all_chapters_is_small_and_prints_on_four_sheets(flight, tmp_path):
+def test_a_page_with_all_chapters_is_small_and_prints_whole_on_five_sheets(flight, tmp_path):
     assert len(flight.encode()) < 700_000
     (tmp_path / "page.html").write_text(flight)
     with browsing(tmp_path / "profile") as tab:
@@ -161,7 +190,7 @@ def test_a_page_with_all_chapters_is_small_and_prints_on_four_sheets(flight, tmp
         printed = b64decode(tab.command("Page.printToPDF")["data"])
         drawn = tab.run(DRAWN)
     assert drawn and all(drawn)
-    assert len(re.findall(rb"/Type\s*/Page\b", printed)) <= 4
+    assert len(re.findall(rb"/Type\s*/Page\b", printed)) <= 5
 
 
 def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():

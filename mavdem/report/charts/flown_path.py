@@ -1,0 +1,185 @@
+"""The map of a flight: its path over ground, coloured by height or flight mode, with scale, north and wind."""
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.containers import JsonValues
+from mavdem.report.charts.chart import Plan, Span, packed
+from mavdem.report.charts.plans import MAX_PATH_POINTS, MIN_PATH_SIZE, RADIUS, svg_of
+from mavdem.report.charts.timeline import Timeline
+from mavdem.report.numbers import rounded
+from mavdem.report.palette import BAD, BASELINE, COMMAND, DISTURBANCE, MEASURED, PREDICTED
+from mavdem.wind_velocity.compass import compass_text
+from mavdem.wind_velocity.estimation import WindVelocity
+
+HEIGHT_COLOURS = (DISTURBANCE, PREDICTED, COMMAND, BASELINE, BAD)
+"""Colours of the path by height, from the lowest fifth of the range to the highest."""
+
+MODE_COLOURS = (PREDICTED, COMMAND, BASELINE, DISTURBANCE)
+"""Colours of the path by flight mode, used in turn: those of the strip of modes above the charts."""
+
+MIN_HEIGHT_RANGE = 1.0
+"""Smallest range of heights, m, that the colours are spread over: a hover does not show the noise of its height."""
+
+
+class _Key(NamedTuple):
+    """An entry of the legend of the path's colours."""
+
+    name: str
+    """What the colour means."""
+
+    colour: str
+    """Colour of the palette."""
+
+
+class _Piece(NamedTuple):
+    """A part of the path with one colour for its height and one for its flight mode."""
+
+    way: str
+    """Path data of SVG."""
+
+    height_colour: str
+    """Colour for its height."""
+
+    mode_colour: str
+    """Colour for its flight mode."""
+
+
+class _WindArrow(NamedTuple):
+    """The wind as the map shows it."""
+
+    direction: float
+    """Direction that it comes from, degrees clockwise from north."""
+
+    label: str
+    """Direction and, where it is known, speed."""
+
+
+def flown_path(timeline: Timeline | None, wind: WindVelocity | None = None) -> Plan | None:
+    """Returns the map of the flown path, north up, with a bar of scale and, where it is known, the wind.
+
+    Both directions have one scale, by which the larger extent of the path fills the drawing. At most
+    ``MAX_PATH_POINTS`` samples are drawn, evenly chosen.
+
+    Args:
+        timeline: timeline of the flight, with its position and modes; None without one.
+        wind: the wind of the flight; None where it is not known.
+
+    Returns:
+        The drawing, with what the page needs to show the place at a time; None where the position is not known.
+    """
+    position = None if timeline is None else timeline.position
+    if timeline is None or position is None:
+        return None
+    stride = -(-len(position.time) // MAX_PATH_POINTS)
+    time = position.time[::stride]
+    north, east, down = position.values[::stride].T
+    height = -down
+    size = max(np.ptp(north), np.ptp(east), MIN_PATH_SIZE)
+    scale = 2 * RADIUS / size
+    # The middle of the path is the origin of the drawing, whose y points down.
+    x = scale * (east - (east.min() + east.max()) / 2)
+    y = -scale * (north - (north.min() + north.max()) / 2)
+
+    lowest = float(np.nanmin(height))
+    height_range = max(float(np.nanmax(height)) - lowest, MIN_HEIGHT_RANGE)
+    height_classes = _height_classes(height, lowest, height_range)
+    mode_names = list(dict.fromkeys(mode.name for mode in timeline.modes))
+    mode_numbers = _mode_numbers(time, timeline.modes, mode_names)
+    # The bar is about a third of the path, rounded to one digit.
+    bar_length = float(f"{size / 3:.0e}")
+    svg = svg_of(
+        "path",
+        pieces=[*_pieces(x, y, height_classes, mode_numbers)],
+        first=(x[0], y[0]),
+        last=(x[-1], y[-1]),
+        scale=(scale * bar_length, f"{bar_length:g} m"),
+        heights=_height_keys(lowest, height_range),
+        modes=[_Key(name, _mode_colour(number)) for number, name in enumerate(mode_names)],
+        wind=None if wind is None else _wind_arrow(wind),
+    )
+    description = (
+        f"Path over ground, {np.ptp(east):.0f} m wide and {np.ptp(north):.0f} m high; north is up."
+    )
+    track = {"time": time, "x": x, "y": y, "height": height} | _wind_at(time, wind)
+    packed_track: JsonValues = {name: packed(values, False) for name, values in track.items()}
+    return Plan("Flown path", description, svg, packed_track)
+
+
+def _height_classes(height: Array, lowest: float, height_range: float) -> Array:
+    """Returns the class (N,) of each height, from 0 for the lowest fifth of the range."""
+    share = (np.nan_to_num(height, nan=lowest) - lowest) / height_range
+    count = len(HEIGHT_COLOURS)
+    return np.clip(np.floor(count * share), 0, count - 1).astype(int)
+
+
+def _height_keys(lowest: float, height_range: float) -> list[_Key]:
+    """Returns the legend of the colours by height: the range of each class, m."""
+    edges = np.linspace(lowest, lowest + height_range, len(HEIGHT_COLOURS) + 1)
+    keys = []
+    for colour, (low, high) in zip(HEIGHT_COLOURS, pairwise(edges), strict=True):
+        keys.append(_Key(f"{rounded(low, 2)} to {rounded(high, 2)} m", colour))
+    return keys
+
+
+def _mode_numbers(time: Array, modes: Sequence[Span], names: Sequence[str]) -> Array:
+    """Returns for each time (N,) the number of its flight mode among the names; −1 where the mode is not known."""
+    numbers = np.full(len(time), -1)
+    for mode in modes:
+        numbers[(time >= mode.start) & (time <= mode.end)] = names.index(mode.name)
+    return numbers
+
+
+def _mode_colour(number: int) -> str:
+    """Returns the colour of a flight mode by its number; neutral where the mode is not known."""
+    return MEASURED if number < 0 else MODE_COLOURS[number % len(MODE_COLOURS)]
+
+
+def _pieces(x: Array, y: Array, height_classes: Array, mode_numbers: Array) -> Iterator[_Piece]:
+    """Yields the path in pieces, a new one wherever the class of height or the flight mode changes.
+
+    Args:
+        x, y: places (N,) in units of the drawing.
+        height_classes: class of height (N,).
+        mode_numbers: number of the flight mode (N,).
+    """
+    is_change = (np.diff(height_classes) != 0) | (np.diff(mode_numbers) != 0)
+    edges = [0, *(np.flatnonzero(is_change) + 1).tolist(), len(x)]
+    for start, end in pairwise(edges):
+        # Each piece goes on to the first point of the next one, so that the path has no gaps.
+        points = zip(x[start : end + 1], y[start : end + 1], strict=True)
+        way = "M" + " ".join(f"{right:.1f} {below:.1f}" for right, below in points)
+        height_colour = HEIGHT_COLOURS[height_classes[start]]
+        yield _Piece(way, height_colour, _mode_colour(int(mode_numbers[start])))
+
+
+def _wind_arrow(wind: WindVelocity) -> _WindArrow | None:
+    """Returns the arrow of the mean wind; None where its direction is not known."""
+    if not wind.direction_identifiable:
+        return None
+    label = f"from {compass_text(wind.direction)}"
+    if wind.speed_identifiable:
+        label = f"{rounded(wind.speed, 2)} m/s {label}"
+    return _WindArrow(wind.direction, label)
+
+
+def _wind_at(time: Array, wind: WindVelocity | None) -> dict[str, Array]:
+    """Returns direction (degrees) and speed (m/s) of the wind at given times (N,), by name, as far as they are known.
+
+    Directions lie within half a turn of their mean, so that they can be interpolated; outside the estimate they are
+    NaN.
+    """
+    if wind is None or not wind.direction_identifiable:
+        return {}
+    polar = wind.polar
+    courses = {"direction": polar.direction}
+    if wind.speed_identifiable:
+        courses["speed"] = polar.speed
+    return {
+        name: np.interp(time, wind.time, values, left=np.nan, right=np.nan)
+        for name, values in courses.items()
+    }

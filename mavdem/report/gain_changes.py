@@ -1,0 +1,123 @@
+"""Gains to set as a page shows them: a table, and files for ground stations that download from the page itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import PurePath
+from typing import NamedTuple
+from urllib.parse import quote
+
+from mavdem.assessment.axis.tuning import STAGE_REMARKS
+from mavdem.facts import Fact
+from mavdem.facts.loops import Gains, LoopActions
+from mavdem.ingest.parameter_file import parameter_files
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.loops.advice import Advice, AdviceByAxis, Gain
+from mavdem.loops.gain_design import Stage
+from mavdem.report.blocks import Table
+
+READERS = {".param": "Mission Planner, MAVProxy", ".params": "QGroundControl"}
+"""Ground stations that read a parameter file, by the ending of its name."""
+
+LOWERING = (Gains.LOWER_GAINS, LoopActions.LOWER_BY_A_THIRD)
+"""Facts whose ``changes`` are gains to lower: name, value now and value to set."""
+
+LOWERED_GAINS_REMARK = "Gains to lower before the next flight"
+"""First line of the parameter files of gains to lower."""
+
+
+class ParameterDownload(NamedTuple):
+    """A parameter file that a page holds within a link."""
+
+    name: str
+    """Name of the file."""
+
+    label: str
+    """Text of the link: the file's ending and who reads it."""
+
+    address: str
+    """The file as a ``data:`` address."""
+
+
+class GainChanges(NamedTuple):
+    """Gains to set before the next flight."""
+
+    table: Table
+    """Each gain with its value now, the value to set, and the factor between them."""
+
+    downloads: tuple[ParameterDownload, ...]
+    """The same as files."""
+
+
+class _GainSet(NamedTuple):
+    """Gains that are loaded together."""
+
+    gains: Mapping[str, Gain]
+    """Gains that change, by the autopilot's name."""
+
+    remark: str
+    """First line of their parameter files."""
+
+    suffix: str = ""
+    """End of the name of their files, before the ending."""
+
+
+def gain_changes(
+    log_name: str, vehicle: Telemetry, advice: AdviceByAxis, next_step: Fact
+) -> GainChanges | None:
+    """Returns the gains to set of a judged flight: those to lower, if its next step names some, or the advised ones.
+
+    Args:
+        log_name: name of the log, after which the files are named.
+        vehicle: the vehicle that they are for.
+        advice: gains that are advised by axis, or why there are none.
+        next_step: of the judgement.
+
+    Returns:
+        The table with its files; None where no gain changes.
+    """
+    lowered = dict(_gains_to_lower(next_step))
+    if lowered:
+        gain_sets = [_GainSet(lowered, LOWERED_GAINS_REMARK)]
+    else:
+        gain_sets = [*_advised_gain_sets(advice)]
+    rows = []
+    downloads = []
+    for gain_set in gain_sets:
+        for name, gain in gain_set.gains.items():
+            factor = gain.set / gain.now if gain.now else 1.0
+            rows.append([name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{factor:.2f}"])
+        values = {name: gain.set for name, gain in gain_set.gains.items()}
+        files = parameter_files(values, vehicle, gain_set.remark)
+        for ending in sorted(files):
+            name = f"{PurePath(log_name).stem}{gain_set.suffix}{ending}"
+            stage = gain_set.suffix.replace(".stage", "Stage ")
+            label = f"{stage} {ending} ({READERS[ending]})".strip()
+            address = f"data:text/plain;charset=utf-8,{quote(files[ending])}"
+            downloads.append(ParameterDownload(name, label, address))
+    if not rows:
+        return None
+    return GainChanges(Table(["gain", "now", "set", "times"], rows), tuple(downloads))
+
+
+def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:
+    """Yields the advised gains by stage, since those of a stage are flown before those of the next are loaded."""
+    axes_of_stage: dict[Stage, dict[str, Gain]] = {}
+    for axis_advice in advice.values():
+        if isinstance(axis_advice, Advice) and axis_advice.stage is not None:
+            changed = {name: axis_advice.gains[name] for name in axis_advice.parameters}
+            axes_of_stage.setdefault(axis_advice.stage, {}).update(changed)
+    for stage, gains in sorted(axes_of_stage.items()):
+        suffix = f".stage{stage:d}" if len(axes_of_stage) > 1 else ""
+        yield _GainSet(gains, STAGE_REMARKS[stage], suffix)
+
+
+def _gains_to_lower(fact: Fact) -> Iterator[tuple[str, Gain]]:
+    """Yields name and gain of all that a fact, or a fact among its figures, says to lower."""
+    if fact.code in LOWERING:
+        for name, now, new in fact.figures["changes"]:
+            yield name, Gain(now, new)
+    for figure in fact.figures.values():
+        for related in figure if isinstance(figure, tuple) else (figure,):
+            if isinstance(related, Fact):
+                yield from _gains_to_lower(related)

@@ -1,0 +1,36 @@
+"""Gains to set on a page: a table, and files that both ground stations read back."""
+
+from pathlib import Path
+from urllib.parse import unquote
+
+from hover import Hover
+from pytest import approx
+
+from mavdem.facts import Fact
+from mavdem.facts.assessment import NextStep
+from mavdem.facts.loops import LoopActions
+from mavdem.ingest.parameter_file import read_parameters
+from mavdem.report.gain_changes import gain_changes
+
+LOWER = Fact(
+    LoopActions.LOWER_BY_A_THIRD,
+    subject="rate",
+    axis="roll",
+    changes=(("ATC_RAT_RLL_P", 0.135, 0.09),),
+)
+
+
+def test_gains_to_lower_are_a_table_and_files_within_the_page(tmp_path: Path):
+    vehicle = Hover().telemetry()
+    next_step = Fact(NextStep.DO_AS_ADVISED, because=LOWER)
+    changes = gain_changes("flight.bin", vehicle, {}, next_step)
+    assert changes.table.rows == [["ATC_RAT_RLL_P", "0.135", "0.09", "0.67"]]
+    for download in changes.downloads:
+        path = tmp_path / download.name
+        path.write_text(unquote(download.address.split(",", 1)[1]), encoding="utf-8")
+        assert read_parameters(path) == {"ATC_RAT_RLL_P": approx(0.09)}
+    assert "flight.params" in {download.name for download in changes.downloads}
+
+
+def test_a_flight_whose_gains_stay_has_no_table():
+    assert gain_changes("a.bin", Hover().telemetry(), {}, Fact(NextStep.KEEP_MODEL)) is None
