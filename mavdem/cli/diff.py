@@ -1,11 +1,14 @@
 """``mavdem diff``: which figures of a vehicle differ significantly between two flights, or two fleets."""
 
+from collections.abc import Callable
+from datetime import date
 from pathlib import Path
+from typing import Any
 
 import click
 
 from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
-from mavdem.cli.options import file_option, json_option
+from mavdem.cli.options import Command, file_option, json_option
 from mavdem.cli.output import json_text, print_result, progress
 from mavdem.cli.output_files import check_output_folder, replaced_files
 from mavdem.cli.result_folders import available_folder
@@ -14,7 +17,7 @@ from mavdem.documents.fleet import Diff
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
-from mavdem.fleet.state import VehicleState, of_common_vehicle, state_of
+from mavdem.fleet.state import Days, VehicleState, of_common_vehicle, state_of
 from mavdem.report.blocks import Sentence
 from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks
 from mavdem.report.pages.difference_page import comparison_page
@@ -26,6 +29,40 @@ DOCUMENT_FILE = "diff.json"
 """Name of the file with the document, as ``--json`` prints it."""
 
 
+class DaysType(click.ParamType):
+    """Type of an option for days, as "2026-01-05..2026-01-11", or a single one."""
+
+    name = "days"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Days:
+        """Returns the days that a user has typed.
+
+        Raises:
+            click.BadParameter: They are no dates, or the last one is before the first.
+        """
+        if isinstance(value, Days):
+            return value
+        first_text, separator, last_text = str(value).partition("..")
+        try:
+            first = date.fromisoformat(first_text)
+            last = date.fromisoformat(last_text) if separator else first
+        except ValueError:
+            self.fail(f"{value} is not like 2026-01-05..2026-01-11.", param, ctx)
+        if last < first:
+            self.fail(f"{last} is before {first}.", param, ctx)
+        return Days(first, last)
+
+
+def _days_option(side: str) -> Callable[[Command], Command]:
+    """Returns a decorator that adds the option for the days of a side, "a" or "b"."""
+    return click.option(
+        f"--days-{side}",
+        metavar="FIRST..LAST",
+        type=DaysType(),
+        help=f"Only flights of {side.upper()} that began on these days, UTC.",
+    )
+
+
 @click.command("diff")
 @click.argument("before", metavar="A", type=click.Path())
 @click.argument("after", metavar="B", type=click.Path())
@@ -34,6 +71,8 @@ DOCUMENT_FILE = "diff.json"
     metavar="NAME",
     help="Which vehicle, by its name in the fleet or, in a log with several, SYSTEM:COMPONENT.",
 )
+@_days_option("a")
+@_days_option("b")
 @file_option("--out", "Folder for diff.html and diff.json. [default: named after A and B]")
 @json_option
 @click.pass_context
@@ -42,6 +81,8 @@ def diff_command(
     before: str,
     after: str,
     vehicle: str | None,
+    days_a: Days | None,
+    days_b: Days | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -58,6 +99,7 @@ def diff_command(
     Examples:
       mavdem diff monday.tlog friday.tlog
       mavdem diff fleet_2025/ fleet_2026/ --vehicle px4-1a2b3c
+      mavdem diff fleet/ fleet/ --days-a 2026-01-05..2026-01-11 --days-b 2026-01-12..2026-01-18
 
     A page shows both over each other: step responses, spectra, margins, motors, wind and parameters.
 
@@ -69,8 +111,8 @@ def diff_command(
         folder = available_folder(name, DOCUMENT_FILE, {"a": before, "b": after})
     check_output_folder(folder, (PAGE_FILE, DOCUMENT_FILE), before, after)
     name_a, name_b = STATE_NAMES
-    state_a = _read_state(name_a, before, vehicle)
-    state_b = _read_state(name_b, after, vehicle)
+    state_a = _read_state(name_a, before, vehicle, days_a)
+    state_b = _read_state(name_b, after, vehicle, days_b)
     if vehicle is None:
         state_a, state_b = of_common_vehicle(state_a, state_b)
     difference = vehicle_difference(state_a.rows, state_b.rows)
@@ -81,7 +123,7 @@ def diff_command(
         difference, a=before, b=after, parameters=parameters, headlines=headlines
     )
     page = comparison_page(
-        (Path(before).name, Path(after).name),
+        (_shown_name(before, days_a), _shown_name(after, days_b)),
         (state_a.review, state_b.review),
         difference,
         parameters,
@@ -103,13 +145,20 @@ def diff_command(
         context.exit(EXIT_UNSUPPORTED)
 
 
-def _read_state(name: str, source: str, vehicle: str | None) -> VehicleState:
+def _shown_name(source: str, days: Days | None) -> str:
+    """Returns what the page calls a log or a fleet: its name, with the days that are compared."""
+    name = Path(source).name
+    return name if days is None else f"{name}, {days.first} to {days.last}"
+
+
+def _read_state(name: str, source: str, vehicle: str | None, days: Days | None) -> VehicleState:
     """Reads one of the two states that are compared: the flights of a vehicle in a log or a fleet.
 
     Args:
         name: Name of the state in messages, "A" or "B".
         source: Path of the log, or of the fleet's folder.
         vehicle: Name of the vehicle; None for the flights of all vehicles.
+        days: Days whose flights count; None for all.
 
     Raises:
         Unreadable: It cannot be read.
@@ -117,4 +166,4 @@ def _read_state(name: str, source: str, vehicle: str | None) -> VehicleState:
     """
     refuse_link(source)
     with progress(f"Reading {source}", measured=False):
-        return state_of(name, Path(source), vehicle)
+        return state_of(name, Path(source), vehicle, days)

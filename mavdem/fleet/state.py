@@ -1,6 +1,7 @@
 """The flights of one vehicle in a log or a fleet: one of the two states that ``mavdem diff`` compares."""
 
 from collections.abc import Sequence
+from datetime import date
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,10 +10,23 @@ from mavdem.containers import JsonValues
 from mavdem.errors import NotLearnable
 from mavdem.facts.fleet import Incomparable
 from mavdem.fleet.flights import flights_of
-from mavdem.fleet.row import UNKNOWN, FlightRows
+from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
-from mavdem.fleet.store import is_fleet, read_rows
+from mavdem.fleet.store import is_fleet, read_brief_rows, read_rows
 from mavdem.ingest.telemetry import Parameters, Telemetry
+
+
+class Days(NamedTuple):
+    """The days from a first to a last one, both included."""
+
+    first: date
+    """The first day, UTC."""
+    last: date
+    """The last day, UTC."""
+
+    def include(self, row: FlightRow) -> bool:
+        """Returns whether a flight began on one of these days; a flight without a date did not."""
+        return row.date is not None and self.first <= row.date.date() <= self.last
 
 
 class VehicleState(NamedTuple):
@@ -55,13 +69,16 @@ class VehicleState(NamedTuple):
         return self._replace(rows=[row for row in self.rows if row.vehicle in names])
 
 
-def state_of(name: str, path: Path, vehicle: str | None = None) -> VehicleState:
+def state_of(
+    name: str, path: Path, vehicle: str | None = None, days: Days | None = None
+) -> VehicleState:
     """Returns the flights of a vehicle in a log or a fleet: one of the two states that ``mavdem diff`` compares.
 
     Args:
         name: what the log or the fleet is called in messages.
         path: path of the log, or of the folder of the fleet.
         vehicle: name of the vehicle, as a fleet has it; in a log also "system:component". All vehicles unless given.
+        days: days whose flights count; those of all days unless given.
 
     Raises:
         NotLearnable: there are no flights of the vehicle.
@@ -69,7 +86,11 @@ def state_of(name: str, path: Path, vehicle: str | None = None) -> VehicleState:
     """
     comes_from_fleet = is_fleet(path)
     if comes_from_fleet:
-        state = VehicleState(read_rows(path), review={}, vehicles=())
+        stored_rows = read_rows(path, vehicle)
+        if not stored_rows:
+            # Those of all vehicles tell which names there are.
+            stored_rows = read_brief_rows(path)
+        state = VehicleState(stored_rows, review={}, vehicles=())
         system = ""
     else:
         state = state_of_log(path)
@@ -79,11 +100,13 @@ def state_of(name: str, path: Path, vehicle: str | None = None) -> VehicleState:
     for row in state.rows:
         if vehicle is None or row.vehicle == vehicle or str(row.system) == system:
             rows.append(row)
+    if days is not None:
+        rows = [row for row in rows if days.include(row)]
     chosen = state._replace(rows=rows)
     if comes_from_fleet and chosen.names == {UNKNOWN}:
         raise NotLearnable(Incomparable.VEHICLES_UNKNOWN, subject=name)
     if not chosen.names:
-        if vehicle is not None and state.names and not chosen.rows:
+        if vehicle is not None and vehicle not in state.names and state.names and not chosen.rows:
             raise NotLearnable(
                 Incomparable.VEHICLE_MISSING,
                 subject=name,

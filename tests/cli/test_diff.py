@@ -46,6 +46,21 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     assert [(one["kind"], one["motor"]) for one in changed] == [("share", 3), ("effect", 3)]
 
 
+@mark.slow
+def test_two_weeks_of_one_fleet_are_compared(tmp_path, capsys):
+    fleet_of(tmp_path / "fleet", [*flown("alpha", range(4)), *flown("alpha", range(7, 10), **WEAK)])
+    words = (
+        f"{tmp_path}/fleet {tmp_path}/fleet --vehicle alpha --days-a 2026-01-05..2026-01-11".split()
+    )
+    document = document_of(capsys, "diff", *words, "--days-b", "2026-01-12..2026-01-13")
+    assert document["flights"] == [4, 2]
+    assert "changed" in {change["outcome"] for change in document["changes"]}
+    said = refused(capsys, 1, "diff", *words, "--days-b", "2027-01-01")
+    assert "B has no flight with figures" in said
+    for wrong in ("monday", "2026-01-12..2026-01-11"):
+        refused(capsys, 2, "diff", *words, "--days-b", wrong)
+
+
 def test_a_page_that_something_is_in_the_way_of_is_refused(fleets, capsys):
     Path("out/diff.html").mkdir(parents=True)
     said = refused(capsys, 2, "diff", *fleets, "--out", "out")

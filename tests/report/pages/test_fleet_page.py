@@ -50,7 +50,7 @@ def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
     assert "".join(f"<span>{one}</span>" for one in columns) in found["quad-0"]
     assert "Quadrotor · ArduCopter V4.5" in found["quad-0"]
     assert '<path class="good" d="M36 0v1h.8v-1zM37' in found["quad-0"]
-    assert 'aria-label="Latest flights: 1 bad, 3 good"' in found["quad-1"]
+    assert 'aria-label="Latest flights: 1 bad and 3 good"' in found["quad-1"]
     assert "It is cut off at" in text and "<td>3</td>" in text.replace(' class="words"', "")
 
 
