@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from datetime import date
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -29,28 +28,24 @@ DOCUMENT_FILE = "diff.json"
 """Name of the file with the document, as ``--json`` prints it."""
 
 
-class DaysType(click.ParamType):
-    """Type of an option for days, as "2026-01-05..2026-01-11", or a single one."""
+def _days(context: click.Context, parameter: click.Parameter, text: str | None) -> Days | None:
+    """Returns the days that a user has typed, as "2026-01-05..2026-01-11", or a single one; None without the option.
 
-    name = "days"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Days:
-        """Returns the days that a user has typed.
-
-        Raises:
-            click.BadParameter: They are no dates, or the last one is before the first.
-        """
-        if isinstance(value, Days):
-            return value
-        first_text, separator, last_text = str(value).partition("..")
-        try:
-            first = date.fromisoformat(first_text)
-            last = date.fromisoformat(last_text) if separator else first
-        except ValueError:
-            self.fail(f"{value} is not like 2026-01-05..2026-01-11.", param, ctx)
-        if last < first:
-            self.fail(f"{last} is before {first}.", param, ctx)
-        return Days(first, last)
+    Raises:
+        click.BadParameter: They are no dates, or the last one is before the first.
+    """
+    if text is None:
+        return None
+    first_text, separator, last_text = text.partition("..")
+    try:
+        first = date.fromisoformat(first_text)
+        last = date.fromisoformat(last_text) if separator else first
+    except ValueError:
+        message = f"{text} is not like 2026-01-05..2026-01-11."
+        raise click.BadParameter(message, context, parameter) from None
+    if last < first:
+        raise click.BadParameter(f"{last} is before {first}.", context, parameter)
+    return Days(first, last)
 
 
 def _days_option(side: str) -> Callable[[Command], Command]:
@@ -58,7 +53,7 @@ def _days_option(side: str) -> Callable[[Command], Command]:
     return click.option(
         f"--days-{side}",
         metavar="FIRST..LAST",
-        type=DaysType(),
+        callback=_days,
         help=f"Only flights of {side.upper()} that began on these days, UTC.",
     )
 
