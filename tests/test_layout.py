@@ -24,6 +24,7 @@ FLOORS = (
         "document_heading",
         "immutable",
         "machine",
+        "processes",
         "unit_errors",
         "units",
     },
@@ -120,6 +121,7 @@ USED_BY = {
         "mavdem.errors",
         "mavdem.extras",
         "mavdem.facts",
+        "mavdem.processes",
         "mavdem.unit_errors",
     },
     "mavdem.motors": {

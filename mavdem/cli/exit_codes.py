@@ -17,5 +17,5 @@ SIGNAL_EXIT_BASE = 128
 EXIT_INTERRUPTED = SIGNAL_EXIT_BASE + signal.SIGINT
 """The user has pressed Ctrl-C."""
 
-EXIT_PIPE_CLOSED = SIGNAL_EXIT_BASE + signal.SIGPIPE
-"""The program that reads standard output has closed the pipe, as ``head`` does."""
+EXIT_PIPE_CLOSED = SIGNAL_EXIT_BASE + 13
+"""The program that reads standard output has closed the pipe, as ``head`` does. POSIX signals that by SIGPIPE, 13."""

@@ -1,4 +1,7 @@
-"""Termination by signals: how Ctrl-C, SIGTERM and SIGHUP end a command at once, in order, or when it is ready."""
+"""Termination by signals: how Ctrl-C, SIGTERM and SIGHUP end a command at once, in order, or when it is ready.
+
+Windows has SIGBREAK in the place of SIGHUP, and no program sends SIGTERM there.
+"""
 
 import signal
 import sys
@@ -7,6 +10,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from mavdem.cli.exit_codes import SIGNAL_EXIT_BASE
+from mavdem.processes import TERMINATION_SIGNALS
 
 
 @contextmanager
@@ -30,7 +34,7 @@ def raise_on_termination_signals() -> None:
     has begun, for example the removal of temporary files. A signal that is ignored already, as SIGHUP under ``nohup``,
     stays ignored.
     """
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in TERMINATION_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _raise_exit)
 
@@ -65,10 +69,12 @@ def termination_requests() -> Iterator[Callable[[], bool]]:
         nonlocal is_requested
         is_requested = True
 
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
-        numbers.append(signal.SIGHUP)
-    former_handlers = {number: signal.signal(number, request_end) for number in numbers}
+    former_handlers = {}
+    for number in TERMINATION_SIGNALS:
+        is_ignored = signal.getsignal(number) is signal.SIG_IGN
+        # Shells start programs in the background with SIGINT ignored; sent to such a program, it is a request too.
+        if number in (signal.SIGINT, signal.SIGTERM) or not is_ignored:
+            former_handlers[number] = signal.signal(number, request_end)
     try:
         yield lambda: is_requested
     finally:

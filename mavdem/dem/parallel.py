@@ -13,16 +13,24 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from itertools import chain, islice
 from multiprocessing import active_children, current_process, get_context, parent_process
-from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from threading import Lock, Thread, current_thread, main_thread
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from mavdem.facts import Fact
 from mavdem.facts.model import Workers
+from mavdem.processes import TERMINATION_SIGNALS, lower_priority
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
+
+
+class Pollable(Protocol):
+    """A receiving end of a pipe between processes, of which each system has its own class."""
+
+    def poll(self) -> bool:
+        """Returns whether the end is readable."""
+
 
 MAX_SERIAL_JOBS = 8
 """Most jobs that are done in this process: workers take about a second to start."""
@@ -33,16 +41,13 @@ JOBS_AHEAD = 256
 LOW_PRIORITY = 10
 """Niceness, 0 to 19, of a process that learns while samples arrive: the samples do not wait for a core."""
 
-TERMINATION_SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-"""Signals that end a program from outside: Ctrl-C, a request to terminate, and a closed terminal."""
-
 _pool_start_lock = Lock()
 """Held while a pool starts, so that the processes that appear meanwhile are its own."""
 
 _child_processes_forbidden = False
 """Whether this process starts no workers, because it is one of several that share the cores."""
 
-_stop_pipe: Connection | None = None
+_stop_pipe: Pollable | None = None
 """In a worker: the end of a pipe that becomes readable when its results are no longer wanted."""
 
 
@@ -233,7 +238,7 @@ class LearningProcess(Executor):
         """Ends the process, if there is one, and starts a new one."""
         self._exits.close()
         self._pool = self._exits.enter_context(process_pool(1))
-        self._pool.submit(os.nice, LOW_PRIORITY)
+        self._pool.submit(lower_priority, LOW_PRIORITY)
 
 
 @contextmanager
@@ -241,7 +246,7 @@ def blocked_signals(*numbers: signal.Signals) -> Iterator[None]:
     """Postpones signals until the block is left; processes that are started in the block inherit the mask.
 
     The mask holds for this thread only. A signal that another thread receives is handled by Python in the main thread,
-    so that its handler is replaced there as well.
+    so that its handler is replaced there as well. Windows has no mask, and no signals to other threads.
 
     Args:
         *numbers: The signals.
@@ -256,13 +261,15 @@ def blocked_signals(*numbers: signal.Signals) -> Iterator[None]:
                 original_handlers[number] = signal.signal(
                     number, lambda received, _: postponed.append(received)
                 )
-    original_mask = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    if sys.platform != "win32":
+        original_mask = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
         yield
     finally:
         for number, handler in original_handlers.items():
             signal.signal(number, handler)
-        signal.pthread_sigmask(signal.SIG_SETMASK, original_mask)
+        if sys.platform != "win32":
+            signal.pthread_sigmask(signal.SIG_SETMASK, original_mask)
         for received in postponed:
             signal.raise_signal(received)
 
@@ -273,7 +280,7 @@ def _is_importing_main() -> bool:
     return getattr(current_process(), "_inheriting", False)
 
 
-def _initialize_worker(stop_pipe: Connection) -> None:
+def _initialize_worker(stop_pipe: Pollable) -> None:
     """Prepares a worker process: it ends with its parent, and can be told to stop.
 
     Args:
@@ -281,9 +288,14 @@ def _initialize_worker(stop_pipe: Connection) -> None:
     """
     global _stop_pipe
     _stop_pipe = stop_pipe
-    # The signal was blocked while the process started. A worker alone may be ended, and a broken pool ends its others
-    # with this signal.
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+    if sys.platform == "win32":
+        # Ctrl-C reaches all processes of a console. The parent decides what it means.
+        for number in TERMINATION_SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+    else:
+        # The signal was blocked while the process started. A worker alone may be ended, and a broken pool ends its
+        # others with this signal.
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     Thread(target=_exit_with_parent, daemon=True).start()
 
 

@@ -30,6 +30,8 @@ class LinkError(StrEnum):
     """The user may not open it."""
     NOT_SERIAL = "not_serial"
     """The device is no serial port."""
+    NO_PYSERIAL = "no_pyserial"
+    """The package pyserial is not installed, which Windows needs."""
     NO_SPEED = "no_speed"
     """The serial port has no such speed."""
 

@@ -8,7 +8,6 @@ pandas, where pyarrow is installed.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -20,6 +19,8 @@ from importlib import metadata
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
+
+from filelock import FileLock
 
 from mavdem.containers import JsonValues, Names
 from mavdem.errors import Unreadable, error_message
@@ -38,6 +39,9 @@ STORE = "fleet.sqlite"
 
 TABLE = Path("flights", "flights.parquet")
 """Path of the table in the folder of a fleet."""
+
+TABLE_LOCK = ".flights.lock"
+"""Name of the file that is locked while the table is written; outside the table's folder, all of which is read."""
 
 ROWS_PER_GROUP = 2_000
 """Rows of a group in the Parquet file, which are in memory at a time: 8 MB as JSON. Readers that look for a vehicle
@@ -583,14 +587,10 @@ class Store:
             for (vehicle,) in self.db.execute(query, [baseline]).fetchall():
                 healthy_rows = [row for row in healthy if row.vehicle == vehicle]
                 self._judge_vehicle(vehicle, assess, healthy_rows, baseline)
-        folder = os.open(self.folder, os.O_RDONLY)
-        try:
-            # Two runs that end together write one after the other, so that the later one has all rows. Other runs can
-            # go on meanwhile.
-            fcntl.flock(folder, fcntl.LOCK_EX)
+        # Two runs that end together write one after the other, so that the later one has all rows. Other runs can go on
+        # meanwhile.
+        with FileLock(self.folder / TABLE_LOCK):
             self._write_table()
-        finally:
-            os.close(folder)
 
     def _judge_vehicle(
         self, vehicle: str, assess: AssessRows, healthy_rows: FlightRows, baseline: str

@@ -8,20 +8,17 @@ supervises the processes, and kills them when it stops waiting, for whatever rea
 import errno
 import hashlib
 import os
-import resource
 import shutil
-import signal
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack, chdir, contextmanager, suppress
+from contextlib import ExitStack, chdir, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import metadata
 from itertools import islice
-from math import ceil, inf
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from threading import Event
@@ -31,7 +28,6 @@ from urllib.parse import urlsplit
 from mavdem.assessment import Assessment
 from mavdem.containers import JsonValues, Names
 from mavdem.dem.parallel import (
-    TERMINATION_SIGNALS,
     ProcessPool,
     blocked_signals,
     forbid_child_processes,
@@ -42,6 +38,13 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, is_url
+from mavdem.processes import (
+    TERMINATION_SIGNALS,
+    limit_memory,
+    peak_megabytes,
+    resource_use,
+    signal_name,
+)
 
 PAGES = "pages"
 """Name of the folder with the pages of flights, in the folder of the fleet."""
@@ -54,7 +57,7 @@ CLOCK_SECONDS_PER_PROCESSOR_SECOND = 10
 process waits."""
 
 POLL_SECONDS = 0.5
-"""s between checks whether a reading is done, and whether it is to be given up."""
+"""s between checks whether a reading is done, is beyond its limits, and whether it is to be given up."""
 
 MAX_READER_THREADS = 2**10
 """Threads that wait for readers, at most; more than any machine or cluster has readers."""
@@ -132,6 +135,42 @@ def _job_columns(job: Job, key: str) -> JsonValues:
     return {"file": job.path, "key": key, "mavdem_version": metadata.version("mavdem")}
 
 
+class Supervision:
+    """Supervision of the process that reads one log, from outside: whether it keeps the limits of time and memory.
+
+    Attributes:
+        ending: "time" or "memory" after the process was beyond that limit, else "died".
+    """
+
+    def __init__(self, process_id: int, limits: JobLimits) -> None:
+        """Begins with the reading of the log.
+
+        Args:
+            process_id: number of the process that reads it.
+            limits: time and memory for its reading.
+        """
+        self.ending: JobEnding = "died"
+        self._process_id = process_id
+        self._limits = limits
+        self._earlier_use = resource_use(process_id)
+        self._deadline = time.monotonic() + CLOCK_SECONDS_PER_PROCESSOR_SECOND * limits.seconds
+
+    def is_beyond_limits(self) -> bool:
+        """Returns whether the process is beyond a limit now, and notes which one in ``ending``.
+
+        A process that waits or hangs takes no processor time, so that the time by the clock is limited too.
+        """
+        use = resource_use(self._process_id)
+        processor_seconds = use.processor_seconds - self._earlier_use.processor_seconds
+        if processor_seconds > self._limits.seconds or time.monotonic() > self._deadline:
+            self.ending = "time"
+            return True
+        if use.megabytes > self._limits.megabytes:
+            self.ending = "memory"
+            return True
+        return False
+
+
 class LogReader:
     """A process that reads one log at a time. If it dies, another process is started for the next log."""
 
@@ -150,9 +189,9 @@ class LogReader:
     def read(self, job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome | None:
         """Reads a log in the process, and finds out why where the process does not return an outcome.
 
-        Without an outcome the process has ended or is hanging. Its exit code tells the cause: the signal SIGXCPU that
-        it used too much processor time, ENOMEM that it had too little memory, anything else that it crashed. After a
-        crash, and after missing memory in a process that had read other logs, a new process tries once more.
+        Without an outcome the process has ended, or is beyond its limits. Where it has ended, the exit code ENOMEM
+        says that it had too little memory, and any other that it crashed. After a crash, and after missing memory in a
+        process that had read other logs, a new process tries once more.
 
         Args:
             job: the log.
@@ -165,43 +204,47 @@ class LogReader:
         Raises:
             Unreadable: no process can be started.
         """
+        ending: JobEnding = "died"
         exit_code = 0
         if self._logs_of_process >= limits.logs:
             self.stop()
         for _ in range(ATTEMPTS):
-            process = self._process or self._start_process()
+            process = self._process or self._start_process(read)
             self._logs_of_process += 1
-            deadline = time.monotonic() + CLOCK_SECONDS_PER_PROCESSOR_SECOND * limits.seconds
+            supervision = Supervision(process.pid or 0, limits)
             outcome = None
             try:
                 future = self._executor.submit(perform, job, limits, read)
-                outcome = self._result(future, deadline)
-                # Without an outcome the deadline has passed, which counts as too much processor time.
-                exit_code = -signal.SIGXCPU
+                outcome = self._result(future, supervision.is_beyond_limits)
+                ending = supervision.ending
             except BrokenExecutor:
                 process.join()
                 exit_code = process.exitcode or 0
+                ending = "memory" if exit_code == errno.ENOMEM else "died"
                 # The signal that ended it may have been sent to the whole run, which takes as long to notice it.
                 time.sleep(2 * POLL_SECONDS)
             if outcome is not None or self._is_cancelled():
                 return outcome
             was_first_log = self._logs_of_process == 1
             self.stop()
-            if exit_code == -signal.SIGXCPU:
+            if ending == "time":
                 too_long = Fact(Reading.READING_TOO_LONG, time_limit=limits.seconds)
                 return replace(failed(job, "time", too_long), seconds=limits.seconds)
             # After other logs their memory may have been missing: then a new process tries.
-            if exit_code == errno.ENOMEM and was_first_log:
+            if ending == "memory" and was_first_log:
                 too_large = Fact(Reading.READING_TOO_LARGE, memory_limit=limits.megabytes)
                 return replace(failed(job, "memory", too_large), megabytes=limits.megabytes)
         if exit_code < 0:
-            because = signal.Signals(-exit_code).name
+            because = signal_name(-exit_code)
         else:
             because = f"exit code {exit_code}"
         return failed(job, "died", Fact(Reading.READER_DIED, because=because, attempts=ATTEMPTS))
 
-    def _start_process(self) -> BaseProcess:
-        """Starts the process and waits until it can work.
+    def _start_process(self, read: ReadLog) -> BaseProcess:
+        """Starts the process and waits until it can work, since the limits of a log are not for imports.
+
+        Args:
+            read: the function that will read logs, whose modules the process imports.
 
         Raises:
             Unreadable: it cannot be started.
@@ -214,17 +257,29 @@ class LogReader:
         try:
             self._executor = self._exits.enter_context(process_pool(1))
             (self._process,) = self._executor.processes
-            self._result(self._executor.submit(os.getpid))
+            self._result(self._executor.submit(_receive, read))
         except (OSError, BrokenExecutor) as error:
             self.stop()
             raise Unreadable(Reading.READERS_NOT_STARTED, because=error) from None
         return self._process
 
-    def _result(self, future: Future[Any], deadline: float = inf) -> Any:
-        """Waits for a result until the ``deadline`` by the monotonic clock, s; None after it, or if it is cancelled."""
-        while time.monotonic() < deadline and not self._is_cancelled():
+    def _result(
+        self, future: Future[Any], is_beyond_limits: Callable[[], bool] = lambda: False
+    ) -> Any:
+        """Waits for a result.
+
+        Args:
+            future: what is waited for.
+            is_beyond_limits: whether to wait no longer; it is called every ``POLL_SECONDS``.
+
+        Returns:
+            The result; None where the process is beyond its limits, or the reading was given up.
+        """
+        while not self._is_cancelled():
             if wait([future], POLL_SECONDS).done:
                 return future.result()
+            if is_beyond_limits():
+                break
         return None
 
     def stop(self) -> None:
@@ -317,11 +372,15 @@ def side_by_side(
             executor.shutdown()
 
 
+def _receive(read: ReadLog) -> None:
+    """Does nothing, in the process of a ``LogReader``, which has then imported the modules of ``read``."""
+
+
 def perform(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
     """Reads one log within limits, in the process of a ``LogReader``.
 
-    The operating system enforces the limits. Processor time beyond the limit ends the process by SIGXCPU. Where memory
-    is missing it ends with the exit code ENOMEM, since what is left of its memory is fragmented.
+    Linux limits its memory; ``Supervision`` looks at memory and processor time from outside, on every system. Where
+    memory is missing the process ends with the exit code ENOMEM, since what is left of its memory is fragmented.
 
     Args:
         job: the log.
@@ -336,19 +395,12 @@ def perform(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
         _silence_output()
     # Each process uses one core; other readers use the others.
     forbid_child_processes()
-    _set_soft_limit(resource.RLIMIT_CPU, ceil(time.process_time() + limits.seconds))
-    # RLIMIT_DATA counts the memory that is allocated; outside Linux it may have no effect. The address space is not
-    # limited: mapped files and the reserved stacks of threads count in it, and take no memory.
-    with suppress(ValueError, OSError):
-        _set_soft_limit(resource.RLIMIT_DATA, limits.megabytes << 20)
+    limit_memory(limits.megabytes)
     try:
         outcome = outcome_of(job, read)
     except MemoryError:
         os._exit(errno.ENOMEM)
-    # Linux counts the largest memory in KiB, macOS in bytes.
-    units_per_kilobyte = 1024 if sys.platform == "darwin" else 1
-    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / units_per_kilobyte
-    return replace(outcome, seconds=time.perf_counter() - begin, megabytes=kilobytes / 1024)
+    return replace(outcome, seconds=time.perf_counter() - begin, megabytes=peak_megabytes())
 
 
 def _silence_output() -> None:
@@ -357,14 +409,6 @@ def _silence_output() -> None:
     for descriptor in (1, 2):
         os.dup2(null_device, descriptor)
     os.close(null_device)
-
-
-def _set_soft_limit(resource_number: int, soft_limit: int) -> None:
-    """Sets the limit of a resource for this process, as far as its hard limit, which stays, allows."""
-    hard_limit = resource.getrlimit(resource_number)[1]
-    if hard_limit != resource.RLIM_INFINITY:
-        soft_limit = min(soft_limit, hard_limit)
-    resource.setrlimit(resource_number, (soft_limit, hard_limit))
 
 
 def outcome_of(job: Job, read: ReadLog) -> JobOutcome:

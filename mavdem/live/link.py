@@ -16,9 +16,7 @@ import select
 import socket
 import struct
 import sys
-import termios
 import time
-import tty
 from enum import StrEnum
 from typing import Any, NamedTuple, NoReturn
 
@@ -30,6 +28,7 @@ from mavdem.facts.session import LinkError, LinkFact
 from mavdem.ingest.mavlink.framing import HEADER_BYTES_V1, MARKER_V1
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from mavdem.live.frames import SEQUENCE_OFFSET_V1, SEQUENCE_OFFSET_V2
+from mavdem.live.serial_port import NoSerialPort, SerialPort, open_serial_port
 from mavdem.machine import LOOPBACK
 
 SO_TIMESTAMPNS = 35 if sys.platform == "linux" else 0
@@ -86,17 +85,12 @@ RETRY_SECONDS = 1.0
 MAX_PORT = np.iinfo(np.uint16).max
 """Largest number of a network port."""
 
-DEFAULT_BAUD = "115200"
-"""Speed of a serial port whose connection string names none: that of autopilots' USB ports."""
-
 _NETWORK_NAME = re.compile(r"(?:(udpin|udp|udpout|tcp|tcpin):(?!/))?(?:(\[[^\]]*\]|[^:/]*):)?(\d+)")
 _HOST_ADDRESS = re.compile(r"[.\]]|localhost")
 """What a host must contain where no kind of link precedes it: "mcast:14550" is another kind of link."""
 
-_TERMIOS_CONTROL_MODES = 2
-_TERMIOS_INPUT_SPEED = 4
-_TERMIOS_OUTPUT_SPEED = 5
-"""Indices into the list that ``termios.tcgetattr`` returns."""
+_WINDOWS_PORT = re.compile(r"COM\d+(,.*)?", re.IGNORECASE)
+"""Connection string of a serial port of Windows, which is no path."""
 
 
 class LinkKind(StrEnum):
@@ -186,8 +180,7 @@ class Link:
         # What is open: of a TCP server the listening socket, and with a client the client's; else one of the others.
         self._server: socket.socket | None = None
         self._socket: socket.socket | None = None
-        # File descriptor of the serial port.
-        self._serial: int | None = None
+        self._serial: SerialPort | None = None
         # When each address was heard last, s of the monotonic clock.
         self._peers: dict[Any, float] = {}
         try:
@@ -212,12 +205,16 @@ class Link:
         Raises:
             LinkLost: the connection or the port is lost; ``reopen`` opens it again.
         """
-        file = self._readable_file()
-        if file is None:
+        source = self._readable_source()
+        if source is None:
             raise LinkLost(self.name, LinkError.NOT_OPEN)
         received: list[tuple[float, bytes]] = []
         try:
-            if not select.select([file], [], [], timeout)[0]:
+            if isinstance(source, socket.socket):
+                is_readable = bool(select.select([source], [], [], timeout)[0])
+            else:
+                is_readable = source.wait(timeout)
+            if not is_readable:
                 return received
             # It holds for all pieces of this call that the kernel does not stamp.
             self._arrival = time.time()
@@ -296,7 +293,7 @@ class Link:
         """
         try:
             if self._serial is not None:
-                os.write(self._serial, frame)
+                self._serial.write(frame)
             elif self._socket is None:
                 # No client has connected yet.
                 return
@@ -321,12 +318,12 @@ class Link:
         It is called again and again while the link is lost. To spare the other side, it tries only once
         ``RETRY_SECONDS`` have passed since the loss or the last attempt. An attempt takes at most ``CONNECT_SECONDS``.
         """
-        if self._readable_file() is None and time.monotonic() >= self._reopen_time:
+        if self._readable_source() is None and time.monotonic() >= self._reopen_time:
             try:
                 self._open()
             except OSError:
                 self._close_for_a_while()
-        return self._readable_file() is not None
+        return self._readable_source() is not None
 
     def close(self) -> None:
         """Closes the link; it may be closed already."""
@@ -334,8 +331,7 @@ class Link:
             if each is not None:
                 each.close()
         if self._serial is not None:
-            with contextlib.suppress(OSError):
-                os.close(self._serial)
+            self._serial.close()
         self._socket = None
         self._server = None
         self._serial = None
@@ -349,7 +345,10 @@ class Link:
             OSError: it cannot be opened.
         """
         if self._kind is LinkKind.SERIAL:
-            self._serial = _open_serial(self.name)
+            try:
+                self._serial = open_serial_port(self.name)
+            except NoSerialPort as error:
+                raise _cannot_open(self.name, error.cause, repr(error.speed)) from None
             return
         kind = socket.SOCK_DGRAM if self.has_datagrams else socket.SOCK_STREAM
         host, port = self._address
@@ -395,7 +394,7 @@ class Link:
             # Connecting a UDP socket sends nothing: it only sets the address of the other side.
             opened.connect(address)
 
-    def _readable_file(self) -> socket.socket | int | None:
+    def _readable_source(self) -> socket.socket | SerialPort | None:
         """What becomes readable when something comes; None while the link is not open."""
         return self._socket or self._server or self._serial
 
@@ -411,7 +410,7 @@ class Link:
         """
         try:
             if self._serial is not None:
-                return os.read(self._serial, MAX_PIECE_BYTES)
+                return self._serial.read()
             if self._socket is None:
                 return None
             if self.has_datagrams and SO_TIMESTAMPNS:
@@ -424,6 +423,11 @@ class Link:
         except (BlockingIOError, ConnectionRefusedError):
             # A datagram is refused where the last one sent had no receiver.
             return None
+        except ConnectionResetError:
+            # Windows reports in this way that a datagram had no receiver.
+            if self.has_datagrams:
+                return None
+            raise
 
     def _read_stamped_datagram(self, opened: socket.socket) -> tuple[bytes, Any]:
         """Reads a datagram with its arrival by the kernel, which is exact even if it has waited to be read.
@@ -437,6 +441,7 @@ class Link:
         Returns:
             The datagram, and the address of its sender.
         """
+        assert sys.platform != "win32"
         piece, ancillary, _, address = opened.recvmsg(MAX_PIECE_BYTES, ANCILLARY_BYTES)
         for _, kind, value in ancillary:
             if kind == SO_TIMESTAMPNS:
@@ -545,7 +550,8 @@ CAUSES_BY_ERRNO = {
 def _parse_name(name: str) -> _LinkAddress:
     """Parses a connection string, whose forms the module's documentation lists.
 
-    What is no network address must be the absolute path of a serial device. Whether it is one shows when it is opened.
+    What is no network address must be the absolute path of a serial device, or a name as COM3. Whether it is one shows
+    when it is opened.
 
     Returns:
         Kind, host and port; empty host and port 0 of a serial port.
@@ -564,7 +570,7 @@ def _parse_name(name: str) -> _LinkAddress:
             return _LinkAddress(kind, (host or "").strip("[]") or LOOPBACK, int(port))
     if os.path.isfile(name):
         raise Unreadable(LinkFact.FILE_IS_NO_LINK, name=name)
-    if not os.path.isabs(name):
+    if not os.path.isabs(name) and not _WINDOWS_PORT.fullmatch(name):
         raise Unreadable(LinkFact.NOT_A_LINK, name=name)
     return _LinkAddress(LinkKind.SERIAL, "", 0)
 
@@ -608,41 +614,3 @@ def _enable_probes(connection: socket.socket) -> None:
         # Not every system has all of them.
         if hasattr(socket, option):
             connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
-
-
-def _open_serial(name: str) -> int:
-    """Opens a serial port by "DEVICE[,BAUD]" for raw bytes, and leaves its modem lines as they are.
-
-    Some autopilots and radios reset when a modem line changes. So the port neither waits for a carrier, nor hangs up at
-    the end, nor uses hardware flow control. The settings are those of termios(3).
-
-    Args:
-        name: path of the device, with the speed in bit/s after a comma; ``DEFAULT_BAUD`` unless given.
-
-    Returns:
-        The file descriptor.
-
-    Raises:
-        OSError: the device cannot be opened.
-        Unreadable: it is no serial port, or has no such speed.
-    """
-    device, _, speed = name.partition(",")
-    speed_is_number = speed.isdigit() or not speed
-    # The module termios has a constant for each speed that a port can have, such as B115200.
-    baud = getattr(termios, f"B{speed or DEFAULT_BAUD}", None)
-    if baud is None or not speed_is_number:
-        raise _cannot_open(name, LinkError.NO_SPEED, repr(speed))
-    descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    try:
-        tty.setraw(descriptor, termios.TCSANOW)
-        settings = termios.tcgetattr(descriptor)
-        # Receive without a carrier; neither hang up at the end nor wait for the other side's handshake.
-        settings[_TERMIOS_CONTROL_MODES] |= termios.CLOCAL | termios.CREAD
-        settings[_TERMIOS_CONTROL_MODES] &= ~(termios.HUPCL | termios.CRTSCTS)
-        settings[_TERMIOS_INPUT_SPEED] = baud
-        settings[_TERMIOS_OUTPUT_SPEED] = baud
-        termios.tcsetattr(descriptor, termios.TCSANOW, settings)
-    except termios.error as error:
-        os.close(descriptor)
-        raise _cannot_open(name, LinkError.NOT_SERIAL) from error
-    return descriptor

@@ -5,11 +5,10 @@ The table ``entries`` of ``FOLDER/fleet.sqlite`` is the index; the figures of fl
 ``results/DIGEST/`` has its result files. Both are moved to their place complete, and an upload is acknowledged when log
 and index are safely on the disk.
 
-Several servers may share a folder. Each holds a lock on a file of its own in ``servers/``; when the lock is free the
-server has died, and the others read the logs that it had claimed (``recovery``).
+Several servers may share a folder. Each has a file in ``servers/`` and holds a lock beside it; when the lock is free
+the server has died, and the others read the logs that it had claimed (``recovery``).
 """
 
-import fcntl
 import hashlib
 import json
 import os
@@ -55,6 +54,8 @@ from mavdem.serve.stored_files import (
     SERVERS,
     random_name,
     refuse_full_disk,
+    register_server,
+    remove_server,
     stored_file_name,
     sync_folder,
 )
@@ -87,10 +88,7 @@ class Library:
         self._thread_state = threading.local()
         try:
             self._create_folders()
-            # The file is locked before it gets its place: other servers must not see it without a lock.
-            self._lock_file = (self.folder / INCOMING / self.name).open("w")
-            fcntl.flock(self._lock_file, fcntl.LOCK_EX)
-            os.rename(self._lock_file.name, self.folder / SERVERS / self.name)
+            self._lock = register_server(self.folder / SERVERS / self.name)
             create_or_update_table(self.db)
             import_former_index(self)
         except (OSError, sqlite3.Error) as error:
@@ -102,8 +100,8 @@ class Library:
         """Gives the logs that this server was reading back to the queue, and releases its lock."""
         with self.transaction() as db:
             release_claims(db, self.name)
-        (self.folder / SERVERS / self.name).unlink(missing_ok=True)
-        self._lock_file.close()
+        self._lock.release()
+        remove_server(self.folder / SERVERS / self.name)
 
     @property
     def store(self) -> Store:

@@ -38,6 +38,7 @@ from mavdem.fleet.workers import LogRows
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Log
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+from mavdem.processes import lower_priority
 from mavdem.report.pages.flight_page import review_page
 from mavdem.report.pages.library_page import first_plots
 from mavdem.results import PAGE_FILE, possible_recordings, result_files, write_result_files
@@ -118,7 +119,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
     Raises:
         Unreadable: the log cannot be read, or has no vehicle.
     """
-    os.setpriority(os.PRIO_PROCESS, 0, LOWER_PRIORITY)
+    lower_priority(LOWER_PRIORITY)
     # FOLDER is two levels above the folder of the log.
     results = path.parents[2] / RESULTS
     digest = path.parent.name
@@ -151,7 +152,7 @@ def publish_table(path: Path, key: str, page: object) -> LogRows:
     """Judges the vehicles of the library anew and writes the fleet's table; a ``ReadLog`` function that reads no log.
 
     Args:
-        path: path of the lock file of the server, ``FOLDER/servers/NAME``.
+        path: path of the file of the server, ``FOLDER/servers/NAME``.
         key: not used.
         page: not used.
 

@@ -176,7 +176,7 @@ class ReadingThreads:
     def _publish_table(self, reader: LogReader | Cluster) -> None:
         """Has the fleet's table of flights written anew, on this machine also where a cluster reads the logs."""
         # A job opens and closes its file. When a process closes SQLite's file, POSIX drops its locks on it, so the job
-        # names the server's lock file instead.
+        # names the server's file instead.
         job = Job(str(self._library.folder / SERVERS / self._library.name))
         if self._cluster is None:
             reader.read(job, self._limits, publish_table)

@@ -21,6 +21,7 @@ from mavdem.facts.serve import Request, Stage
 from mavdem.fleet.workers import JobOutcome, LogRows
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Log, Telemetry
+from mavdem.processes import lower_priority
 from mavdem.results import RECORDINGS, REPORT_FILE, possible_recordings, write_recordings
 from mavdem.serve.index import DIGEST_GLOB, Entry, entry_from_row
 from mavdem.serve.library import Library
@@ -139,7 +140,7 @@ def make_recordings(path: Path, key: str, page: object) -> LogRows:
     Raises:
         Unreadable: the log cannot be read, no model can be learned from it, or there is no room for the files.
     """
-    os.setpriority(os.PRIO_PROCESS, 0, LOWER_PRIORITY)
+    lower_priority(LOWER_PRIORITY)
     # FOLDER is two levels above the folder of the log.
     results = path.parents[2] / RESULTS / path.parent.name
     unfinished_folder = results.with_name(f".{results.name}")

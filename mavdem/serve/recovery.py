@@ -16,6 +16,7 @@ from mavdem.serve.stored_files import (
     SERVER_NAME_BYTES,
     SERVERS,
     is_locked,
+    remove_server,
 )
 
 FORMER_INDEX = "library.sqlite"
@@ -76,7 +77,7 @@ def recover(library: RecoverableLibrary) -> None:
             release_claims(db, server)
             for path in (library.folder / INCOMING).glob(f"{server}-*"):
                 path.unlink(missing_ok=True)
-            (library.folder / SERVERS / server).unlink(missing_ok=True)
+            remove_server(library.folder / SERVERS / server)
         _restore_digests(db)
         # The results of a log lie in a folder with its digest, and in a hidden one while it is read.
         query = (

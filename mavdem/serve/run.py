@@ -1,7 +1,6 @@
 """Running the server: its socket, its connections, the threads around it, and its end."""
 
 import asyncio
-import resource
 import socket
 import threading
 import webbrowser
@@ -20,6 +19,7 @@ from mavdem.facts import Fact
 from mavdem.facts.serve import Start
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import JobLimits
+from mavdem.processes import max_open_files
 from mavdem.serve.app import Server
 from mavdem.serve.library import Library
 from mavdem.serve.link_monitor import LinkMonitor
@@ -165,8 +165,7 @@ class Connection(H11Protocol):
 
 def _max_connections() -> int:
     """Returns how many connections may be open: half of the files that the process may open, at most."""
-    max_open_files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-    return min(MAX_CONNECTIONS, max_open_files // 2)
+    return min(MAX_CONNECTIONS, max_open_files() // 2)
 
 
 def _url(host: str, listener: socket.socket) -> str:

@@ -1,14 +1,15 @@
 """Files of the library: its folders, the names in them, the locks of its servers, and writing that is safe on disk."""
 
 import errno
-import fcntl
 import os
 import re
 import secrets
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
+
+from filelock import BaseFileLock, FileLock, Timeout
 
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Request
@@ -23,7 +24,10 @@ INCOMING = "incoming"
 """Folder of uploads and recordings that are being written."""
 
 SERVERS = "servers"
-"""Folder of the lock files of running servers."""
+"""Folder with a file for each running server, and beside it the file that the server has locked."""
+
+LOCK_ENDING = ".lock"
+"""Ending of the file that a server has locked. Other processes cannot read a locked file on Windows."""
 
 PROGRESS = "progress.json"
 """File in a folder of results with the columns of the index that are known while the log is read."""
@@ -77,23 +81,55 @@ def random_name() -> str:
     return secrets.token_hex(SERVER_NAME_BYTES)
 
 
+def register_server(path: Path) -> BaseFileLock:
+    """Makes the file of a server that starts, which other servers see, and returns the lock that it holds.
+
+    The lock is taken first: a server without a lock has died, to others.
+
+    Args:
+        path: path of the server's file.
+    """
+    lock = _server_lock(path)
+    lock.acquire()
+    path.touch()
+    return lock
+
+
 def is_locked(path: Path) -> bool:
-    """Returns whether the process of a server lives: its lock file exists, and another process holds the lock.
+    """Returns whether the process of a server lives, which holds its lock.
 
     The operating system releases the lock when the process ends in any way.
 
     Args:
-        path: path of the server's lock file.
+        path: path of the server's file.
     """
-    with suppress(OSError), path.open() as file:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return False
-    return path.exists()
+    try:
+        with _server_lock(path):
+            return False
+    except Timeout:
+        return True
+
+
+def remove_server(path: Path) -> None:
+    """Removes the file and the lock file of a server that has ended, where another server has not done it already."""
+    path.unlink(missing_ok=True)
+    path.with_name(path.name + LOCK_ENDING).unlink(missing_ok=True)
+
+
+def _server_lock(path: Path) -> BaseFileLock:
+    """Returns the lock of a server by the path of its file; each thread may release it, and none waits for it."""
+    return FileLock(path.with_name(path.name + LOCK_ENDING), blocking=False, thread_local=False)
 
 
 def sync_folder(folder: Path) -> None:
-    """Writes the entries of a folder to the disk, so that the names of its files survive a power failure."""
-    descriptor = os.open(folder, os.O_RDONLY)
+    """Writes the entries of a folder to the disk, so that the names of its files survive a power failure.
+
+    Windows cannot open a folder, and its file system has a journal of them.
+    """
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except PermissionError:
+        return
     try:
         os.fsync(descriptor)
     finally:

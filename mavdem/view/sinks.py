@@ -8,7 +8,6 @@ import os
 import re
 import shlex
 import shutil
-import signal
 import socket
 import struct
 import subprocess
@@ -21,6 +20,7 @@ import rerun as rr
 
 from mavdem.files import PathName, atomic_writes
 from mavdem.machine import LOOPBACK, free_port, has_screen
+from mavdem.processes import kill_with_children
 
 CLOSING_SECONDS = 3.0
 """s for which a file, or any sink, that is closed may still be written."""
@@ -50,16 +50,18 @@ MESSAGE_HEADER = struct.Struct("<QQ")
 """Header of a message of an .rrd file: its kind, and the number of bytes that follow (Rerun's re_log_encoding)."""
 
 WATCHDOG = """
-import os, signal, subprocess, sys, threading
+import os, psutil, subprocess, sys, threading
 def kill_at_end_of_input():
     sys.stdin.buffer.read()
-    os.killpg(0, signal.SIGKILL)
+    for process in psutil.Process().children(recursive=True):
+        process.kill()
+    os._exit(1)
 with subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL) as running:
     threading.Thread(target=kill_at_end_of_input, daemon=True).start()
     sys.exit(running.wait())
 """
 """A program that runs another one until its standard input ends. The other end of that is closed when the process that
-holds it ends for any reason, even if it is killed. It runs in a session of its own."""
+holds it ends for any reason, even if it is killed."""
 
 
 def show(path: PathName) -> str:
@@ -95,8 +97,9 @@ def start_rerun(*options: str, ends_with_process: bool = False) -> subprocess.Po
     environment.pop("FORCE_RERUN_ANALYTICS", None)
     return subprocess.Popen(
         command,
-        # A session of its own, so that Ctrl-C ends the flight and not its picture.
+        # A session of its own, so that Ctrl-C ends the flight and not its picture. Windows has groups instead.
         start_new_session=True,
+        creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
         stdin=subprocess.PIPE if ends_with_process else subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -288,8 +291,7 @@ class WebServer(Viewer):
 
     def close(self) -> None:
         """Ends the server, also one that hangs, together with its watchdog."""
-        with suppress(ProcessLookupError):
-            os.killpg(self.process.pid, signal.SIGKILL)
+        kill_with_children(self.process.pid)
         with self.process:
             self.process.wait()
 

@@ -16,7 +16,6 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from multiprocessing import active_children
 from pathlib import Path
-from types import SimpleNamespace
 from unittest.mock import MagicMock, Mock
 
 import distributed
@@ -35,7 +34,16 @@ from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, find_logs
 from mavdem.fleet.store import STORE, read_rows
-from mavdem.fleet.workers import Job, JobLimits, LogReader, WorkerPool, outcome_of, perform
+from mavdem.fleet.workers import (
+    Job,
+    JobLimits,
+    LogReader,
+    Supervision,
+    WorkerPool,
+    outcome_of,
+    perform,
+)
+from mavdem.processes import peak_megabytes
 
 
 def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
@@ -256,24 +264,24 @@ def stand_in(monkeypatch, client):
 HERE = "mavdem"
 
 
-def test_what_a_log_costs_is_bounded_and_told(monkeypatch, tmp_path):
+def test_an_outcome_has_the_time_and_the_largest_memory_of_its_reading(monkeypatch, tmp_path):
     monkeypatch.setenv("MAVDEM_TRACEBACK", "1")
-    monkeypatch.setattr(workers, "forbid_child_processes", lambda: None)
-    clock = {"process_time": lambda: 10.2, "perf_counter": iter([1.0, 3.5]).__next__}
-    monkeypatch.setattr(workers, "time", SimpleNamespace(**clock))
-    usage = Mock(getrlimit=lambda _: (5, 1 << 30), RLIM_INFINITY=-1)
-    usage.getrusage.return_value.ru_maxrss = 2048 if sys.platform == "linux" else 2 << 20
-    monkeypatch.setattr(workers, "resource", usage)
+    for name in ("forbid_child_processes", "limit_memory"):
+        monkeypatch.setattr(workers, name, lambda *_: None)
+    largest = peak_megabytes()
     outcome = perform(Job(str(tmp_path / "none")), JobLimits(300.0, 600), None)
-    assert (outcome.seconds, outcome.megabytes) == (2.5, 2.0)
-    set_to = [call.args for call in usage.setrlimit.call_args_list]
-    assert set_to == [
-        (usage.RLIMIT_CPU, (311, 1 << 30)),
-        (usage.RLIMIT_DATA, (600 << 20, 1 << 30)),
-    ]
-    usage.getrlimit = lambda _: (5, -1)
-    workers._set_soft_limit(0, 9)
-    assert usage.setrlimit.call_args.args == (0, (9, -1))
+    assert 0 < outcome.seconds < 60 and largest <= outcome.megabytes < 1e4
+
+
+@mark.parametrize(
+    "limits, ending",
+    [(JobLimits(0.0, 600), "time"), (JobLimits(9.0, 1), "memory"), (JobLimits(9.0, 9999), "died")],
+)
+def test_a_process_is_supervised_by_its_time_and_memory(limits, ending):
+    supervision = Supervision(os.getpid(), limits)
+    sum(range(10**6))  # some processor time
+    assert supervision.is_beyond_limits() == (ending != "died")
+    assert supervision.ending == ending
 
 
 def names(*given, apart_from=None):

@@ -226,7 +226,7 @@ def test_a_serial_port_is_read_raw_silent_and_its_loss_is_reported():
         "udpin:127.0.0.1": LinkFact.NOT_A_LINK,
         "": LinkFact.NOT_A_LINK,
         "mcast:14550": LinkFact.NOT_A_LINK,
-        "COM3": LinkFact.NOT_A_LINK,
+        "COM3": LinkError.NO_PORT,
         "udpin:a:b:c": LinkFact.NOT_A_LINK,
         "udpin:127.0.0.1:99999": LinkFact.LINK_PORT_TOO_HIGH,
         __file__: LinkFact.FILE_IS_NO_LINK,

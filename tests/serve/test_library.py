@@ -50,7 +50,7 @@ def library(tmp_path):
 
 def killed(library):
     """Leaves a library as a process does that was killed: its lock is gone, and nothing else."""
-    library._lock_file.close()
+    library._lock.release()
 
 
 def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(library, tmp_path):
@@ -79,7 +79,7 @@ def test_what_was_acknowledged_outlives_a_killed_server_and_half_uploads_do_not(
         part: len(list((tmp_path / part).iterdir()))
         for part in ("incoming", "logs", "results", "servers")
     }
-    assert left == {"incoming": 0, "logs": 4, "results": 2, "servers": 2}
+    assert left == {"incoming": 0, "logs": 4, "results": 2, "servers": 3}
     AtOnce(again).run()
     assert {entry.stage for entry in again.find(*ALL, 10)[0]} == {Stage.DONE}
 
@@ -281,7 +281,7 @@ def test_an_address_that_is_taken_is_refused(tmp_path):
 
 def test_a_log_is_read_with_its_page_rows_and_index(library, tmp_path, monkeypatch):
     """A real one, in this process."""
-    monkeypatch.setattr("os.setpriority", lambda *_: None)
+    monkeypatch.setattr("mavdem.serve.reading.lower_priority", lambda _: None)
     entry = library.add(Path(shutil.copy(SLOW, library.new_incoming_path())), SLOW.name)
     one = read_log(SLOW)
     other = replace(one.vehicles[0], system=2)

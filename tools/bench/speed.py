@@ -31,6 +31,9 @@ from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.ingest import read_log
 from mavdem.report.pages.flight_page import flight_page
 
+# What processes have used is measured by the means of POSIX.
+assert sys.platform != "win32"
+
 
 def ours(path: str) -> int:
     """Reads a log with mavdem, decodes what a review needs first, and returns the number of frames."""

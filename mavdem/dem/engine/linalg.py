@@ -206,7 +206,9 @@ def _renew_lock_after_fork() -> None:
     _blas_lock = RLock()
 
 
-os.register_at_fork(after_in_child=_renew_lock_after_fork)
+# Windows has no fork.
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_renew_lock_after_fork)
 
 
 @cache

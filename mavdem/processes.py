@@ -1,0 +1,121 @@
+"""Processes on every operating system: the signals that end them, their priority, and the time and memory they take.
+
+Windows has neither process groups nor limits for single processes, and few signals. Where the standard library has
+something for POSIX only, ``psutil`` has it for every system. It is imported when it is needed, since every command
+imports this module first.
+"""
+
+import signal
+import sys
+from contextlib import suppress
+from typing import NamedTuple
+
+if sys.platform != "win32":
+    import resource
+
+TERMINATION_SIGNALS: tuple[signal.Signals, ...] = tuple(
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+    if hasattr(signal, name)
+)
+"""Signals that end a program from outside: Ctrl-C, a request to terminate, and a closed terminal.
+
+POSIX has SIGHUP for a closed terminal; Windows has SIGBREAK, for Ctrl-Break.
+"""
+
+MEBIBYTE = 1 << 20
+"""Bytes of a MiB."""
+
+
+class ResourceUse(NamedTuple):
+    """The resources that a process has taken."""
+
+    processor_seconds: float
+    """s of processor time since the process started"""
+    megabytes: float
+    """MiB of memory that the process has now"""
+
+
+def resource_use(process_id: int) -> ResourceUse:
+    """Returns what a process of this machine has taken: nothing where it has ended.
+
+    Its memory is what the process has allocated, where the system counts that: Windows as "private", Linux as "data".
+    Elsewhere it is the resident memory.
+    """
+    import psutil
+
+    with suppress(psutil.Error):
+        process = psutil.Process(process_id)
+        times = process.cpu_times()
+        memory = process.memory_info()
+        allocated = getattr(memory, "private", getattr(memory, "data", memory.rss))
+        return ResourceUse(times.user + times.system, allocated / MEBIBYTE)
+    return ResourceUse(0.0, 0.0)
+
+
+def peak_megabytes() -> float:
+    """Returns the largest memory that this process has had, MiB."""
+    if sys.platform == "win32":
+        import psutil
+
+        memory = psutil.Process().memory_info()
+        return float(getattr(memory, "peak_wset", memory.rss)) / MEBIBYTE
+    else:
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        # macOS counts in bytes, others in KiB.
+        return peak / MEBIBYTE if sys.platform == "darwin" else peak / 1024
+
+
+def limit_memory(megabytes: int) -> None:
+    """Lets allocations of this process beyond a limit fail, where the system can do that, which only Linux does.
+
+    The address space is not limited: mapped files and the reserved stacks of threads count in it, and take no memory.
+
+    Args:
+        megabytes: limit of the memory that is allocated, MiB.
+    """
+    if sys.platform != "win32":
+        hard_limit = resource.getrlimit(resource.RLIMIT_DATA)[1]
+        soft_limit = megabytes * MEBIBYTE
+        if hard_limit != resource.RLIM_INFINITY:
+            soft_limit = min(soft_limit, hard_limit)
+        with suppress(ValueError, OSError):
+            resource.setrlimit(resource.RLIMIT_DATA, (soft_limit, hard_limit))
+
+
+def max_open_files() -> int:
+    """Returns how many files and connections this process may have open; Windows has no such limit."""
+    if sys.platform == "win32":
+        return sys.maxsize
+    else:
+        return resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+
+
+def lower_priority(niceness: int) -> None:
+    """Lets other processes go before this one.
+
+    Args:
+        niceness: 0 is normal, 19 the lowest priority. Windows has only one class below the normal priority.
+    """
+    import psutil
+
+    below_normal = getattr(psutil, "BELOW_NORMAL_PRIORITY_CLASS", niceness)
+    psutil.Process().nice(below_normal)
+
+
+def kill_with_children(process_id: int) -> None:
+    """Kills a process and all that it has started, also where they hang; one that has ended already is no error."""
+    import psutil
+
+    with suppress(psutil.NoSuchProcess):
+        process = psutil.Process(process_id)
+        for each in (*process.children(recursive=True), process):
+            with suppress(psutil.NoSuchProcess):
+                each.kill()
+
+
+def signal_name(number: int) -> str:
+    """Returns the name of a signal, such as "SIGSEGV", or its number where it has none."""
+    with suppress(ValueError):
+        return signal.Signals(number).name
+    return f"signal {number}"
