@@ -16,6 +16,8 @@ gc.disable()
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 # Else pymavlink knows no extension fields until it has read a frame that has some.
 os.environ["MAVLINK20"] = "1"
+# Screens are as wide here as where nobody has set a width, whatever the terminal of who runs the tests.
+os.environ.pop("COLUMNS", None)
 
 
 def pytest_addoption(parser):

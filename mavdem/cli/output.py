@@ -1,6 +1,7 @@
 """Results and errors that a command prints: a JSON document, or sentences and tables; and the progress bar."""
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -114,20 +115,20 @@ def print_screen(
 def _block_lines(block: Block, one_line_rows: bool = False) -> list[str]:
     """Returns the lines of a sentence or a table, laid out for standard output.
 
-    On a terminal they wrap at its width. Elsewhere a sentence is one line, so that programs can search for it, and
-    tables are ``REDIRECTED_WIDTH`` wide.
+    On a terminal they wrap at its width, and elsewhere at that of the environment variable COLUMNS. Where that is not
+    set, a sentence is one line, so that programs can search for it, and tables are ``REDIRECTED_WIDTH`` wide.
 
     Args:
         block: The sentence or table.
         one_line_rows: Whether the texts of a table of text are shortened, so that each row takes one line.
     """
-    is_terminal = sys.stdout.isatty()
-    width = None if is_terminal else REDIRECTED_WIDTH
+    is_wrapped = sys.stdout.isatty() or "COLUMNS" in os.environ
+    width = None if is_wrapped else REDIRECTED_WIDTH
     console = Console(width=width, highlight=False, markup=False, emoji=False)
     with console.capture() as captured:
         if isinstance(block, Sentence):
             sentence = f"{block.lead} {block.text}".strip()
-            console.print(escape_unprintable(sentence), soft_wrap=not is_terminal)
+            console.print(escape_unprintable(sentence), soft_wrap=not is_wrapped)
         else:
             for table in terminal_tables(block, console.width, one_line_rows and block.words):
                 console.print(table)

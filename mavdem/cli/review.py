@@ -23,7 +23,7 @@ from mavdem.cli.result_folders import (
     write_results,
 )
 from mavdem.cli.sources import read_sources
-from mavdem.cli.streams import escape_unprintable, print_to_stdout
+from mavdem.cli.streams import escape_unprintable, print_to_stdout, text_columns
 from mavdem.documents.review import review_document
 from mavdem.report.review import review_screen
 from mavdem.report.screen import analysis_blocks, instance_blocks
@@ -79,7 +79,7 @@ def review_command(
     if not as_json:
         if verbose:
             print_blocks([*analysis_blocks(assessment), *instance_blocks(assessment)])
-        for line in review_screen(assessment).splitlines():
+        for line in review_screen(assessment, text_columns()).splitlines():
             print_to_stdout(escape_unprintable(line))
     document = review_document(assessment)
     write_results(folder, document, assessment, recordings)

@@ -3,6 +3,7 @@
 import io
 import logging
 import os
+import shutil
 import sys
 import warnings
 from contextlib import suppress
@@ -12,6 +13,13 @@ from rich.console import Console
 
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)
 """Standard error as a terminal: its width, whether it is one, and progress bars on it."""
+
+
+DEFAULT_COLUMNS = 80
+"""Characters of a line where nothing says how wide the terminal is."""
+
+MIN_COLUMNS, MAX_COLUMNS = 40, 120
+"""Narrowest and widest line of a screen: below, words no longer fit, and longer lines are hard to read; a choice."""
 
 
 def prepare_streams() -> None:
@@ -33,6 +41,15 @@ def prepare_streams() -> None:
     # Matplotlib reports a cache that it cannot write and faults of a matplotlibrc, which do not affect our pictures.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     warnings.showwarning = lambda message, *_, **__: print_to_stderr(f"mavdem: warning: {message}")
+
+
+def text_columns() -> int:
+    """Returns the characters of a line of standard output.
+
+    They are those of the environment variable COLUMNS, else of the terminal; 80 where there is neither.
+    """
+    width = shutil.get_terminal_size((DEFAULT_COLUMNS, 0)).columns
+    return min(max(width, MIN_COLUMNS), MAX_COLUMNS)
 
 
 def print_to_stdout(text: str) -> None:

@@ -9,16 +9,14 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.lights.log import simulation_fact
 from mavdem.dataset.signals import Signals
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
+from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
 from mavdem.report.blocks import SCREEN_LINES, Sentence, shortened
 from mavdem.report.templates import headline, render_section
 
 SCREEN_COLUMNS = 80
 """Columns of a terminal that nobody has widened."""
-
-MAX_HEADLINE_LINES = 2
-"""Lines of the headline on the screen; a longer one is cut."""
 
 RESERVED_LINES = 3
 """Lines of a screen that the review leaves free: for the title, and the progress and the path of the page."""
@@ -27,24 +25,28 @@ HARD_SPACE = "\N{NO-BREAK SPACE}"
 """A space at which no line is broken."""
 
 
-def review_screen(assessment: Assessment) -> str:
-    """Returns the review as text of ``SCREEN_COLUMNS`` and at most ``SCREEN_LINES``, unless the next step is long.
+def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
+    """Returns the review as text of at most ``SCREEN_LINES``, unless what is not good needs more.
 
-    As many alarms are shown as there is room for. The most important lines are last, where somebody looks when all has
-    scrolled by.
+    The sentence of a good light is cut where the line ends; that of another light goes on below, unless no light is
+    judged, for the reason that the headline gives. As many alarms are
+    shown as there is room for. The most important lines are last, where somebody looks when all has scrolled by.
+
+    Args:
+        assessment: what is reviewed.
+        columns: characters of a line.
     """
     title = review_title(assessment)
-    title_line = shorten(f"{title.lead} {title.text}", SCREEN_COLUMNS, placeholder=" …")
-    lights = [_row(name, fact) for name, fact in assessment.lights.items()]
-    headline_lines = wrap(
-        headline(assessment.headline),
-        SCREEN_COLUMNS,
-        max_lines=MAX_HEADLINE_LINES,
-        placeholder=" …",
-    )
-    conclusion = [*headline_lines, *_wrapped(f"Next: {assessment.next_step}")]
+    title_line = shorten(f"{title.lead} {title.text}", columns, placeholder=" …")
+    lights: list[str] = []
+    for name, fact in assessment.lights.items():
+        lights += _light_rows(name, fact, columns)
+    conclusion = [
+        *wrap(headline(assessment.headline), columns),
+        *_wrapped(f"Next: {assessment.next_step}", columns),
+    ]
     room = max(SCREEN_LINES - RESERVED_LINES - len(lights) - len(conclusion), 0)
-    alarms = [*_alarm_rows(assessment)][:room]
+    alarms = [*_alarm_rows(assessment, columns)][:room]
     return "\n".join([title_line, *lights, *alarms, *conclusion])
 
 
@@ -79,23 +81,42 @@ def _log_name(log: Log) -> str:
     return f"{Path(log.source).name}:"
 
 
-def _wrapped(text: str) -> Iterator[str]:
-    """Yields the lines of a text; a command between backquotes stays on one line, so that it can be copied."""
+def _wrapped(text: str, columns: int) -> Iterator[str]:
+    """Yields the lines of a text, of so many ``columns``; a command between backquotes stays on one line, so that it can be copied."""
     unbroken = re.sub("`.*?`", lambda command: command[0].replace(" ", HARD_SPACE), text)
-    for line in wrap(unbroken, SCREEN_COLUMNS, break_long_words=False, break_on_hyphens=False):
+    for line in wrap(unbroken, columns, break_long_words=False, break_on_hyphens=False):
         yield line.replace(HARD_SPACE, " ")
 
 
-def _alarm_rows(assessment: Assessment) -> Iterator[str]:
+def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[str]:
     """Yields a row for each event that may have lost the vehicle, except the one of the headline."""
     for event in assessment.events:
         if event.is_bad and event.time != assessment.headline.time:
             name = "event" if event.time is None else f"{event.time:.0f} s"
-            yield _row(name, event)
+            yield _row(name, event, columns)
 
 
-def _row(name: str, fact: Fact) -> str:
+def _light_rows(name: str, fact: Fact, columns: int) -> list[str]:
+    """Returns the lines of a light: as many as it takes of one that is judged and not good, else one."""
+    if fact.level == Level.GOOD or fact.code == Unjudged.NOT_JUDGED:
+        return [_row(name, fact, columns)]
+    beginning = _row_beginning(name, fact)
+    return wrap(
+        headline(fact),
+        columns,
+        initial_indent=beginning,
+        subsequent_indent=" " * len(beginning),
+        break_on_hyphens=False,
+    )
+
+
+def _row(name: str, fact: Fact, columns: int) -> str:
     """Returns the line of a light or an event: its name or time, its level, and its sentence as far as it fits."""
+    beginning = _row_beginning(name, fact)
+    return f"{beginning}{shortened(headline(fact), columns - len(beginning))}"
+
+
+def _row_beginning(name: str, fact: Fact) -> str:
+    """Returns the first two columns of a row: the name of a light or the time of an event, and the level."""
     level = fact.level.upper() if fact.is_bad else fact.level
-    beginning = f"{name:<11}{level:<9}"
-    return f"{beginning}{shortened(headline(fact), SCREEN_COLUMNS - len(beginning))}"
+    return f"{name:<11}{level:<9}"
