@@ -82,7 +82,10 @@ def _log_name(log: Log) -> str:
 
 
 def _wrapped(text: str, columns: int) -> Iterator[str]:
-    """Yields the lines of a text, of so many ``columns``; a command between backquotes stays on one line, so that it can be copied."""
+    """Yields the lines of a text, of at most so many ``columns``.
+
+    A command between backquotes stays on one line, so that it can be copied.
+    """
     unbroken = re.sub("`.*?`", lambda command: command[0].replace(" ", HARD_SPACE), text)
     for line in wrap(unbroken, columns, break_long_words=False, break_on_hyphens=False):
         yield line.replace(HARD_SPACE, " ")
