@@ -79,13 +79,13 @@ def tune_command(
 ) -> None:
     """Reports margins of the rate and attitude loops, and gains.
 
-    SOURCE is a log with the autopilot's parameters. Gains go in steps of a third to a half, with a flight after each:
-    first P and D of the rate, with I in ratio (stage 1), then the angle's gain (stage 2). They lead to the fastest
-    loops that have the --margins in 90 % of the models that fit the flight, at 0.8 to 1.2 times the control
-    effectiveness. Loops with enough margin keep their gains, unless --more is asked. With --filters a notch filter is
-    advised on the motors' line in the gyro's spectrum, and gains have the margins with it. With --verbose it prints all
-    margins, and what they rest on. Nothing is ever sent to a vehicle: --out writes the gains of each stage for
-    QGroundControl (.params) and Mission Planner (.param).
+    SOURCE is a log with the autopilot's parameters. Gains go in steps of at most a factor of 1.5 (half more, or a third
+    less), with a flight after each: first P and D of the rate, with I in ratio (stage 1), then the angle's gain (stage
+    2). They lead to the fastest loops that have the --margins in 90 % of the vehicle models that agree with the flight,
+    with 20 % more or less thrust. Loops with enough margin keep their gains, unless --more is asked. With --filters a
+    notch filter is advised on the motors' line in the gyro's spectrum, and gains have the margins with it. With
+    --verbose it prints all margins, and what they rest on. Nothing is ever sent to a vehicle: --out writes the gains of
+    each stage for QGroundControl (.params) and Mission Planner (.param).
 
     Exit code: 1 if gains are neither advised nor kept, with the reason.
 

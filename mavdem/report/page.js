@@ -97,7 +97,7 @@
   // A search shows the rows of the table below it that have all its words.
   for (const search of document.querySelectorAll("input[data-table]")) search.addEventListener("input", () => {
     const words = search.value.toLowerCase().split(/\s+/);
-    for (const row of document.getElementById(search.dataset.table).rows) row.hidden = !words.every(word => row.textContent.toLowerCase().includes(word));
+    for (const row of document.getElementById(search.dataset.table).tBodies[0].rows) row.hidden = !words.every(word => row.textContent.toLowerCase().includes(word));
   });
 
   let closedParts = [];

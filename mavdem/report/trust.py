@@ -43,4 +43,7 @@ def trust_table(trust_of_boots: Sequence[SensorTrust]) -> Table:
 
 def _answer(check: Fact) -> Rated:
     """Returns the answer of a check in one or two words, with its level."""
+    # What is reported of settled flight rests on this assumption.
+    if check.figures.get("is_assumed"):
+        return Rated("assumed", check.level)
     return Rated(ANSWERS[check.level], check.level)

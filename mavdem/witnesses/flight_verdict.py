@@ -56,6 +56,8 @@ class FlightVerdict:
     """None if the witnesses are too few, or contradict each other."""
     witnesses: Facts
     """What speaks for a flight, and what speaks against it."""
+    had_power: bool = True
+    """Whether the motors ever gave the thrust that carries the vehicle."""
 
 
 @cached_per_vehicle()
@@ -75,7 +77,7 @@ def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
     """
     powered = powered_intervals(signals, boot)
     if not powered:
-        return FlightVerdict(None, ())
+        return FlightVerdict(None, (), had_power=False)
     # The height is that of the barometer or, without a usable one, of the estimate, which may drift.
     barometer = height_witnesses(signals, boot).barometer
     height = barometer if barometer is not None else series_of_boot(signals.height, boot)

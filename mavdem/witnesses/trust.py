@@ -133,6 +133,7 @@ class SensorTrust:
             Trust.FLIGHT,
             _level(self.flew),
             flew=self.flew,
+            is_assumed=self.flew is None and self.verdict.had_power,
             witnesses=self.verdict.witnesses,
             boot=self.boot,
         )

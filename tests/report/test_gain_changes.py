@@ -6,10 +6,12 @@ from urllib.parse import unquote
 from hover import Hover
 from pytest import approx
 
+from mavdem.cli.tune import tune_command
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import LoopActions
 from mavdem.ingest.parameter_file import read_parameters
+from mavdem.loops.gain_design import MAX_GAIN_STEP
 from mavdem.report.gain_changes import gain_changes
 
 LOWER = Fact(
@@ -34,3 +36,10 @@ def test_gains_to_lower_are_a_table_and_files_within_the_page(tmp_path: Path):
 
 def test_a_flight_whose_gains_stay_has_no_table():
     assert gain_changes("a.bin", Hover().telemetry(), {}, Fact(NextStep.KEEP_MODEL)) is None
+
+
+def test_help_and_guide_name_the_largest_step_of_a_gain():
+    step = f"a factor of {MAX_GAIN_STEP:g} (half more, or a third less)"
+    guide = Path(__file__).parents[2] / "docs" / "tune.md"
+    for text in (tune_command.help, guide.read_text(encoding="utf-8")):
+        assert step in " ".join(text.split())

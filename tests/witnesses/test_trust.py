@@ -150,7 +150,12 @@ def test_two_witnesses_against_a_flight_make_a_bench_run():
 def test_one_witness_against_a_flight_leaves_it_undecided():
     made = flight()
     made = changed(made, "SCALED_PRESSURE", **bench(made).messages["SCALED_PRESSURE"])
-    assert trust(made).flew is None
+    undecided = trust(made)
+    assert undecided.flew is None
+    # The flight is judged as one, so that the table calls it assumed.
+    name, answer, reason = trust_table([undecided]).rows[0]
+    assert (name, answer) == ("that it flew", "assumed")
+    assert "thrust of a flight, but" in reason
 
 
 def test_an_estimate_that_rises_on_a_bench_is_outvoted():
@@ -170,7 +175,9 @@ def test_a_still_hover_that_rose_was_flown():
 def test_motors_that_never_ran_decide_nothing():
     made = flight()
     idle = np.full((4, len(stamps(made, "SERVO_OUTPUT_RAW"))), 1000.0)
-    assert trust(with_pulses(made, idle)).flew is None
+    never_ran = trust(with_pulses(made, idle))
+    assert never_ran.flew is None
+    assert trust_table([never_ran]).rows[0][1] == "not known"
 
 
 def test_pressure_becomes_altitude_by_the_standard_atmosphere():

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
-from math import ceil, inf, nan
+from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.findings import findings_of
-from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopVerdict
-from mavdem.assessment.axis.responses import NO_STEPS, Responses, StepsByLoop, advised_steps
+from mavdem.assessment.axis.responses import advised_steps
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.containers import JsonValues, Names
@@ -26,38 +24,25 @@ from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import Gains, LoopActions
 from mavdem.facts.session import Spent
-from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
-from mavdem.loops.advice import Advice, AdviceByAxis
+from mavdem.loops.advice import AdviceByAxis
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.filters import gyro_filters
-from mavdem.loops.step_figures import IntervalEstimate
-from mavdem.loops.step_response import StepResponse
-from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, warning
+from mavdem.report.blocks import Block, Blocks, Sentence, Table, warning
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.flight_charts import (
-    loop_charts,
     spectrogram_charts,
     spectrum_chart,
-    step_charts,
 )
 from mavdem.report.charts.flown_path import flown_path
-from mavdem.report.charts.gain_trial import gain_trial_groups
 from mavdem.report.charts.plans import frame_plan, rose_of_wind
 from mavdem.report.charts.timeline import Timeline, live_timeline, timeline_of
 from mavdem.report.condition import air_blocks, log_blocks
 from mavdem.report.gain_changes import gain_changes
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
-from mavdem.report.loops import (
-    compared_loops,
-    decision_sentences,
-    gain_blocks,
-    gain_limits,
-    margin_tables,
-)
-from mavdem.report.numbers import display_unit, listed, rounded, with_unit
+from mavdem.report.numbers import display_unit, with_unit
+from mavdem.report.pages.loop_chapters import loops_chapters, responses_chapter
 from mavdem.report.pages.page import (
     Chapter,
     Head,
@@ -66,6 +51,7 @@ from mavdem.report.pages.page import (
     anchor_of,
     render_document,
 )
+from mavdem.report.pages.parameter_chapter import parameters_chapter
 from mavdem.report.review import review_title
 from mavdem.report.screen import (
     conclusion,
@@ -80,7 +66,6 @@ from mavdem.report.templates import (
     Medium,
     capitalize_first,
     render_section,
-    sentences_by_axes,
     sentences_for,
 )
 from mavdem.report.trust import trust_table
@@ -90,39 +75,6 @@ from mavdem.report.why import why
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory
     from mavdem.live.session_status import SessionStatus
-
-AXIS_IN_PARAMETER = re.compile(r"RLL|ROLL|PITCH|PIT|YAW")
-"""The part of a parameter's name that says its axis, in ArduPilot and PX4; its first letter names the axis."""
-
-GEOMETRY_PREFIX = "CA_"
-"""Beginning of PX4's parameters of the motors' positions, which the drawing of the motors shows already."""
-
-AXIS_COLUMNS = {"R": "roll", "P": "pitch", "Y": "yaw", "all": "all"}
-"""Columns of the table of parameters, by the first letter of the axis in a parameter's name."""
-
-
-class StepFigure(NamedTuple):
-    """A figure of a step response as a table shows it."""
-
-    header: str
-    """Header of its column, with the shown unit."""
-
-    scale: float
-    """Factor from the unit of the figure to the shown one."""
-
-    is_duration: bool = False
-    """Whether it is a time after the step, which may lie beyond the end of the measured response."""
-
-
-STEP_FIGURES = {
-    "overshoot": StepFigure("overshoot (%)", 100.0),
-    "rise_time": StepFigure("rise (s)", 1.0, is_duration=True),
-    "settling": StepFigure("settling (s)", 1.0, is_duration=True),
-    "delay": StepFigure("delay (ms)", 1e3, is_duration=True),
-    "peak": StepFigure("peak of |T|", 1.0),
-    "peak_frequency": StepFigure("at (Hz)", 1.0),
-}
-"""Columns of the table of step responses, by the field of ``StepResponse``."""
 
 INSTANCES_TITLE = "Every battery, estimator, sensor and output"
 """Title of the chapter of what a vehicle has several of."""
@@ -314,7 +266,7 @@ def _flight_chapters(
     if timeline is not None:
         yield _axes_chapter(assessment, timeline)
     yield responses_chapter(assessment.responses, advised_steps(assessment.responses, advice))
-    yield from _loops_chapters(assessment, evidence, advice)
+    yield from loops_chapters(assessment, evidence, advice)
     yield _gyro_chapter(assessment, timeline, is_full)
     yield _other_sensors_chapter(assessment.noise, timeline, is_full)
     yield _motors_chapter(analysis, evidence, assessment.lights["motors"])
@@ -327,7 +279,7 @@ def _flight_chapters(
     if assessment.instances:
         table = instance_table(assessment.instances, evidence.has_flown)
         yield Chapter(INSTANCES_TITLE, [table])
-    yield _parameters_chapter(evidence.signals.telemetry)
+    yield parameters_chapter(evidence.signals.telemetry, is_full)
 
 
 def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
@@ -358,153 +310,6 @@ def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
             rows.append([axis, *cells])
     if rows:
         yield Table(["tracking", *TRACKING_FIGURES.values()], rows)
-
-
-def responses_chapter(responses: Responses, advised: StepsByLoop = NO_STEPS) -> Chapter:
-    """Returns the chapter of step responses: their figures, doubts about them, and charts of measured and predicted.
-
-    Args:
-        responses: by axis and loop, the measured response or the fact why there is none, and the prediction. Loops
-            without a response for the same reason share one sentence; a prediction that does not agree gives a caution.
-        advised: predicted step responses with the advised gains, by axis and loop.
-    """
-    rows = []
-    doubts = Blocks()
-    names_by_refusal = dict[Fact, list[str]]()
-    has_identified_step = False
-    for axis, loops in responses.items():
-        for loop_name, response in loops.items():
-            name = f"{axis} {loop_name}"
-            measured = response.measured
-            if isinstance(measured, Fact):
-                refusal = measured.replace(subject="")
-                names_by_refusal.setdefault(refusal, []).append(name)
-            else:
-                has_identified_step |= measured.is_identified
-                row_name = f"{name} (step: identified loop)" if measured.is_identified else name
-                rows.append([row_name, *(_step_figure_text(measured, key) for key in STEP_FIGURES)])
-            if response.compared is not None and not response.compared.is_good:
-                doubts.append(caution(response.compared))
-    blocks = Blocks()
-    if rows:
-        headers = [figure.header for figure in STEP_FIGURES.values()]
-        blocks.append(Table(["step response (90 % interval)", *headers], rows))
-    blocks += doubts
-    for refusal, names in names_by_refusal.items():
-        blocks.append(Sentence(str(refusal.replace(subject=listed(names)))))
-    columns = step_charts(responses, advised)
-    if not columns:
-        return Chapter("Step response", blocks)
-    text = "Grey: measured, with its 90 % band. Blue, where the loop is identified: predicted."
-    if has_identified_step:
-        text += " A rate that rises within few messages has the step of the identified loop; its |T| is measured."
-    if advised:
-        text += " Green: predicted with the advised gains."
-    attitudes = [loops["attitude"] for loops in responses.values() if "attitude" in loops]
-    if any(
-        attitude.has_feedforward and isinstance(attitude.measured, StepResponse)
-        for attitude in attitudes
-    ):
-        text += " Attitudes follow their setpoint with ArduPilot's feedforward (ATC_RATE_FF_ENAB), as flown."
-    return Chapter("Step response", blocks, [Group(columns, text)])
-
-
-def _step_figure_text(response: StepResponse, key: str) -> str:
-    """Returns a figure of a step response with its 90 % interval, such as "0.12 (0.10 to 0.15)".
-
-    A duration, such as the settling time, cannot be measured beyond the end of the response. A value at the end is
-    shown as "over" that time. If even the lower end of the interval lies there, the interval is left out.
-
-    Args:
-        response: the measured response.
-        key: key of ``STEP_FIGURES`` and attribute of ``response``.
-    """
-    estimate: IntervalEstimate = getattr(response, key)
-    figure = STEP_FIGURES[key]
-    end = float(response.time[-1]) if figure.is_duration else inf
-
-    def text(value: float) -> str:
-        number = rounded(figure.scale * value)
-        return f"over {number}" if value >= end else number
-
-    value, low, high = estimate
-    texts = [text(number) for number in (value, low, high)]
-    # An interval that is narrower than the last digit shown says nothing.
-    if low >= end or len(set(texts)) == 1:
-        return texts[0]
-    return "{} ({} to {})".format(*texts)
-
-
-def _loops_chapters(
-    assessment: Assessment, evidence: Evidence, advice: AdviceByAxis
-) -> Iterator[Chapter]:
-    """Yields two chapters of control loops: what was decided on each axis with charts, then margins and gains.
-
-    Args:
-        assessment: assessment of the log, with the decisions on the loops.
-        evidence: the loops of all axes as far as they were identified, and their margins.
-        advice: gains that are advised by axis, or why there are none; empty without advice.
-    """
-    decisions = assessment.loop_decisions
-    summary = [*decision_sentences(decisions), *_margin_sentences(evidence, decisions)]
-    loops = evidence.identified_loops
-    if not loops:
-        yield Chapter("Control loops", [*summary, *gain_limits(advice)])
-        return
-    loops_by_axis: dict[str, Mapping[str, Loop]] = {
-        axis: {"now": loop} for axis, loop in loops.items()
-    }
-    figures: Blocks = [*margin_tables(loops)]
-    for axis, axis_advice in advice.items():
-        # Why an axis has no gains is in the decision on it.
-        if isinstance(axis_advice, Advice) and not axis_advice.refusals:
-            figures.append(Sentence(axis_advice.sentence.advised, f"Gains of {axis}:"))
-            figures += gain_blocks(axis_advice)
-            loops_by_axis[axis] = compared_loops(axis_advice)
-    figures += gain_limits(advice)
-    # Each axis has a column of charts, in which the loop now and the loop with advised gains are drawn together.
-    columns = [loop_charts(axis_loops) for axis_loops in loops_by_axis.values()]
-    text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
-    if any(len(compared) > 1 for compared in loops_by_axis.values()):
-        text += " Blue: with the gains that flew; green: with the advised ones."
-    yield Chapter("Control loops", summary, [Group(tuple(columns), text)])
-    groups: list[Group] = []
-    for trial in gain_trial_groups(evidence, advice, assessment.responses).values():
-        # All axes have one caption, below the last.
-        if groups:
-            groups[-1] = groups[-1]._replace(caption="")
-        groups.append(trial)
-    yield Chapter("Margins and advised gains", figures, groups)
-
-
-def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Sentence]:
-    """Returns the sentences about the stability margins of all axes, or about why they are not known.
-
-    Axes with the same fact share one sentence.
-
-    Args:
-        evidence: the margins of each axis; in the place of an unidentified loop, the fact that says why.
-        decisions: what was decided on the loops, by axis. The page gives its reason elsewhere.
-    """
-    axes_and_facts = []
-    for margin in evidence.margins:
-        facts = [fact.replace(names=(margin.axis,)) for fact in margin.facts]
-        if not facts and isinstance(margin.loop, Fact):
-            facts = [margin.loop]
-        decision = decisions.get(margin.axis)
-        for fact in facts:
-            if decision is None:
-                axes_and_facts.append((margin.axis, fact))
-                continue
-            # The reason of the decision stands above these sentences already.
-            is_repetition = fact.code is decision.reason.code
-            if is_repetition:
-                continue
-            # Good margins are no praise for an axis that does not follow its setpoint: the sentence says so.
-            if fact.is_good and decision.verdict is LoopVerdict.FOLLOWS_BADLY:
-                fact = fact.replace(follows=False)
-            axes_and_facts.append((margin.axis, fact))
-    return sentences_by_axes(axes_and_facts)
 
 
 def _gyro_chapter(assessment: Assessment, timeline: Timeline | None, is_full: bool) -> Chapter:
@@ -615,53 +420,6 @@ def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
         rose = rose_of_wind(wind)
     groups = [] if rose is None else [Group.side_by_side([rose])]
     return Chapter("Wind", blocks, groups, is_side_by_side=True)
-
-
-def _parameters_chapter(telemetry: Telemetry) -> Chapter:
-    """Returns the chapter of parameters: those that changed in the flight, and those of rate and attitude control.
-
-    Changes that the autopilot makes by itself, such as counters and learned offsets, are left out.
-    """
-    blocks: Blocks = []
-    changes = [
-        [name, f"{before:.4g}", f"{telemetry.parameters[name]:.4g}"]
-        for name, before in sorted(telemetry.initial_parameters.items())
-        if not AUTOPILOT_SET_PARAMETERS.search(name)
-    ]
-    if changes:
-        blocks.append(Table(["changed in flight", "from", "to"], changes))
-    rows = _control_parameter_rows(telemetry.parameters)
-    # Two tables side by side take half of the height.
-    half = ceil(len(rows) / 2)
-    for part in (rows[:half], rows[half:]):
-        if part:
-            blocks.append(Table(["parameter", *AXIS_COLUMNS.values()], part))
-    return Chapter("Parameters", blocks)
-
-
-def _control_parameter_rows(parameters: Mapping[str, float]) -> list[list[str]]:
-    """Returns the rows of the table of the autopilot's control parameters, such as its gains.
-
-    Parameters that differ only in their axis share a row, whose name has "…" in the place of the axis: "ATC_RAT_…_P".
-    Its cells are the values of roll, pitch and yaw, and then of a parameter that is of no single axis. Parameters that
-    are 0 are left out: 0 mostly switches off what a parameter sets.
-
-    Args:
-        parameters: values of all parameters of the autopilot by name.
-    """
-    values_by_name = dict[str, dict[str, str]]()
-    for name, value in sorted(parameters.items()):
-        is_control = CONTROL_PARAMETERS.match(name) and not name.startswith(GEOMETRY_PREFIX)
-        if not value or not is_control:
-            continue
-        axis = AXIS_IN_PARAMETER.search(name)
-        column = "all" if axis is None else axis[0][0]
-        name_of_axes = AXIS_IN_PARAMETER.sub("…", name, count=1)
-        values_by_name.setdefault(name_of_axes, {})[column] = f"{value:.4g}"
-    return [
-        [name, *(values.get(column, "") for column in AXIS_COLUMNS)]
-        for name, values in values_by_name.items()
-    ]
 
 
 def _model_chapters(assessment: Assessment) -> Iterator[Chapter]:

@@ -86,6 +86,9 @@ class Chapter(NamedTuple):
     level: Level | None = None
     """Level of what it is about, which is shown beside its title; None without."""
 
+    searchable: Table | None = None
+    """A long table below the rest, with a field to search its rows, which is not printed; None without."""
+
     @property
     def anchor(self) -> str:
         """Name by which links within the page lead to it: its title in lower case, with hyphens between the words."""
@@ -185,7 +188,9 @@ def render_document(
         head: the top of a flight's page; None of another page.
         max_points: points that a line of a chart has at most.
     """
-    chapters_with_content = [chapter for chapter in chapters if chapter.blocks or chapter.groups]
+    chapters_with_content = [
+        chapter for chapter in chapters if chapter.blocks or chapter.groups or chapter.searchable
+    ]
     has_charts = head is not None or any(chapter.groups for chapter in chapters_with_content)
     return render_page(
         environment().get_template("document.html"),

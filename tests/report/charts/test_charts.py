@@ -28,7 +28,7 @@ from mavdem.report.charts.chart import TIME, Axis, Chart, Group, Line, LineStyle
 from mavdem.report.charts.flight_charts import spectrogram_charts, spectrum_chart, step_charts
 from mavdem.report.charts.frequency_responses import model_response, plant_response
 from mavdem.report.labels import AxisCommand, Labels
-from mavdem.report.pages.flight_page import responses_chapter
+from mavdem.report.pages.loop_chapters import responses_chapter
 from mavdem.report.pages.page import Chapter, render_document
 from mavdem.report.screen import detail_blocks
 from mavdem.vibration.spectra import Spectrum

@@ -30,7 +30,7 @@ from mavdem.report.screen import analysis_blocks
 
 UNSEEN = "\N{RIGHT-TO-LEFT OVERRIDE}\a"
 NAME = HOSTILE + 200 * "x"
-VOID = {"meta", "path", "line", "circle", "rect", "br"}
+VOID = {"meta", "path", "line", "circle", "rect", "br", "input"}
 
 
 class Balanced(HTMLParser):

@@ -1,0 +1,200 @@
+"""Chapters of a flight's page on its control loops: step responses, what was decided on each axis, and figures."""
+
+from collections.abc import Iterator, Mapping
+from math import inf
+from typing import NamedTuple
+
+from mavdem.assessment import Assessment
+from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopVerdict
+from mavdem.assessment.axis.responses import NO_STEPS, Responses, StepsByLoop
+from mavdem.assessment.evidence import Evidence
+from mavdem.facts import Fact
+from mavdem.loops.advice import Advice, AdviceByAxis
+from mavdem.loops.axis_loops import Loop
+from mavdem.loops.step_figures import IntervalEstimate
+from mavdem.loops.step_response import StepResponse
+from mavdem.report.blocks import Blocks, Sentence, Table, caution
+from mavdem.report.charts.chart import Group
+from mavdem.report.charts.flight_charts import loop_charts, step_charts
+from mavdem.report.charts.gain_trial import gain_trial_groups
+from mavdem.report.loops import (
+    compared_loops,
+    decision_sentences,
+    gain_blocks,
+    gain_limits,
+    margin_tables,
+)
+from mavdem.report.numbers import listed, rounded
+from mavdem.report.pages.page import Chapter
+from mavdem.report.templates import sentences_by_axes
+
+
+class StepFigure(NamedTuple):
+    """A figure of a step response as a table shows it."""
+
+    header: str
+    """Header of its column, with the shown unit."""
+
+    scale: float
+    """Factor from the unit of the figure to the shown one."""
+
+    is_duration: bool = False
+    """Whether it is a time after the step, which may lie beyond the end of the measured response."""
+
+
+STEP_FIGURES = {
+    "overshoot": StepFigure("overshoot (%)", 100.0),
+    "rise_time": StepFigure("rise (s)", 1.0, is_duration=True),
+    "settling": StepFigure("settling (s)", 1.0, is_duration=True),
+    "delay": StepFigure("delay (ms)", 1e3, is_duration=True),
+    "peak": StepFigure("peak of |T|", 1.0),
+    "peak_frequency": StepFigure("at (Hz)", 1.0),
+}
+"""Columns of the table of step responses, by the field of ``StepResponse``."""
+
+
+def responses_chapter(responses: Responses, advised: StepsByLoop = NO_STEPS) -> Chapter:
+    """Returns the chapter of step responses: their figures, doubts about them, and charts of measured and predicted.
+
+    Args:
+        responses: by axis and loop, the measured response or the fact why there is none, and the prediction. Loops
+            without a response for the same reason share one sentence; a prediction that does not agree gives a caution.
+        advised: predicted step responses with the advised gains, by axis and loop.
+    """
+    rows = []
+    doubts = Blocks()
+    names_by_refusal = dict[Fact, list[str]]()
+    has_identified_step = False
+    for axis, loops in responses.items():
+        for loop_name, response in loops.items():
+            name = f"{axis} {loop_name}"
+            measured = response.measured
+            if isinstance(measured, Fact):
+                refusal = measured.replace(subject="")
+                names_by_refusal.setdefault(refusal, []).append(name)
+            else:
+                has_identified_step |= measured.is_identified
+                row_name = f"{name} (step: identified loop)" if measured.is_identified else name
+                rows.append([row_name, *(_step_figure_text(measured, key) for key in STEP_FIGURES)])
+            if response.compared is not None and not response.compared.is_good:
+                doubts.append(caution(response.compared))
+    blocks = Blocks()
+    if rows:
+        headers = [figure.header for figure in STEP_FIGURES.values()]
+        blocks.append(Table(["step response (90 % interval)", *headers], rows))
+    blocks += doubts
+    for refusal, names in names_by_refusal.items():
+        blocks.append(Sentence(str(refusal.replace(subject=listed(names)))))
+    columns = step_charts(responses, advised)
+    if not columns:
+        return Chapter("Step response", blocks)
+    text = "Grey: measured, with its 90 % band. Blue, where the loop is identified: predicted."
+    if has_identified_step:
+        text += " A rate that rises within few messages has the step of the identified loop; its |T| is measured."
+    if advised:
+        text += " Green: predicted with the advised gains."
+    attitudes = [loops["attitude"] for loops in responses.values() if "attitude" in loops]
+    if any(
+        attitude.has_feedforward and isinstance(attitude.measured, StepResponse)
+        for attitude in attitudes
+    ):
+        text += " Attitudes follow their setpoint with ArduPilot's feedforward (ATC_RATE_FF_ENAB), as flown."
+    return Chapter("Step response", blocks, [Group(columns, text)])
+
+
+def _step_figure_text(response: StepResponse, key: str) -> str:
+    """Returns a figure of a step response with its 90 % interval, such as "0.12 (0.10 to 0.15)".
+
+    A duration, such as the settling time, cannot be measured beyond the end of the response. A value at the end is
+    shown as "over" that time. If even the lower end of the interval lies there, the interval is left out.
+
+    Args:
+        response: the measured response.
+        key: key of ``STEP_FIGURES`` and attribute of ``response``.
+    """
+    estimate: IntervalEstimate = getattr(response, key)
+    figure = STEP_FIGURES[key]
+    end = float(response.time[-1]) if figure.is_duration else inf
+
+    def text(value: float) -> str:
+        number = rounded(figure.scale * value)
+        return f"over {number}" if value >= end else number
+
+    value, low, high = estimate
+    texts = [text(number) for number in (value, low, high)]
+    # An interval that is narrower than the last digit shown says nothing.
+    if low >= end or len(set(texts)) == 1:
+        return texts[0]
+    return "{} ({} to {})".format(*texts)
+
+
+def loops_chapters(
+    assessment: Assessment, evidence: Evidence, advice: AdviceByAxis
+) -> Iterator[Chapter]:
+    """Yields two chapters of control loops: what was decided on each axis with charts, then margins and gains.
+
+    Args:
+        assessment: assessment of the log, with the decisions on the loops.
+        evidence: the loops of all axes as far as they were identified, and their margins.
+        advice: gains that are advised by axis, or why there are none; empty without advice.
+    """
+    decisions = assessment.loop_decisions
+    summary = [*decision_sentences(decisions), *_margin_sentences(evidence, decisions)]
+    loops = evidence.identified_loops
+    if not loops:
+        yield Chapter("Control loops", [*summary, *gain_limits(advice)])
+        return
+    loops_by_axis: dict[str, Mapping[str, Loop]] = {
+        axis: {"now": loop} for axis, loop in loops.items()
+    }
+    figures: Blocks = [*margin_tables(loops)]
+    for axis, axis_advice in advice.items():
+        # Why an axis has no gains is in the decision on it.
+        if isinstance(axis_advice, Advice) and not axis_advice.refusals:
+            figures.append(Sentence(axis_advice.sentence.advised, f"Gains of {axis}:"))
+            figures += gain_blocks(axis_advice)
+            loops_by_axis[axis] = compared_loops(axis_advice)
+    figures += gain_limits(advice)
+    # Each axis has a column of charts, in which the loop now and the loop with advised gains are drawn together.
+    columns = [loop_charts(axis_loops) for axis_loops in loops_by_axis.values()]
+    text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
+    if any(len(compared) > 1 for compared in loops_by_axis.values()):
+        text += " Blue: with the gains that flew; green: with the advised ones."
+    yield Chapter("Control loops", summary, [Group(tuple(columns), text)])
+    groups: list[Group] = []
+    for trial in gain_trial_groups(evidence, advice, assessment.responses).values():
+        # All axes have one caption, below the last.
+        if groups:
+            groups[-1] = groups[-1]._replace(caption="")
+        groups.append(trial)
+    yield Chapter("Margins and advised gains", figures, groups)
+
+
+def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Sentence]:
+    """Returns the sentences about the stability margins of all axes, or about why they are not known.
+
+    Axes with the same fact share one sentence.
+
+    Args:
+        evidence: the margins of each axis; in the place of an unidentified loop, the fact that says why.
+        decisions: what was decided on the loops, by axis. The page gives its reason elsewhere.
+    """
+    axes_and_facts = []
+    for margin in evidence.margins:
+        facts = [fact.replace(names=(margin.axis,)) for fact in margin.facts]
+        if not facts and isinstance(margin.loop, Fact):
+            facts = [margin.loop]
+        decision = decisions.get(margin.axis)
+        for fact in facts:
+            if decision is None:
+                axes_and_facts.append((margin.axis, fact))
+                continue
+            # The reason of the decision stands above these sentences already.
+            is_repetition = fact.code is decision.reason.code
+            if is_repetition:
+                continue
+            # Good margins are no praise for an axis that does not follow its setpoint: the sentence says so.
+            if fact.is_good and decision.verdict is LoopVerdict.FOLLOWS_BADLY:
+                fact = fact.replace(follows=False)
+            axes_and_facts.append((margin.axis, fact))
+    return sentences_by_axes(axes_and_facts)

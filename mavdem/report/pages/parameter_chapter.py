@@ -1,0 +1,85 @@
+"""The chapter of a flight's page on the autopilot's parameters: changed in flight, of its control, and all."""
+
+import re
+from collections.abc import Mapping
+from math import ceil
+
+from mavdem.facts import Level
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
+from mavdem.report.blocks import Blocks, Rated, Table
+from mavdem.report.pages.page import Chapter
+
+AXIS_IN_PARAMETER = re.compile(r"RLL|ROLL|PITCH|PIT|YAW")
+"""The part of a parameter's name that says its axis, in ArduPilot and PX4; its first letter names the axis."""
+
+GEOMETRY_PREFIX = "CA_"
+"""Beginning of PX4's parameters of the motors' positions, which the drawing of the motors shows already."""
+
+AXIS_COLUMNS = {"R": "roll", "P": "pitch", "Y": "yaw", "all": "all"}
+"""Columns of the table of parameters, by the first letter of the axis in a parameter's name."""
+
+
+def parameters_chapter(telemetry: Telemetry, is_full: bool) -> Chapter:
+    """Returns the chapter of parameters: those that changed in the flight, those of rate and attitude control, and all.
+
+    Changes that the autopilot makes by itself, such as counters and learned offsets, are only marked in the list of
+    all.
+
+    Args:
+        telemetry: of the vehicle.
+        is_full: whether all parameters are listed.
+    """
+    blocks: Blocks = []
+    changes = [
+        [name, f"{before:.4g}", f"{telemetry.parameters[name]:.4g}"]
+        for name, before in sorted(telemetry.initial_parameters.items())
+        if not AUTOPILOT_SET_PARAMETERS.search(name)
+    ]
+    if changes:
+        blocks.append(Table(["changed in flight", "from", "to"], changes))
+    rows = _control_parameter_rows(telemetry.parameters)
+    # Two tables side by side take half of the height.
+    half = ceil(len(rows) / 2)
+    for part in (rows[:half], rows[half:]):
+        if part:
+            blocks.append(Table(["parameter", *AXIS_COLUMNS.values()], part))
+    searchable = _all_parameters(telemetry) if is_full and telemetry.parameters else None
+    return Chapter("Parameters", blocks, searchable=searchable)
+
+
+def _all_parameters(telemetry: Telemetry) -> Table:
+    """Returns all parameters with their values at the end of the log; those that changed in flight are marked."""
+    rows: list[list[str]] = []
+    for name, value in sorted(telemetry.parameters.items()):
+        row: list[str] = [name, f"{value:.7g}", ""]
+        if name in telemetry.initial_parameters:
+            before = f"{telemetry.initial_parameters[name]:.7g}"
+            row[2] = Rated(f"changed in flight, from {before}", Level.WATCH)
+        rows.append(row)
+    return Table(["parameter", "value", "remark"], rows, words=True)
+
+
+def _control_parameter_rows(parameters: Mapping[str, float]) -> list[list[str]]:
+    """Returns the rows of the table of the autopilot's control parameters, such as its gains.
+
+    Parameters that differ only in their axis share a row, whose name has "…" in the place of the axis: "ATC_RAT_…_P".
+    Its cells are the values of roll, pitch and yaw, and then of a parameter that is of no single axis. Parameters that
+    are 0 are left out: 0 mostly switches off what a parameter sets.
+
+    Args:
+        parameters: values of all parameters of the autopilot by name.
+    """
+    values_by_name = dict[str, dict[str, str]]()
+    for name, value in sorted(parameters.items()):
+        is_control = CONTROL_PARAMETERS.match(name) and not name.startswith(GEOMETRY_PREFIX)
+        if not value or not is_control:
+            continue
+        axis = AXIS_IN_PARAMETER.search(name)
+        column = "all" if axis is None else axis[0][0]
+        name_of_axes = AXIS_IN_PARAMETER.sub("…", name, count=1)
+        values_by_name.setdefault(name_of_axes, {})[column] = f"{value:.4g}"
+    return [
+        [name, *(values.get(column, "") for column in AXIS_COLUMNS)]
+        for name, values in values_by_name.items()
+    ]
