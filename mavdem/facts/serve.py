@@ -46,6 +46,13 @@ class Stage(StrEnum):
     FAILED = "failed"
 
 
+class Order(StrEnum):
+    """The order in which flights are listed: by the time of upload, or by the date of the flight, undated ones last."""
+
+    UPLOAD = "upload"
+    FLIGHT = "flight"
+
+
 class Sharing(StrEnum):
     """Who sees a flight: its owner; whoever has its link; or everybody, and it is listed."""
 

@@ -221,7 +221,9 @@ def has_current_table(folder: Path) -> bool:
     from pyarrow import parquet
 
     try:
-        table_schema = parquet.read_schema(folder / TABLE)
+        # pyarrow opens no path that is not valid Unicode.
+        with (folder / TABLE).open("rb") as file:
+            table_schema = parquet.read_schema(file)
     except (OSError, pyarrow.ArrowException):
         return False
     schema = row_schema()
@@ -258,7 +260,8 @@ def _merged_groups(
     schema = row_schema()
     names = pyarrow.array(changed_vehicles, pyarrow.string())
     new_rows = pyarrow.concat_tables([schema.empty_table(), *new_groups])
-    with parquet.ParquetFile(path) as file:
+    # pyarrow opens no path that is not valid Unicode.
+    with path.open("rb") as stream, parquet.ParquetFile(stream) as file:
         for number in range(file.num_row_groups):
             # Without threads it takes half the memory, and no longer.
             group = file.read_row_group(number, use_threads=False).cast(schema)
@@ -551,7 +554,15 @@ class Store:
 
     def rows_of(self, sources: Iterable[LogSource]) -> FlightRows:
         """Returns the rows of these logs, without those that are damaged."""
-        query = """select row, path from flights join logs using (log)
+        return self._rows_of("row", sources)
+
+    def brief_rows_of(self, sources: Iterable[LogSource]) -> FlightRows:
+        """Returns the rows of these logs with ``BRIEF_COLUMNS`` alone, which takes a quarter of the time."""
+        return self._rows_of("brief", sources)
+
+    def _rows_of(self, column: str, sources: Iterable[LogSource]) -> FlightRows:
+        """Returns the rows of these logs from the ``column`` "row" or "brief" of the table of flights."""
+        query = f"""select {column}, path from flights join logs using (log)
         where path in (select value from json_each(?)) order by flights.rowid"""
         paths = json.dumps([utf8_text(source.path) for source in sources])
         return list(self.sound_rows(query, [paths]))

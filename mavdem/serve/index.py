@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mavdem.containers import JsonValues
 from mavdem.facts.lights import Light
-from mavdem.facts.serve import Sharing, Stage
+from mavdem.facts.serve import Order, Sharing, Stage
 from mavdem.fleet.row import FlightRow, FlightRows
 
 DIGEST_GLOB = "[0-9a-f]" * len(hashlib.sha256().hexdigest())
@@ -100,8 +100,6 @@ class Entry:
     files: str = ""
     """Names of the result files and of the recordings that can be made, separated by commas; for a log outside the
     library, the path of its page."""
-    sorted_by: str = ""
-    """ISO 8601 time by which lists are sorted: the flight's date or, where that is unknown, the time of reception."""
 
     @property
     def lights(self) -> dict[str, str]:
@@ -124,6 +122,12 @@ class Entry:
 COLUMNS = tuple(field.name for field in fields(Entry))
 """Names of the columns of the table ``entries``."""
 
+SQL_ORDERS = {
+    Order.UPLOAD: "received desc, rowid desc",
+    Order.FLIGHT: "date desc, received desc, rowid desc",
+}
+"""SQL of each order, the newest first. An unknown date is an empty text, which comes last."""
+
 INDEXES_SQL = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 """SQL that creates the table's indexes."""
 
@@ -137,7 +141,7 @@ def create_or_update_table(db: sqlite3.Connection) -> None:
     missing_columns = {name: f"{name} default ''" for name in COLUMNS}
     db.execute(f"create table if not exists entries ({', '.join(missing_columns.values())})")
     for row in db.execute("pragma table_info(entries)"):
-        del missing_columns[row["name"]]
+        missing_columns.pop(row["name"], None)
     for definition in missing_columns.values():
         db.execute(f"alter table entries add column {definition}")
     db.executescript(INDEXES_SQL)
@@ -193,7 +197,6 @@ def entry_of_fleet_log(file: str, rows: FlightRows) -> Entry:
         received=0.0 if first_row.date is None else first_row.date.timestamp(),
         stage=Stage.DONE if first_row.has_flight else Stage.FAILED,
         problem="" if first_row.has_flight else first_row.status,
-        sorted_by=columns["date"],
         files=first_row.page or "",
         **columns,
     )

@@ -1,8 +1,11 @@
 -- Indexes of the table "entries", whose columns are the fields of the class Entry.
 create unique index if not exists by_id on entries (id);
 create unique index if not exists by_path on entries (path);
-create index if not exists by_order on entries (sorted_by desc);
+drop index if exists by_order;
+create index if not exists by_upload on entries (received);
+create index if not exists by_date on entries (date, received);
 create index if not exists by_stage on entries (stage, received);
-create index if not exists by_vehicle on entries (vehicle, sorted_by desc);
+drop index if exists by_vehicle;
+create index if not exists by_vehicle_and_date on entries (vehicle, date, received);
 create index if not exists by_digest on entries (digest);
 create index if not exists by_recording on entries (recording_stage);

@@ -16,16 +16,16 @@ import secrets
 import shutil
 import sqlite3
 import threading
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from mavdem.containers import JsonValues, group_by
 from mavdem.errors import Refusal, Unreadable, error_message
 from mavdem.facts import Fact
-from mavdem.facts.serve import Request, Sharing, Stage, Start
+from mavdem.facts.serve import Order, Request, Sharing, Stage, Start
 from mavdem.fleet.row import FlightRows, utf8_text
 from mavdem.fleet.sources import UNKNOWN_SIZE, LogSource, source_of
 from mavdem.fleet.store import Store
@@ -34,6 +34,7 @@ from mavdem.results import PAGE_FILE
 from mavdem.serve.index import (
     COLUMNS,
     DIGEST_GLOB,
+    SQL_ORDERS,
     Entry,
     create_or_update_table,
     entry_from_row,
@@ -243,15 +244,13 @@ class Library:
                     incoming.unlink()
                     return former_entry
                 db.execute("delete from entries where digest = ?", [digest])
-            now = datetime.now(UTC)
             entry = Entry(
                 new_id() if former_entry is None else former_entry.id,
                 name,
                 digest,
                 str(stored_path),
                 incoming.stat().st_size,
-                received=now.timestamp(),
-                sorted_by=now.isoformat(),
+                received=time.time(),
                 **columns,
             )
             insert_entry(db, entry)
@@ -297,27 +296,36 @@ class Library:
         return entry_from_row(row)
 
     def find(
-        self, where: str, values: Iterable[Any], limit: int, offset: int = 0
+        self,
+        where: str,
+        values: Iterable[Any],
+        limit: int,
+        offset: int = 0,
+        order: Order = Order.UPLOAD,
     ) -> tuple[list[Entry], int]:
         """Finds the entries for which a condition holds.
+
+        The condition is evaluated once for each entry: the ids of all that match are found first, which also counts
+        them, and then the wanted entries are fetched.
 
         Args:
             where: SQL expression on the table ``entries``, with a ``?`` for each value.
             values: values of the condition.
             limit: number of entries that are returned, at most.
             offset: number of entries that are skipped.
+            order: the order in which entries are returned and skipped.
 
         Returns:
             The entries, the newest first, and the number of all for which the condition holds.
         """
-        values = list(values)
-        rows = self.db.execute(
-            f"select * from entries where {where} order by sorted_by desc limit ? offset ?",
-            [*values, limit, offset],
-        ).fetchall()
-        count_query = f"select count(*) from entries where {where}"
-        (total,) = self.db.execute(count_query, values).fetchone()
-        return [entry_from_row(row) for row in rows], total
+        id_query = f"select rowid from entries where {where} order by {SQL_ORDERS[order]}"
+        ids = [id for (id,) in self.db.execute(id_query, list(values))]
+        wanted_ids = ids[offset : offset + limit]
+        query = "select rowid, * from entries where rowid in (select value from json_each(?))"
+        found = self.db.execute(query, [json.dumps(wanted_ids)])
+        entries = {row["rowid"]: entry_from_row(row) for row in found}
+        # An entry may be deleted between the two queries.
+        return [entries[id] for id in wanted_ids if id in entries], len(ids)
 
     def count_waiting_before(self, entry: Entry) -> int:
         """Returns the number of waiting logs that are read before a waiting log."""
@@ -330,12 +338,17 @@ class Library:
         query = "select distinct vehicle from entries where vehicle <> '' order by vehicle"
         return [name for (name,) in self.db.execute(query)]
 
+    def brief_flight_rows(self, entries: Iterable[Entry]) -> FlightRows:
+        """Returns the fleet's rows of these logs with the columns alone that an index of all flights shows."""
+        return self.store.brief_rows_of(map(self._source_of, entries))
+
     def flight_rows(self, entries: Iterable[Entry]) -> FlightRows:
         """Returns the fleet's rows of these logs: one for each axis of each vehicle."""
-        sources = (
-            LogSource(str(self.log_path(entry)), size=UNKNOWN_SIZE, version="") for entry in entries
-        )
-        return self.store.rows_of(sources)
+        return self.store.rows_of(map(self._source_of, entries))
+
+    def _source_of(self, entry: Entry) -> LogSource:
+        """Returns the log of an entry as the fleet's store names it."""
+        return LogSource(str(self.log_path(entry)), size=UNKNOWN_SIZE, version="")
 
     def change(self, id: str, **columns: Any) -> Entry:
         """Sets columns of an entry, and returns the changed entry.
@@ -459,8 +472,6 @@ class Library:
         """
         results = self.results_folder(entry)
         columns = self.progress_columns(entry) | {"claimed": ""}
-        if columns.get("date"):
-            columns["sorted_by"] = columns["date"]
         if not (results / PAGE_FILE).is_file():
             return columns | {"stage": Stage.FAILED, "problem": outcome.rows[0].status}
         (results / PROGRESS).unlink(missing_ok=True)

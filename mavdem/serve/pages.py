@@ -21,7 +21,7 @@ from starlette.responses import (
 
 from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
-from mavdem.facts.serve import Request, Stage, Use
+from mavdem.facts.serve import Order, Request, Stage, Use
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
 from mavdem.fleet.flights import vehicles_of
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
@@ -120,6 +120,7 @@ class Pages:
                 entries=result.entries,
                 total=result.total,
                 query=result.query,
+                order=result.order,
                 offset=result.offset,
                 page=FLIGHTS_PER_PAGE,
                 is_empty=not result.entries and not result.query and not result.offset,
@@ -260,7 +261,7 @@ class Pages:
         """
         self._rights.require(request, Use.READ)
         name = request.query_params.get("name", "")
-        entries, _ = self._library.find("vehicle = ?", [name], MAX_FILES)
+        entries, _ = self._library.find("vehicle = ?", [name], MAX_FILES, order=Order.FLIGHT)
         if not entries:
             raise Refusal(Request.NO_SUCH_FLIGHT)
         rows = [row for row in self._library.flight_rows(entries) if row.vehicle == name]

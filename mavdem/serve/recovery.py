@@ -3,12 +3,11 @@
 import shutil
 import sqlite3
 from contextlib import AbstractContextManager, suppress
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
 from mavdem.facts.serve import Stage
-from mavdem.serve.index import DIGEST_GLOB, Entry, insert_entry, new_id
+from mavdem.serve.index import COLUMNS, DIGEST_GLOB, Entry, insert_entry, new_id
 from mavdem.serve.stored_files import (
     INCOMING,
     LOGS,
@@ -109,7 +108,7 @@ def import_former_index(library: RecoverableLibrary) -> None:
     """Copies the entries of an earlier version's index, a file of its own, into this one, and removes that file.
 
     Entries with an id that this index has already were copied before, by an import that was interrupted. The columns of
-    the earlier version are a part of those of today; the others get their defaults.
+    the earlier version that today's has not are left out; its own get their defaults.
 
     Args:
         library: the library, whose folder may hold the earlier index.
@@ -120,7 +119,7 @@ def import_former_index(library: RecoverableLibrary) -> None:
     db = library.db
     db.execute("attach ? as earlier", [str(former_index)])
     columns = db.execute("pragma earlier.table_info(entries)")
-    names = ", ".join(row["name"] for row in columns)
+    names = ", ".join(row["name"] for row in columns if row["name"] in COLUMNS)
     with library.transaction():
         db.execute(
             f"""insert into entries ({names}) select {names} from earlier.entries
@@ -185,7 +184,6 @@ def _add_unindexed_logs(logs: Path, db: sqlite3.Connection, indexed_digests: set
         if digest in indexed_digests:
             continue
         status = path.stat()
-        modified = datetime.fromtimestamp(status.st_mtime, UTC)
         entry = Entry(
             new_id(),
             path.name,
@@ -193,6 +191,5 @@ def _add_unindexed_logs(logs: Path, db: sqlite3.Connection, indexed_digests: set
             f"{LOGS}/{digest}/{path.name}",
             status.st_size,
             received=status.st_mtime,
-            sorted_by=modified.isoformat(),
         )
         insert_entry(db, entry)

@@ -11,7 +11,7 @@ from starlette.requests import Request as HttpRequest
 from mavdem.containers import JsonValues, group_by
 from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
-from mavdem.facts.serve import Request, Sharing, Use
+from mavdem.facts.serve import Order, Request, Sharing, Use
 from mavdem.fleet.flights import worst_row
 from mavdem.fleet.row import FlightRow
 from mavdem.report.fleet import TROUBLED_HEALTHS
@@ -37,6 +37,8 @@ class SearchResult(NamedTuple):
     """number of all flights that match"""
     query: str
     """the search"""
+    order: Order
+    """the order in which they are listed"""
     offset: int
     """number of matching flights that come before the page"""
 
@@ -66,16 +68,19 @@ class VisibleLibrary:
         """Searches the flights that the sender of a request may list.
 
         Args:
-            request: its query has the search as ``q``, and the number of flights to skip as ``offset``.
+            request: its query has the search as ``q``, the order as ``sort``, a value of ``Order``, and the number of
+                flights to skip as ``offset``.
             limit: number of flights that are returned, at most.
         """
         query = request.query_params.get("q", "")[:MAX_SEARCH_LETTERS]
         offset = query_number(request, "offset", 0)
+        is_by_flight = request.query_params.get("sort") == Order.FLIGHT
+        order = Order.FLIGHT if is_by_flight else Order.UPLOAD
         where, values = search_condition(query)
         if not self.rights.allows(request, Use.READ):
             where = f"sharing = '{Sharing.PUBLIC}' and {where}"
-        entries, total = self.library.find(where, values, limit, offset)
-        return SearchResult(entries, total, query, offset)
+        entries, total = self.library.find(where, values, limit, offset, order)
+        return SearchResult(entries, total, query, order, offset)
 
     def rows_with_trouble(self, entries: Sequence[Entry]) -> dict[str, FlightRow]:
         """Finds the flights whose motors differ from those of the other flights of their vehicle: a fault or a drift.
@@ -88,7 +93,7 @@ class VisibleLibrary:
         """
         entry_by_path = {str(self.library.log_path(entry)): entry for entry in entries}
         rows = []
-        for row in self.library.flight_rows(entries):
+        for row in self.library.brief_flight_rows(entries):
             # An entry is listed under one vehicle; a log may have rows of others.
             if row.health in TROUBLED_HEALTHS and row.vehicle == entry_by_path[row.file].vehicle:
                 rows.append(row)

@@ -1,13 +1,14 @@
 #!/usr/bin/env python
 """How `mavdem serve` bears a load; prints a Markdown table.
 
-Usage: tools/bench/serve.py list             # 10,000 flights listed and searched
+Usage: tools/bench/serve.py list LOG ...      # 10,000 flights listed, searched and shown
        tools/bench/serve.py load LOG         # 50 uploads by 10 clients while 20 read pages
        tools/bench/serve.py kill LOG         # kill -9 twenty times in mid-upload and mid-work
 """
 
 import hashlib
 import json
+import os
 import random
 import subprocess
 import sys
@@ -15,6 +16,8 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from statistics import quantiles
@@ -25,13 +28,22 @@ import click
 import requests
 
 from mavdem.facts.serve import Stage
+from mavdem.fleet.sources import LogSource
+from mavdem.fleet.workers import KEY_HASH_DIGITS, JobLimits, JobOutcome
 from mavdem.machine import free_port
 from mavdem.report.blocks import Table, markdown
-from mavdem.serve.index import Entry, insert_entry
+from mavdem.serve.index import insert_entry
 from mavdem.serve.library import Library
+from mavdem.serve.pages import FLIGHTS_PER_PAGE
 
 PATIENCE_SECONDS = 600.0
 """Longest time until an uploaded log has its page, s."""
+
+VEHICLES = 200
+"""Vehicles among which the flights of a large library are distributed."""
+
+FIRST_DATE = datetime(2024, 1, 1, tzinfo=UTC)
+"""Date from which the flights of a large library are distributed over a million minutes."""
 
 get = partial(requests.get, timeout=60)
 """Sends a GET request."""
@@ -124,37 +136,94 @@ def bench() -> None:
 
 
 @bench.command("list")
-def list_command() -> None:
-    """Lists and searches 10,000 flights."""
-    chance = random.Random(1)
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--flights", default=10_000, help="Number of flights.")
+def list_command(logs: tuple[Path, ...], flights: int) -> None:
+    """Lists, searches and shows flights of a large library, made of the rows of real logs with jitter."""
     with TemporaryDirectory() as folder:
-        library = Library(Path(folder))
-        with library.transaction() as db:
-            for number in range(10_000):
-                entry = Entry(
-                    f"{number:022}",
-                    f"flight_{number}.bin",
-                    digest=f"{number:064}",
-                    path=f"logs/{number}",
-                    stage=Stage.DONE,
-                    vehicle=f"quad-{number % 50}",
-                    sorted_by=f"2026-{1 + number % 12:02}-{1 + number % 28:02}T10:00:00",
-                    wind_speed=chance.uniform(0, 12),
-                    gains=json.dumps(
-                        {f"ATC_RAT_RLL_{letter}": chance.random() for letter in "PID"}
-                    ),
-                    motors=chance.choice(("good", "watch", "bad")),
-                    headline="little margin",
-                )
-                insert_entry(db, entry)
-        library.close()
+        with served(folder) as server:
+            for log in logs:
+                server.upload(log.name, log.read_bytes())
+            server.wait_for(len(logs))
+        multiply_flights(Path(folder), flights)
         figures = []
         with served(folder) as server:
-            for search in ("", "quad-7", "motors:bad wind>5", "ATC_RAT_RLL_P>0.9", "nothing"):
-                seconds = [server.timed(f"/?q={search}")[1] for _ in range(30)]
-                total = server.flights(search)["total"]
-                figures.append([f"page of `{search}`: {total} found", percentiles(seconds)])
+            document = server.flights()
+            flight = document["flights"][500]
+            offset = flights - FLIGHTS_PER_PAGE
+            pages = {
+                "first page of the list": "/",
+                "last page of the list": f"/?offset={offset}",
+                "by the date of the flight": "/?sort=flight",
+                "a word": "/?q=quad-7",
+                "two terms": "/?q=motors:bad wind>5",
+                "a gain": "/?q=ATC_RAT_RLL_P>0.13",
+                "a word that none has": "/?q=nothing",
+                "list as JSON": "/api/flights",
+                "page of a flight": f"/f/{flight['id']}",
+                "page of a vehicle": f"/vehicle?name={flight['vehicle']}",
+            }
+            for name, path in pages.items():
+                seconds = []
+                for _ in range(30):
+                    status, duration = server.timed(path)
+                    assert status == 200
+                    seconds.append(duration)
+                figures.append([name, percentiles(seconds)])
+            figures.append(["memory of the server", f"{server.megabytes:.0f} MB"])
     report(figures)
+
+
+def multiply_flights(folder: Path, count: int) -> None:
+    """Adds flights to a library until it has so many, each with entry, rows and result files of one that is there.
+
+    Its vehicle, date, wind and gains differ from those of the original.
+
+    Args:
+        folder: folder of the library, with at least one flight that was read.
+        count: number of flights.
+    """
+    random_numbers = random.Random(1)
+    library = Library(folder)
+    originals, _ = library.find("stage = ?", [Stage.DONE], 1000)
+    rows_by_id = {entry.id: library.flight_rows([entry]) for entry in originals}
+    limits = JobLimits()
+    with library.transaction() as db:
+        for number in range(len(originals), count):
+            original = originals[number % len(originals)]
+            digest = hashlib.sha256(str(number).encode()).hexdigest()
+            date = FIRST_DATE + timedelta(minutes=random_numbers.randrange(1_000_000))
+            gains = {
+                name: value * random_numbers.uniform(0.8, 1.25)
+                for name, value in json.loads(original.gains).items()
+            }
+            entry = replace(
+                original,
+                id=f"{number:022}",
+                name=f"{number}_{original.name}",
+                digest=digest,
+                path=f"logs/{digest}/{original.name}",
+                vehicle=f"quad-{number % VEHICLES}",
+                date=date.isoformat(timespec="seconds"),
+                received=date.timestamp(),
+                wind_speed=random_numbers.uniform(0.0, 12.0),
+                motors=random_numbers.choice(("good", "watch", "bad")),
+                gains=json.dumps(gains),
+            )
+            insert_entry(db, entry)
+            path = str(library.log_path(entry))
+            rows = [
+                replace(row, file=path, vehicle=entry.vehicle, date=date)
+                for row in rows_by_id[original.id]
+            ]
+            key = f"{digest[:KEY_HASH_DIGITS]}-{number + 1}"
+            outcome = JobOutcome(path, "read", tuple(replace(row, key=key) for row in rows), key)
+            library.store.add(LogSource(path, number + 1, ""), outcome, limits)
+            results = library.results_folder(entry)
+            results.mkdir()
+            for file in library.results_folder(original).iterdir():
+                os.link(file, results / file.name)
+    library.close()
 
 
 @bench.command("load")

@@ -8,6 +8,7 @@ import base64
 import hashlib
 import re
 from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -72,6 +73,7 @@ def _environment() -> Environment:
     """
     jinja = environment().overlay()
     jinja.filters["brief"] = _brief_name
+    jinja.filters["utc"] = _utc_text
     values = {"lights": [str(light) for light in Light], "healths": HEALTH_LEVELS}
     # A dictionary of its own: the environment of other pages does not have these values.
     jinja.globals = {**jinja.globals, **interface_words(), **values}
@@ -85,6 +87,11 @@ def _brief_name(name: str) -> str:
     if len(name) <= MAX_NAME_LENGTH:
         return name
     return f"{name[:SHOWN_END_LENGTH]}…{name[-SHOWN_END_LENGTH:]}"
+
+
+def _utc_text(seconds: float) -> str:
+    """Returns a UNIX time in s as date and minute in UTC."""
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M}"
 
 
 def render_server_page(name: str, /, **values: Any) -> str:
