@@ -88,13 +88,13 @@ def write_result_files(paths: Mapping[str, Path], document: str, assessment: Ass
         assessment: The assessment that the page, the model and the recordings show.
     """
     analysis = assessment.analysis
-    paths[REPORT_FILE].write_text(document + "\n")
+    paths[REPORT_FILE].write_text(document + "\n", "utf-8")
     # The page may contain the name of a file, which need not be valid Unicode.
     paths[PAGE_FILE].write_text(review_page(assessment), "utf-8", "replace")
     # Without a model there is nothing else to write.
     if analysis is None or analysis.learned is None or analysis.held_out is None:
         return
-    paths[MODEL_FILE].write_text(analysis.learned.to_json() + "\n")
+    paths[MODEL_FILE].write_text(analysis.learned.to_json() + "\n", "utf-8")
     write_recordings(paths, assessment)
 
 

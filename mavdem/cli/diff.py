@@ -126,7 +126,7 @@ def diff_command(
         vehicles=(state_a.telemetry, state_b.telemetry),
     )
     with replaced_files(folder, [PAGE_FILE, DOCUMENT_FILE]) as (page_path, document_path):
-        document_path.write_text(json_text(document))
+        document_path.write_text(json_text(document), "utf-8")
         # The page may contain the name of a file, which need not be valid Unicode.
         page_path.write_text(page, "utf-8", "replace")
     blocks = [

@@ -90,7 +90,7 @@ def reproduce_command(
             seconds = perf_counter() - start_time
             with reporting_write_errors(out):
                 write(out, reports, seconds)
-                (out / NUMBERS).write_text(json_text(document(reports, seconds)) + "\n")
+                (out / NUMBERS).write_text(json_text(document(reports, seconds)) + "\n", "utf-8")
     if as_markdown and not as_json:
         findings: Blocks = []
         for report in reports:

@@ -64,7 +64,7 @@ def _is_available(document_path: Path, sources: Mapping[str, str]) -> bool:
     if not os.path.isfile(document_path):
         return True
     try:
-        document = json.loads(document_path.read_text())
+        document = json.loads(document_path.read_text(encoding="utf-8"))
         for key, source in sources.items():
             if os.path.realpath(document[key]) != os.path.realpath(source):
                 return False

@@ -252,4 +252,4 @@ def file_text(path: Path) -> str:
     """
     if path.is_fifo() or path.is_char_device():
         raise OSError(errno.ESPIPE, os.strerror(errno.ESPIPE))
-    return path.read_text()
+    return path.read_text(encoding="utf-8")

@@ -128,7 +128,7 @@ def advise_gains(recording: Path, vehicle: str) -> Facts:
     texts = tuning.files(assessment.evidence.signals.telemetry)
     stem = _new_stem(recording, list(texts))
     for ending, text in texts.items():
-        Path(stem + ending).write_text(text)
+        Path(stem + ending).write_text(text, encoding="utf-8")
     files_fact = Fact(
         Gains.GAINS_WRITTEN,
         path=stem + " and ".join(texts),

@@ -23,7 +23,7 @@ from mavdem.live.frames import Frame
 MESSAGE_FIELDS: dict[str, Names] = {
     name: tuple(fields)
     for name, fields in json.loads(
-        (files("mavdem.live") / "message_fields.json").read_text()
+        (files("mavdem.live") / "message_fields.json").read_text("utf-8")
     ).items()
 } | {name: form.fields for name, form in MOTOR_MESSAGES.items()}
 """Fields that are decoded, by message name; of messages with a vertical speed that is the first field."""

@@ -26,7 +26,7 @@ from mavdem.serve.link_monitor import LinkMonitor
 from mavdem.serve.openapi import STATUS_BY_REFUSAL
 from mavdem.serve.pages import Pages
 from mavdem.serve.requests import error_values
-from mavdem.serve.rights import Rights
+from mavdem.serve.rights import COOKIE_NAME, WRONG_TOKEN_DELAY, Rights
 from mavdem.serve.visible_library import VisibleLibrary
 
 RETRY_HEADERS = {"Retry-After": "10"}
@@ -159,9 +159,12 @@ class Server:
 
         async def answer(request: HttpRequest) -> Response:
             """Answers one request by the endpoint, or with the reason why it is refused."""
+            has_wrong_secret = self._rights.has_wrong_secret(request)
             try:
                 # A page of another server must not act with the rights of this server's visitors.
                 self._rights.check_origin(request)
+                if has_wrong_secret:
+                    await asyncio.sleep(WRONG_TOKEN_DELAY)
                 if inspect.iscoroutinefunction(endpoint):
                     response = await endpoint(request)
                 else:
@@ -174,6 +177,9 @@ class Server:
                 # The server is ending. The answer says when to ask again.
                 response = Response(status_code=503, headers=RETRY_HEADERS)
             response.headers.update(_response_headers())
+            # A browser that has the cookie of an earlier token waits only once.
+            if has_wrong_secret and COOKIE_NAME in request.cookies:
+                response.delete_cookie(COOKIE_NAME)
             return response
 
         return answer

@@ -43,7 +43,7 @@ from mavdem.serve.index import Entry
 from mavdem.serve.link_monitor import PAGE_SECONDS, LinkMonitor
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import read_body
-from mavdem.serve.rights import COOKIE_NAME
+from mavdem.serve.rights import COOKIE_NAME, WRONG_TOKEN_DELAY
 from mavdem.serve.uploads import MAX_FILES
 from mavdem.serve.visible_library import VisibleLibrary, refuse_missing_file
 
@@ -59,9 +59,6 @@ MAX_WAITING_DOWNLOADS = 100
 
 RECORDING_RETRY_SECONDS = 2
 """Seconds after which a recording that is being made may be asked for again."""
-
-WRONG_TOKEN_DELAY = 1.0
-"""Seconds until a wrong token is refused, so that guessing takes long."""
 
 
 def accepted(recordings: Recordings) -> Response:

@@ -25,6 +25,9 @@ MIN_TOKEN_LETTERS = 16
 KEY_DIGITS = 32
 """Hexadecimal digits of a derived key: 128 bits, which cannot be guessed."""
 
+WRONG_TOKEN_DELAY = 1.0
+"""Seconds until a request with a wrong token or key is answered, so that guessing takes long."""
+
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "::1", "[::1]")
 """Names of this machine as a host to listen on, and in the Host header of requests."""
 
@@ -65,6 +68,20 @@ class Rights:
         else:
             secret = None
         return self._secret_allows(secret or "", use)
+
+    def has_wrong_secret(self, request: HTTPConnection) -> bool:
+        """Returns whether a request has a secret that is wrong, so that its sender may be guessing the token.
+
+        It may be in the header Authorization, in the cookie, or in the path of an upload's address.
+        """
+        secrets = {
+            Use.WRITE: _bearer_secret(request),
+            Use.READ: request.cookies.get(COOKIE_NAME),
+            Use.UPLOAD: request.path_params.get("key"),
+        }
+        return any(
+            secret and not self._secret_allows(secret, use) for use, secret in secrets.items()
+        )
 
     def require(self, request: HTTPConnection, use: Use) -> None:
         """Checks that the sender of a request may use the flights of the library in this way.

@@ -41,6 +41,12 @@ SERVER_NAME_BYTES = 8
 RESERVED_BYTES = 64 << 20
 """Number of bytes of the disk that uploads leave free: deleting flights needs some for SQLite's journal."""
 
+RESERVED_NAME = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9¹²³])(\.|$)", re.IGNORECASE)
+"""Names of devices on Windows, which no file can have.
+
+Source: https://learn.microsoft.com/en-us/windows/win32/fileio/naming-a-file
+"""
+
 MAX_FILE_NAME_BYTES = 150
 """Largest length of the name of a stored log, bytes. File systems allow 255, and derived names are longer."""
 
@@ -48,7 +54,9 @@ MAX_FILE_NAME_BYTES = 150
 def stored_file_name(name: str) -> str:
     """Returns the name that a log has on the disk: its own name, without characters that could form a path.
 
-    Names of more than ``MAX_FILE_NAME_BYTES`` lose their beginning, so that the extension stays.
+    Names of more than ``MAX_FILE_NAME_BYTES`` lose their beginning, so that the extension stays. Names that Windows
+    reserves for devices, with any extension, get a letter before them, and no name ends with a dot: a folder of logs
+    may be moved there.
 
     Args:
         name: name of the uploaded file, of any characters.
@@ -56,6 +64,9 @@ def stored_file_name(name: str) -> str:
     plain_name = re.sub(r"[^\w.()-]", "_", name).lstrip(".")
     # Cutting bytes may leave a part of a character at the beginning, which is dropped.
     short_name = plain_name.encode()[-MAX_FILE_NAME_BYTES:].decode(errors="ignore").lstrip(".")
+    short_name = short_name.rstrip(".")
+    if RESERVED_NAME.match(short_name):
+        return f"_{short_name}"
     return short_name or "log"
 
 

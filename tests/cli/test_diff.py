@@ -40,7 +40,7 @@ def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     next_step, page = said.split("\n\n")[-3:-1]
     assert next_step == "Next: Inspect motor 3 and its propeller before the next flight."
     assert page == "Page: old_and_new/diff.html"
-    assert "Motor 3&#39;s " in Path("old_and_new/diff.html").read_text()
+    assert "Motor 3&#39;s " in Path("old_and_new/diff.html").read_text(encoding="utf-8")
     changes = document_of(capsys, "diff", *fleets, "--vehicle", "alpha")["changes"]
     changed = [one["quantity"] for one in changes if one["outcome"] == "changed"]
     assert [(one["kind"], one["motor"]) for one in changed] == [("share", 3), ("effect", 3)]

@@ -107,7 +107,7 @@ FULL = Path("/dev/full")
 @mark.skipif(not FULL.exists(), reason="there is no /dev/full")
 @mark.parametrize("words", [["info", "none", "--json"], ["--help"]])
 def test_a_standard_output_that_fails_is_reported(words):
-    with FULL.open("w") as full:
+    with FULL.open("w", encoding="utf-8") as full:
         done = subprocess.run(
             [*MAVDEM, *words], stdout=full, stderr=subprocess.PIPE, text=True, timeout=PATIENCE
         )

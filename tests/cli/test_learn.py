@@ -85,7 +85,7 @@ def test_the_folder_is_named_after_the_log_and_has_no_results_of_another(source,
         ("deep", "[" * 9999),
     ):
         Path(name).mkdir()
-        Path(name, "report.json").write_text(report)
+        Path(name, "report.json").write_text(report, encoding="utf-8")
     assert str(default_result_folder(source)) == folder
 
 

@@ -165,7 +165,7 @@ def hanging(tmp_path):
             text=True,
             start_new_session=True,
         )
-    with open(reader) as names:
+    with open(reader, encoding="utf-8") as names:
         hanging = (name for name in names if "hang" in name)
         assert len({next(hanging), next(hanging)}) == 2
         yield run, names

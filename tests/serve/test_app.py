@@ -8,6 +8,7 @@ import resource
 import shutil
 import socket
 import sqlite3
+import time
 from contextlib import ExitStack
 from http.client import HTTPResponse
 from pathlib import Path
@@ -515,3 +516,20 @@ def test_the_command_serves_as_it_is_told(tmp_path, monkeypatch):
     (options, *_), known = served.call_args
     assert options.quota == 1_500_000_000 and options.sample_log.is_file()
     assert options.limits.megabytes == 1000 and known == {"opens_browser": True}
+
+
+def test_a_wrong_secret_of_any_kind_is_answered_late(guarded, monkeypatch):
+    monkeypatch.setattr("mavdem.serve.app.WRONG_TOKEN_DELAY", 0.2)
+    guesses = (
+        {"path": "/api/flights", "token": "guess"},
+        {"path": "/", "Cookie": "mavdem=guess"},
+    )
+    for guess in guesses:
+        begin = time.monotonic()
+        answer = guarded.get(**guess)
+        assert time.monotonic() - begin >= 0.2
+        # The browser forgets a wrong cookie, and waits only once.
+        assert ("Set-Cookie" in answer.headers) == ("Cookie" in guess)
+    begin = time.monotonic()
+    refused = guarded.upload(("a.ulg", log("One.")), path="/guess/upload")
+    assert refused.status == 401 and time.monotonic() - begin >= 0.2

@@ -272,6 +272,15 @@ def test_names_of_logs_lead_nowhere():
         assert plain not in ("", ".", "..") and not set(plain) & set("/\\\0")
         assert len(plain.encode()) <= 150
     assert stored_file_name("Flug über (2).ulg") == "Flug_über_(2).ulg"
+    assert stored_file_name("C:\\logs\\a b.tlog") == "C__logs_a_b.tlog"
+    assert [
+        stored_file_name(name) for name in ("NUL", "aux.tlog", "Com1.bin.", "auxiliary.bin")
+    ] == [
+        "_NUL",
+        "_aux.tlog",
+        "_Com1.bin",
+        "auxiliary.bin",
+    ]
 
 
 def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):

@@ -79,7 +79,7 @@ class Served(NamedTuple):
     @property
     def megabytes(self) -> float:
         """Resident memory of the server's main process, MB."""
-        text = Path(f"/proc/{self.process.pid}/status").read_text()
+        text = Path(f"/proc/{self.process.pid}/status").read_text(encoding="utf-8")
         resident = text.split("VmRSS:")[1]
         return int(resident.split()[0]) / 1024
 

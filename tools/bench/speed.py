@@ -192,7 +192,9 @@ def review_seconds(log: Path, checkout: Path) -> tuple[float, float]:
         assert process.stdout is not None
         process.stdout.readline()
         # Fields 14 and 15 of /proc/PID/stat, counted behind the name, are user and system time in ticks.
-        fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+        fields = (
+            Path(f"/proc/{process.pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+        )
         screen = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
         process.stdout.read()
         usage = os.wait4(process.pid, 0)[2]

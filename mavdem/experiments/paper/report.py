@@ -181,4 +181,4 @@ def write(folder: Path, reports: Sequence[ItemReport], seconds: float) -> None:
         blocks,
         [report.chapter() for report in reports],
     )
-    (folder / PAGE).write_text(html)
+    (folder / PAGE).write_text(html, "utf-8")
