@@ -15,6 +15,7 @@ from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table
+from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
 from mavdem.report.charts.comparison_charts import flight_history_charts
 from mavdem.report.charts.flight_charts import MIN_DENSITY, STEP_RESPONSE
@@ -42,6 +43,11 @@ SIDE_COLOURS = {"A": PREDICTED, "B": TRUTH}
 
 ISO_DATE_LENGTH = len("2026-01-31")
 """Characters of the date in a date with a time, as documents have it."""
+
+CHANGES_CAPTION = """\
+Each change from A to B with its 90 % interval, relative to the largest one that is called the same (shaded). Squares \
+changed, rings are not known, dots stayed the same. All are tested together."""
+"""What stands below the drawing of all changes."""
 
 MAX_MOTORS = 12
 """Motors that the axis of a chart has names for: those of the largest frames."""
@@ -91,15 +97,23 @@ def comparison_page(
     ]
     changes = [[name, f"{before:.4g}", f"{after:.4g}"] for name, before, after in parameters]
     change_header = f"{counted(len(changes), 'parameter')} changed"
+    plan = change_plan(difference)
+    changed_group = Group.side_by_side([plan], CHANGES_CAPTION)
+    # What is a headline of these sentences stands at the top of the page already.
+    sentences = []
+    for block in difference_blocks(difference, parameters, lacking):
+        if not (isinstance(block, Sentence) and not block.text):
+            sentences.append(block)
     chapters = [
-        Chapter("What differs", difference_blocks(difference, parameters, lacking)),
+        Chapter("What changed", (), [] if plan is None else [changed_group]),
         Chapter("Step response", (), [Group(tuple(step_columns))] if step_columns else []),
+        Chapter("Motors", (), _chart_group(_trim_chart(sides, legend))),
+        Chapter("Spectra", (), _chart_group(_spectrum_chart(sides, legend))),
         Chapter("Time series", (), histories),
         _table_chapter("Margins", "rate loop (90 % interval)", _margin_rows(sides)),
-        Chapter("Spectra", (), _chart_group(_spectrum_chart(sides, legend))),
-        Chapter("Motors", (), _chart_group(_trim_chart(sides, legend))),
         _table_chapter("Wind", "90 % interval", _wind_rows(sides)),
         _table_chapter("Parameters", change_header, changes),
+        Chapter("In words", sentences),
     ]
     headlines = {side: value_at(review, "headline.sentence") for side, review in sides.items()}
     result = [

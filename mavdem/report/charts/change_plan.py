@@ -1,0 +1,74 @@
+"""A drawing of what changed between two states of a vehicle: each quantity's change with its interval (a forest plot).
+
+Quantities have different units. So each change is drawn relative to the largest one that is called the same, its
+equivalence limit: within ±1 nothing of note changed.
+"""
+
+from typing import NamedTuple
+
+from mavdem.facts.fleet import QuantityOutcome
+from mavdem.fleet.difference import VehicleDifference
+from mavdem.fleet.random_effects import EQUIVALENCE_LIMITS, QuantityChange
+from mavdem.report.charts.chart import Plan
+from mavdem.report.charts.plans import svg_of
+from mavdem.report.difference import change_text
+from mavdem.report.numbers import listed
+from mavdem.report.templates import capitalize_first
+
+OUTCOME_LEVELS = {
+    QuantityOutcome.CHANGED: "bad",
+    QuantityOutcome.UNCERTAIN: "unknown",
+    QuantityOutcome.SAME: "good",
+}
+"""Class by which each outcome is coloured, in the order in which changes are listed."""
+
+MAX_RELATIVE_CHANGE = 4.0
+"""Largest change that has room in the drawing, in equivalence limits; a larger one ends at its edge. A choice."""
+
+MARGIN_PERCENT = 3.0
+"""Room at both sides of the drawing, % of its width."""
+
+
+class DrawnChange(NamedTuple):
+    """A change as it is drawn; positions are % of the width."""
+
+    text: str
+    """Quantity, change and interval in words."""
+    level: str
+    """Class that colours it."""
+    low: float
+    """Position of the lower end of the interval."""
+    middle: float
+    """Position of the estimate."""
+    high: float
+    """Position of the upper end of the interval."""
+
+
+def change_plan(difference: VehicleDifference) -> Plan | None:
+    """Returns the changes of all quantities in one drawing, those that changed first; None if nothing was compared."""
+    changes = sorted(difference.changes, key=lambda change: [*OUTCOME_LEVELS].index(change.outcome))
+    if not changes:
+        return None
+    extent = max(abs(change.difference) + change.half_width for change in map(_relative, changes))
+    extent = min(max(extent, 1.0), MAX_RELATIVE_CHANGE)
+    percent_per_limit = (50.0 - MARGIN_PERCENT) / extent
+    drawn = []
+    for change in changes:
+        relative = _relative(change)
+        ends = []
+        for value in (-relative.half_width, 0.0, relative.half_width):
+            position = 50.0 + percent_per_limit * (relative.difference + value)
+            ends.append(min(max(position, 0.0), 100.0))
+        text = capitalize_first(change_text(change, difference))
+        drawn.append(DrawnChange(text, OUTCOME_LEVELS[change.outcome], *ends))
+    svg = svg_of("changes", rows=drawn, limit=percent_per_limit)
+    description = f"Changes with their 90 % intervals: {listed(one.text for one in drawn)}"
+    return Plan("", description, svg)
+
+
+def _relative(change: QuantityChange) -> QuantityChange:
+    """Returns a change in units of its equivalence limit."""
+    limit = EQUIVALENCE_LIMITS[change.quantity.kind]
+    return change._replace(
+        difference=change.difference / limit, half_width=change.half_width / limit
+    )

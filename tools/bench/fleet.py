@@ -1,0 +1,442 @@
+#!/usr/bin/env python
+"""How a fleet grows: what one more log costs among thousands, and what a cluster earns; prints Markdown tables.
+
+The index of thousands of logs is made of real ones: of each row that `mavdem track` has stored, jittered copies stand
+for further flights of further vehicles. The generator is seeded, so that the same logs make the same index.
+
+Usage: tools/bench/fleet.py growth LOG... [--plot FILE.svg]   # one more log, page, search and diff by number of logs
+       tools/bench/fleet.py make FLEET LOG... [--logs N]      # only makes the index, to look at
+       tools/bench/fleet.py cluster LOG...                    # logs a second by workers of a Dask cluster
+"""
+
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Timer
+from typing import Any, NamedTuple
+
+import click
+
+from mavdem.containers import group_by
+from mavdem.fleet.flights import summary
+from mavdem.fleet.row import FlightRow, FlightRows
+from mavdem.fleet.sources import LogSource, find_logs
+from mavdem.fleet.store import Store, open_store, read_brief_rows, read_rows
+from mavdem.fleet.tracking import assess_rows
+from mavdem.fleet.workers import PAGES, JobLimits, JobOutcome
+from mavdem.machine import free_port
+from mavdem.report.blocks import Table, markdown
+from mavdem.results import INDEX_FILE
+
+FLIGHTS_OF_A_VEHICLE = 50
+"""Logs of each vehicle of a generated fleet: two flights a week for half a year."""
+
+DAYS_BETWEEN_FLIGHTS = 3.5
+"""Days from one flight of a vehicle to its next."""
+
+FIRST_DAY = datetime(2026, 1, 5, 9, tzinfo=UTC)
+"""Date of each vehicle's first flight."""
+
+JITTER = 0.03
+"""Relative standard deviation of each figure of a generated flight about the real one."""
+
+JITTERED_COLUMNS = (
+    "duration",
+    "voltage_mean",
+    "collective",
+    "tilt_sd",
+    "vibration",
+    "trim_share",
+    "effect",
+    "damping",
+    "lag",
+    "phase_margin",
+    "gain_margin",
+    "ms",
+    "wind_torque_sd",
+    "wind_speed",
+    "wind_direction",
+    "balance",
+    "mean_inputs",
+)
+"""Columns whose figures differ from flight to flight."""
+
+SEED = 71
+"""Seed of the generator."""
+
+FLEET_SIZES = 100, 1_000, 10_000
+"""Numbers of logs that are measured."""
+
+
+CLUSTER_SIZES = 1, 2, 4
+"""Numbers of workers that are measured."""
+
+
+@click.group(help=__doc__)
+def bench() -> None:
+    """Benchmarks of a fleet."""
+
+
+class GeneratedLog(NamedTuple):
+    """A log that was never flown, with the rows that its reading would have given."""
+
+    source: LogSource
+    """Its path, under which no file lies."""
+    outcome: JobOutcome
+    """What its reading gave."""
+
+
+def generated_logs(rows: FlightRows, count: int) -> Iterator[GeneratedLog]:
+    """Yields logs of a fleet, each a jittered copy of a real one.
+
+    Each vehicle copies one real log again and again, so that its flights differ by the jitter alone. Logs without a
+    flight are as frequent as among the real ones.
+
+    Args:
+        rows: rows of real logs.
+        count: number of logs.
+    """
+    chance = random.Random(SEED)
+    real_logs = list(group_by(rows, lambda row: row.key or row.file).values())
+    for number in range(count):
+        vehicle, flight = divmod(number, FLIGHTS_OF_A_VEHICLE)
+        real_rows = real_logs[vehicle % len(real_logs)]
+        size = 1_000_000 + number
+        key = f"{number:032x}-{size}"
+        path = f"/flights/vehicle_{vehicle:03}/{flight:03}.bin"
+        date = FIRST_DAY + timedelta(days=DAYS_BETWEEN_FLIGHTS * flight, minutes=vehicle)
+        scale = {column: chance.gauss(1.0, JITTER) for column in JITTERED_COLUMNS}
+        copies = tuple(
+            _jittered(row, scale, chance, file=path, key=key, date=date, vehicle=f"{vehicle:03}")
+            for row in real_rows
+        )
+        outcome = JobOutcome(path, "read", copies, key, {}, seconds=1.0, megabytes=200.0)
+        yield GeneratedLog(LogSource(path, size, version="1"), outcome)
+
+
+def _jittered(
+    row: FlightRow, scale: dict[str, float], chance: random.Random, **columns: Any
+) -> FlightRow:
+    """Returns a copy of a row whose figures are scaled at random.
+
+    Args:
+        row: a row of a real log.
+        scale: factor of each jittered column, which all rows of a log share.
+        chance: the random numbers by which entries of lists differ beyond that.
+        columns: further columns, such as those that name the log.
+    """
+    for name, factor in scale.items():
+        value = getattr(row, name)
+        if isinstance(value, tuple):
+            columns[name] = [entry * factor * chance.gauss(1.0, JITTER) for entry in value]
+        elif value is not None:
+            columns[name] = value * factor
+    if row.vehicle_basis is not None:
+        # The name of the real vehicle stays part of the name, which is as long as those of real ones.
+        columns["vehicle"] = f"{row.vehicle}{columns['vehicle']}"
+    else:
+        del columns["vehicle"]
+    if row.page is not None:
+        columns["page"] = f"{PAGES}/{columns['key']}.html"
+    return replace(row, **columns)
+
+
+def fill_store(store: Store, rows: FlightRows, count: int) -> None:
+    """Fills a store with generated logs, judges their vehicles and writes its table.
+
+    Args:
+        store: an empty store.
+        rows: rows of real logs.
+        count: number of logs.
+    """
+    limits = JobLimits()
+    with store.transaction():
+        sources = []
+        for log in generated_logs(rows, count):
+            store.add(log.source, log.outcome, limits)
+            sources.append(log.source)
+        store.track(sources)
+    store.publish(assess_rows)
+
+
+def write_stand_in_pages(folder: Path) -> None:
+    """Writes a small page for each flight of a generated fleet, which `mavdem track` would otherwise read again."""
+    (folder / PAGES).mkdir()
+    for page in {row.page for row in read_brief_rows(folder) if row.page is not None}:
+        (folder / page).write_text("<main>\n")
+
+
+class Cost(NamedTuple):
+    """What a command cost."""
+
+    processor_seconds: float
+    """Processor time of its processes, s."""
+    seconds: float
+    """Time by the clock, s."""
+    megabytes: float
+    """Largest memory of one of its processes, MB."""
+
+
+def mavdem(*words: str | Path) -> Cost:
+    """Runs a command of mavdem, and returns what it cost.
+
+    Raises:
+        subprocess.CalledProcessError: it was refused; exit code 1 says only that there was nothing to find.
+    """
+    began = time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mavdem", *map(str, words)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    _, status, usage = os.wait4(process.pid, 0)
+    seconds = time.perf_counter() - began
+    exit_code = os.waitstatus_to_exitcode(status)
+    if exit_code not in (0, 1):
+        raise subprocess.CalledProcessError(exit_code, words)
+    return Cost(usage.ru_utime + usage.ru_stime, seconds, usage.ru_maxrss / 1024)
+
+
+class PageTimes(NamedTuple):
+    """How long a person waits for the index page in a browser, ms."""
+
+    opening: float
+    """From the beginning until the page can be used."""
+    sorting: float
+    """Until the lines are in the order of another column, the slowest of all columns."""
+    searching: float
+    """Until the lines with a word are shown, the slowest of some words."""
+
+
+PAGE_SCRIPT = """<script>addEventListener("load", () => {
+const body = document.getElementById("flights").tBodies[0];
+const timed = act => {
+  const began = performance.now();
+  act();
+  body.getBoundingClientRect();
+  return performance.now() - began;
+};
+const opening = performance.now();
+document.getElementById("all").scrollIntoView();
+const heads = [...document.querySelectorAll("#flights th button")];
+const sorting = Math.max(...heads.map(head => timed(() => head.click())));
+const searching = Math.max(...["m", "motors bad", "vehicle 07", "none of these", ""].map(words => timed(() => {
+  const filter = document.getElementById("filter");
+  filter.value = words;
+  filter.dispatchEvent(new Event("input"));
+})));
+document.title = `measured ${opening} ${sorting} ${searching}`;
+})</script>"""
+"""Measures the page that it stands in, and leaves the figures in its title."""
+
+
+def page_times(index: Path) -> PageTimes:
+    """Opens an index page from its file in Chromium without a screen, sorts it and searches in it."""
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        raise click.UsageError("Chromium is needed.")
+    with TemporaryDirectory() as folder:
+        page = Path(folder, "index.html")
+        page.write_text(index.read_text() + PAGE_SCRIPT)
+        options = ["--headless", "--no-sandbox", "--disable-gpu", "--timeout=60000", "--dump-dom"]
+        profile = f"--user-data-dir={folder}/profile"
+        command = [chromium, *options, profile, page.as_uri()]
+        text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    found = re.search(r"<title>measured (\S+) (\S+) (\S+)</title>", text)
+    assert found is not None, "the page has not been measured"
+    return PageTimes(*map(float, found.groups()))
+
+
+GROWTH_HEADER = [
+    "logs",
+    "one more log (processor s)",
+    "memory (MB)",
+    "two weeks compared (processor s)",
+    "page (MB)",
+    "opening (ms)",
+    "sorting (ms)",
+    "searching (ms)",
+]
+"""Header of the table of a fleet's growth."""
+
+
+@bench.command()
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--plot", type=click.Path(path_type=Path), help="File for a picture of it.")
+def growth(logs: tuple[Path, ...], plot: Path | None) -> None:
+    """Adds one log to fleets of 100, 1,000 and 10,000 logs, and opens their pages.
+
+    The fleets are made of the LOGS, the first of which is the one that is added.
+    """
+    table = []
+    with TemporaryDirectory() as folder:
+        real_fleet = Path(folder, "real")
+        mavdem("track", *logs, "--out", real_fleet)
+        rows = read_rows(real_fleet)
+        for size in FLEET_SIZES:
+            fleet = Path(folder, str(size))
+            table.append([f"{size:,}", *_growth_figures(fleet, rows, size, logs[0])])
+    click.echo(markdown([Table(GROWTH_HEADER, table)]))
+    click.echo(f"\n{os.cpu_count()} cores, load {os.getloadavg()[1]:.0f}.")
+    if plot is not None:
+        draw_growth(table, plot)
+
+
+def _growth_figures(fleet: Path, rows: FlightRows, size: int, log: Path) -> list[str]:
+    """Makes a fleet of so many logs, adds a log to it, compares two weeks of a vehicle and opens its page."""
+    with open_store(fleet) as store:
+        fill_store(store, rows, size)
+    write_stand_in_pages(fleet)
+    added = mavdem("track", log, "--out", fleet, "--jobs", "1")
+    named_rows = [row for row in read_brief_rows(fleet) if row.is_read and row.has_own_name]
+    weeks = ("--days-a", "2026-01-05..2026-01-18", "--days-b", "2026-03-02..2026-03-15")
+    vehicle = named_rows[0].vehicle
+    out = fleet / "compared"
+    compared = mavdem("diff", fleet, fleet, "--vehicle", vehicle, *weeks, "--out", out)
+    index = fleet / INDEX_FILE
+    times = page_times(index)
+    return [
+        f"{added.processor_seconds:.1f}",
+        f"{added.megabytes:.0f}",
+        f"{compared.processor_seconds:.1f}",
+        f"{index.stat().st_size / 1e6:.1f}",
+        f"{times.opening:.0f}",
+        f"{times.sorting:.0f}",
+        f"{times.searching:.0f}",
+    ]
+
+
+def draw_growth(table: Sequence[Sequence[str]], path: Path) -> None:
+    """Draws the times of a fleet's growth over its number of logs, both logarithmic."""
+    import matplotlib as mpl
+    import matplotlib.pyplot as plt
+
+    mpl.use("agg")
+    # So that the same figures make the same file.
+    mpl.rcParams["svg.hashsalt"] = "fleet"
+    sizes = [int(row[0].replace(",", "")) for row in table]
+    seconds_per_unit = {"(processor s)": 1.0, "(ms)": 1e-3}
+    figure, axes = plt.subplots(figsize=(6, 3.4), layout="constrained")
+    for column, header in enumerate(GROWTH_HEADER):
+        name, _, unit = header.partition(" (")
+        scale = seconds_per_unit.get(f"({unit}")
+        if scale is not None:
+            axes.loglog(sizes, [scale * float(row[column]) for row in table], "o-", label=name)
+    axes.set(xlabel="logs", ylabel="s")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="small")
+    figure.savefig(path, metadata={"Date": None})
+
+
+@bench.command()
+@click.argument("fleet", type=click.Path(path_type=Path))
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--logs", "count", default=FLEET_SIZES[-1], help="Number of logs.")
+def make(fleet: Path, logs: tuple[Path, ...], count: int) -> None:
+    """Makes a FLEET of so many logs, to look at."""
+    with TemporaryDirectory() as folder:
+        real_fleet = Path(folder, "real")
+        mavdem("track", *logs, "--out", real_fleet)
+        with open_store(fleet) as store:
+            fill_store(store, read_rows(real_fleet), count)
+    write_stand_in_pages(fleet)
+    mavdem("track", logs[0], "--out", fleet)
+
+
+class LocalCluster(NamedTuple):
+    """A running Dask cluster of this machine."""
+
+    address: str
+    """Address of the scheduler."""
+    workers: list[subprocess.Popen[bytes]]
+    """Processes of the workers."""
+
+
+@contextmanager
+def local_cluster(workers: int) -> Iterator[LocalCluster]:
+    """Runs a Dask scheduler and so many workers on this machine, each with one thread, within its block."""
+    from distributed import Client
+
+    address = f"tcp://127.0.0.1:{free_port()}"
+    python = [sys.executable, "-m"]
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    port = address.rpartition(":")[2]
+    scheduler_words = ["distributed.cli.dask_scheduler", "--port", port, "--no-dashboard"]
+    worker_words = ["--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    with TemporaryDirectory() as folder:
+        processes = [subprocess.Popen([*python, *scheduler_words], **quiet)]
+        worker_command = [*python, "distributed.cli.dask_worker", address, *worker_words]
+        worker_command += ["--local-directory", folder]
+        for _ in range(workers):
+            processes.append(subprocess.Popen(worker_command, **quiet))
+        try:
+            with Client(address, timeout="60s") as client:
+                client.wait_for_workers(workers)
+            yield LocalCluster(address, processes[1:])
+        finally:
+            for process in reversed(processes):
+                process.kill()
+                process.wait()
+
+
+@bench.command()
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
+def cluster(logs: tuple[Path, ...]) -> None:
+    """Reads LOGS on clusters of 1, 2 and 4 workers, and again where a worker is killed half way."""
+    table = []
+    seconds_by_workers = {}
+    sources, _ = find_logs([str(log) for log in logs])
+    count = len(sources)
+    for workers in CLUSTER_SIZES:
+        seconds, flights = _cluster_seconds(logs, workers)
+        seconds_by_workers[workers] = seconds
+        gain = seconds_by_workers[CLUSTER_SIZES[0]] / seconds
+        table.append([str(workers), f"{count / seconds:.2f}", f"{gain:.2f}", str(flights)])
+    for workers in CLUSTER_SIZES[1:]:
+        kill_after = seconds_by_workers[workers] / 2
+        seconds, flights = _cluster_seconds(logs, workers, kill_after)
+        gain = seconds_by_workers[CLUSTER_SIZES[0]] / seconds
+        name = f"{workers}, one killed after {kill_after:.0f} s"
+        table.append([name, f"{count / seconds:.2f}", f"{gain:.2f}", str(flights)])
+    header = ["workers", "logs/s", "times one worker", "flights in the table"]
+    click.echo(markdown([Table(header, table)]))
+    click.echo(f"\n{os.cpu_count()} cores, load {os.getloadavg()[1]:.0f}.")
+
+
+def _cluster_seconds(
+    logs: Sequence[Path], workers: int, kill_after: float | None = None
+) -> tuple[float, int]:
+    """Reads logs on a new cluster.
+
+    Args:
+        logs: the logs.
+        workers: number of workers.
+        kill_after: time after which one worker is killed, s; None for never.
+
+    Returns:
+        The time that it took, s, and the number of flights in the table.
+    """
+    with local_cluster(workers) as running, TemporaryDirectory() as folder:
+        killer = None
+        if kill_after is not None:
+            killer = Timer(kill_after, running.workers[0].kill)
+            killer.start()
+        cost = mavdem("track", *logs, "--out", folder, "--scheduler", running.address)
+        if killer is not None:
+            killer.join()
+        flights = summary(read_brief_rows(Path(folder)))["flights"]
+    return cost.seconds, flights
+
+
+if __name__ == "__main__":
+    bench()
