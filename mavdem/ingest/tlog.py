@@ -28,6 +28,9 @@ from mavdem.ingest.telemetry import Log, repair_facts
 STAMP_BYTES = np.dtype(np.uint64).itemsize
 """Number of bytes of the receive stamp before each frame."""
 
+CHECKED_BYTES = 1 << 22
+"""Bytes at the beginning of a file that :func:`check_beginning` searches: half a minute of a fast link."""
+
 MIN_FRAME_DENSITY = 1e-6
 """Frames with a matching checksum per byte that belongs to no frame, below which a file is no telemetry log.
 
@@ -64,6 +67,36 @@ def tlog_stream(path: PathName) -> FrameStream:
     """
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(mapped_bytes(path))
+    frames, skipped = _frames_of_log(source, data)
+    receive_stamps = partial(_receive_stamps, data, frames)
+    return FrameStream(source, ".tlog", data, frames, receive_stamps, skipped, repairs)
+
+
+def check_beginning(path: PathName) -> None:
+    """Checks that the first ``CHECKED_BYTES`` of a file hold MAVLink frames, which takes a tenth of a second at most.
+
+    Raises:
+        Unreadable: The file cannot be opened, or contains no MAVLink.
+    """
+    with open(path, "rb") as file:
+        beginning = file.read(CHECKED_BYTES)
+    data, _ = _without_carriage_returns(np.frombuffer(beginning, dtype=np.uint8))
+    _frames_of_log(os.fspath(path), data)
+
+
+def _frames_of_log(source: str, data: Bytes) -> tuple[Frames, int]:
+    """Finds the frames of a telemetry log.
+
+    Args:
+        source: Name of the log.
+        data: Its bytes, or those of its beginning.
+
+    Returns:
+        The frames, and the number of bytes that belong to none.
+
+    Raises:
+        Unreadable: There is no MAVLink, or hardly any for the size.
+    """
     frames = find_frames(data, crc_extra_table(), STAMP_BYTES)
     stamp_bytes = np.minimum(_bytes_before(frames, slice(None)), STAMP_BYTES)
     covered = stamp_bytes.sum(dtype=np.int64) + frames.size.sum(dtype=np.int64)
@@ -74,8 +107,7 @@ def tlog_stream(path: PathName) -> FrameStream:
         raise Unreadable(Source.DIALECT_UNKNOWN, path=source, count=count, recording=False)
     if matching <= MIN_FRAME_DENSITY * skipped:
         raise Unreadable(Source.FORMAT_UNKNOWN, path=source, name="mavlink")
-    receive_stamps = partial(_receive_stamps, data, frames)
-    return FrameStream(source, ".tlog", data, frames, receive_stamps, skipped, repairs)
+    return frames, skipped
 
 
 def write_tlog(file: BinaryIO, stream: FrameStream) -> int:

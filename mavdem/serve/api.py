@@ -16,7 +16,6 @@ from mavdem.documents.document import Document
 from mavdem.documents.library import Added, Baseline, Change, Flight, Flights, Progress, Viewer
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
-from mavdem.ingest.formats import detect_format
 from mavdem.report.pages.library_page import interface_words
 from mavdem.results import RECORDING_FILE
 from mavdem.serve.index import COLUMNS, Entry
@@ -25,7 +24,7 @@ from mavdem.serve.pages import FLIGHTS_PER_PAGE, accepted
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import error_values, query_number, read_document, valid_unicode
 from mavdem.serve.search import UNFINISHED_SQL, SqlCondition
-from mavdem.serve.uploads import MAX_FILES, UploadForm, receive_form
+from mavdem.serve.uploads import MAX_FILES, UploadForm, receive_form, refuse_other_files
 from mavdem.serve.visible_library import VisibleLibrary
 
 MAX_UPLOADS = 32
@@ -137,15 +136,14 @@ class Api:
         refused = []
         try:
             for path, file in form.files.items():
-                # A browser sends an empty file for a file field that was left blank.
-                if not file.size:
+                # A browser sends a file without name and content for a file field that was left blank.
+                if not file.size and not file.filename:
                     continue
                 # Some browsers send the whole path of the file on their machine.
                 file_name = PureWindowsPath(valid_unicode(file.filename or "")).name
                 name = file_name[:MAX_NAME_LETTERS] or "log"
                 try:
-                    # This raises a refusal for a file that is no log.
-                    detect_format(path)
+                    refuse_other_files(path, name)
                     entry = self._library.add(path, name, **columns)
                     if self._rights.allows(request, Use.WRITE):
                         sharing = columns.get("sharing", Sharing.PRIVATE)
@@ -326,7 +324,7 @@ def _columns_of_form(fields: dict[str, str], path: str) -> JsonValues:
     """
     columns: JsonValues = {
         "note": valid_unicode(fields.get("description", ""))[:MAX_NOTE_LETTERS],
-        "keep": int(fields.get("keep", "true").lower() != "false"),
+        "keep": int(fields.get("keep", "false").lower() == "true"),
     }
     if path.endswith("/upload"):
         is_public = fields.get("public", "").lower() in ("true", "1", "on")

@@ -10,9 +10,13 @@ from starlette.formparsers import MultiPartException, MultiPartParser
 from starlette.requests import ClientDisconnect
 from starlette.requests import Request as HttpRequest
 
-from mavdem.errors import Refusal
+from mavdem.errors import Refusal, Unreadable
 from mavdem.facts.serve import Request
+from mavdem.facts.sources import Source
 from mavdem.ingest.contents import MAX_LOG_BYTES
+from mavdem.ingest.formats import detect_format
+from mavdem.ingest.tlog import check_beginning
+from mavdem.log_formats import Format
 from mavdem.serve.library import Library
 from mavdem.serve.stored_files import refuse_full_disk
 
@@ -24,6 +28,12 @@ MAX_FILES = 1000
 
 MAX_FIELD_BYTES = 1 << 16
 """Bytes of a form's field, and of the body of a request that is no upload, at most."""
+
+ARCHIVE_SIGNATURES = (b"\xfd7zXZ\0", b"PK")
+"""First bytes of the archives, xz and zip, that may hold a log."""
+
+MAX_SIGNATURE_BYTES = 6
+"""Bytes of the longest of the ``ARCHIVE_SIGNATURES``."""
 
 SPACE_CHECK_BYTES = 1 << 24
 """Bytes of an upload after which the free space is checked again, since others upload at the same time."""
@@ -101,7 +111,7 @@ class _AppendedFile:
 
 
 async def receive_form(request: HttpRequest, library: Library) -> UploadForm:
-    """Receives the form of an upload (multipart/form-data), with at least one file that is not empty.
+    """Receives the form of an upload (multipart/form-data), with at least one file.
 
     The files are written to the disk as they arrive. Nothing of an upload that is refused or breaks off stays there.
 
@@ -126,7 +136,8 @@ async def receive_form(request: HttpRequest, library: Library) -> UploadForm:
             await form.parse()
         if not form.is_complete:
             raise Refusal(Request.UPLOAD_BROKEN)
-        if not any(file.size for file in form.files.values()):
+        # A browser sends a file without name and content for a file field that was left blank.
+        if not any(file.size or file.filename for file in form.files.values()):
             raise Refusal(Request.UPLOAD_WITHOUT_LOG)
     except BaseException as error:
         form.remove_files()
@@ -134,6 +145,26 @@ async def receive_form(request: HttpRequest, library: Library) -> UploadForm:
             raise Refusal(Request.BAD_REQUEST, because=str(error)) from None
         raise
     return form
+
+
+def refuse_other_files(path: Path, name: str) -> None:
+    """Checks that an uploaded file is a log, before it waits with the others to be read.
+
+    Args:
+        path: path of the file. It has not the name of the log, so that its content decides.
+        name: name that the file was uploaded with.
+
+    Raises:
+        Unreadable: it is empty, or no log.
+    """
+    if not path.stat().st_size:
+        raise Unreadable(Source.FILE_EMPTY, path=name, zeros=False)
+    with path.open("rb") as file:
+        is_packed = file.read(MAX_SIGNATURE_BYTES).startswith(ARCHIVE_SIGNATURES)
+    log_format = detect_format(path)[1]
+    # Any binary file of another name may be a telemetry log, which its frames show.
+    if log_format is Format.TLOG and not is_packed:
+        check_beginning(path)
 
 
 async def body_chunks(request: HttpRequest) -> AsyncGenerator[bytes]:

@@ -17,8 +17,10 @@ from unittest.mock import Mock
 from urllib.parse import urlencode
 
 import command_line
+import numpy as np
 from browsing import HOSTILE
 from pytest import fixture, mark, raises
+from recorded_flights import FLIGHT
 from refusals import unreadable
 from serving import BOUNDARY, TOKEN, form, log, serving
 
@@ -117,6 +119,31 @@ def test_what_is_no_log_is_refused_with_its_name(served):
     both = served.upload(("letter.txt", b"text"), ("a.ulg", log("One."))).json
     assert [one["name"] for one in both["refused"]] == ["letter.txt"] and len(both["flights"]) == 1
     assert list((served.library.folder / "incoming").iterdir()) == []
+
+
+def test_other_files_are_refused_at_once_whatever_their_name(served):
+    noise = np.random.default_rng(1).bytes(100_000)
+    files = {
+        "letter.pdf": b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n" + noise,
+        "picture.jpg": b"\xff\xd8\xff\xe0" + noise,
+        "flight.tlog": noise,
+        "empty.bin": b"",
+    }
+    for name, content in files.items():
+        refused = served.upload((name, content))
+        assert refused.status == 415 and name in refused.json["error"]["reason"]
+    assert refused.json["error"]["reason"] == "empty.bin is empty: nothing was recorded."
+    assert served.get("/api/flights").json["total"] == 0
+    # The frames of a telemetry log begin after some damage.
+    assert served.upload(("a", noise[:1000] + FLIGHT.read_bytes()[:100_000])).status == 201
+    assert served.upload(("", b"")).code == Request.UPLOAD_WITHOUT_LOG
+
+
+def test_a_log_that_cannot_be_read_is_not_kept_unless_asked(served):
+    id = served.add("a.ulg", "damaged")
+    entry = served.library.entry(id)
+    assert (entry.stage, entry.size) == (Stage.FAILED, 0)
+    assert "The log was not kept." in served.get(f"/f/{id}").text
 
 
 def test_progress_is_told_until_all_is_done(tmp_path, monkeypatch):
