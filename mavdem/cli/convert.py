@@ -29,13 +29,15 @@ def convert_command(
     receive the longest settled flight of one vehicle as a table (--axis, --vehicle, --inputs), with the wind in m/s
     where it is known (north and east that the air moves to, and half widths of 90 %); tables are not read again. If no
     model can be learned from the log, the table has what there is of attitude and inputs, with a caution. Times in .csv
-    are rounded to microseconds, other numbers to float32; .parquet keeps float64.
+    are rounded to microseconds, other numbers to float32; .parquet keeps float64. .kml and .geojson receive the flown
+    path of one vehicle, for maps.
 
     \b
     Examples:
       mavdem convert flight.tlog flight.mcap
       mavdem convert flight.mcap roll.csv --axis roll
       mavdem convert flight.bin flight.rrd
+      mavdem convert flight.ulg flight.kml
     """
     refuse_link(source)
     try:

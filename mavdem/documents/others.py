@@ -36,7 +36,7 @@ class Convert(Converted, is_partial=True):
     repairs: list[SentenceText]
     """what was put right, one sentence each"""
     samples: int
-    """number of rows; with the others for a table only"""
+    """number of rows or positions; with the others for a table, with ``start`` and ``end`` for a path"""
     columns: list[str]
     """names of the columns, with units"""
     dt: Seconds = None

@@ -1,4 +1,4 @@
-"""Conversion of a log into another stream format, or of its flight into a table, by the endings of the files."""
+"""Conversion of a log into another stream format, or of its flight into a table or a path, by the files' endings."""
 
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.segments import longest_recorded_segment
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
+from mavdem.export.geographic_paths import geographic_paths, write_geojson, write_kml
 from mavdem.export.tables import TIME_COLUMN, columns, wind_columns, write_csv, write_parquet
 from mavdem.extras import require_extra
 from mavdem.files import PathName, atomic_write, reporting_write_errors, writable_target
@@ -26,6 +27,9 @@ STREAM_WRITERS = {".tlog": write_tlog, ".mcap": write_mcap}
 
 TABLE_WRITERS = {".csv": write_csv, ".parquet": write_parquet}
 """Writers of tables, by the ending of the file."""
+
+PATH_WRITERS = {".kml": write_kml, ".geojson": write_geojson}
+"""Writers of the flown path on a map, by the ending of the file."""
 
 
 def convert(
@@ -43,6 +47,8 @@ def convert(
     A .csv or .parquet receives the longest usable segment of one vehicle. Where no model can be learned it is the
     longest segment that attitude and inputs have in common. If their rates are far apart, or only one of them is there,
     each has its own stamps, and NaN elsewhere.
+
+    A .kml or .geojson receives where one vehicle was, on a map.
 
     Args:
         source: the log.
@@ -64,7 +70,7 @@ def convert(
     source = Path(source)
     out = Path(out)
     ending = out.suffix.lower()
-    endings = [*STREAM_WRITERS, *TABLE_WRITERS]
+    endings = [*STREAM_WRITERS, *TABLE_WRITERS, *PATH_WRITERS]
     if ending not in endings:
         # A recording for Rerun is made above this room, by ``mavdem.results``.
         listed = ", ".join([*endings, ".rrd"])
@@ -78,6 +84,8 @@ def convert(
             raise ValueError(f"{out} is the input: name another file")
         if ending in TABLE_WRITERS:
             report = convert_to_table(source, out, axis, vehicle, inputs)
+        elif ending in PATH_WRITERS:
+            report = convert_to_path(source, out, vehicle)
         else:
             report = convert_stream(source, out)
     return {"source": str(source), "out": str(out), **report}
@@ -113,6 +121,25 @@ def convert_stream(source: Path, out: Path) -> JsonValues:
         "bytes_skipped": stream.bytes_skipped,
         "repairs": [str(repair) for repair in stream.repairs],
     }
+
+
+def convert_to_path(source: Path, out: Path, vehicle: str | None) -> JsonValues:
+    """Writes where one vehicle was as a path on a map, and reports how many positions were written.
+
+    Args:
+        source: the log.
+        out: the file to write.
+        vehicle: as for :func:`convert`.
+
+    Raises:
+        Unreadable: the log has no geographic position of the vehicle.
+    """
+    paths = geographic_paths(choose_vehicle(read_log(source).vehicles, vehicle))
+    with atomic_write(out) as file:
+        PATH_WRITERS[out.suffix.lower()](file, source.name, paths)
+    start = float(paths[0].time[0])
+    end = float(paths[-1].time[-1])
+    return {"samples": sum(len(path.time) for path in paths), "start": start, "end": end}
 
 
 def convert_to_table(

@@ -35,6 +35,7 @@ class Source(Code):
     ROS2_DAMAGED = "ros2_damaged"
     TWO_VEHICLES_ONE_ID = "two_vehicles_one_id"
     LOGS_NOT_JOINED = "logs_not_joined"
+    NO_GEOGRAPHIC_POSITION = "no_geographic_position"
     MOTOR_BASIS = "motor_basis"
 
 

@@ -274,13 +274,17 @@
 
   // The number with the unit that its axis has in brackets: "12.3 s" of "time since boot (s)".
   const onAxis = (value, axis) => axis.names.length ? axis.names[Math.round(value)] ?? "" : `${digits(Number(value.toPrecision(4)))} ${/\(([^()]*)\)$/.exec(axis.label)?.[1] ?? ""}`.trim();
+  // Pixels between the cursor and a value under it: a step of a line with few points, at least some.
+  const nearby = (count, width) => Math.max(20, width / count);
   const showValues = (figure, data, chart) => {
     const { left, top, idx } = chart.cursor, inside = left >= 0 && idx != null, x = inside ? chart.posToVal(left, "x") : null;
     if (data.group === "flight") root.dispatchEvent(new CustomEvent("cursor", { detail: x }));
     if (!data.at) return;
     if (!data.picture) {
-      data.at.textContent = inside ? onAxis(data.columns[idx], data.x) : "";
-      data.lines.forEach((line, i) => data.values[i].textContent = inside ? digits(line.y[idx] == null ? null : Number(line.y[idx].toPrecision(4))) : "");
+      // Of a chart that begins later or ends earlier, the nearest value is none of the cursor's.
+      const isNear = inside && Math.abs(chart.valToPos(data.columns[idx], "x") - left) <= nearby(data.columns.length, chart.over.clientWidth);
+      data.at.textContent = isNear ? onAxis(data.columns[idx], data.x) : "";
+      data.lines.forEach((line, i) => data.values[i].textContent = isNear ? digits(line.y[idx] == null ? null : Number(line.y[idx].toPrecision(4))) : "");
       return;
     }
     const { heat, rows, ends, range } = data.lines[0], hovered = inside && chart.over.matches(":hover");

@@ -39,9 +39,9 @@
     if (time != null && flight()) {
       // Events within a hundredth of what is shown.
       const near = (flight().charts[0].scales.x.max - flight().charts[0].scales.x.min) / 100;
-      const events = rows.filter(row => Math.abs(row.dataset.at - time) <= near).map(row => `${row.querySelector(".number")?.textContent ?? ""} ${row.querySelector(".sentence").textContent}`);
-      // An event may be in both lists.
-      words.push(...new Set(events));
+      const events = rows.filter(row => Math.abs(row.dataset.at - time) <= near).map(row => [row.querySelector(".number")?.textContent, row.querySelector(".sentence").textContent]);
+      // An event may be in both lists: the brief one comes first.
+      words.push(...events.filter(([number], i) => events.findIndex(other => other[0] === number) === i).map(event => event.join(" ")));
     }
     if (now) now.textContent = words.join(" · ");
   });
@@ -74,7 +74,8 @@
     const [first, last] = flight().whole;
     root.eventShown = true;
     zoom(flight(), Math.max(+time - 5, first), Math.min(+time + 5, last));
-    setCursor(flight(), +time);
+    // The charts take their new span before the next picture, and the cursor its place in it.
+    requestAnimationFrame(() => setCursor(flight(), +time));
     document.querySelector("#flight .charts")?.scrollIntoView({ block: "nearest" });
   };
   addEventListener("hashchange", followAddress);

@@ -1,0 +1,115 @@
+"""The flown path on maps: KML (OGC 12-007r2) for Google Earth and ground stations, and GeoJSON (RFC 7946)."""
+
+import json
+from collections.abc import Sequence
+from typing import BinaryIO, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dataset.signals import global_positions
+from mavdem.dataset.time_series import float_column
+from mavdem.errors import Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.sources import Source
+from mavdem.ingest.telemetry import Telemetry
+
+POSITION_MESSAGES = ("GLOBAL_POSITION_INT", "GPS_RAW_INT")
+"""Messages with a geographic position: the autopilot's estimate, then the fixes of the receiver."""
+
+METRES_PER_MILLIMETRE = 1e-3
+"""Unit of ``alt`` in these messages."""
+
+KML_NAMESPACE = "http://www.opengis.net/kml/2.2"
+"""Namespace of the elements of KML."""
+
+DEGREE_DECIMALS = 7
+"""Decimals of latitude and longitude: those that MAVLink sends, a centimetre."""
+
+SECOND_DECIMALS = 3
+"""Decimals of times and altitudes: MAVLink sends milliseconds and millimetres."""
+
+
+class GeographicPath(NamedTuple):
+    """Where a vehicle was in one boot."""
+
+    boot: int
+    """Number of the boot."""
+
+    time: Array
+    """Times (N,), s on the boot clock."""
+
+    positions: Array
+    """Longitude and latitude, degrees, and altitude above mean sea level, m (N, 3); (N, 2) without an altitude."""
+
+
+def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
+    """Returns where a vehicle was, a path for each boot with at least two positions.
+
+    Args:
+        vehicle: what the vehicle sent.
+
+    Raises:
+        Unreadable: no message has geographic positions.
+    """
+    for message in POSITION_MESSAGES:
+        columns = vehicle.messages.get(message, {})
+        if "lat" not in columns or "lon" not in columns:
+            continue
+        degrees, is_fix = global_positions(columns)
+        positions = np.round(degrees[:, ::-1], DEGREE_DECIMALS)
+        if "alt" in columns:
+            altitude = METRES_PER_MILLIMETRE * float_column(columns, "alt")
+            positions = np.column_stack([positions, np.round(altitude, SECOND_DECIMALS)])
+        paths = []
+        for boot in np.unique(columns["boot"]):
+            rows = is_fix & (columns["boot"] == boot) & np.isfinite(positions).all(axis=1)
+            if np.count_nonzero(rows) > 1:
+                time = np.round(columns["time"][rows], SECOND_DECIMALS)
+                paths.append(GeographicPath(int(boot), time, positions[rows]))
+        if paths:
+            return paths
+    raise Unreadable(Fact(Source.NO_GEOGRAPHIC_POSITION))
+
+
+def write_geojson(file: BinaryIO, name: str, paths: Sequence[GeographicPath]) -> None:
+    """Writes paths as GeoJSON: a line for each, whose properties have the boot and the time of each point.
+
+    Args:
+        file: where to write; it stays open.
+        name: name of the log.
+        paths: at least one path.
+    """
+    features = []
+    for path in paths:
+        geometry = {"type": "LineString", "coordinates": path.positions.tolist()}
+        properties = {"name": name, "boot": path.boot, "time_s": path.time.tolist()}
+        features.append({"type": "Feature", "geometry": geometry, "properties": properties})
+    collection = {"type": "FeatureCollection", "features": features}
+    file.write(json.dumps(collection, ensure_ascii=False).encode())
+
+
+def write_kml(file: BinaryIO, name: str, paths: Sequence[GeographicPath]) -> None:
+    """Writes paths as KML: a line for each, at its altitude above mean sea level where that is known.
+
+    Args:
+        file: where to write; it stays open.
+        name: name of the log.
+        paths: at least one path.
+    """
+    root = ElementTree.Element("kml", xmlns=KML_NAMESPACE)
+    document = ElementTree.SubElement(root, "Document")
+    ElementTree.SubElement(document, "name").text = name
+    for path in paths:
+        placemark = ElementTree.SubElement(document, "Placemark")
+        first, last = path.time[0], path.time[-1]
+        title = f"Boot {path.boot + 1}, {first:.1f} to {last:.1f} s"
+        ElementTree.SubElement(placemark, "name").text = title
+        line = ElementTree.SubElement(placemark, "LineString")
+        has_altitude = path.positions.shape[1] > 2
+        mode = "absolute" if has_altitude else "clampToGround"
+        ElementTree.SubElement(line, "altitudeMode").text = mode
+        points = [",".join(f"{value:.10g}" for value in point) for point in path.positions.tolist()]
+        ElementTree.SubElement(line, "coordinates").text = " ".join(points)
+    ElementTree.ElementTree(root).write(file, encoding="utf-8", xml_declaration=True)

@@ -1,0 +1,58 @@
+"""The flown path on maps: both formats hold the positions, and a log without any is refused."""
+
+import io
+import json
+from xml.etree import ElementTree
+
+import numpy as np
+from hover import Hover, changed, columns
+from numpy.testing import assert_allclose
+from pytest import raises
+
+from mavdem.errors import Unreadable
+from mavdem.export.geographic_paths import geographic_paths, write_geojson, write_kml
+from mavdem.facts.sources import Source
+
+KML = {"kml": "http://www.opengis.net/kml/2.2"}
+TIME = np.arange(5.0)
+LONGITUDE = 151.1234567 + 1e-6 * TIME
+LATITUDE = -33.5 - 1e-6 * TIME
+ALTITUDE = 40.0 + TIME
+
+
+def positioned():
+    """A hover that sends where it is; the first message is from before a fix."""
+    positions = {
+        "lat": np.append(0, np.rint(1e7 * LATITUDE)),
+        "lon": np.append(0, np.rint(1e7 * LONGITUDE)),
+        "alt": np.append(0, 1e3 * ALTITUDE),
+    }
+    made = Hover().telemetry()
+    return changed(made, "GLOBAL_POSITION_INT", **columns(np.arange(-1.0, 5.0), **positions))
+
+
+def test_a_path_comes_back_from_geojson_with_its_times():
+    file = io.BytesIO()
+    write_geojson(file, "flight <1>.tlog", geographic_paths(positioned()))
+    (feature,) = json.loads(file.getvalue())["features"]
+    path = np.array(feature["geometry"]["coordinates"])
+    assert_allclose(path, np.column_stack([LONGITUDE, LATITUDE, ALTITUDE]), atol=1e-7)
+    assert feature["properties"] == {"name": "flight <1>.tlog", "boot": 0, "time_s": TIME.tolist()}
+
+
+def test_a_path_comes_back_from_kml_at_its_altitude():
+    file = io.BytesIO()
+    write_kml(file, "flight <1>.tlog", geographic_paths(positioned()))
+    root = ElementTree.fromstring(file.getvalue())
+    assert root.findtext("kml:Document/kml:name", namespaces=KML) == "flight <1>.tlog"
+    line = root.find(".//kml:LineString", KML)
+    assert line.findtext("kml:altitudeMode", namespaces=KML) == "absolute"
+    points = line.findtext("kml:coordinates", namespaces=KML).split()
+    path = [[float(value) for value in point.split(",")] for point in points]
+    assert_allclose(path, np.column_stack([LONGITUDE, LATITUDE, ALTITUDE]), atol=1e-7)
+
+
+def test_a_log_without_geographic_positions_has_no_path():
+    with raises(Unreadable) as refusal:
+        geographic_paths(Hover().telemetry())
+    assert refusal.value.fact.code is Source.NO_GEOGRAPHIC_POSITION
