@@ -134,6 +134,19 @@ class Frames:
         return Frames(*(column[rows] for column in vars(self).values()))
 
 
+def frame_content(data: Bytes, frames: Frames, row: int) -> bytes:
+    """Returns the bytes of a whole frame.
+
+    Args:
+        data: The stream (B,).
+        frames: Frames (N,) of it.
+        row: Row of the frame.
+    """
+    start = int(frames.start[row])
+    # NumPy's view of the memory, whose slices are cheaper than those of the array.
+    return bytes(data.data[start : start + int(frames.size[row])])
+
+
 COLUMN_TYPES = {
     "start": np.int32,
     "size": np.int16,

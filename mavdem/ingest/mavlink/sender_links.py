@@ -14,10 +14,9 @@ Source: https://mavlink.io/en/guide/serialization.html (the sequence number is "
 
 import struct
 from collections import OrderedDict, deque
-from dataclasses import dataclass
-from enum import Enum, auto
-from math import cos, hypot, isnan, nan, pi, radians
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from math import nan, radians
+from typing import Any
 
 from pymavlink.dialects.v20 import all as dialect
 
@@ -31,6 +30,7 @@ from mavdem.ingest.mavlink.sequence_counters import (
     SequenceCounters,
     attitude_reading,
 )
+from mavdem.ingest.mavlink.vehicle_tracks import Reading, ReadingColumns, VehicleTracks
 
 MAX_LATE_STEPS = 32
 """Number of frames by which a late one is overtaken at most; a larger step back is of a sender that restarted."""
@@ -43,27 +43,6 @@ RECENT_FRAMES = 8192
 
 MAX_HEADING_PITCH = radians(60)
 """Pitch, rad, up to which the heading is used: where the nose points up or down it is not defined. A choice."""
-
-MAX_VEHICLES = 4
-"""Number of vehicles under the same ids that are distinguished: a choice."""
-
-MIN_CLOCK_STEPS = 3
-"""Number of readings with a rising clock that make a track one of a vehicle: a choice."""
-
-MAX_HEADING_DIFFERENCE = radians(20)
-"""Difference of headings, rad, that is taken for one vehicle at one time: a choice."""
-
-MAX_YAW_RATE = pi
-"""Rate, rad/s, at which a heading may change between two readings: few multirotors yaw faster. A choice."""
-
-MAX_POSITION_DIFFERENCE = 5.0
-"""Distance, m, between two positions that is taken for one vehicle at one time: a choice."""
-
-MAX_SPEED = 40.0
-"""Speed, m/s, at which a position may change between two readings: few multirotors fly faster. A choice."""
-
-METERS_PER_DEGREE = 111_195.0
-"""Length of a degree of latitude, m: of a sphere with a radius of 6371 km."""
 
 DEGREES_PER_UNIT = 1e-7
 """Unit of latitude and longitude in GLOBAL_POSITION_INT, degrees."""
@@ -114,22 +93,6 @@ def missing_messages(before: Any, after: Any) -> Any:
     return (step - 1 - SEQUENCE_NUMBERS * is_late) * (is_ahead | is_late)
 
 
-class Reading(NamedTuple):
-    """What a vehicle reports of itself at one time of its boot clock."""
-
-    clock: float
-    """Time since boot, s."""
-
-    heading: float = nan
-    """Heading, rad; NaN where the message has none."""
-
-    latitude: float = nan
-    """Latitude, degrees; NaN where the message has none."""
-
-    longitude: float = nan
-    """Longitude, degrees; NaN where the message has none."""
-
-
 class SenderLinks:
     """Recognises copies among the frames of one sender, and counts those that came over no link.
 
@@ -176,7 +139,12 @@ class SenderLinks:
         return self._counters.are_two and self._attitudes.are_two
 
     @property
-    def _has_late_link(self) -> bool:
+    def has_two_counters(self) -> bool:
+        """Whether the latest frames are numbered by two counters."""
+        return self._has_two_counters
+
+    @property
+    def has_late_link(self) -> bool:
         """Whether a second link is known: a copy with a reading came within the latest 256 frames."""
         return self._frame_count - self._copy_count < SEQUENCE_NUMBERS
 
@@ -218,10 +186,58 @@ class SenderLinks:
         if reading is not None:
             self.vehicles.add(reading)
         if self._has_two_counters:
-            attitude = attitude_reading(_payload(content), message_id)
-            if attitude is not None:
-                self._attitudes.add(self._counters.latest, attitude)
+            self.take_attitude(content, message_id)
         return True
+
+    # What follows takes runs of frames among which there is no copy, and without a late link. It leaves the same as
+    # ``take`` of each of them.
+
+    def take_numbers_in_order(self, count: int, last_sequence: int) -> None:
+        """Takes frames each of whose numbers follows that of the frame before it: nothing is missing.
+
+        Args:
+            count: Number of frames.
+            last_sequence: Sequence number of the last one.
+        """
+        self._frame_count += count
+        self._counters.take_in_order(count, last_sequence)
+        self._sequence = self._counted_sequence = last_sequence
+        self._received = 0
+
+    def take_number(self, sequence: int) -> None:
+        """Takes the sequence number of a frame, whatever came before it."""
+        self._frame_count += 1
+        self._count_missing(sequence, None)
+
+    def take_attitude(self, content: bytes, message_id: int) -> None:
+        """Compares the attitude in a frame, where it has one, with those that the other counter numbers.
+
+        Args:
+            content: all bytes of the frame, which is readable and whose number was taken last.
+            message_id: number of its message.
+        """
+        attitude = attitude_reading(_payload(content), message_id)
+        if attitude is not None:
+            self._attitudes.add(self._counters.latest, attitude)
+
+    def take_readings(self, readings: ReadingColumns) -> None:
+        """Takes the readings (n,) in frames whose numbers were taken."""
+        if len(readings.clock):
+            self.vehicles.add_all(readings)
+            self._clock = float(readings.clock[-1])
+
+    def remember(self, contents: Iterable[tuple[int, bytes]]) -> None:
+        """Remembers readable frames, by which later copies are recognised.
+
+        Args:
+            contents: how many frames had come with each, and its bytes, in the order of the stream.
+        """
+        for frame_count, content in contents:
+            # The latest of equal frames takes the last place.
+            self._recent.pop(content, None)
+            self._recent[content] = frame_count
+        while len(self._recent) > RECENT_FRAMES:
+            self._recent.popitem(last=False)
 
     def _is_copy(self, original_count: int, content: bytes, message_id: int, sequence: int) -> bool:
         """Returns whether a frame without a reading of the clock, with the bytes of an earlier one, is its copy.
@@ -237,7 +253,7 @@ class SenderLinks:
             message_id: number of their message.
             sequence: their sequence number.
         """
-        if not self._has_late_link:
+        if not self.has_late_link:
             return False
         if self._frame_count - original_count == 1 or _has_stamp(content, message_id):
             return True
@@ -261,7 +277,7 @@ class SenderLinks:
             self._note_change_of_counter()
         if self._frame_count == 1:
             self._sequence = sequence
-        if self._has_late_link:
+        if self.has_late_link:
             self._count_over_late_link(sequence, reading)
             return
         self._counted_sequence = sequence
@@ -316,170 +332,6 @@ class SenderLinks:
         if has_two_counters and not self._has_two_counters and self._counters.are_apart:
             self.missing = min(self.missing, self._missing_at_switches[0])
         self._has_two_counters = has_two_counters
-
-
-class Contradiction(Enum):
-    """What shows that two readings are not of one vehicle."""
-
-    CLOCK = auto()
-    POSITION = auto()
-    HEADING = auto()
-
-
-class SwitchLimit(NamedTuple):
-    """How often readings must change between two vehicles until these count as two."""
-
-    switches: int
-    """Number of times that a reading is of the former vehicle again."""
-
-    readings: int
-    """Number of readings of this kind in which they are counted."""
-
-
-SWITCH_LIMITS = {
-    Contradiction.CLOCK: SwitchLimit(20, readings=200),
-    Contradiction.POSITION: SwitchLimit(10, readings=100),
-    Contradiction.HEADING: SwitchLimit(40, readings=120),
-}
-"""Limits by what contradicts: choices.
-
-No vehicle comes back to a former clock or position so often. One that tumbles turns its heading over and over, but hits
-the ground before every third heading of 120 has changed.
-"""
-
-RECOGNITION_READINGS = 400
-"""Number of readings after which two vehicles count as two no more, unless they are recognised again: a choice."""
-
-
-@dataclass(slots=True)
-class _VehicleTrack:
-    """The latest readings that can be of one vehicle."""
-
-    latest: Reading
-    """The latest of all."""
-
-    heading: Reading | None = None
-    """The latest with a heading."""
-
-    position: Reading | None = None
-    """The latest with a position."""
-
-    steps: int = 0
-    """Number of readings whose clock was ahead of the one before."""
-
-    @property
-    def goes_on(self) -> bool:
-        """Whether its clock goes on, as that of a vehicle: forged messages may repeat one time."""
-        return self.steps >= MIN_CLOCK_STEPS
-
-    def add(self, reading: Reading) -> None:
-        """Adds the next reading of the vehicle."""
-        if reading.clock > self.latest.clock:
-            self.steps += 1
-        self.latest = reading
-        if not isnan(reading.heading):
-            self.heading = reading
-        if not isnan(reading.latitude):
-            self.position = reading
-
-    def contradiction(self, reading: Reading) -> Contradiction | None:
-        """Returns what shows that a reading is not of this vehicle; None where it can be.
-
-        Args:
-            reading: the next reading under the same ids.
-        """
-        if abs(reading.clock - self.latest.clock) > MAX_LATE_SECONDS:
-            return Contradiction.CLOCK
-        position = self.position
-        if position is not None and not isnan(reading.latitude):
-            north = reading.latitude - position.latitude
-            east = (reading.longitude - position.longitude) * cos(radians(reading.latitude))
-            distance = METERS_PER_DEGREE * hypot(north, east)
-            seconds = abs(reading.clock - position.clock)
-            if distance > MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds:
-                return Contradiction.POSITION
-        heading = self.heading
-        if heading is not None and not isnan(reading.heading):
-            turn = abs(reading.heading - heading.heading) % (2 * pi)
-            turn = min(turn, 2 * pi - turn)
-            seconds = abs(reading.clock - heading.clock)
-            if turn > MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds:
-                return Contradiction.HEADING
-        return None
-
-
-class VehicleTracks:
-    """Recognises that two vehicles send under the same ids: readings that alternate between two that disagree.
-
-    A vehicle that restarts, or whose estimate jumps, does not come back to the former clock, heading or position.
-
-    Attributes:
-        has_found_two: whether two vehicles were recognised at any time.
-    """
-
-    def __init__(self) -> None:
-        """Begins without a reading."""
-        self.has_found_two = False
-        # The track of the latest reading is the first.
-        self._tracks: list[_VehicleTrack] = []
-        # By what contradicts: the number of readings that could show it, and at which a former vehicle came back.
-        self._reading_counts = dict.fromkeys(Contradiction, 0)
-        self._switches = {
-            contradiction: deque[int](maxlen=limit.switches)
-            for contradiction, limit in SWITCH_LIMITS.items()
-        }
-        # The number of readings at which two were recognised last.
-        self._latest_recognition = -RECOGNITION_READINGS
-
-    @property
-    def are_two(self) -> bool:
-        """Whether there are two at present: they were recognised within the latest ``RECOGNITION_READINGS``."""
-        count = self._reading_counts[Contradiction.CLOCK]
-        return count - self._latest_recognition < RECOGNITION_READINGS
-
-    def add(self, reading: Reading) -> None:
-        """Adds the next reading under the ids, to the track of the vehicle that it fits.
-
-        Tracks are tried from that of the latest reading on. Where the reading contradicts that one but fits a former
-        one, the messages have switched back to the former vehicle, which is counted. Where it fits none, a new track
-        begins. Tracks whose clock does not go on, as of forged messages, do not count.
-
-        Args:
-            reading: what a vehicle reports.
-        """
-        self._reading_counts[Contradiction.CLOCK] += 1
-        self._reading_counts[Contradiction.POSITION] += not isnan(reading.latitude)
-        self._reading_counts[Contradiction.HEADING] += not isnan(reading.heading)
-        contradiction = None
-        for row, track in enumerate(self._tracks):
-            track_contradiction = track.contradiction(reading)
-            if track_contradiction is None:
-                track.add(reading)
-                if contradiction is not None:
-                    if track.goes_on and self._tracks[0].goes_on:
-                        self._note_switch(contradiction)
-                    self._tracks.insert(0, self._tracks.pop(row))
-                return
-            if row == 0:
-                contradiction = track_contradiction
-        track = _VehicleTrack(reading)
-        track.add(reading)
-        self._tracks.insert(0, track)
-        del self._tracks[MAX_VEHICLES:]
-
-    def _note_switch(self, contradiction: Contradiction) -> None:
-        """Notes that a former vehicle came back; enough of them in a short time show that there are two.
-
-        Args:
-            contradiction: what shows that the reading is not of the vehicle of the reading before.
-        """
-        count = self._reading_counts[contradiction]
-        limit = SWITCH_LIMITS[contradiction]
-        switches = self._switches[contradiction]
-        switches.append(count)
-        if len(switches) == limit.switches and count - switches[0] <= limit.readings:
-            self.has_found_two = True
-            self._latest_recognition = self._reading_counts[Contradiction.CLOCK]
 
 
 def clock_reading(content: bytes, message_id: int) -> Reading | None:

@@ -1,25 +1,36 @@
 """The frames of one sender in a recording: which are copies, how many are missing, and are they of two vehicles?
 
-Most recordings are of one link, whose sequence numbers rise; these alone suffice. Only where they do not, every frame
-is compared with those before it (``sender_links``), which takes much longer.
+Most recordings are of one link, whose sequence numbers rise; these alone suffice. Where they do not, frames are taken
+one by one (``sender_links``) around copies, and in runs elsewhere.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mavdem.arrays import Flags
 from mavdem.ingest.byte_rows import Bytes, Offsets, rows_of
 from mavdem.ingest.mavlink.clocks import Rows
-from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, Frames
+from mavdem.ingest.mavlink.definitions import decoded_field, definitions_by_id
+from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, Frames, frame_content
 from mavdem.ingest.mavlink.sender_links import (
+    ATTITUDE_LAYOUT,
+    CLOCK_UNITS_PER_SECOND,
+    DEGREES_PER_UNIT,
+    MAX_HEADING_PITCH,
     MAX_LATE_STEPS,
+    POSITION_LAYOUT,
     READING_LAYOUTS,
+    RECENT_FRAMES,
     SenderLinks,
     clock_reading,
     missing_messages,
 )
-from mavdem.ingest.mavlink.sequence_counters import SEQUENCE_NUMBERS
+from mavdem.ingest.mavlink.sequence_counters import ATTITUDE_LAYOUTS, SEQUENCE_NUMBERS
+from mavdem.ingest.mavlink.vehicle_tracks import ReadingColumns
 
 MIN_IRREGULAR_SHARE = 0.005
 """Share of frames whose sequence number does not follow that of the frame before, above which several links or two
@@ -66,16 +77,15 @@ def sender_stream_of(data: Bytes, all_frames: Frames, rows: Rows) -> SenderStrea
     steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)
     is_irregular = (steps == 0) | (steps > MAX_LATE_STEPS)
     has_several_links = np.count_nonzero(is_irregular) > MIN_IRREGULAR_SHARE * len(steps)
-    if not has_several_links:
-        may_have_copies = bool(is_irregular.any())
-        readings = all_frames[rows[_has_reading(all_frames.message_id[rows])]]
-        if not may_have_copies:
-            may_have_copies = _first_reading_is_repeated(data, readings)
-        has_several_links = np.bool_(may_have_copies and _has_copies(data, readings))
-    if not has_several_links:
+    is_readable = all_frames.checksum[rows] == CHECKSUM_MATCHES
+    reading_rows = np.flatnonzero(_has_reading(all_frames.message_id[rows]) & is_readable)
+    readings = all_frames[rows[reading_rows]]
+    may_have_copies = bool(is_irregular.any()) or _first_reading_is_repeated(data, readings)
+    keys = _frame_keys(data, readings) if may_have_copies else np.zeros(0, dtype=np.uint64)
+    if not has_several_links and not _has_copies(data, readings, keys):
         lost = int(missing_messages(sequence[:-1], sequence[1:]).sum())
         return SenderStream(np.ones(len(rows), dtype=np.bool_), max(lost, 0))
-    return _sender_stream_of_links(data, all_frames[rows])
+    return _sender_stream_of_links(data, all_frames[rows], reading_rows[_possible_copies(keys)])
 
 
 def _has_reading(message_ids: Offsets) -> Flags:
@@ -86,29 +96,37 @@ def _has_reading(message_ids: Offsets) -> Flags:
     return flags
 
 
-def _sender_stream_of_links(data: Bytes, frames: Frames) -> SenderStream:
-    """Compares each frame of a sender with those before it, to find copies, missing frames and a second vehicle.
+def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Rows) -> SenderStream:
+    """Finds copies, missing frames and a second vehicle among the frames of a sender.
+
+    Around a copy, while a second link is known, each frame is compared with those before it. Runs of other frames are
+    taken at once.
 
     Args:
         data: The stream (B,).
         frames: The frames (n,) of one sender, in stream order.
+        possible_copies: Rows of frames with a boot clock that may be copies of frames before them, ascending.
     """
     links = SenderLinks()
-    # NumPy's view of the memory, whose slices are cheaper than those of the array.
-    content = data.data
-    is_first = []
+    run_taker = _RunTaker(data, frames, links)
+    is_first = np.ones(len(frames), dtype=np.bool_)
     is_readable = frames.checksum == CHECKSUM_MATCHES
-    for start, end, message_id, number, readable in zip(
-        frames.start.tolist(),
-        frames.end.tolist(),
-        frames.message_id.tolist(),
-        frames.sequence.tolist(),
-        is_readable.tolist(),
-        strict=True,
-    ):
-        is_first.append(links.take(bytes(content[start:end]), message_id, number, readable))
+    row = 0
+    for copy_row in [*possible_copies.tolist(), len(frames)]:
+        if row < copy_row:
+            run_taker.take(row, copy_row)
+            row = copy_row
+        # The possible copy itself, and the frames after it while a second link is known.
+        while row < len(frames) and (row <= copy_row or links.has_late_link):
+            is_first[row] = links.take(
+                frame_content(data, frames, row),
+                int(frames.message_id[row]),
+                int(frames.sequence[row]),
+                bool(is_readable[row]),
+            )
+            row += 1
     return SenderStream(
-        np.array(is_first, dtype=np.bool_),
+        is_first,
         max(links.missing, 0),
         links.copies,
         links.longest_delay,
@@ -126,40 +144,178 @@ def _first_reading_is_repeated(data: Bytes, frames: Frames) -> bool:
     if not len(frames):
         return False
     is_alike = (frames.message_id == frames.message_id[0]) & (frames.sequence == frames.sequence[0])
-    # NumPy's view of the memory, whose slices are cheaper than those of the array.
-    content = data.data
-    first_content = bytes(content[int(frames.start[0]) : int(frames.end[0])])
-    for row in np.flatnonzero(is_alike)[1:].tolist():
-        start, end = int(frames.start[row]), int(frames.end[row])
-        if bytes(content[start:end]) == first_content:
-            return True
-    return False
+    first_content = frame_content(data, frames, 0)
+    alike_rows = np.flatnonzero(is_alike)[1:].tolist()
+    return any(frame_content(data, frames, row) == first_content for row in alike_rows)
 
 
-def _has_copies(data: Bytes, frames: Frames) -> bool:
+def _frame_keys(data: Bytes, frames: Frames) -> NDArray[np.uint64]:
+    """Returns keys (n,) that are equal for equal frames, and hardly ever for others.
+
+    They are made of the sequence number and the last four bytes: the end of the payload and the checksum, or the end of
+    a signature.
+
+    Args:
+        data: The stream (B,).
+        frames: Frames (n,) of one sender.
+    """
+    last_bytes = rows_of(data, frames.end - LAST_BYTES, LAST_BYTES).view("<u4")[:, 0]
+    return frames.sequence.astype(np.uint64) << np.uint64(8 * LAST_BYTES) | last_bytes
+
+
+def _has_copies(data: Bytes, frames: Frames, keys: NDArray[np.uint64]) -> bool:
     """Returns whether a frame with a boot clock comes twice among the frames of a sender.
-
-    Frames are compared by their sequence number and their last four bytes, the end of the payload and the checksum, or
-    the end of a signature; those that agree, by all bytes.
 
     Args:
         data: The stream (B,).
         frames: The frames (n,) of one sender that have a boot clock, in stream order.
+        keys: Their keys (n,), or none where there cannot be copies.
     """
-    last_bytes = rows_of(data, frames.end - LAST_BYTES, LAST_BYTES).view("<u4")[:, 0]
-    keys = frames.sequence.astype(np.uint64) << np.uint64(8 * LAST_BYTES) | last_bytes
     sorted_keys = np.sort(keys)
     repeated_keys = sorted_keys[1:][sorted_keys[1:] == sorted_keys[:-1]]
     if not len(repeated_keys):
         return False
-    candidates = np.flatnonzero(np.isin(keys, repeated_keys))
-    # NumPy's view of the memory, whose slices are cheaper than those of the array.
-    content = data.data
     contents = set[bytes]()
-    for row in candidates.tolist():
-        frame = bytes(content[int(frames.start[row]) : int(frames.end[row])])
-        message_id = int(frames.message_id[row])
-        if frame in contents and clock_reading(frame, message_id) is not None:
+    for row in np.flatnonzero(np.isin(keys, repeated_keys)).tolist():
+        frame = frame_content(data, frames, row)
+        if frame in contents and clock_reading(frame, int(frames.message_id[row])) is not None:
             return True
         contents.add(frame)
     return False
+
+
+def _possible_copies(keys: NDArray[np.uint64]) -> Rows:
+    """Returns the rows of frames that may be copies of one that is still remembered, ascending.
+
+    A frame is forgotten after ``RECENT_FRAMES`` other ones: a recording that is repeated later is no second link.
+
+    Args:
+        keys: Keys (n,) of the frames with a boot clock, in stream order.
+    """
+    order = np.argsort(keys, kind="stable")
+    is_repeated = keys[order[1:]] == keys[order[:-1]]
+    repeated_rows = order[1:][is_repeated]
+    frames_since = np.full(len(keys), np.inf)
+    frames_since[repeated_rows] = repeated_rows - order[:-1][is_repeated]
+    # Where the latest frames repeat each other, fewer of them are different ones, and older ones are remembered too.
+    repeats_until = np.cumsum(frames_since < RECENT_FRAMES)
+    repeats_before = np.zeros(len(keys), dtype=np.int64)
+    repeats_before[RECENT_FRAMES:] = repeats_until[:-RECENT_FRAMES]
+    has_recent_repeats = repeats_until > repeats_before
+    return np.flatnonzero(np.isfinite(frames_since) & has_recent_repeats)
+
+
+REMEMBERED_ROWS = 3 * RECENT_FRAMES
+"""Number of a run's last frames that are remembered: among them ``RECENT_FRAMES`` are usually distinct."""
+
+
+class _RunTaker:
+    """Takes runs of a sender's frames among which there is no copy, without comparing their bytes."""
+
+    def __init__(self, data: Bytes, frames: Frames, links: SenderLinks) -> None:
+        """Decodes the readings of all frames.
+
+        Args:
+            data: The stream (B,).
+            frames: The frames (n,) of one sender, in stream order.
+            links: What they are taken by.
+        """
+        self._data = data
+        self._frames = frames
+        self._links = links
+        self._is_readable = frames.checksum == CHECKSUM_MATCHES
+        self._reading_rows, self._readings = _clock_readings(data, frames, self._is_readable)
+        has_attitude = np.isin(frames.message_id, list(ATTITUDE_LAYOUTS)) & self._is_readable
+        self._attitude_rows = np.flatnonzero(has_attitude)
+
+    def take(self, first: int, end: int) -> None:
+        """Takes the frames from one row to before another: ``links`` has no late link, and none is a copy."""
+        sequence = self._frames.sequence[first:end]
+        # The first frame's number may follow that of a copy, which does not count.
+        breaks = np.insert(
+            np.flatnonzero(np.diff(sequence.astype(np.int16)) & (SEQUENCE_NUMBERS - 1) != 1) + 1,
+            0,
+            0,
+        )
+        run_ends = np.append(breaks[1:], len(sequence))
+        for break_row, run_end in zip(breaks.tolist(), run_ends.tolist(), strict=True):
+            self._links.take_number(int(sequence[break_row]))
+            if run_end > break_row + 1:
+                count = run_end - break_row - 1
+                self._links.take_numbers_in_order(count, int(sequence[run_end - 1]))
+            if self._links.has_two_counters:
+                self._take_attitudes(first + break_row, first + run_end)
+        first_reading, end_reading = np.searchsorted(self._reading_rows, [first, end]).tolist()
+        self._links.take_readings(self._readings.part(first_reading, end_reading))
+        if end < len(self._frames):
+            self._links.remember(self._contents(first, end))
+
+    def _take_attitudes(self, first: int, end: int) -> None:
+        """Takes the attitudes of the frames from one row to before another."""
+        first_attitude, end_attitude = np.searchsorted(self._attitude_rows, [first, end]).tolist()
+        for row in self._attitude_rows[first_attitude:end_attitude].tolist():
+            self._links.take_attitude(self._content(row), int(self._frames.message_id[row]))
+
+    def _contents(self, first: int, end: int) -> Iterator[tuple[int, bytes]]:
+        """Yields number and bytes of the readable ones of those frames that are to be remembered.
+
+        Those are the last ones, or all frames where too many of the last are equal.
+
+        Args:
+            first, end: Rows of the first frame and behind the last one.
+        """
+        rows = first + np.flatnonzero(self._is_readable[first:end])
+        last_contents = {self._content(row) for row in rows[-REMEMBERED_ROWS:].tolist()}
+        if len(last_contents) >= RECENT_FRAMES:
+            rows = rows[-REMEMBERED_ROWS:]
+        for row in rows.tolist():
+            yield row + 1, self._content(row)
+
+    def _content(self, row: int) -> bytes:
+        """Returns the bytes of a frame."""
+        return frame_content(self._data, self._frames, row)
+
+
+class _RowsOfReadings(NamedTuple):
+    """The readings of a sender, and where they are."""
+
+    rows: Rows
+    """Row (m,) of the frame of each, ascending."""
+    readings: ReadingColumns
+    """The readings (m,)."""
+
+
+def _clock_readings(data: Bytes, frames: Frames, is_readable: Flags) -> _RowsOfReadings:
+    """Decodes what ``clock_reading`` returns of each frame, for all frames at once.
+
+    Args:
+        data: The stream (B,).
+        frames: The frames (n,) of one sender, in stream order.
+        is_readable: Whether the checksum of each (n,) matches.
+    """
+    clock = np.zeros(len(frames))
+    heading = np.full(len(frames), np.nan)
+    latitude = np.full(len(frames), np.nan)
+    longitude = np.full(len(frames), np.nan)
+    for message_id, layout in READING_LAYOUTS.items():
+        rows = np.flatnonzero((frames.message_id == message_id) & is_readable)
+        starts = frames.start[rows]
+        definition = definitions_by_id()[message_id]
+        boot_ms = decoded_field(data, starts, definition, "time_boot_ms")
+        clock[rows] = boot_ms / CLOCK_UNITS_PER_SECOND
+        if layout is ATTITUDE_LAYOUT:
+            pitch = decoded_field(data, starts, definition, "pitch").astype(np.float64)
+            is_defined = abs(pitch) <= MAX_HEADING_PITCH
+            yaw = decoded_field(data, starts, definition, "yaw").astype(np.float64)
+            heading[rows[is_defined]] = yaw[is_defined]
+        elif layout is POSITION_LAYOUT:
+            north = decoded_field(data, starts, definition, "lat")
+            east = decoded_field(data, starts, definition, "lon")
+            is_known = (north != 0) | (east != 0)
+            latitude[rows[is_known]] = north[is_known] * DEGREES_PER_UNIT
+            longitude[rows[is_known]] = east[is_known] * DEGREES_PER_UNIT
+    reading_rows = np.flatnonzero(clock)
+    columns = ReadingColumns(clock, heading, latitude, longitude)
+    return _RowsOfReadings(
+        reading_rows, ReadingColumns(*(column[reading_rows] for column in columns))
+    )

@@ -123,6 +123,16 @@ class SequenceCounters:
         distance = (first - second) % SEQUENCE_NUMBERS
         return MAX_COUNTER_STEP < distance < SEQUENCE_NUMBERS - MAX_COUNTER_STEP
 
+    def take_in_order(self, count: int, last_sequence: int) -> None:
+        """Takes frames that follow each other on the counter of the latest frame.
+
+        Args:
+            count: Number of frames.
+            last_sequence: Sequence number of the last one.
+        """
+        self._frame_count += count
+        self._numbers[self.latest] = last_sequence
+
     def take(self, sequence: int) -> int | None:
         """Takes the next frame of the sender that is no copy.
 

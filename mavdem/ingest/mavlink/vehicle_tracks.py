@@ -1,0 +1,319 @@
+"""Do readings of clock, heading and position come from one vehicle, or from two with the same ids?
+
+A vehicle that restarts, or whose estimate jumps, does not come back to the former clock, heading or position. Readings
+that go to and fro between two that disagree are of two vehicles.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum, auto
+from math import cos, hypot, isnan, nan, pi, radians
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array, Flags
+from mavdem.ingest.mavlink.clocks import MAX_LATE_SECONDS
+
+MAX_VEHICLES = 4
+"""Number of vehicles under the same ids that are distinguished: a choice."""
+
+MIN_CLOCK_STEPS = 3
+"""Number of readings with a rising clock that make a track one of a vehicle: a choice."""
+
+MAX_HEADING_DIFFERENCE = radians(20)
+"""Difference of headings, rad, that is taken for one vehicle at one time: a choice."""
+
+MAX_YAW_RATE = pi
+"""Rate, rad/s, at which a heading may change between two readings: few multirotors yaw faster. A choice."""
+
+MAX_POSITION_DIFFERENCE = 5.0
+"""Distance, m, between two positions that is taken for one vehicle at one time: a choice."""
+
+MAX_SPEED = 40.0
+"""Speed, m/s, at which a position may change between two readings: few multirotors fly faster. A choice."""
+
+METERS_PER_DEGREE = 111_195.0
+"""Length of a degree of latitude, m: of a sphere with a radius of 6371 km."""
+
+
+class Reading(NamedTuple):
+    """What a vehicle reports of itself at one time of its boot clock."""
+
+    clock: float
+    """Time since boot, s."""
+
+    heading: float = nan
+    """Heading, rad; NaN where the message has none."""
+
+    latitude: float = nan
+    """Latitude, degrees; NaN where the message has none."""
+
+    longitude: float = nan
+    """Longitude, degrees; NaN where the message has none."""
+
+
+class ReadingColumns(NamedTuple):
+    """The n readings of a sender in the order of its stream, as columns (n,)."""
+
+    clock: Array
+    """Time since boot, s."""
+    heading: Array
+    """Heading, rad; NaN where the message has none."""
+    latitude: Array
+    """Latitude, degrees; NaN where the message has none."""
+    longitude: Array
+    """Longitude, degrees; NaN where the message has none."""
+
+    def reading(self, row: int) -> Reading:
+        """Returns one reading."""
+        return Reading(*(float(column[row]) for column in self))
+
+    def part(self, first: int, end: int) -> "ReadingColumns":
+        """Returns the readings from one row to before another."""
+        return ReadingColumns(*(column[first:end] for column in self))
+
+
+class Contradiction(Enum):
+    """What shows that two readings are not of one vehicle."""
+
+    CLOCK = auto()
+    POSITION = auto()
+    HEADING = auto()
+
+
+class SwitchLimit(NamedTuple):
+    """How often readings must change between two vehicles until these count as two."""
+
+    switches: int
+    """Number of times that a reading is of the former vehicle again."""
+
+    readings: int
+    """Number of readings of this kind in which they are counted."""
+
+
+SWITCH_LIMITS = {
+    Contradiction.CLOCK: SwitchLimit(20, readings=200),
+    Contradiction.POSITION: SwitchLimit(10, readings=100),
+    Contradiction.HEADING: SwitchLimit(40, readings=120),
+}
+"""Limits by what contradicts: choices.
+
+No vehicle comes back to a former clock or position so often. One that tumbles turns its heading over and over, but hits
+the ground before every third heading of 120 has changed.
+"""
+
+RECOGNITION_READINGS = 400
+"""Number of readings after which two vehicles count as two no more, unless they are recognised again: a choice."""
+
+
+@dataclass(slots=True)
+class _VehicleTrack:
+    """The latest readings that can be of one vehicle."""
+
+    latest: Reading
+    """The latest of all."""
+
+    heading: Reading | None = None
+    """The latest with a heading."""
+
+    position: Reading | None = None
+    """The latest with a position."""
+
+    steps: int = 0
+    """Number of readings whose clock was ahead of the one before."""
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether its clock goes on, as that of a vehicle: forged messages may repeat one time."""
+        return self.steps >= MIN_CLOCK_STEPS
+
+    def add(self, reading: Reading) -> None:
+        """Adds the next reading of the vehicle."""
+        if reading.clock > self.latest.clock:
+            self.steps += 1
+        self.latest = reading
+        if not isnan(reading.heading):
+            self.heading = reading
+        if not isnan(reading.latitude):
+            self.position = reading
+
+    def contradiction(self, reading: Reading) -> Contradiction | None:
+        """Returns what shows that a reading is not of this vehicle; None where it can be.
+
+        Args:
+            reading: the next reading under the same ids.
+        """
+        if abs(reading.clock - self.latest.clock) > MAX_LATE_SECONDS:
+            return Contradiction.CLOCK
+        position = self.position
+        if position is not None and not isnan(reading.latitude):
+            north = reading.latitude - position.latitude
+            east = (reading.longitude - position.longitude) * cos(radians(reading.latitude))
+            distance = METERS_PER_DEGREE * hypot(north, east)
+            seconds = abs(reading.clock - position.clock)
+            if distance > MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds:
+                return Contradiction.POSITION
+        heading = self.heading
+        if heading is not None and not isnan(reading.heading):
+            turn = abs(reading.heading - heading.heading) % (2 * pi)
+            turn = min(turn, 2 * pi - turn)
+            seconds = abs(reading.clock - heading.clock)
+            if turn > MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds:
+                return Contradiction.HEADING
+        return None
+
+
+class VehicleTracks:
+    """Recognises that two vehicles send under the same ids: readings that alternate between two that disagree.
+
+    A vehicle that restarts, or whose estimate jumps, does not come back to the former clock, heading or position.
+
+    Attributes:
+        has_found_two: whether two vehicles were recognised at any time.
+    """
+
+    def __init__(self) -> None:
+        """Begins without a reading."""
+        self.has_found_two = False
+        # The latest readings with a heading and with a position, of whichever vehicle.
+        self._heading: Reading | None = None
+        self._position: Reading | None = None
+        # The track of the latest reading is the first.
+        self._tracks: list[_VehicleTrack] = []
+        # By what contradicts: the number of readings that could show it, and at which a former vehicle came back.
+        self._reading_counts = dict.fromkeys(Contradiction, 0)
+        self._switches = {
+            contradiction: deque[int](maxlen=limit.switches)
+            for contradiction, limit in SWITCH_LIMITS.items()
+        }
+        # The number of readings at which two were recognised last.
+        self._latest_recognition = -RECOGNITION_READINGS
+
+    @property
+    def are_two(self) -> bool:
+        """Whether there are two at present: they were recognised within the latest ``RECOGNITION_READINGS``."""
+        count = self._reading_counts[Contradiction.CLOCK]
+        return count - self._latest_recognition < RECOGNITION_READINGS
+
+    def add(self, reading: Reading) -> None:
+        """Adds the next reading under the ids, to the track of the vehicle that it fits.
+
+        Tracks are tried from that of the latest reading on. Where the reading contradicts that one but fits a former
+        one, the messages have switched back to the former vehicle, which is counted. Where it fits none, a new track
+        begins. Tracks whose clock does not go on, as of forged messages, do not count.
+
+        Args:
+            reading: what a vehicle reports.
+        """
+        self._reading_counts[Contradiction.CLOCK] += 1
+        if not isnan(reading.latitude):
+            self._reading_counts[Contradiction.POSITION] += 1
+            self._position = reading
+        if not isnan(reading.heading):
+            self._reading_counts[Contradiction.HEADING] += 1
+            self._heading = reading
+        contradiction = None
+        for row, track in enumerate(self._tracks):
+            track_contradiction = track.contradiction(reading)
+            if track_contradiction is None:
+                track.add(reading)
+                if contradiction is not None:
+                    if track.goes_on and self._tracks[0].goes_on:
+                        self._note_switch(contradiction)
+                    self._tracks.insert(0, self._tracks.pop(row))
+                return
+            if row == 0:
+                contradiction = track_contradiction
+        track = _VehicleTrack(reading)
+        track.add(reading)
+        self._tracks.insert(0, track)
+        del self._tracks[MAX_VEHICLES:]
+
+    def add_all(self, readings: ReadingColumns) -> None:
+        """Adds many readings, as ``add`` does one by one, but at once where all are of the latest vehicle.
+
+        Only a reading that may contradict those before it is compared with every track.
+
+        Args:
+            readings: The readings (n,).
+        """
+        suspected_rows = np.append(
+            np.flatnonzero(_may_contradict(readings)), len(readings.clock)
+        ).tolist()
+        row = 0
+        for suspected_row in suspected_rows:
+            while row < suspected_row and not self._has_latest_of_all():
+                self.add(readings.reading(row))
+                row += 1
+            if row < suspected_row:
+                self._extend_track(readings.part(row, suspected_row))
+            if suspected_row < len(readings.clock):
+                self.add(readings.reading(suspected_row))
+            row = suspected_row + 1
+
+    def _has_latest_of_all(self) -> bool:
+        """Returns whether the latest heading and position are both of the vehicle of the latest reading."""
+        track = self._tracks[0]
+        return track.heading is self._heading and track.position is self._position
+
+    def _extend_track(self, readings: ReadingColumns) -> None:
+        """Adds readings (n,), at least one, that are all of the vehicle of the latest reading."""
+        track = self._tracks[0]
+        clocks = np.append(track.latest.clock, readings.clock)
+        track.steps += int(np.count_nonzero(np.diff(clocks) > 0))
+        track.latest = readings.reading(-1)
+        heading_rows = np.flatnonzero(~np.isnan(readings.heading))
+        position_rows = np.flatnonzero(~np.isnan(readings.latitude))
+        if len(heading_rows):
+            track.heading = self._heading = readings.reading(int(heading_rows[-1]))
+        if len(position_rows):
+            track.position = self._position = readings.reading(int(position_rows[-1]))
+        self._reading_counts[Contradiction.CLOCK] += len(readings.clock)
+        self._reading_counts[Contradiction.HEADING] += len(heading_rows)
+        self._reading_counts[Contradiction.POSITION] += len(position_rows)
+
+    def _note_switch(self, contradiction: Contradiction) -> None:
+        """Notes that a former vehicle came back; enough of them in a short time show that there are two.
+
+        Args:
+            contradiction: what shows that the reading is not of the vehicle of the reading before.
+        """
+        count = self._reading_counts[contradiction]
+        limit = SWITCH_LIMITS[contradiction]
+        switches = self._switches[contradiction]
+        switches.append(count)
+        if len(switches) == limit.switches and count - switches[0] <= limit.readings:
+            self.has_found_two = True
+            self._latest_recognition = self._reading_counts[Contradiction.CLOCK]
+
+
+LIMIT_MARGIN = 1e-9
+"""Fraction by which limits are lowered where readings are compared as arrays: more than the difference by rounding."""
+
+
+def _may_contradict(readings: ReadingColumns) -> Flags:
+    """Flags readings (n,) that may contradict those before them; without doubt only the others do not.
+
+    The first reading, and the first with a heading or a position, are flagged too, since there is none before them.
+    """
+    lowered = 1 - LIMIT_MARGIN
+    flags = np.ones(len(readings.clock), dtype=np.bool_)
+    flags[1:] = ~(abs(np.diff(readings.clock)) <= MAX_LATE_SECONDS * lowered)
+    rows = np.flatnonzero(~np.isnan(readings.latitude))
+    if len(rows):
+        latitude = readings.latitude[rows]
+        north = np.diff(latitude)
+        east = np.diff(readings.longitude[rows]) * np.cos(np.radians(latitude[1:]))
+        distance = METERS_PER_DEGREE * np.hypot(north, east)
+        seconds = abs(np.diff(readings.clock[rows]))
+        flags[rows[0]] = True
+        flags[rows[1:]] |= ~(distance <= (MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds) * lowered)
+    rows = np.flatnonzero(~np.isnan(readings.heading))
+    if len(rows):
+        turn = abs(np.diff(readings.heading[rows])) % (2 * pi)
+        turn = np.minimum(turn, 2 * pi - turn)
+        seconds = abs(np.diff(readings.clock[rows]))
+        flags[rows[0]] = True
+        flags[rows[1:]] |= ~(turn <= (MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds) * lowered)
+    return flags
