@@ -230,13 +230,11 @@ class _RunTaker:
 
     def take(self, first: int, end: int) -> None:
         """Takes the frames from one row to before another: ``links`` has no late link, and none is a copy."""
-        sequence = self._frames.sequence[first:end]
+        # Signed numbers, so that their differences may be negative.
+        sequence = self._frames.sequence[first:end].astype(np.int16)
+        steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)
         # The first frame's number may follow that of a copy, which does not count.
-        breaks = np.insert(
-            np.flatnonzero(np.diff(sequence.astype(np.int16)) & (SEQUENCE_NUMBERS - 1) != 1) + 1,
-            0,
-            0,
-        )
+        breaks = np.concatenate([[0], np.flatnonzero(steps != 1) + 1])
         run_ends = np.append(breaks[1:], len(sequence))
         for break_row, run_end in zip(breaks.tolist(), run_ends.tolist(), strict=True):
             self._links.take_number(int(sequence[break_row]))
