@@ -4,6 +4,7 @@ import faulthandler
 import gc
 import os
 import pickle
+from dataclasses import fields, is_dataclass
 from hashlib import sha256
 
 from hypothesis import settings
@@ -34,6 +35,8 @@ def pytest_addoption(parser):
 
 def pytest_collection_finish():
     gc.freeze()
+    # By default the collector runs after every 700 new objects, of which a flight makes millions.
+    gc.set_threshold(50_000, 20, 20)
     gc.enable()
 
 
@@ -78,6 +81,13 @@ def coarse_physics():
         yield
 
 
+def values_of(argument):
+    """What an argument was made of: the fields of a dataclass, without what it has computed since."""
+    if is_dataclass(argument):
+        return [getattr(argument, field.name) for field in fields(argument)]
+    return argument
+
+
 def once(fit, folder):
     """The same fit, done once in a run of the tests for the same arguments.
 
@@ -90,7 +100,7 @@ def once(fit, folder):
     results = {}
 
     def fitted(*arguments):
-        key = sha256(pickle.dumps((fit.__qualname__, *arguments))).hexdigest()
+        key = sha256(pickle.dumps((fit.__qualname__, *map(values_of, arguments)))).hexdigest()
         path = folder / key
         if key not in results and path.is_file():
             # Arrays that are read-only are written, but come back writeable.
@@ -106,19 +116,36 @@ def once(fit, folder):
     return fitted
 
 
-@fixture(scope="session", autouse=True)
-def fits_once(tmp_path_factory):
-    """Many tests, and many commands of a test, ask for the parameters and loops of the same flight."""
-    from mavdem.loops import identification as in_flight
-    from mavdem.plant import estimation
-
+@fixture(scope="session")
+def run_folder(tmp_path_factory):
+    """A folder that all processes of a run share."""
     # All processes of a run have folders below that of the run.
     folder = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         folder = folder.parent
-    folder = folder / "fits"
+    folder = folder / "once"
     folder.mkdir(exist_ok=True)
+    return folder
+
+
+@fixture(scope="session")
+def once_in_a_run(run_folder):
+    """Makes a function one whose result for the same arguments is computed once in a run: a flight, for example."""
+    return lambda function: once(function, run_folder)
+
+
+@fixture(scope="session", autouse=True)
+def fits_once(once_in_a_run):
+    """Many tests, and many commands of a test, ask for parameters, loops and gains of the same flight."""
+    from mavdem.loops import advice
+    from mavdem.loops import identification as in_flight
+    from mavdem.plant import estimation
+
     with MonkeyPatch.context() as patch:
-        for module, name in ((estimation, "_estimate_parameters"), (in_flight, "identify_axis")):
-            patch.setattr(module, name, once(getattr(module, name), folder))
+        for module, name in (
+            (estimation, "_estimate_parameters"),
+            (in_flight, "identify_axis"),
+            (advice, "_next_step"),
+        ):
+            patch.setattr(module, name, once_in_a_run(getattr(module, name)))
         yield

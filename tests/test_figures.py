@@ -36,13 +36,9 @@ FLIGHTS = {
     "real/logs/crash_motor2_mechanical.bin": ["review", "> review"],
     "real/logs/px4_motor_failure.ulg": ["review"],
     "real/logs/sitl_hexa_plus_motor6_lost.bin": ["review"],
-    "real/propeller/hover_good_1.BIN real/propeller/hover_cut25mm_1.BIN": [
-        "track",
-        "diff",
-        "> diff",
-    ],
+    "real/propeller/hover_good_1.BIN real/propeller/hover_cut25mm_1.BIN": ["track", "diff"],
     # What is learned: of a telemetry log and of PX4's log.
-    "ardupilot_wind5_steps.tlog": ["review", "tune", "info", "convert", "> info --verbose"],
+    "ardupilot_wind5_steps.tlog": ["review", "tune", "info", "convert"],
     "real/logs/px4_default_rates_learnable.ulg": ["review", "tune", "> tune --verbose"],
     # What is in logs of slow streams, of several vehicles and of a short flight.
     "ardupilot_default_rates.tlog": ["info", "review", "> convert"],
@@ -56,6 +52,12 @@ FLIGHTS = {
 """What is run of each log; a name without an ending is that of a scenario, and what is flown is read by the commands
 after it. Of a command after ">" it is what stands on its screen."""
 MORE_FLIGHTS = {
+    "real/propeller/hover_good_1.BIN real/propeller/hover_cut25mm_1.BIN": [
+        "track",
+        "diff",
+        "> diff",
+    ],
+    "ardupilot_wind5_steps.tlog": ["review", "tune", "info", "convert", "> info --verbose"],
     "real/logs/gains_named_before_34.BIN": [
         "review",
         "tune",
@@ -93,10 +95,14 @@ MORE_FLIGHTS = {
     "sitl_loops/px4_pxlow2.tlog.xz": ["info", "tune"],
     "wind_turns": ["fly", "wind", "> wind --verbose"],
 }
-"""Flights whose figures only ``--in-full`` compares: they take minutes."""
-SCENARIOS = {"calm": 20, "crazyflie_gusts": 20, "lossy_link": 25, "paper_5": 20}
+"""Flights, and commands of a flight, whose figures only ``--in-full`` compares: they take minutes."""
+SCENARIOS = {"calm": 12, "crazyflie_gusts": 12, "lossy_link": 16, "paper_5": 12}
 """For how long each scenario is flown, s."""
 MORE_SCENARIOS = {
+    "calm": 20,
+    "crazyflie_gusts": 20,
+    "lossy_link": 25,
+    "paper_5": 20,
     "ardupilot_faults": 30,
     "default_rates": 30,
     "hover_blower": 20,
@@ -117,8 +123,10 @@ MORE_SCENARIOS = {
     "wind_legs": 95,
     "wind_turning": 60,
 }
-"""Scenarios that only ``--in-full`` compares, and for how long each is flown, s."""
+"""Scenarios that ``--in-full`` compares besides or for longer, and for how long each is flown, s."""
 FLOWN = "flown.tlog"
+FLIGHT_SECONDS, FULL_FLIGHT_SECONDS = 46, 60
+"""For how long is flown what other commands then read, s, and with ``--in-full``; a wind needs 30 s of hover."""
 TIMES = re.compile(r"(fly)?\.took|learn\.seconds")  # that the machine takes
 TICK = 0.06  # s from one look at a link to the next
 OPTIONS = {
@@ -127,7 +135,7 @@ OPTIONS = {
     "diff": ["--out", "diff"],
     "tune": ["--axis", "all", "--out", "tuned"],
     "convert": ["flight.csv"],
-    "fly": ["--duration", "60", "--out", FLOWN, "--rrd", "flown.rrd"],
+    "fly": ["--out", FLOWN, "--rrd", "flown.rrd"],
     "live": ["--request-rate", "100", "--rrd", "live.rrd", "--record", "live.mcap"],
     "learn": ["--truth", "flown.truth.npz", "--out", "learnt", "--rrd"],
     "twin": [f"--out=twin.{ending}" for ending in ("toml", "json", "params", "sdf")],
@@ -258,15 +266,18 @@ def pytest_generate_tests(metafunc):
     """The flights of the tests: few, and with ``--in-full`` all."""
     in_full = metafunc.config.getoption("--in-full")
     if "log" in metafunc.fixturenames:
-        metafunc.parametrize("log", FLIGHTS | (MORE_FLIGHTS if in_full else {}))
+        flights = FLIGHTS | (MORE_FLIGHTS if in_full else {})
+        metafunc.parametrize("log, commands", flights.items(), ids=flights)
     if "scenario" in metafunc.fixturenames:
-        metafunc.parametrize("scenario", SCENARIOS | (MORE_SCENARIOS if in_full else {}))
+        scenarios = SCENARIOS | (MORE_SCENARIOS if in_full else {})
+        metafunc.parametrize("scenario, seconds", scenarios.items(), ids=scenarios)
 
 
 @mark.slow
-def test_the_figures_of_a_flight_are_those_of_before(log, here, monkeypatch, capsys, request):
+def test_the_figures_of_a_flight_are_those_of_before(
+    log, commands, here, monkeypatch, capsys, request
+):
     sample = LOGS / log  # where the repository has it
-    commands = (FLIGHTS | MORE_FLIGHTS)[log]
     flights = [log]
     if sample.is_file():
         Path(log).symlink_to(sample)  # a command in a next step has its name
@@ -274,11 +285,14 @@ def test_the_figures_of_a_flight_are_those_of_before(log, here, monkeypatch, cap
         flights = [shared(name) for name in log.split()]
     if "live" in commands:
         by_the_log(monkeypatch)
+    in_full = request.config.getoption("--in-full")
+    seconds = FULL_FLIGHT_SECONDS if in_full else FLIGHT_SECONDS
+    options = OPTIONS | {"fly": [*OPTIONS["fly"], "--duration", seconds]}
     found = {}
     for line in commands:
         command, *shown = line.removeprefix("> ").split()
         how = shown if line.startswith("> ") else ["--json"]
-        found[f"{line} exits"] = [run(command, *flights, *OPTIONS.get(command, ()), *how)]
+        found[f"{line} exits"] = [run(command, *flights, *options.get(command, ()), *how)]
         flights = {"fly": [FLOWN], "live": ["live.mcap"]}.get(command, flights)
         said = capsys.readouterr().out
         if how == ["--json"]:
@@ -293,8 +307,7 @@ def test_the_figures_of_a_flight_are_those_of_before(log, here, monkeypatch, cap
 
 
 @mark.slow
-def test_a_scenario_is_flown_as_before(scenario, here, capsys, request):
-    seconds = (SCENARIOS | MORE_SCENARIOS)[scenario]
+def test_a_scenario_is_flown_as_before(scenario, seconds, here, capsys, request):
     assert run("fly", scenario, "--duration", seconds, "--out", FLOWN, "--json") == 0
     found = figures(strict_json(capsys.readouterr().out))
     for file in here.iterdir():

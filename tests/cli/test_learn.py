@@ -41,10 +41,11 @@ def names(folder):
 @mark.slow
 def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
     out = tmp_path / "new" / "folder"
-    words = f"learn {FLIGHT} --out {out} --preset paper --start 2s --train 2s --test 50".split()
+    log = short_flight(tmp_path)
+    words = f"learn {log} --out {out} --preset paper --start 2s --train 2s --test 50".split()
     words += ["--rrd", "--mcap"]
     report = document_of(capsys, *words)
-    train = read_flight(FLIGHT)[200:400]
+    train = read_flight(log)[200:400]
     learned = learn_model(train, Settings.paper())
     assert report["model"]["A"] == learned.model.A.tolist()
     assert names(out) == FILES | RECORDINGS

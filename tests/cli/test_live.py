@@ -110,6 +110,7 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(here, capsys, monkeypatch):
 
 
 @mark.slow
+@mark.usefixtures("coarse_physics")
 def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys, monkeypatch):
     """Over a real link, but on the clock of the flight: however busy the machine is."""
     port = free_port()

@@ -10,7 +10,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts.loops import Loops
 from mavdem.ingest.parameter_file import read_parameters
 
-pytestmark = mark.slow
+pytestmark = [mark.slow, mark.usefixtures("coarse_physics")]
 
 
 def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_path, capsys):
@@ -49,7 +49,6 @@ stream = { autopilot = "ardupilot", rate = 50.0 }
 """
 
 
-@mark.usefixtures("coarse_physics")
 def test_a_weak_motor_is_named_in_the_place_of_gains(tmp_path, capsys):
     log = str(tmp_path / "flight.tlog")
     (tmp_path / "weakened.toml").write_text(WEAKENED)

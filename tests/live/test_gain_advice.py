@@ -35,6 +35,7 @@ def adviser_of(tmp_path):
 
 
 @mark.slow
+@mark.usefixtures("coarse_physics")
 def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_path, capsys):
     scenario = tmp_path / "tuned_badly.toml"
     scenario.write_text(TUNED_BADLY)

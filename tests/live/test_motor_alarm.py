@@ -119,6 +119,8 @@ def test_a_transient_is_no_loss_live_or_in_the_log():
 def test_an_alarm_is_of_its_flight_and_of_its_boot():
     weak = hovering(rise=150.0)
     made = replay(weak)
+    (change,) = made.stream.motor_alarms.latest
+    assert made.stream.motor_alarms.weak_since == change.since
     alarm = made.stream.status().active_alarms
     assert [fact.subject for fact in alarm] == ["motor 1 (front right)"]
     # Of the flight before, from the next one on.
@@ -153,9 +155,5 @@ def test_a_vehicle_that_does_not_do_what_is_asked_names_no_motor(mask):
         assert len(motor_alarms(Signals(offline([frame for _, frame in frames])))) == 0
 
 
-def test_a_motor_is_weak_since_its_loss():
-    made = replay(hovering(rise=150.0))
-    alarms = made.stream.motor_alarms
-    (change,) = alarms.latest
-    assert alarms.weak_since == change.since
+def test_no_motor_is_weak_before_a_loss():
     assert MotorAlarms().weak_since is None

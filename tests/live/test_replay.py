@@ -6,7 +6,7 @@ from functools import lru_cache
 from live_hover import Flight, differences, offline, replay
 from numpy.testing import assert_array_equal
 from pytest import mark
-from recorded_flights import LOGS, SHARED
+from recorded_flights import LOGS, SAMPLE_LOGS, SHARED
 
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.phases import AVERAGING_SECONDS, TRANSIENT_SECONDS
@@ -20,9 +20,7 @@ from mavdem.live.vehicle_review import REVIEW_PERIOD
 pytestmark = mark.slow
 
 RECORDED = (
-    sorted(LOGS.glob("*.tlog"))
-    + sorted(SHARED.glob("sitl_*/*.tlog"))
-    + sorted(SHARED.glob("logs/*.tlog"))
+    list(SAMPLE_LOGS) + sorted(SHARED.glob("sitl_*/*.tlog")) + sorted(SHARED.glob("logs/*.tlog"))
 )
 AS_ANOTHER = (
     "ardupilot_calm",
@@ -31,20 +29,20 @@ AS_ANOTHER = (
     "ardupilot_inertia_wind5_steps",
     "ardupilot_wind5_turb",
     "px4_calm",
-    "px4_wind5_steps",
     "px4_windjump",
     "ardupilot_wind4_doublets",
     "px4_wind5_gust",
     "ardupilot_wind5_mav1_50hz",
     "px4_wind5_gcsdefault",
     "lucagemma_crlf",
+    "px4_wind5_steps",
 )
 """Flown as another of the recorded flights is, in other wind or at another rate, or the whole of a sample flight."""
 TWO_VEHICLES = "px4_two_vehicles_gcslink"
 TO_THE_GROUND = "ap_short_with_climb", "ap_reboot_rates_never_asked_again"
 """Simulated flights whose landing is replayed; of the others the first seconds."""
-SECONDS = {LOGS: 120.0, SHARED / "logs": 60.0}
-"""Seconds that are replayed, by the folder: logs of the repository are silent for half a minute before the flight."""
+SECONDS = {"ardupilot_wind5_steps": 108.0, "px4_wind5_steps": 78.0, "dronekit_flight": 60.0}
+"""Seconds that are replayed where 45 s do not hold half a minute of flight: these logs begin long before theirs."""
 NO_CLIMB = "ap_motor"
 """Without a vertical speed: offline, a descent is settled but for its end; live, not in a mode that lands."""
 KNOWN_LATER = AVERAGING_SECONDS / 2 + REVIEW_PERIOD + 0.25
@@ -173,7 +171,7 @@ def hold_against_offline(path):
 )
 def test_a_recorded_flight_gives_what_it_gives_offline(path, tmp_path):
     if path.stem not in TO_THE_GROUND:
-        path = first_seconds(path, tmp_path, SECONDS.get(path.parent, 45.0))
+        path = first_seconds(path, tmp_path, SECONDS.get(path.stem, 45.0))
     if "SUBMARINE" in {vehicle.vehicle for vehicle in vehicles_of(path)}:
         assert not replay(recorded(path)).rows
     else:

@@ -431,6 +431,7 @@ FAULTS = {
 
 
 @mark.slow
+@mark.usefixtures("coarse_physics")
 def test_a_session_with_all_faults_ends_with_a_good_model(
     monkeypatch,
 ):

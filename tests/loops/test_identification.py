@@ -2,6 +2,8 @@
 
 import pickle
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from hover import Hover, asking, changed
@@ -51,16 +53,18 @@ SCENARIO = scenario_of(
 )
 
 
-def logged(scenario, folder):
+def logged(scenario):
     """What is true of a scenario that is flown, and its log."""
     flight = fly(scenario)
-    write_log(folder / "flight.tlog", scenario, flight)
-    return truth(scenario, flight), read_log(folder / "flight.tlog")
+    with TemporaryDirectory() as folder:
+        log = Path(folder, "flight.tlog")
+        write_log(log, scenario, flight)
+        return truth(scenario, flight), read_log(log)
 
 
 @fixture(scope="module")
-def flight(tmp_path_factory):
-    return logged(SCENARIO, tmp_path_factory.mktemp("flown"))
+def flight(once_in_a_run):
+    return once_in_a_run(logged)(SCENARIO)
 
 
 @fixture(scope="module")
@@ -235,14 +239,14 @@ def test_a_controller_of_other_gains_than_flew_finds_no_plant(log, gain):
     assert refusal(signals, [other]) is Loops.LOOP_NOT_FOUND
 
 
-def test_with_motors_at_their_limits_the_margins_are_true(tmp_path):
+def test_with_motors_at_their_limits_the_margins_are_true():
     """Limits cut off most of what the controller asks for in quick doublets: it acts as one of less gain."""
     hard = SCENARIO.model_dump(mode="json")
     hard["vehicle"]["rate_gain"] = 4.0
     hard["vehicle"]["parameters"] = {"IMU_GYRO_RATEMAX": 200}
     hard["stream"] = {"rate": 100, "rates": {"ATTITUDE_TARGET": 100}}
     hard["excitation"] |= {"amplitude": 25.0, "width": 0.1}
-    known, log = logged(scenario_of(hard), tmp_path)
+    known, log = logged(scenario_of(hard))
     signals, flights = flown(log)
     loop = loop_from_plant(identify_plant_in_loop(signals, flights), Record.from_flights(flights))
     fit, *_ = (found.fit for found in signals.cache.values() if hasattr(found, "fit"))
@@ -278,14 +282,14 @@ def test_what_the_angles_error_asks_for_is_added_to_ardupilots_setpoint_of_the_r
     assert_allclose(streams[5].values, ahead + controller.angle_gain * wanted, atol=1e-6)
 
 
-def test_a_simulated_flight_has_the_margins_of_its_linearised_loop(tmp_path):
+def test_a_simulated_flight_has_the_margins_of_its_linearised_loop():
     """Of ArduPilot, by the plant without its loop."""
     steered = {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0}
     vehicle = {"model": "iris", "rate_gain": 1.4}
     stream = {"autopilot": "ardupilot", "rates": {"ATTITUDE_TARGET": 100}}
     scenario = {"excitation": steered, "stream": stream, "seed": 5, "duration": 45}
-    known, _ = logged(scenario_of(scenario | {"vehicle": vehicle}), tmp_path)
-    record = Record.from_flights(mavdem.read_flight(tmp_path / "flight.tlog"))
+    known, log = logged(scenario_of(scenario | {"vehicle": vehicle}))
+    record = Record.from_flights(flown(log)[1])
     plant = physical(record)
     loop = loop_from_plant(plant, record)
     crossover, phase, *_ = margins = known["roll_rate_margins"]

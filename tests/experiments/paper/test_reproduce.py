@@ -29,7 +29,7 @@ from mavdem.experiments.paper.noise import noise_checks
 from mavdem.experiments.paper.noise_tests import analyse_noise
 from mavdem.experiments.paper.report import ITEMS, PAGE, ItemReport, document, write
 from mavdem.experiments.paper.runner import DEM_P2, PEER_METHODS, Runner
-from mavdem.experiments.window import Window
+from mavdem.experiments.window import Window, windows
 
 HELD = Check("a rule", True, "this is so")
 FAILED = Check("a rule", False, "that is not")
@@ -53,6 +53,7 @@ def test_failing_checks_come_first_in_the_sentence():
 def test_the_command_writes_the_page_and_the_numbers_that_it_prints(monkeypatch, tmp_path, capsys):
     items = {CLAIMS[0]: lambda _: ExperimentResult(checks=(HELD,)), CLAIMS[1]: lambda _: fail()}
     monkeypatch.setattr("mavdem.experiments.paper.report.ITEMS", items)
+    monkeypatch.setattr("mavdem.cli.reproduce.available_workers", lambda: 1)
     assert run("reproduce", CLAIMS[0].name, "--out", tmp_path, "--json") == 0
     printed = strict_json(capsys.readouterr().out)
     assert strict_json((tmp_path / "numbers.json").read_text()) == printed
@@ -168,10 +169,13 @@ def test_a_model_that_holds_the_last_sample_fails_all_checks_of_prediction():
 def test_all_items_make_one_report(tmp_path, monkeypatch, request):
     monkeypatch.setattr(model_order, "ORDERS", (1, 2))
     monkeypatch.setattr(model_order, "SYSTEMS", {1: ("φ̇",), 2: ("φ", "φ̇")})
-    # A report needs no more iterations of EM.
+    # A report needs no more iterations of EM and PEM.
+    monkeypatch.setattr(maximum_likelihood, "MAX_ITERATIONS", 20)
     monkeypatch.setattr(maximum_likelihood.iterate_em, "__defaults__", (5,))
     # Pictures of the demonstrations take ten seconds. They and the observers have tests of their own.
     tested_elsewhere = {"demonstrations", "states", "inputs", "covariance", "smoothness"}
+    first_windows = lambda *arguments: windows(*arguments)[:2]  # noqa: E731
+    monkeypatch.setattr("mavdem.experiments.paper.runner.windows", first_windows)
     runner = Runner(experiment_numbers=(2,), uses_authors_results=False, prior_count=2)
     chosen = [claim for claim in ITEMS if claim.name not in tested_elsewhere]
     reports = [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen]
