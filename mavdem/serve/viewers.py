@@ -9,6 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import psutil
+
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Request
 from mavdem.machine import LOOPBACK, free_port
@@ -24,12 +26,27 @@ POLL_SECONDS = 0.05
 """Seconds between attempts to connect to a viewer that is starting."""
 
 
+WATCH_SECONDS = 5.0
+"""Seconds between looks whether anybody still uses a viewer."""
+
+MAX_SECONDS_WITHOUT_TAB = 30.0
+"""Seconds without a connection of a browser after which a viewer ends: its tab is gone. A reload takes a few."""
+
+MAX_OPEN_SECONDS = 600.0
+"""Seconds after it was last opened until a viewer ends, with its tab open too: it takes a third of a processor core."""
+
+
 class RecordingViewer:
-    """Shows one recording at a time, the last one that was opened: a viewer holds up to a gigabyte of it in memory."""
+    """Shows one recording at a time, the last one that was opened: a viewer holds up to a gigabyte of it in memory.
+
+    It ends when its tab is closed, or ten minutes after it was last opened.
+    """
 
     def __init__(self) -> None:
         self._recording = Path()
         self._server: WebServer | None = None
+        self._opened = 0.0
+        self._last_visit = 0.0
         self._lock = threading.Lock()
 
     def open(self, recording: Path) -> str:
@@ -49,13 +66,43 @@ class RecordingViewer:
                 server = _start_viewer(recording)
                 self._server = server
                 self._recording = recording
+                threading.Thread(target=self._watch, args=(server,), daemon=True).start()
+            self._opened = time.monotonic()
+            self._last_visit = self._opened
             return server.page
+
+    def _watch(self, server: WebServer) -> None:
+        """Runs in a thread for each viewer: ends it when nobody uses it any more."""
+        while server.process.poll() is None:
+            time.sleep(WATCH_SECONDS)
+            now = time.monotonic()
+            has_visitor = has_connections(server.process.pid)
+            with self._lock:
+                if self._server is not server:
+                    return
+                if has_visitor:
+                    self._last_visit = now
+                is_left = now - self._last_visit > MAX_SECONDS_WITHOUT_TAB
+                if is_left or now - self._opened > MAX_OPEN_SECONDS:
+                    self.close()
+                    return
 
     def close(self) -> None:
         """Ends the viewer if one runs."""
         if self._server is not None:
             self._server.close()
             self._server = None
+
+
+def has_connections(process_id: int) -> bool:
+    """Returns whether somebody is connected to a process or one of its children; False where it has ended."""
+    with suppress(psutil.Error):
+        process = psutil.Process(process_id)
+        for member in (process, *process.children(recursive=True)):
+            for connection in member.net_connections("tcp"):
+                if connection.status == psutil.CONN_ESTABLISHED:
+                    return True
+    return False
 
 
 def _start_viewer(recording: Path) -> WebServer:

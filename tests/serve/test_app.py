@@ -9,7 +9,7 @@ import shutil
 import socket
 import sqlite3
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from http.client import HTTPResponse
 from pathlib import Path
 from shutil import rmtree
@@ -362,7 +362,7 @@ def test_what_is_no_upload_is_refused(served):
     whole = form([("a.ulg", log())])
     for body, content_type, code in (
         (b"{}", "application/json", Request.UPLOAD_WITHOUT_LOG),
-        (whole.replace(log(), b""), kind, Request.UPLOAD_WITHOUT_LOG),
+        (form([("", b"")]), kind, Request.UPLOAD_WITHOUT_LOG),
         (whole[:-10], kind, Request.UPLOAD_BROKEN),
         (b"nothing of a form", kind, Request.BAD_REQUEST),
         (whole, "multipart/form-data; boundary=" + "x" * 400, Request.BAD_REQUEST),
@@ -525,15 +525,51 @@ def test_a_viewer_that_cannot_be_started_is_refused(tmp_path, monkeypatch):
         assert refused.refusal == (503, Request.NOT_STARTED)
 
 
-def test_a_viewer_that_answers_is_shown_until_another_recording_is_asked_for(monkeypatch):
-    viewers = RecordingViewer()
-    with socket.create_server(("127.0.0.1", 0)) as answers:
-        port = answers.getsockname()[1]
+@contextmanager
+def running_viewer(monkeypatch, process_id=0):
+    """A stand-in for the Rerun viewer that answers; yields it, the viewers of a server, and the number of starts."""
+    monkeypatch.setattr("mavdem.serve.viewers.WATCH_SECONDS", 0.01)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
         monkeypatch.setattr("mavdem.serve.viewers.free_port", lambda: port)
-        viewer = Mock(page="http://viewer", **{"process.poll.return_value": None})
-        monkeypatch.setattr("mavdem.view.WebServer", begun := Mock(return_value=viewer))
+        viewer = Mock(page="http://viewer")
+        viewer.process.poll.return_value = None
+        viewer.process.pid = process_id
+        monkeypatch.setattr("mavdem.view.WebServer", start := Mock(return_value=viewer))
+        viewers = RecordingViewer()
+        yield viewer, viewers, start
+        viewers.close()
+
+
+def test_a_viewer_that_answers_is_shown_until_another_recording_is_asked_for(monkeypatch):
+    with running_viewer(monkeypatch) as (_, viewers, start):
         for name, count in (("a.rrd", 1), ("a.rrd", 1), ("b.rrd", 2)):
-            assert viewers.open(Path(name)) == "http://viewer" and begun.call_count == count
+            assert viewers.open(Path(name)) == "http://viewer" and start.call_count == count
+
+
+def test_a_viewer_ends_when_its_tab_is_gone(monkeypatch):
+    monkeypatch.setattr("mavdem.serve.viewers.MAX_SECONDS_WITHOUT_TAB", 0.05)
+    with running_viewer(monkeypatch) as (viewer, viewers, start):
+        viewers.open(Path("a.rrd"))
+        while not viewer.close.called:
+            time.sleep(0.01)
+        viewers.open(Path("a.rrd"))
+        assert start.call_count == 2
+
+
+def test_a_viewer_with_a_tab_ends_ten_minutes_after_it_was_opened(monkeypatch):
+    monkeypatch.setattr("mavdem.serve.viewers.MAX_SECONDS_WITHOUT_TAB", 0.05)
+    with ExitStack() as stack:
+        viewer, viewers, _ = stack.enter_context(running_viewer(monkeypatch, os.getpid()))
+        # A connection of this process stands for that of a browser.
+        listener = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+        stack.enter_context(socket.create_connection(listener.getsockname()))
+        viewers.open(Path("a.rrd"))
+        time.sleep(0.3)
+        assert not viewer.close.called
+        monkeypatch.setattr("mavdem.serve.viewers.MAX_OPEN_SECONDS", 0.2)
+        while not viewer.close.called:
+            time.sleep(0.01)
 
 
 def test_the_command_serves_as_it_is_told(tmp_path, monkeypatch):

@@ -209,7 +209,8 @@
   $("copy")?.addEventListener("click", async () => {
     $("address").select();
     try { await navigator.clipboard.writeText($("address").value); } catch { document.execCommand("copy"); }
-    $("copy").textContent = "Copied";
+    const isHere = ["localhost", "127.0.0.1", "[::1]"].includes(location.hostname);
+    $("copied").textContent = isHere ? "Copied. The address leads here on this machine only." : "Copied.";
   });
   $("delete")?.addEventListener("click", async () => {
     if (!confirm("Delete this flight with log and page?")) return;
