@@ -14,10 +14,16 @@ from mavdem.extras import missing_extra_fact, require_extra
 from mavdem.facts.session import Session
 from mavdem.live import RowFormat, SessionStatus
 from mavdem.live.history import horizon_steps
+from mavdem.machine import has_screen
 
 if TYPE_CHECKING:
     from mavdem.view.live_view import LiveView
     from mavdem.view.sinks import RecordingFile
+
+NO_SCREEN_ADVICE = (
+    "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
+)
+"""What a user without a screen can do, where nothing else shows the flight."""
 
 
 class Dashboard:
@@ -61,7 +67,10 @@ class Dashboard:
             if rrd is not None or serve or connect is not None:
                 require_extra("view", "The dashboard")
             return
-        # Rerun takes a second to import.
+        if not (rrd or serve or connect or has_screen()):
+            self.advice = NO_SCREEN_ADVICE
+            return
+        # Rerun takes a second to import, and 60 MB of memory.
         from mavdem.view.live_view import LiveView
         from mavdem.view.sinks import RecordingFile, WebServer, sinks_for
 
@@ -71,9 +80,6 @@ class Dashboard:
             raise click.BadParameter(f"{error}.", param_hint="--connect") from error
         except OSError as error:
             raise Unreadable(Session.DASHBOARD_NOT_OPENED, because=error) from None
-        if not sinks:
-            self.advice = "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
-            return
         self.view = LiveView(sinks)
         for sink in sinks:
             if isinstance(sink, WebServer):

@@ -238,7 +238,7 @@ class LearningProcess(Executor):
         """Ends the process, if there is one, and starts a new one."""
         self._exits.close()
         self._pool = self._exits.enter_context(process_pool(1))
-        self._pool.submit(lower_priority, LOW_PRIORITY)
+        self._pool.submit(_prepare_learning)
 
 
 @contextmanager
@@ -297,6 +297,16 @@ def _initialize_worker(stop_pipe: Pollable) -> None:
         # others with this signal.
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     Thread(target=_exit_with_parent, daemon=True).start()
+
+
+def _prepare_learning() -> None:
+    """Gives a worker low priority, and leaves its end to its parent.
+
+    SIGTERM to the whole process group, as a service manager sends it, would else end the worker before its parent has
+    learned the final model.
+    """
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    lower_priority(LOW_PRIORITY)
 
 
 def _exit_with_parent() -> None:

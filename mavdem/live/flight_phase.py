@@ -64,6 +64,7 @@ class FlightPhase:
         # Times of the boot clock, s: of the take-off, of the latest review, and until when the latest report of the
         # landed state counts; minus infinity where none does.
         self._takeoff_time = -inf
+        self._airborne_since = -inf
         self._review_time = -inf
         self._landed_state_end = -inf
         # Since when the flight is settled, s; None while it is not.
@@ -87,6 +88,11 @@ class FlightPhase:
     def is_free(self, time: float) -> bool:
         """Returns whether nothing holds the vehicle at ``time``, s: the flight is settled, or on its way up."""
         return self.is_settled(time) or (self.is_flying and time >= self._free_climb_start)
+
+    @property
+    def takeoff_time(self) -> float:
+        """When the vehicle left the ground last, s of the boot clock; minus infinity where that was not seen."""
+        return self._airborne_since
 
     @property
     def may_have_free_rows(self) -> bool:
@@ -124,7 +130,11 @@ class FlightPhase:
         signals = LiveSignals(telemetry, collective=collective, landed_state=landed_state)
         armed = phases.armed_intervals(signals, boot)
         airborne = phases.airborne_intervals(signals, boot)
-        self.is_flying = _interval_at(now, airborne) is not None
+        present_flight = _interval_at(now, airborne)
+        if present_flight is not None and not self.is_flying:
+            # Only the first review of a flight sees its beginning.
+            self._airborne_since = present_flight[0]
+        self.is_flying = present_flight is not None
         has_states = signals.landed_state is not None or collective is not None
         # Where no message says whether the vehicle is armed, it counts as armed all the time.
         self._is_known = has_states or armed != [(-inf, inf)]

@@ -4,7 +4,7 @@ from array import array
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import nan
+from math import isfinite, nan
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -78,39 +78,39 @@ class _Prediction(NamedTuple):
     time: float
     """Time that is predicted, s of the timeline."""
 
-    outputs: Array
-    """(m,) Predicted outputs."""
+    outputs: list[float]
+    """Predicted outputs, m of them. A few numbers are handled faster one by one than as an array."""
 
-    band: Array
-    """(m,) Half widths of their 90 % band."""
+    band: list[float]
+    """Half widths of their 90 % band."""
 
-    last_sample: Array
-    """(m,) Outputs when the prediction was made: the baseline holds them."""
+    last_sample: list[float]
+    """Outputs when the prediction was made: the baseline holds them."""
 
 
 @dataclass
 class _ErrorSums:
     """Sums over the predictions at one horizon that were compared with a measurement."""
 
-    squares: Array
-    """(m,) Squared errors of the predictions."""
+    squares: list[float]
+    """Squared errors of the predictions, of each of the m outputs."""
 
-    baseline_squares: Array
-    """(m,) Squared errors of holding the last sample instead."""
+    baseline_squares: list[float]
+    """Squared errors of holding the last sample instead."""
 
-    inside: Array
-    """(m,) Number of measurements inside the 90 % band."""
+    inside: list[int]
+    """Number of measurements inside the 90 % band."""
 
     count: int = 0
     """Number of predictions."""
 
-    def add(self, prediction: _Prediction, outputs: Array) -> None:
-        """Adds the errors of a prediction, and of its baseline, whose measured ``outputs`` (m,) have come."""
-        errors = outputs - prediction.outputs
-        baseline_errors = outputs - prediction.last_sample
-        self.squares += errors * errors
-        self.baseline_squares += baseline_errors * baseline_errors
-        self.inside += abs(errors) <= prediction.band
+    def add(self, prediction: _Prediction, outputs: list[float]) -> None:
+        """Adds the errors of a prediction, and of its baseline, whose m measured ``outputs`` have come."""
+        for column, measured in enumerate(outputs):
+            error = measured - prediction.outputs[column]
+            self.squares[column] += error**2
+            self.baseline_squares[column] += (measured - prediction.last_sample[column]) ** 2
+            self.inside[column] += abs(error) <= prediction.band[column]
         self.count += 1
 
 
@@ -189,7 +189,8 @@ class LiveHistory:
         if is_new_segment:
             self._segment = segment
             self._predictions.clear()
-        predicted_angle, predicted_band = self._compare(time, outputs)
+        output_values = outputs.tolist()
+        predicted_angle, predicted_band = self._compare(time, output_values)
         torque = nan
         torque_band = nan
         if estimate is not None:
@@ -197,7 +198,7 @@ class LiveHistory:
             torque_band = estimate.wind_torque_band
         self._row_count += 1
         if self._row_count % self._stride == 0:
-            own_columns = (segment, time, outputs[0], predicted_angle, predicted_band)
+            own_columns = (segment, time, output_values[0], predicted_angle, predicted_band)
             self._rows.append(array("d", (*own_columns, torque, torque_band, *wind_and_motors)))
             # A full history halves its resolution over the whole flight, and keeps it from then on.
             if len(self._rows) > MAX_ROWS:
@@ -205,7 +206,7 @@ class LiveHistory:
                 self._stride *= 2
         if estimate is not None:
             self._extend_learned_interval(time, is_new_segment)
-            self._remember_predictions(time, outputs, estimate)
+            self._remember_predictions(time, output_values, estimate)
 
     def _extend_learned_interval(self, time: float, is_new_segment: bool) -> None:
         """Extends the latest interval of learned samples by one sample, or begins another interval.
@@ -224,24 +225,24 @@ class LiveHistory:
                 self.learned_intervals.pop()
         self.learned_intervals.append((start, time))
 
-    def _remember_predictions(self, time: float, outputs: Array, estimate: Estimate) -> None:
+    def _remember_predictions(self, time: float, outputs: list[float], estimate: Estimate) -> None:
         """Keeps an estimate's predictions, by horizon, until their time has come.
 
         Args:
             time: of the row that the estimate is of, s of the timeline.
-            outputs: (m,) the row's measured outputs: the baseline predicts that they stay.
+            outputs: the row's m measured outputs: the baseline predicts that they stay.
             estimate: has predicted outputs and half widths of their band, (K, m), for K times ahead.
         """
         times = (estimate.ahead_times + self.timeline_offset).tolist()
-        for predicted_time, values, band in zip(
-            times, estimate.ahead, estimate.ahead_band, strict=True
-        ):
+        ahead = estimate.ahead.tolist()
+        bands = estimate.ahead_band.tolist()
+        for predicted_time, values, band in zip(times, ahead, bands, strict=True):
             # Rounded to microseconds, so that all predictions at one horizon have the same key.
             horizon = round(predicted_time - time, 6)
             predictions = self._predictions.setdefault(horizon, deque())
             predictions.append(_Prediction(predicted_time, values, band, outputs))
 
-    def _compare(self, time: float, outputs: Array) -> Interval:
+    def _compare(self, time: float, outputs: list[float]) -> Interval:
         """Compares the predictions of one time with what was measured then, and adds the errors to the sums.
 
         A horizon is how far ahead a prediction was made, s. Each horizon has a queue in which its predictions wait
@@ -250,7 +251,7 @@ class LiveHistory:
 
         Args:
             time: s of the timeline.
-            outputs: (m,) measured outputs.
+            outputs: the m measured outputs.
 
         Returns:
             The angle predicted at ``REPORTED_HORIZON`` and the half width of its band, rad; NaN without such a
@@ -264,11 +265,15 @@ class LiveHistory:
             while predictions and predictions[0].time < time + STAMP_ROUNDING:
                 prediction = predictions.popleft()
                 is_missed = prediction.time < time - STAMP_ROUNDING
-                if is_missed or not np.isfinite(prediction.outputs + prediction.band).all():
+                if is_missed or not all(map(isfinite, prediction.outputs + prediction.band)):
                     continue
                 if horizon not in self._error_sums:
-                    zeros = np.zeros((3, len(outputs)))
-                    self._error_sums[horizon] = _ErrorSums(zeros[0], zeros[1], zeros[2])
+                    columns = len(outputs)
+                    self._error_sums[horizon] = _ErrorSums(
+                        squares=[0.0] * columns,
+                        baseline_squares=[0.0] * columns,
+                        inside=[0] * columns,
+                    )
                 self._error_sums[horizon].add(prediction, outputs)
                 if horizon == reported_horizon:
                     reported = (prediction.outputs[0], prediction.band[0])
@@ -302,9 +307,9 @@ class LiveHistory:
                 HorizonErrors(
                     seconds,
                     sums.count,
-                    mse=sums.squares / sums.count,
-                    baseline_mse=sums.baseline_squares / sums.count,
-                    coverage=sums.inside / sums.count,
+                    mse=np.array(sums.squares) / sums.count,
+                    baseline_mse=np.array(sums.baseline_squares) / sums.count,
+                    coverage=np.array(sums.inside) / sums.count,
                 )
             )
         return errors

@@ -84,6 +84,8 @@ class FlightLearning:
         self._log = log
         self._row_format: RowFormat | None = None
         self._gusts: GustDetector | None = None
+        # Time of the latest landing, s of the boot clock.
+        self._landing_time = -inf
         self._models: deque[_KeptModel] = deque(maxlen=MAX_MODELS)
         # The latest model of a climb after take-off, which is not kept.
         self._climb_model: Learned | None = None
@@ -220,21 +222,39 @@ class FlightLearning:
     def withdraw_since(self, landing_time: float) -> None:
         """Forgets samples and models since ``landing_time``, s of the boot clock: they were of a landing.
 
-        Ground contact and ground effect would spoil the model. Until another model comes, the last one from before the
-        landing is the final one (``has_landed``).
+        Ground contact and ground effect would spoil the model. The learner starts a fit to the samples before; until it
+        has ended, the last model from before the landing is the final one (``has_landed``).
         """
         assert self.learner is not None
         self.learner.forget_since(landing_time)
         while self._models and self._models[-1].time > landing_time:
             self._models.pop()
         self.has_landed = True
+        self._landing_time = landing_time
+
+    def adopt_model_of_landing(self, timeout: float = 0.0) -> None:
+        """Keeps the model of the last samples before a landing, which is learned after it, once it is there.
+
+        Without rows of free flight the learner adopts nothing by itself.
+
+        Args:
+            timeout: longest time to wait for the model, s.
+        """
+        if not self.has_landed or self.learner is None:
+            return
+        former = self.learner.learned
+        self.learner.adopt_finished_fit(timeout)
+        model = self.learner.learned
+        if model is not None and model is not former and self.has_settled:
+            self.newest_model = model
+            self._models.append(_KeptModel(self._landing_time, model))
 
     def final_model(self, parameters: Parameters) -> Learned:
         """Returns the model to keep at the end of the session.
 
-        After a landing that is the last model from before it. In flight a model is learned now from the latest samples,
-        within ``FIT_SECONDS``, or twice that if there is no other model. If that fails, the last model is returned, and
-        it is reported why.
+        After a landing that is the model of the last samples before it. In flight a model is learned now from the
+        latest samples, within ``FIT_SECONDS``, or twice that if there is no other model. If that fails, the last model
+        is returned, and it is reported why.
 
         Args:
             parameters: of the autopilot, whose gains are kept in the model.
@@ -244,6 +264,7 @@ class FlightLearning:
         """
         if self.learner is None or (self.learned_rows and not self.has_settled):
             raise NotLearnable(Session.NO_LIVE_FLIGHT)
+        self.adopt_model_of_landing(FIT_SECONDS)
         if not (self.has_landed and self._models):
             seconds = FIT_SECONDS if self._models else 2 * FIT_SECONDS
             try:

@@ -18,6 +18,7 @@ from mavdem.live.intake import LinkIntake
 from mavdem.live.judging import ModelJudging
 from mavdem.live.learning import FlightLearning
 from mavdem.live.link import SILENCE_SECONDS, Link
+from mavdem.live.milestones import Milestones
 from mavdem.live.presentation import OpenDisplay, Presentation
 from mavdem.live.rate_negotiation import RateNegotiation
 from mavdem.live.raw_recording import RawRecording
@@ -86,6 +87,7 @@ class LiveSession:
         self._latencies = LatencyMeter()
         self._silence = SilenceMonitor()
         self._learning = FlightLearning(stream.axis, settings, executor, prior, log)
+        self._milestones = Milestones(stream.axis, log)
         self.judging = ModelJudging(executor, recording_name)
         self._rates = RateNegotiation(
             requested_rate, link.awaits_greeting, self.intake, stream, log
@@ -119,6 +121,7 @@ class LiveSession:
         end_time = clock.monotonic() + STEP_SECONDS
         while self.backlog and clock.monotonic() < end_time:
             self._analyse()
+        self._milestones.note_first_model(self._learning, self.stream.now, self.stream.takeoff_time)
         for event in self.stream.drain_events():
             self._presentation.log(event.fact)
         for fact in self.link.drain_events():
@@ -126,11 +129,13 @@ class LiveSession:
         now = clock.monotonic()
         self._rates.update(self.backlog.now, self._silence.message_time, self.backlog.is_late)
         if now - self._status_time >= STATUS_PERIOD:
+            self._learning.adopt_model_of_landing()
             fits_wait = Task.PHYSICAL_FITS in self.backlog.postponed
             self.judging.update(now, self._learning, self.stream, is_busy=fits_wait)
             self.report_gain_advice()
             self._status_time = now
             self._update_status(now)
+            self._milestones.update(self._learning, self.status, self.stream.now)
 
     def _postpone_tasks(self) -> None:
         """Puts off the tasks that a computer which falls behind the link can do without, before any analysis.

@@ -201,6 +201,11 @@ class LiveStream:
                     Fact(Watch.OTHER_VEHICLE_ALARM, fact.level, subject=name, because=fact)
                 )
 
+    @property
+    def takeoff_time(self) -> float:
+        """When the vehicle left the ground last, s of this boot; minus infinity where that was not seen."""
+        return self._phase.takeoff_time
+
     def pop_landing_time(self) -> float | None:
         """Returns since when settled rows were of a landing, s of this boot; None without a new landing."""
         return self._phase.pop_landing_time()

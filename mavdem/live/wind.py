@@ -8,6 +8,8 @@ and are weighted by how well they predicted so far.
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from math import inf
 from typing import NamedTuple
@@ -111,7 +113,8 @@ class CompassWind(NamedTuple):
     """Half width of its 90 % interval, degrees; 180 where the wind may come from anywhere."""
 
 
-class WindEstimate(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class WindEstimate:
     """The velocity of the wind at one time, north and east, with its 90 % interval."""
 
     time: float
@@ -123,7 +126,7 @@ class WindEstimate(NamedTuple):
     band: Array
     """(2,) Half widths of its 90 % interval, m/s."""
 
-    @property
+    @cached_property
     def compass(self) -> CompassWind:
         """The same estimate as speed and direction with their 90 % intervals, instead of north and east components.
 

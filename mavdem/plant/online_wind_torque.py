@@ -20,6 +20,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.confidence import CONFIDENCE_LEVEL, Interval, coverage_factor, half_width
 from mavdem.dem.engine.kalman import SteadyStateFilter
+from mavdem.dem.engine.model import scalar_recursion
 from mavdem.dem.online.memory import (
     MemoryBlock,
     SampleMemory,
@@ -102,9 +103,6 @@ class WindTorqueSmoother(NamedTuple):
         Returns:
             Torque and half width of its band (T, 2), rad/s².
         """
-        # Importing scipy.signal takes half a second.
-        from scipy.signal import lfilter
-
         parameters = self.physical
         # The constant torque acts like a steady command.
         deviation = inputs - self.trim
@@ -128,7 +126,10 @@ class WindTorqueSmoother(NamedTuple):
         # The commands after the first-order lag of the motors. State 1 is the torque of the motors per inertia, which
         # approaches the commanded one at the rate ``torque_change``, rad/s³.
         decay = np.exp(-self.dt / parameters.lag)
-        lagged_inputs = lfilter([1 - decay], [1, -decay], deviation, axis=0)
+        lagged_columns = []
+        for command in deviation.T:
+            lagged_columns.append(scalar_recursion(decay, (1 - decay) * command, start=0.0))
+        lagged_inputs = np.column_stack(lagged_columns)
         torque_change = (commanded - smoothed.states[:, 1]) / parameters.lag
         # Columns by effects, damping, lag and delay. A longer lag and a longer delay act alike.
         gradient = np.column_stack(

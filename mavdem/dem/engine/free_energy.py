@@ -182,15 +182,32 @@ class SampleFreeEnergy:
             errors = data @ self._error_map.T
         else:
             errors = np.hstack([data, states]) @ self.error_operator.T
+        return self.terms_of_errors(errors, states)
+
+    def terms_of_errors(self, errors: Array, states: Array) -> Array:
+        """Computes the terms of F(t) of samples whose prediction errors and states are known.
+
+        Args:
+            errors: (T, dim ε̃) prediction errors.
+            states: (T, dim X) means of the states.
+
+        Returns:
+            (T, 10) terms in the order of ``Term``, nats, which sum to F(t).
+        """
         # ε̃ᵀ Π̃ ε̃ by the entries of ε̃, which are then summed by term.
         squares = (errors @ self.error_precision * errors) @ self.error_weights
         squares[:, SAMPLE_TERMS.index(Term.MEAN_FIELD)] += np.sum(
             states @ self.mean_field_curvature * states, axis=1
         )
-        terms = np.empty((len(data), len(self.constants)))
+        terms = np.empty((len(errors), len(self.constants)))
         terms[:] = self.constants
         terms[:, SAMPLE_TERM_COLUMNS] -= 0.5 * squares
         return terms
+
+    @cached_property
+    def error_and_state_map(self) -> Array:
+        """(dim ε̃ + dim X, dim [ỹ; η̃]) map from the data of a sample to its errors and its states."""
+        return np.vstack([self._error_map, self.state_map])
 
     @cached_property
     def _error_map(self) -> Array:

@@ -43,16 +43,18 @@ class FreeEnergyMonitor(NamedTuple):
         end_time: Time of the last sample that it was learned from, s.
         free_energy: Free energy F(t) of a sample as a function of its data.
         past_values: F(t) of the latest training samples, up to ``SURPRISE_SECONDS``.
-        output_weights: (p + 1, window) weights that give the derivatives of the outputs at the centre of a window.
-        input_weights: (d + 1, window) weights that give those of the inputs.
+        window_map: (dim ε̃ + dim X, window (m + r)) map of the samples of a window, first all outputs and then all
+            inputs, to the prediction errors and states at its centre. Derivatives, units and errors are linear in the
+            samples, so that one product takes the place of all these steps.
+        window_constants: (dim ε̃ + dim X,) constants that are added.
     """
 
     learned: Learned
     end_time: float
     free_energy: SampleFreeEnergy
     past_values: Array
-    output_weights: Array
-    input_weights: Array
+    window_map: Array
+    window_constants: Array
 
     @classmethod
     def from_model(cls, learned: Learned, end_time: float) -> FreeEnergyMonitor:
@@ -63,15 +65,26 @@ class FreeEnergyMonitor(NamedTuple):
             end_time: Time of the last sample that it was learned from, s.
         """
         assert learned.sample_free_energy is not None
-        settings = learned.settings
-        center = settings.window // 2
+        window = learned.settings.window
+        inputs = learned.record.inputs.shape[1]
+        outputs = learned.record.outputs.shape[1]
+        # An affine map is known by its values at 0 and, less these, at each unit vector.
+        at_zero = _generalized_data(
+            learned, np.zeros((window, outputs)), np.zeros((window, inputs))
+        )
+        columns = []
+        for unit_vector in np.eye(window * (outputs + inputs)):
+            unit_outputs = unit_vector[: window * outputs].reshape(window, outputs)
+            unit_inputs = unit_vector[window * outputs :].reshape(window, inputs)
+            columns.append(_generalized_data(learned, unit_outputs, unit_inputs) - at_zero)
+        to_errors_and_states = learned.sample_free_energy.error_and_state_map
         return cls(
             learned=learned,
             end_time=end_time,
             free_energy=learned.sample_free_energy,
             past_values=learned.free_energy_of_samples[-round(SURPRISE_SECONDS / learned.dt) :],
-            output_weights=taylor_weights(settings.p, learned.dt, settings.window, center),
-            input_weights=taylor_weights(settings.d, learned.dt, settings.window, center),
+            window_map=to_errors_and_states @ np.column_stack(columns),
+            window_constants=to_errors_and_states @ at_zero,
         )
 
     @property
@@ -96,12 +109,29 @@ class FreeEnergyMonitor(NamedTuple):
         inputs, outputs = memory.latest_samples(window)
         if len(outputs) < window:
             return None
-        scaling = self.learned.scaling
-        output_derivatives = self.output_weights @ scaling.scale_outputs(outputs)
-        input_derivatives = self.input_weights @ scaling.scale_inputs(inputs)
-        # One row of generalized data [ỹ; η̃], order after order, as the fit had them.
-        data = np.concatenate([output_derivatives.ravel(), input_derivatives.ravel()])
-        return self.free_energy.terms(data[None])[0]
+        samples = np.concatenate([outputs.ravel(), inputs.ravel()])
+        errors_and_states = (self.window_map @ samples + self.window_constants)[None]
+        error_count = len(self.free_energy.error_precision)
+        errors = errors_and_states[:, :error_count]
+        states = errors_and_states[:, error_count:]
+        return self.free_energy.terms_of_errors(errors, states)[0]
+
+
+def _generalized_data(learned: Learned, outputs: Array, inputs: Array) -> Array:
+    """Returns the generalized data [ỹ; η̃] at the centre of a window, order after order, as the fit had them.
+
+    Args:
+        learned: The model, which has the engine's units and the embedding.
+        outputs: (window, m) outputs of the samples of the window.
+        inputs: (window, r) inputs of the same samples.
+    """
+    settings = learned.settings
+    center = settings.window // 2
+    output_weights = taylor_weights(settings.p, learned.dt, settings.window, center)
+    input_weights = taylor_weights(settings.d, learned.dt, settings.window, center)
+    output_derivatives = output_weights @ learned.scaling.scale_outputs(outputs)
+    input_derivatives = input_weights @ learned.scaling.scale_inputs(inputs)
+    return np.concatenate([output_derivatives.ravel(), input_derivatives.ravel()])
 
 
 class Surprise:

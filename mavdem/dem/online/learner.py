@@ -1,14 +1,14 @@
 """The online learner: it learns the same model as ``learn`` from a stream, and predicts every sample meanwhile.
 
-``learn`` runs in an executor on the samples in the memory. It runs again when its last call has ended and two seconds
-of samples have come since that began, or more where there are many samples. Between the calls every sample is
-predicted, and compared with the newest model.
+``learn`` runs in an executor on the samples in the memory. It runs again when enough new samples have come to
+change its result, or after an unusual sample. Between the calls every sample is predicted, and compared with the newest
+model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import CancelledError, Executor, Future, wait
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -32,6 +32,7 @@ from mavdem.dem.online.surprise_cause import (
 from mavdem.dem.record import Record
 from mavdem.dem.settings import Settings
 from mavdem.dem.validation import (
+    MAX_ABS_VALUE,
     MAX_STEPS,
     is_number,
     require_finite_and_bounded,
@@ -51,10 +52,16 @@ MEMORY_BLOCK_SECONDS = 0.1
 """Length of the blocks in which samples are remembered and forgotten, s; a choice."""
 
 LEARNING_SECONDS = 2.0
-"""Length of the samples before the first call of ``learn``, and between two calls, s; a choice."""
+"""Length of the samples before the first call of ``learn``, and least time between two calls, s; a choice."""
+
+NEW_SAMPLE_SHARE = 0.5
+"""Samples since the last call of ``learn``, as a share of those it had, with which it is called again; a choice.
+
+With fewer new samples the model changes by less than its own uncertainty (docs/evidence/forecasts.md).
+"""
 
 FULL_RATE_SAMPLES = 2000
-"""Most samples in the memory with which ``learn`` is called every ``LEARNING_SECONDS``.
+"""Most samples in the memory with which ``learn`` may be called every ``LEARNING_SECONDS``.
 
 A call with as many takes up to a tenth of that time. With more samples, the calls are as many times farther apart.
 """
@@ -261,7 +268,7 @@ class OnlineLearner:
             self._error_bands.update()
             self._surprise.update_quantiles()
             self._learn_from_last_block()
-        self._adopt_finished_fit()
+        self.adopt_finished_fit()
         self._start_fit_when_due()
         if self._gaps_in_a_row >= MAX_GAPS:
             self.obstacle = Fact(Online.SAMPLES_MISPLACED, interval=step, step=self._dt)
@@ -270,25 +277,45 @@ class OnlineLearner:
     def forget_since(self, time: float) -> None:
         """Forgets the samples since a time, because they turned out not to be of flight, as of a vehicle on the ground.
 
-        The forecasts are learned anew from the samples before; a running call of ``learn`` is cancelled.
+        The forecasts are learned anew from the samples before. A running call of ``learn`` is cancelled, and another
+        begins, since these samples may be the last ones (:meth:`adopt_finished_fit`).
 
         Args:
             time: Time on the clock of the latest segments, s.
         """
         # Samples before and after the forgotten ones do not follow each other.
         self._begin_segment()
-        if not drop_blocks_since(self._memory.blocks, time):
-            return
-        self._forecaster.relearn(self._memory.blocks, self._forecaster.axis_mixer)
-        self._wind_torque.drop_blocks_since(time)
-        # A running fit uses the forgotten samples: it is dropped, and a new one is due at once.
-        if self._pending_fit is not None:
-            self._pending_fit.cancel()
-            self._pending_fit = None
-        self._next_fit_sample = self._sample_count
+        if drop_blocks_since(self._memory.blocks, time):
+            self._forecaster.relearn(self._memory.blocks, self._forecaster.axis_mixer)
+            self._wind_torque.drop_blocks_since(time)
+            # A running fit uses the forgotten samples.
+            if self._pending_fit is not None:
+                self._pending_fit.cancel()
+                self._pending_fit = None
         if not self._memory.blocks:
             # There is nothing to learn from, as in the beginning; but the model stays.
-            self._next_fit_sample += self._samples_before_fit
+            self._next_fit_sample = self._sample_count + self._samples_before_fit
+            return
+        # The samples before may be the last of the flight, and newer than the model.
+        self._next_fit_sample = self._sample_count
+        self._start_fit_when_due()
+
+    def adopt_finished_fit(self, timeout: float = 0.0) -> None:
+        """Takes the result of the executor's fit into use, if it has ended, also where no more samples come.
+
+        Args:
+            timeout: Longest time to wait for its end, s.
+        """
+        if self._pending_fit is None:
+            return
+        if timeout:
+            wait([self._pending_fit], timeout)
+        if not self._pending_fit.done():
+            return
+        finished_fit = self._pending_fit
+        # There is no pending fit any more, also where its result cannot be adopted.
+        self._pending_fit = None
+        self._adopt(finished_fit.result)
 
     def learn_now(self, timeout: float | None = None) -> Learned:
         """Learns a model from the samples in the memory at once, and returns it; the model in use is not changed.
@@ -321,8 +348,10 @@ class OnlineLearner:
         Raises:
             ValueError: There are more or fewer values, or one is not finite or too large; the message names it.
         """
+        if not (isinstance(time, float) and abs(time) < MAX_ABS_VALUE):
+            time = float(_checked_row(time, "time", 1)[0])
         return _Sample(
-            time=float(_checked_row(time, "time", 1)[0]),
+            time=time,
             inputs=_checked_row(inputs, "inputs", self._n_inputs),
             outputs=_checked_row(outputs, "outputs", self._n_outputs),
         )
@@ -404,6 +433,9 @@ class OnlineLearner:
         is_marked = self._anomaly_marks.add(surprise)
         if is_marked:
             self._latest_mark = SurpriseMark(sample.time, self._cause_of_mark(monitor.learned))
+            # The vehicle may have changed: it is learned again as soon as some samples show how it moves now.
+            after_mark = self._sample_count + round(LEARNING_SECONDS / self._dt)
+            self._next_fit_sample = min(self._next_fit_sample, after_mark)
         # The free energy belongs to the centre of the embedding window, which ends with this sample.
         window = monitor.learned.settings.window
         samples_since_center = window - 1 - window // 2
@@ -442,29 +474,22 @@ class OnlineLearner:
             return None
         return TOO_FEW_SAMPLES if self._pending_fit is None else FIRST_FIT_RUNNING
 
-    def _adopt_finished_fit(self) -> None:
-        """Takes the result of the executor's fit into use, if it has ended; it never waits for one that has not."""
-        if self._pending_fit is None or not self._pending_fit.done():
-            return
-        finished_fit = self._pending_fit
-        # There is no pending fit any more, also where its result cannot be adopted.
-        self._pending_fit = None
-        self._adopt(finished_fit.result)
-
     def _start_fit_when_due(self) -> None:
         """Starts a fit of the model to the samples in the memory, when it is due and no other is running.
 
         With an executor the result is adopted at a later sample; without one, the fit is computed here and now. The
-        next fit is due ``LEARNING_SECONDS`` of samples later, or more where the memory holds more than
-        ``FULL_RATE_SAMPLES``, since a fit then takes longer.
+        next fit is due when new samples are ``NEW_SAMPLE_SHARE`` of those that this one has, but not before
+        ``LEARNING_SECONDS`` have passed, or longer where the memory holds more than ``FULL_RATE_SAMPLES``.
         """
         is_due = self.refits and self._sample_count >= self._next_fit_sample
         if not is_due or self._pending_fit is not None or not self._memory.blocks:
             return
         record = self._memory.record()
         end_time = self._memory.blocks[-1].end_time
-        pause = LEARNING_SECONDS * max(len(record) / FULL_RATE_SAMPLES, 1.0)
-        self._next_fit_sample = self._sample_count + round(pause / self._dt)
+        least_pause = LEARNING_SECONDS / self._dt * max(len(record) / FULL_RATE_SAMPLES, 1.0)
+        self._next_fit_sample = self._sample_count + round(
+            max(least_pause, NEW_SAMPLE_SHARE * len(record))
+        )
         if self._executor is None:
             self._adopt(lambda: _learn_and_monitor(record, self._settings, end_time))
             return
@@ -557,7 +582,11 @@ def _checked_row(values: Any, name: str, columns: int) -> Array:
     Raises:
         ValueError: There are more or fewer, or one is not finite or larger than ``MAX_ABS_VALUE``.
     """
-    row: Array = validated_table([values], name, columns)[0]
+    if isinstance(values, np.ndarray) and values.shape == (columns,) and values.dtype == float:
+        # The rows of a live stream are such arrays, which need no conversion.
+        row = values
+    else:
+        row = validated_table([values], name, columns)[0]
     require_finite_and_bounded(row, name)
     return row
 

@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Iterable
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -102,8 +101,12 @@ class SampleMemory:
         self.blocks: deque[MemoryBlock] = deque(maxlen=max_blocks)
         self.dt = dt
         self.block_size = block_size
-        # Inputs and outputs of each sample since the last gap, the latest first, also of those within blocks.
-        self._samples_since_gap: deque[ArrayPair] = deque(maxlen=max_blocks * block_size)
+        # Inputs and outputs of the samples since the last gap, also of those within blocks: (2N, r) and (2N, m) for the
+        # N latest, so that they lie in one piece. Where the tables are full, the latest N move to their beginning.
+        self._max_samples = max_blocks * block_size
+        self._inputs: Array = np.empty((0, 0))
+        self._outputs: Array = np.empty((0, 0))
+        self._samples_since_gap = 0
         # The latest so many of them belong to no block yet.
         self._open_samples = 0
         self._next_block_starts_segment = True
@@ -120,8 +123,12 @@ class SampleMemory:
         Returns:
             Whether the sample has completed a block, which is now the last of ``blocks``.
         """
-        # The latest sample comes first; the deque drops the oldest one when it is full.
-        self._samples_since_gap.appendleft((inputs, outputs))
+        row = self._samples_since_gap
+        if row == len(self._inputs):
+            row = self._make_room(len(inputs), len(outputs))
+        self._inputs[row] = inputs
+        self._outputs[row] = outputs
+        self._samples_since_gap = row + 1
         self._open_samples += 1
         self._latest_time = time
         if self._open_samples < self.block_size:
@@ -139,7 +146,7 @@ class SampleMemory:
         if has_open_samples:
             self._complete_block()
         self._next_block_starts_segment = True
-        self._samples_since_gap.clear()
+        self._samples_since_gap = 0
         return has_open_samples
 
     def record(self) -> Record:
@@ -153,12 +160,31 @@ class SampleMemory:
             number: Number of samples; fewer are returned where there are fewer since the gap.
 
         Returns:
-            Inputs and outputs in the order of time, (number, r) and (number, m).
+            Inputs and outputs in the order of time, (number, r) and (number, m): views, which hold until the next
+            sample is added.
         """
-        latest_first = list(islice(self._samples_since_gap, number))
-        inputs = [sample[0] for sample in reversed(latest_first)]
-        outputs = [sample[1] for sample in reversed(latest_first)]
-        return np.array(inputs), np.array(outputs)
+        end = self._samples_since_gap
+        start = max(end - min(number, self._max_samples), 0)
+        return self._inputs[start:end], self._outputs[start:end]
+
+    def _make_room(self, inputs: int, outputs: int) -> int:
+        """Makes tables for the samples where there are none yet, and else moves the latest samples to their beginning.
+
+        Args:
+            inputs: Number of inputs, r.
+            outputs: Number of outputs, m.
+
+        Returns:
+            Row of the tables for the next sample.
+        """
+        if not len(self._inputs):
+            self._inputs = np.empty((2 * self._max_samples, inputs))
+            self._outputs = np.empty((2 * self._max_samples, outputs))
+            return 0
+        kept = self._max_samples
+        for table in (self._inputs, self._outputs):
+            table[:kept] = table[-kept:]
+        return kept
 
     def _complete_block(self) -> None:
         """Moves the samples that belong to no block yet to a new block, the last of ``blocks``.
@@ -166,7 +192,10 @@ class SampleMemory:
         Where there are ``max_blocks`` already, the oldest one is dropped.
         """
         inputs, outputs = self.latest_samples(self._open_samples)
-        block = MemoryBlock(inputs, outputs, self._next_block_starts_segment, self._latest_time)
+        # The tables of the memory are written over: a block has samples of its own.
+        block = MemoryBlock(
+            inputs.copy(), outputs.copy(), self._next_block_starts_segment, self._latest_time
+        )
         self.blocks.append(block)
         self._open_samples = 0
         self._next_block_starts_segment = False

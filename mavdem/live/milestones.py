@@ -1,0 +1,144 @@
+"""Milestones of a live flight, reported once each: first model, physical parameters, and what a flight has shown.
+
+The first estimate of the wind is reported by ``mavdem.live.wind``.
+"""
+
+from collections.abc import Callable
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from mavdem.facts import Fact
+from mavdem.facts.lights import Light
+from mavdem.facts.margins import MarginsLight
+from mavdem.facts.session import Session
+from mavdem.live.learning import FlightLearning
+from mavdem.live.session_status import SessionStatus
+from mavdem.plant.parameters import Physical
+
+
+class Milestones:
+    """Reports what becomes known in a live session, so that its lines can be read without a dashboard."""
+
+    def __init__(self, axis: str, log: Callable[[Fact], None]) -> None:
+        """Begins without a milestone.
+
+        Args:
+            axis: "roll" or "pitch".
+            log: function that is called with each fact.
+        """
+        self._axis = axis
+        self._log = log
+        self._has_model = False
+        self._has_parameters = False
+        # Whether the vehicle flew at the latest update, and how many rows had been learned from at the last landing.
+        self._was_flying = False
+        self._reported_rows = 0
+
+    def note_first_model(self, learning: FlightLearning, now: float, takeoff_time: float) -> None:
+        """Reports the first model, as soon as it is there.
+
+        Args:
+            learning: has the latest model.
+            now: s of the boot clock.
+            takeoff_time: when the vehicle left the ground, s of that clock; minus infinity where that was not seen.
+        """
+        learner = learning.learner
+        if self._has_model or learner is None or learner.learned is None:
+            return
+        self._has_model = True
+        seconds = now - takeoff_time
+        self._log(
+            Fact(
+                Session.FIRST_MODEL,
+                clock=now,
+                axis=self._axis,
+                duration=seconds if isfinite(seconds) else None,
+            )
+        )
+
+    def update(self, learning: FlightLearning, status: SessionStatus, now: float) -> None:
+        """Reports the first physical parameters with an identifiable effectiveness, and what a flight has shown.
+
+        The latter comes at each landing after which more rows have been learned from than before. It is called once in
+        a status period.
+
+        Args:
+            learning: has the latest estimates.
+            status: of the session, with the judgement of the model and the wind.
+            now: s of the boot clock.
+        """
+        physical = _latest_physical(learning)
+        if physical is not None and physical.identifiable and not self._has_parameters:
+            self._has_parameters = True
+            self._log(
+                Fact(Session.PARAMETERS_KNOWN, axis=self._axis, **_parameter_figures(learning))
+            )
+        has_landed = self._was_flying and not status.is_flying
+        self._was_flying = status.is_flying
+        if has_landed and learning.learned_rows > self._reported_rows:
+            self._reported_rows = learning.learned_rows
+            self._report_landing(learning, status, now)
+
+    def _report_landing(self, learning: FlightLearning, status: SessionStatus, now: float) -> None:
+        """Reports what the flight has shown: physical parameters, margins, wind, and how late estimates came.
+
+        Args:
+            learning: has the latest estimates.
+            status: of the session, with the judgement of the model and the wind.
+            now: s of the boot clock.
+        """
+        margins = status.overall_judgement.lights.get(Light.MARGINS)
+        if margins is not None and margins.code is not MarginsLight.LOOP_MARGINS:
+            margins = None
+        wind = status.mean_wind
+        self._log(
+            Fact(
+                Session.FLIGHT_LEARNED,
+                clock=now,
+                axis=self._axis,
+                phase_margin=None if margins is None else margins.figures["phase_margin"],
+                gain_margin=None if margins is None else margins.figures["gain_margin"],
+                because=() if wind is None else wind.facts,
+                delay=status.latency.longest if isfinite(status.latency.longest) else None,
+                **_parameter_figures(learning),
+            )
+        )
+
+
+def _latest_physical(learning: FlightLearning) -> Physical | None:
+    """Returns the physical parameters of the latest estimate; None without any."""
+    return None if learning.estimate is None else learning.estimate.physical
+
+
+def _parameter_figures(learning: FlightLearning) -> dict[str, Any]:
+    """Returns the physical parameters as figures of a fact, each with the half width of its 90 % interval.
+
+    Args:
+        learning: has the latest estimates, and the unit of the inputs.
+
+    Returns:
+        Mean effect of the motors, rad/s² per unit of input, and rate damping, 1/s; None for what is not identifiable.
+    """
+    figures: dict[str, Any] = {
+        "effect": None,
+        "effect_error": None,
+        "damping": None,
+        "damping_error": None,
+        "input_unit": "",
+    }
+    if learning.row_format is not None and learning.row_format.input_units:
+        figures["input_unit"] = learning.row_format.input_units[0]
+    physical = _latest_physical(learning)
+    if physical is None:
+        return figures
+    effect, effect_error = physical.mean_effect()
+    if np.isfinite(effect_error):
+        figures["effect"] = effect
+        figures["effect_error"] = effect_error
+    damping_error = physical.interval().damping
+    if np.isfinite(damping_error):
+        figures["damping"] = physical.damping
+        figures["damping_error"] = damping_error
+    return figures

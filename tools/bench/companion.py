@@ -1,0 +1,313 @@
+#!/usr/bin/env python
+"""What `mavdem live` costs on a small computer beside the autopilot: one core with a limit; prints a table.
+
+Usage: tools/bench/companion.py [--rate HZ ...] [--share SHARE] [--python PYTHON] [--checkout FOLDER]
+
+A simulated flight of half a minute is sent over UDP by another process on another core. The session and all processes
+that it starts share one core. Their share of it is limited by a control group of Linux; where there is none, busy
+processes beside them take the rest, and the table says so.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Thread
+from typing import NamedTuple
+
+import click
+import pandas as pd
+import psutil
+
+from mavdem.ingest import read_log
+
+LINK = "127.0.0.1:14596"
+"""Where the flight is sent to."""
+
+SCENARIO = """
+description = "An Iris on a small computer's link: roll excited over its whole band, in a light wind."
+duration = 30
+seed = 35
+[vehicle]
+model = "iris"
+[[wind]]
+kind = "gaussian"
+sd = 0.5
+s = 0.2
+[excitation]
+kind = "multisine"
+sd = 2
+lowest = 0.2
+highest = 6
+period = 10
+[stream]
+autopilot = "ardupilot"
+rates = {{ ATTITUDE = {rate}, SERVO_OUTPUT_RAW = {rate} }}
+"""
+"""Flight whose physical parameters are identifiable, so that all of the learning runs."""
+
+STARTING_SECONDS = 20.0
+"""Time for the session to start on its share of a core before the flight, s."""
+
+FLIGHT_SECONDS = 45.0
+"""Longest time from the start of the sender to its last message, s."""
+
+QUOTA_PERIOD = 0.02
+"""Period of the limit, s: within each, the processes run for their share of it, and then wait."""
+
+SAMPLING_PERIOD = 0.5
+"""Time between two looks at processor time and memory, s."""
+
+CONTROL_GROUPS = Path("/sys/fs/cgroup")
+"""Where Linux has its control groups: version 2 in this folder, version 1 in ``cpu`` below it."""
+
+
+class Usage(NamedTuple):
+    """Processor time and memory of a process with all its children at one time."""
+
+    time: float
+    """Time, s of the monotonic clock."""
+
+    processor: float
+    """Processor time so far, s."""
+
+    memory: float
+    """Memory, MB: of what several processes share, each has its part (proportional set size)."""
+
+
+class LiveRun(NamedTuple):
+    """A live session, as it was observed from outside."""
+
+    document: dict[str, object]
+    """What ``--json`` printed."""
+
+    usages: list[Usage]
+    """Processor time and memory over time."""
+
+    lines: list[tuple[float, str]]
+    """Lines on standard error, with the time of each, s of the monotonic clock."""
+
+    sender_start: float
+    """When the first message came, s of that clock."""
+
+    sender_end: float
+    """When the last message was sent, s of that clock."""
+
+
+@contextmanager
+def control_group(share: float) -> Iterator[Path | None]:
+    """Makes a control group whose processes get a share of one core.
+
+    Args:
+        share: share of one core, 0 to 1.
+
+    Yields:
+        The file that takes the numbers of processes; None where this machine lets nobody make such a group.
+    """
+    period = round(1e6 * QUOTA_PERIOD)
+    quota = round(share * period)
+    version_2 = CONTROL_GROUPS / "mavdem-bench"
+    version_1 = CONTROL_GROUPS / "cpu" / "mavdem-bench"
+    limits = (
+        (version_2, {"cpu.max": f"{quota} {period}"}),
+        (version_1, {"cpu.cfs_period_us": str(period), "cpu.cfs_quota_us": str(quota)}),
+    )
+    for folder, values in limits:
+        # A folder of control groups has this file; elsewhere a new folder would be an ordinary one.
+        if not (folder.parent / "cgroup.procs").exists():
+            continue
+        try:
+            folder.mkdir(exist_ok=True)
+            for name, value in values.items():
+                (folder / name).write_text(value)
+        except OSError:
+            continue
+        try:
+            yield folder / "cgroup.procs"
+        finally:
+            folder.rmdir()
+        return
+    yield None
+
+
+@contextmanager
+def load_beside(core: int, share: float) -> Iterator[None]:
+    """Keeps a core busy with as many processes as leave a share of it to one more process."""
+    busy_loop = f"import os; os.sched_setaffinity(0, {{{core}}})\nwhile True: pass"
+    processes = []
+    for _ in range(round(1 / share) - 1):
+        processes.append(subprocess.Popen([sys.executable, "-c", busy_loop]))
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def usage_now(session: psutil.Process) -> Usage:
+    """Returns processor time and memory of a process and all its children."""
+    processor = 0.0
+    memory = 0.0
+    for process in (session, *session.children(recursive=True)):
+        with suppress(psutil.Error):
+            times = process.cpu_times()
+            processor += times.user + times.system
+            memory += process.memory_full_info().pss / 1e6
+    return Usage(time.monotonic(), processor, memory)
+
+
+def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | None) -> LiveRun:
+    """Runs a live session while a flight is sent to it, and observes it.
+
+    Args:
+        rate: rate of attitude and motors, Hz.
+        python: interpreter of the session.
+        checkout: folder whose ``mavdem`` it runs.
+        core: core that it runs on; the flight is sent from the others.
+        group: file that takes the number of a process into the control group; None for none.
+    """
+
+    def limit() -> None:
+        os.sched_setaffinity(0, {core})
+        if group is not None:
+            group.write_text(str(os.getpid()))
+
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        scenario = folder / "flight.toml"
+        scenario.write_text(SCENARIO.format(rate=rate))
+        duration = STARTING_SECONDS + FLIGHT_SECONDS + 5.0
+        words = (
+            f"-m mavdem live udpin:{LINK} --plain --json --duration {duration:.0f} --record".split()
+        )
+        environment = os.environ | {"PYTHONPATH": str(checkout)}
+        session = subprocess.Popen(
+            [python, *words, str(folder / "live.tlog")],
+            cwd=folder,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=limit,
+        )
+        lines: list[tuple[float, str]] = []
+        output: list[str] = []
+        usages: list[Usage] = []
+
+        def read_lines() -> None:
+            assert session.stderr is not None
+            for line in session.stderr:
+                lines.append((time.monotonic(), line.rstrip()))
+
+        def read_output() -> None:
+            assert session.stdout is not None
+            output.append(session.stdout.read())
+
+        def measure() -> None:
+            observed = psutil.Process(session.pid)
+            with suppress(psutil.Error):
+                while True:
+                    usages.append(usage_now(observed))
+                    time.sleep(SAMPLING_PERIOD)
+
+        threads = [Thread(target=work, daemon=True) for work in (read_lines, read_output, measure)]
+        for thread in threads:
+            thread.start()
+        time.sleep(STARTING_SECONDS)
+        other_cores = set(range(os.cpu_count() or 1)) - {core} or {core}
+        sender = subprocess.run(
+            [sys.executable, "-m", "mavdem", "fly", str(scenario), "--udp", LINK],
+            check=True,
+            stderr=subprocess.DEVNULL,
+            preexec_fn=lambda: os.sched_setaffinity(0, other_cores),
+        )
+        assert sender.returncode == 0
+        sender_end = time.monotonic()
+        session.wait()
+        for thread in threads:
+            thread.join(timeout=5.0)
+        document = json.loads(output[0])
+        document["recorded"] = read_log(folder / "live.tlog").frames
+    following = [when for when, line in lines if "Following vehicle" in line]
+    return LiveRun(document, usages, lines, min(following, default=sender_end), sender_end)
+
+
+def row_of(run: LiveRun, rate: float) -> dict[str, object]:
+    """Returns the figures of a run by the headers of the table.
+
+    The processor time is that of all processes of the session together, from the first message to the last.
+    """
+    during = [use for use in run.usages if run.sender_start <= use.time <= run.sender_end]
+    seconds = during[-1].time - during[0].time
+    share = (during[-1].processor - during[0].processor) / seconds
+    document: dict[str, dict[str, float]] = run.document  # type: ignore[assignment]
+    latency = document["latency"]
+    first_models = [line for _, line in run.lines if line.startswith("First model")]
+    return {
+        "Hz": rate,
+        "rows": sum(document["samples"].values()),
+        "latest sample, s": latency["max"],
+        "p99, ms": 1e3 * latency["p99"],
+        "core, %": 100 * share,
+        "processor in all, s": run.usages[-1].processor,
+        "memory, MB": max(use.memory for use in run.usages),
+        "frames lost": document["lost"],
+        "recorded": run.document["recorded"],
+        "first model": first_models[0] if first_models else "none",
+    }
+
+
+@click.command(help=__doc__)
+@click.option("--rate", "rates", multiple=True, type=float, default=(100.0, 400.0))
+@click.option("--share", default=0.25, help="Share of one core, 1 for all of it.")
+@click.option(
+    "--python", default=sys.executable, help="Interpreter, as of an install without Rerun."
+)
+@click.option(
+    "--checkout",
+    default=Path(__file__).parents[2],
+    type=click.Path(exists=True, path_type=Path),
+    help="Checkout of the repository whose live session is measured.",
+)
+def main(rates: tuple[float, ...], share: float, python: str, checkout: Path) -> None:
+    """Prints a row for each rate.
+
+    Args:
+        rates: rates of attitude and motors, Hz.
+        share: share of one core that the session gets.
+        python: interpreter of the session.
+        checkout: repository whose session is measured.
+    """
+    core = max(os.sched_getaffinity(0))
+    load = os.getloadavg()[0]
+    rows = []
+    if share >= 1:
+        print(f"One core, no limit; load before {load:.1f}.")
+        for rate in rates:
+            rows.append(row_of(live_run(rate, python, checkout, core, None), rate))
+    else:
+        with control_group(share) as group:
+            if group is not None:
+                print(
+                    f"One core, limited to {share:.0%} by {group.parent}; load before: {load:.1f}."
+                )
+                for rate in rates:
+                    rows.append(row_of(live_run(rate, python, checkout, core, group), rate))
+            else:
+                print(f"One core with a load beside it that leaves {share:.0%}.")
+                with load_beside(core, share):
+                    for rate in rates:
+                        rows.append(row_of(live_run(rate, python, checkout, core, None), rate))
+    for row in rows:
+        print(pd.Series(row).to_string(float_format="{:,.3g}".format))
+        print()
+
+
+if __name__ == "__main__":
+    main()
