@@ -49,12 +49,23 @@ def frames(log):
         place = end + 8
 
 
+def is_taken(port):
+    """Whether a program listens at a port of UDP."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return True
+    return False
+
+
 def fly_live(log, folder):
     """Listens to the frames of a log, records them, and returns the exit code."""
     port = free_port()
 
     def send():
-        time.sleep(1.0)
+        while not is_taken(port):
+            time.sleep(0.05)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
             for frame in frames(log):
                 vehicle.sendto(frame, ("127.0.0.1", port))
