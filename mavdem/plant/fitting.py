@@ -128,7 +128,8 @@ class LogPosterior(NamedTuple):
         value = self._log_prior(at)
         slope = (mean - at) / sd**2
         curvature = np.diag(sd**-2.0)
-        for errors, _ in self.innovations(np.vstack([at, at + np.diag(steps)])):
+        for chunk in self._chunks():
+            errors = self.model.innovations_after_steps(at, steps, chunk)
             # The first row has the errors at the point itself, the others with one parameter changed. To save memory
             # they become slopes in place, of errors scaled to a mean square of 1 in each window.
             value += _log_likelihood(errors[0])
@@ -153,10 +154,14 @@ class LogPosterior(NamedTuple):
         Args:
             thetas: b parameter vectors (b, k).
         """
-        for start in range(0, len(self.windows.rate), MAX_CHUNK):
-            with np.errstate(all="ignore"):
-                chunk = self.windows.select(slice(start, start + MAX_CHUNK))
+        with np.errstate(all="ignore"):
+            for chunk in self._chunks():
                 yield self.model.innovations(thetas, chunk)
+
+    def _chunks(self) -> Iterator[FlightWindows]:
+        """Yields at most ``MAX_CHUNK`` of the windows at a time."""
+        for start in range(0, len(self.windows.rate), MAX_CHUNK):
+            yield self.windows.select(slice(start, start + MAX_CHUNK))
 
     def _log_prior(self, theta: Array) -> float:
         """Returns the logarithm of the normal prior density of θ (k,), up to a constant."""

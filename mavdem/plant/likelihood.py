@@ -206,12 +206,7 @@ class GrayBoxModel(NamedTuple):
     def rate_by_motors(self, thetas: Array, windows: FlightWindows) -> ComplexArray:
         """Returns the Fourier transform of the body rate that the motors alone cause.
 
-        The inputs are delayed, brought from samples to continuous time, and multiplied by the motors' effects and by
-        the frequency response of the axis, 1 / ((damping + jω) (1 + lag jω)). Sampling folds (aliases) frequencies
-        beyond the Nyquist frequency into those below it, so the response is summed over all folds of each frequency.
-
-        The inputs come in channels. The interpolated and the held channel add up to the inputs; they differ in how the
-        signal between samples is modelled. Each refinement of the model has one more channel.
+        The inputs are multiplied by the motors' effects, and by the frequency response of their channel.
 
         Args:
             thetas: b parameter vectors θ (b, k).
@@ -219,6 +214,39 @@ class GrayBoxModel(NamedTuple):
 
         Returns:
             Transforms (b, W, F), rad/s.
+        """
+        inputs = self._input_channels(windows)
+        torques = self.effect(thetas).astype(complex) @ inputs.reshape(*inputs.shape[:2], -1)
+        torques = torques.reshape(len(inputs), len(thetas), *windows.rate.shape)
+        return np.einsum("cbwf,cbf->bwf", torques, self._channel_responses(thetas, windows))
+
+    def _input_channels(self, windows: FlightWindows) -> ComplexArray:
+        """Returns the channels of the inputs that this model uses (channels, r, W, F).
+
+        The interpolated and the held channel add up to the inputs; they differ in how the signal between samples is
+        modelled. Each refinement of the model has one more channel.
+
+        Args:
+            windows: W windows with F frequencies.
+        """
+        channels = [INTERPOLATED_CHANNEL, HELD_CHANNEL]
+        for name in self.refinements:
+            channels.append(REFINEMENT_CHANNEL + REFINEMENTS.index(name))
+        return windows.inputs[channels]
+
+    def _channel_responses(self, thetas: Array, windows: FlightWindows) -> ComplexArray:
+        """Returns the frequency response of the body rate to the motors' torque, for each channel of the inputs.
+
+        The inputs are delayed, brought from samples to continuous time, and multiplied by the frequency response of the
+        axis, 1 / ((damping + jω) (1 + lag jω)). Sampling folds (aliases) frequencies beyond the Nyquist frequency into
+        those below it, so the response is summed over all folds of each frequency.
+
+        Args:
+            thetas: b parameter vectors θ (b, k).
+            windows: windows with F frequencies.
+
+        Returns:
+            Responses (channels, b, F), s; the channels are those of ``_input_channels``.
         """
         dt = windows.dt
         # The delay is a number of whole samples, and a linear interpolation between two samples for the rest.
@@ -240,17 +268,10 @@ class GrayBoxModel(NamedTuple):
         hold = min(1.0, RESPONSE_SECONDS / dt) * held_spectrum * np.exp(-0.5j * omega * dt)
         interpolated_response = delayed * np.sum(plant * interpolation, axis=1)
         held_response = delayed * np.sum(plant * hold, axis=1)
-
-        channels = [INTERPOLATED_CHANNEL, HELD_CHANNEL]
         responses = [interpolated_response, held_response]
-        values = self.refinement_values(thetas).T
-        for name, value in zip(self.refinements, values, strict=True):
-            channels.append(REFINEMENT_CHANNEL + REFINEMENTS.index(name))
+        for value in self.refinement_values(thetas).T:
             responses.append(interpolated_response * value[:, None])
-        inputs = windows.inputs[channels]
-        torques = self.effect(thetas).astype(complex) @ inputs.reshape(*inputs.shape[:2], -1)
-        torques = torques.reshape(len(inputs), len(thetas), *windows.rate.shape)
-        return np.einsum("cbwf,cbf->bwf", torques, responses)
+        return np.array(responses)
 
     def noise_density(self, thetas: Array, windows: FlightWindows) -> Array:
         """Returns the spectral density of the part of the body rate that wind torque and measurement noise cause.
@@ -292,13 +313,76 @@ class GrayBoxModel(NamedTuple):
             Prediction errors (b, W, N′), rad/s, without their mean in each window, since a constant acceleration
             explains that; and the variance (b,) that the model gives them.
         """
-        # The first samples of a window lack a past, and are left out.
         factor, variance = minimum_phase(self.noise_density(thetas, windows), windows.samples)
-        residual = (windows.rate - self.rate_by_motors(thetas, windows)) / factor[:, None]
-        first = round(SETTLING_SECONDS / windows.dt) + 1
-        errors = irfft(residual, windows.samples)[..., first:]
-        errors -= errors.mean(axis=-1, keepdims=True)
-        return errors, variance
+        residual = windows.rate - self.rate_by_motors(thetas, windows)
+        return _whitened(residual, factor, windows), variance
+
+    def innovations_after_steps(
+        self, theta: Array, steps: Array, windows: FlightWindows
+    ) -> Array:
+        """Returns the one-step prediction errors at a point θ, and those with each entry of θ changed by a step.
+
+        They are those of :meth:`innovations`. But what an entry does not change is computed only once: entries of the
+        effect change neither the axis' response nor the noise, and those of the noise not the motors' part of the rate.
+
+        Args:
+            theta: parameters θ (k,).
+            steps: change of each parameter (k,).
+            windows: W windows of N samples.
+
+        Returns:
+            Prediction errors (k + 1, W, N′), rad/s, at θ first, without their mean in each window.
+        """
+        points = np.vstack([theta, theta + np.diag(steps)])
+        # Row i + 1 of the points has entry i of θ changed.
+        effect_rows = slice(0, self.motors + 2)
+        plant_rows = [
+            self.damping_index + 1,
+            self.lag_index + 1,
+            self.delay_index + 1,
+            *range(self.noise_index + 2, len(points)),
+        ]
+        noise_rows = [
+            0,
+            self.damping_index + 1,
+            *range(self.wind_index + 1, self.noise_index + 2),
+        ]
+        inputs = self._input_channels(windows)
+        responses = self._channel_responses(points[[0, *plant_rows]], windows)
+
+        rate_by_motors = np.empty((len(points), *windows.rate.shape), complex)
+        rate_per_effect = np.einsum("crwf,cf->rwf", inputs, responses[:, 0])
+        effects = self.effect(points[effect_rows]).astype(complex)
+        rate_by_motors[effect_rows] = np.tensordot(effects, rate_per_effect, axes=1)
+        rate_by_motors[self.motors + 2 :] = rate_by_motors[0]
+        torques = np.einsum("crwf,r->cwf", inputs, effects[0])
+        rate_by_motors[plant_rows] = np.einsum("cwf,cbf->bwf", torques, responses[:, 1:])
+
+        noise_densities = self.noise_density(points[noise_rows], windows)
+        noise_factors, _ = minimum_phase(noise_densities, windows.samples)
+        factor = np.repeat(noise_factors[:1], len(points), axis=0)
+        factor[noise_rows] = noise_factors
+        return _whitened(windows.rate - rate_by_motors, factor, windows)
+
+
+def _whitened(residual: ComplexArray, factor: ComplexArray, windows: FlightWindows) -> Array:
+    """Returns the one-step prediction errors of windows, without their beginnings and their mean.
+
+    The first samples of a window lack a past, and are left out. The mean of a window is explained by a constant
+    acceleration.
+
+    Args:
+        residual: transforms of the rate less that of the motors (b, W, F), rad/s.
+        factor: minimum-phase factors of the noise's density (b, F).
+        windows: the W windows, of N samples.
+
+    Returns:
+        Prediction errors (b, W, N′), rad/s.
+    """
+    first = round(SETTLING_SECONDS / windows.dt) + 1
+    errors = irfft(residual * (1 / factor)[:, None], windows.samples)[..., first:]
+    errors -= errors.mean(axis=-1, keepdims=True)
+    return errors
 
 
 def _aliases(windows: FlightWindows) -> Array:

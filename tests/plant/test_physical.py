@@ -99,6 +99,22 @@ def test_the_slope_of_the_log_joint_is_that_of_its_value():
         assert slope == approx(np.diff(ends)[0] / 2e-5, abs=1e-2 * abs(about.gradient).max())
 
 
+def test_errors_after_steps_are_those_at_the_changed_parameters():
+    flight = in_closed_loop(2, steering=1.0, samples=900)
+    inputs = (flight.inputs - flight.inputs.mean(axis=0)).reshape(3, 300, -1)
+    rate = flight.outputs[:, 1].reshape(3, -1)
+    windows = FlightWindows.from_samples(inputs, rate, responses_to_innovations(inputs, rate), DT)
+    plain, _ = initial_model(windows, np.sign(MOTORS))
+    model = plain._replace(
+        wind=(FIRST_ORDER, GAUSSIAN_KERNEL), refinements=(Refinement.THRUST_CURVE, Refinement.JUMPS)
+    )
+    mean, sd = model.prior
+    theta = mean + 0.1 * sd * default_rng(3).standard_normal(len(mean))
+    errors, _ = model.innovations(np.vstack([theta, theta + np.diag(sd / 5)]), windows)
+    assert_allclose(model.innovations_after_steps(theta, sd / 5, windows), errors, atol=1e-12)
+
+
+
 @mark.slow
 @mark.parametrize(
     "directions",
