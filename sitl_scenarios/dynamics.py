@@ -27,10 +27,8 @@ from sitl_scenarios.vectors import (
     Quaternion,
     Vector3,
     Vector4,
-    advanced,
     normalised,
     rotated,
-    rotation_matrix,
 )
 from sitl_scenarios.vehicles import AIR_DENSITY, GRAVITY, airframe
 
@@ -158,8 +156,20 @@ def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> D
         # numbers twice as long.
         p, q, r = rates
         wind_north, wind_east, wind_down, air_p, air_q, roll_moment, pitch_moment, yaw_moment = air
-        # Elements of the rotation matrix, by the axis in NED and the body axis.
-        (nx, ny, nz), (ex, ey, ez), (dx, dy, dz) = rotation_matrix(attitude)
+        # Elements of the rotation matrix, by the axis in NED and the body axis, as ``rotation_matrix`` has them.
+        w, x, y, z = attitude
+        x2 = x + x
+        y2 = y + y
+        z2 = z + z
+        nx = 1.0 - y * y2 - z * z2
+        ny = x * y2 - w * z2
+        nz = x * z2 + w * y2
+        ex = x * y2 + w * z2
+        ey = 1.0 - x * x2 - z * z2
+        ez = y * z2 - w * x2
+        dx = x * z2 - w * y2
+        dy = y * z2 + w * x2
+        dz = 1.0 - x * x2 - y * y2
         north_speed, east_speed, down_speed = velocity
         north_air = wind_north - north_speed
         east_air = wind_east - east_speed
@@ -186,20 +196,16 @@ def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> D
             pitch_moment - damping_y * q - hub_height * force_x + centre_forward * hull_force_z
         )
         moment_z = yaw_moment - damping_z * r + centre_right * force_x - centre_forward * force_y
-        for rotor_speed, (forward, right, _, _) in zip(rotors, rotor_effects, strict=True):
-            inflow = inflow_z + inflow_p * right - inflow_q * forward
-            lost_thrust = rotor_speed * inflow
-            force_z += lost_thrust
-            moment_x += right * lost_thrust
-            moment_y -= forward * lost_thrust
-
-        # Thrust and torque of the rotors in still air.
+        # Thrust and torque of the rotors in still air, and the thrust that each loses to the inflow.
         total_thrust = total_torque = 0.0
-        total_moment_x = moment_x
-        total_moment_y = moment_y
+        thrust_moment_x = thrust_moment_y = 0.0
         for rotor_speed, (forward, right, thrust_fraction, signed_torque_fraction) in zip(
             rotors, rotor_effects, strict=True
         ):
+            lost_thrust = rotor_speed * (inflow_z + inflow_p * right - inflow_q * forward)
+            force_z += lost_thrust
+            moment_x += right * lost_thrust
+            moment_y -= forward * lost_thrust
             thrust = (
                 thrust_fraction * (quadratic_thrust * rotor_speed + linear_thrust) * rotor_speed
             )
@@ -209,15 +215,15 @@ def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> D
                 * (quadratic_torque * rotor_speed + linear_torque)
                 * rotor_speed
             )
-            total_moment_x -= right * thrust
-            total_moment_y += forward * thrust
+            thrust_moment_x -= right * thrust
+            thrust_moment_y += forward * thrust
 
         north_force = nx * force_x + ny * force_y + nz * force_z
         east_force = ex * force_x + ey * force_y + ez * force_z
         down_force = dx * force_x + dy * force_y + dz * force_z
         # Euler's equations of a rigid body without products of inertia.
-        p_dot = (total_moment_x + (iy - iz) * q * r) / ix
-        q_dot = (total_moment_y + (iz - ix) * r * p) / iy
+        p_dot = (moment_x + thrust_moment_x + (iy - iz) * q * r) / ix
+        q_dot = (moment_y + thrust_moment_y + (iz - ix) * r * p) / iy
         r_dot = (moment_z + total_torque + (ix - iy) * p * q) / iz
         return Accelerations(
             (
@@ -342,32 +348,54 @@ class Body:
         Returns:
             State at the end of the step, with the accelerations at its middle.
         """
+        # Written out in floats: functions of three numbers would take half of the time for their calls.
         step = self._step
         half = self._half_step
-        position, velocity, attitude, rates, rotors, (previous_linear, previous_angular, _, _) = (
-            state
-        )
+        quarter = half / 2
+        (
+            (north, east, down),
+            (north_speed, east_speed, down_speed),
+            attitude,
+            (p, q, r),
+            rotors,
+            ((north_change, east_change, down_change), (p_change, q_change, r_change), _, _),
+        ) = state
         middle_rotors, rotors = self.lagged_speeds(rotors, settled_speeds)
-        p, q, r = rates
         # State at the middle. The attitude turns with the rates at the beginning; their own change would be of higher
         # order.
         accelerations = self.dynamics(
-            rotated(attitude, (p * half / 2, q * half / 2, r * half / 2)),
-            advanced(velocity, previous_linear, half),
-            advanced(rates, previous_angular, half),
+            rotated(attitude, (p * quarter, q * quarter, r * quarter)),
+            (
+                north_speed + half * north_change,
+                east_speed + half * east_change,
+                down_speed + half * down_change,
+            ),
+            (p + half * p_change, q + half * q_change, r + half * r_change),
             middle_rotors,
             air,
         )
-        linear, angular, _, _ = accelerations
+        (north_change, east_change, down_change), (p_change, q_change, r_change), _, _ = (
+            accelerations
+        )
         # State at the end. Positions and angles change with the mean velocity and the mean rates of the step.
-        mean_velocity = advanced(velocity, linear, half)
-        mean_p, mean_q, mean_r = advanced(rates, angular, half)
-        half_angles = (half * mean_p, half * mean_q, half * mean_r)
+        half_angles = (
+            half * (p + half * p_change),
+            half * (q + half * q_change),
+            half * (r + half * r_change),
+        )
         return State(
-            advanced(position, mean_velocity, step),
-            advanced(velocity, linear, step),
+            (
+                north + step * (north_speed + half * north_change),
+                east + step * (east_speed + half * east_change),
+                down + step * (down_speed + half * down_change),
+            ),
+            (
+                north_speed + step * north_change,
+                east_speed + step * east_change,
+                down_speed + step * down_change,
+            ),
             normalised(rotated(attitude, half_angles)),
-            advanced(rates, angular, step),
+            (p + step * p_change, q + step * q_change, r + step * r_change),
             rotors,
             accelerations,
         )
@@ -382,12 +410,17 @@ class Body:
             speeds: Rotor speeds at the beginning of the step, rad/s.
             settled_speeds: Speeds that the rotors tend to, rad/s.
         """
+        rise_half_step, rise_step = self._rise
+        fall_half_step, fall_step = self._fall
         half_step = []
         full_step = []
         for speed, settled_speed in zip(speeds, settled_speeds, strict=True):
             deviation = speed - settled_speed
             # A rotor below its settled speed speeds up.
-            half_step_fraction, step_fraction = self._rise if deviation < 0.0 else self._fall
-            half_step.append(settled_speed + deviation * half_step_fraction)
-            full_step.append(settled_speed + deviation * step_fraction)
+            if deviation < 0.0:
+                half_step.append(settled_speed + deviation * rise_half_step)
+                full_step.append(settled_speed + deviation * rise_step)
+            else:
+                half_step.append(settled_speed + deviation * fall_half_step)
+                full_step.append(settled_speed + deviation * fall_step)
         return LaggedSpeeds(tuple(half_step), tuple(full_step))

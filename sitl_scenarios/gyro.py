@@ -94,8 +94,9 @@ class Gyro:
         """
         for _ in range(steps):
             state = body.next_state(state, settled_speeds, air)
-            vibration_rates = vibration.sample(state.rotors) if vibration else NO_ROTATION
-            self.raw_rates = tuple(map(add, state.rates, vibration_rates))
+            self.raw_rates = state.rates
+            if vibration:
+                self.raw_rates = tuple(map(add, state.rates, vibration.sample(state.rotors)))
             self.filtered_rates = self.raw_rates
             if self._filters:
                 self.filtered_rates = tuple(

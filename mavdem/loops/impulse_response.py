@@ -208,7 +208,8 @@ def estimate_impulse_response(
                     for piece in pieces
                 ]
                 instrument = _overlapping_windows(undisturbed, taps, size)
-            residuals = signal[:, taps:] - _hat_convolutions(setpoint, knots) @ values
+            response = np.tensordot(values, _hat_convolutions(setpoint, knots), axes=1)
+            residuals = signal[:, taps:] - response
             variation = np.ptp(residuals, axis=1)
             # Residuals are all equal if the signal is the response exactly, and not finite after an overflow.
             if not variation.any() or not np.isfinite(variation).all():
@@ -252,7 +253,7 @@ def _hat_convolutions(windows: Array, knots: Array) -> Array:
         knots: lags (K + 2,) from 0 to ``taps``, in samples.
 
     Returns:
-        For each of the last B samples of a window, the convolutions with K hats (W, B, K).
+        The convolutions with each of the K hats, for the last B samples of each window (K, W, B).
     """
     # Between a sample and the next, with the time t in samples, the signal is sample + slope · t. Its integral and its
     # double integral from the window's beginning are polynomials of degree 2 and 3 there, and all three continue.
@@ -264,8 +265,8 @@ def _hat_convolutions(windows: Array, knots: Array) -> Array:
     double_integral = np.hstack([zeros, np.cumsum(increments, axis=1)])
     taps = int(knots[-1])
     size = windows.shape[1]
-    delayed = []
-    for lag in knots.tolist():
+    delayed = np.empty((len(knots), len(windows), size - taps))
+    for index, lag in enumerate(knots.tolist()):
         # The time of a delayed sample is a whole sample and a part of the interval after it.
         whole_samples = ceil(lag)
         part = whole_samples - lag
@@ -278,8 +279,10 @@ def _hat_convolutions(windows: Array, knots: Array) -> Array:
                 + part**2 / 2 * sample[:, rows]
                 + part**3 / 6 * slope[:, rows]
             )
-        delayed.append(value)
-    return np.asarray(np.stack(delayed, axis=-1) @ second_differences(knots))
+        delayed[index] = value
+    # The product with ``second_differences``, whose columns have three weights only, by differences of neighbours.
+    slopes = np.diff(delayed, axis=0) / np.diff(knots)[:, None, None]
+    return np.diff(slopes, axis=0)
 
 
 def _sampled_response(values: Array, knots: Array) -> Array:
@@ -287,8 +290,7 @@ def _sampled_response(values: Array, knots: Array) -> Array:
     taps = int(knots[-1])
     impulse = np.zeros((1, 2 * taps))
     impulse[0, taps] = 1.0
-    response: Array = (_hat_convolutions(impulse, knots) @ values)[0]
-    return response
+    return np.tensordot(values, _hat_convolutions(impulse, knots), axes=1)[0]
 
 
 def _setpoint_without_wind(
@@ -419,10 +421,10 @@ def _regularised_estimate(
     regressors = _hat_convolutions(setpoint, knots)
     instruments = _hat_convolutions(instrument, knots)
     target = signal[:, taps:]
-    over_windows_and_samples = ((0, 1), (0, 1))
+    over_windows_and_samples = ((1, 2), (1, 2))
     instrument_products = np.tensordot(instruments, instruments, axes=over_windows_and_samples)
     regressor_products = np.tensordot(instruments, regressors, axes=over_windows_and_samples)
-    target_products = np.tensordot(instruments, target, axes=over_windows_and_samples)
+    target_products = np.tensordot(instruments, target, axes=2)
     steady_state = hat_areas(knots) / STEADY_STATE_ERROR
     steady_state_products = np.outer(steady_state, steady_state)
     precision = instrument_products + steady_state_products
@@ -434,8 +436,8 @@ def _regularised_estimate(
     values = inverse @ moment
 
     # Indices of the scores: w the window, b its samples, k the nodes.
-    residuals = target - regressors @ values
-    scores = np.einsum("wbk,wb->wk", instruments, residuals) @ inverse.T
+    residuals = target - np.tensordot(values, regressors, axes=1)
+    scores = np.einsum("kwb,wb->wk", instruments, residuals) @ inverse.T
     effective_parameters = np.trace(inverse @ regressor_products)
     windows = len(signal)
     # Each window pulls the estimate towards itself, so the scores are too small. The degrees of freedom correct that.

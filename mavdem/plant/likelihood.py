@@ -317,9 +317,7 @@ class GrayBoxModel(NamedTuple):
         residual = windows.rate - self.rate_by_motors(thetas, windows)
         return _whitened(residual, factor, windows), variance
 
-    def innovations_after_steps(
-        self, theta: Array, steps: Array, windows: FlightWindows
-    ) -> Array:
+    def innovations_after_steps(self, theta: Array, steps: Array, windows: FlightWindows) -> Array:
         """Returns the one-step prediction errors at a point θ, and those with each entry of θ changed by a step.
 
         They are those of :meth:`innovations`. But what an entry does not change is computed only once: entries of the

@@ -114,7 +114,6 @@ def test_errors_after_steps_are_those_at_the_changed_parameters():
     assert_allclose(model.innovations_after_steps(theta, sd / 5, windows), errors, atol=1e-12)
 
 
-
 @mark.slow
 @mark.parametrize(
     "directions",
