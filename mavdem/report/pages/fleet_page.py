@@ -389,15 +389,15 @@ def _wind(flight: AxisRows) -> str:
 
 
 COLUMNS = {
-    "flight": Column("text", _file_name, "11rem", "flight"),
-    "vehicle": Column("text", _vehicle, "7.2rem", "vehicle"),
-    "date": Column("text", _date, "8.5rem", "date"),
-    "tier": Column("text", _tier, "3.2rem"),
-    "health": Column("health", _badge, "4.8rem", "health"),
-    "lights": Column("text", _warning_lights, "10rem", "lights"),
-    "motor": Column("text", _suspect_motors, "4.2rem"),
+    "flight": Column("text", _file_name, "8rem", "flight"),
+    "vehicle": Column("text", _vehicle, "6.8rem", "vehicle"),
+    "date": Column("text", _date, "8.8rem", "date"),
+    "tier": Column("text", _tier, "3rem"),
+    "health": Column("health", _badge, "5rem", "health"),
+    "lights": Column("text", _warning_lights, "8rem", "lights"),
+    "motor": Column("text", _suspect_motors, "4rem"),
     "notes": Column("notes", _notes, "auto", "notes"),
-    "settled (s)": Column("number", _settled_seconds, "5.5rem"),
-    "wind (m/s)": Column("number", _wind, "6.2rem"),
+    "settled (s)": Column("number", _settled_seconds, "5rem"),
+    "wind (m/s)": Column("number", _wind, "7rem"),
 }
 """Columns of the table of flights, by their headers."""
