@@ -233,8 +233,8 @@ def _health_summary(vehicles: Mapping[str, Flights]) -> dict[str, object]:
         vehicles: flights of each vehicle, by its name.
 
     Returns:
-        Values by the names that the template uses: "ill", "judged" and "recovered_count" are numbers of vehicles, "named"
-        and "recovered" lists in words.
+        Values by the names that the template uses: "ill", "judged" and "recovered_count" are numbers of vehicles,
+        "named" and "recovered" lists in words.
     """
     ranked = sorted((urgency(flights), name) for name, flights in vehicles.items())
     urgent = [
