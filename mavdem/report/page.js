@@ -16,7 +16,7 @@
     }
     return time - track.time[low] < track.time[high] - time ? low : high;
   };
-  const now = document.getElementById("now"), rows = [...document.querySelectorAll("tr[data-at]")];
+  const now = document.getElementById("now"), hint = now?.textContent, rows = [...document.querySelectorAll("tr[data-at]")];
   let shownTime = null;
   root.addEventListener("cursor", ({ detail: time }) => {
     if (time === shownTime) return;
@@ -43,7 +43,7 @@
       // An event may be in both lists: the brief one comes first.
       words.push(...events.filter(([number], i) => events.findIndex(other => other[0] === number) === i).map(event => event.join(" ")));
     }
-    if (now) now.textContent = words.join(" · ");
+    if (now) now.textContent = words.join(" · ") || hint;
   });
   map?.querySelector("svg").addEventListener("pointermove", event => {
     if (!flight()) return;

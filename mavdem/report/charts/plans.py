@@ -64,7 +64,7 @@ def frame_plan(
     positions = np.array(motors.geometry.positions, np.float64)
     positions *= RADIUS / max(np.hypot(*positions.T).max(), 1e-9)
     half_widths = condition.share_interval or (None,) * count
-    levels = _motor_levels(light, np.array(hover.imbalance))
+    levels = motor_levels(light, np.array(hover.imbalance))
     drawn_motors = []
     for number, ((forward, right), half_width) in enumerate(
         zip(positions.tolist(), half_widths, strict=True)
@@ -91,7 +91,7 @@ def frame_plan(
     return Plan("From above", f"Trim deviation and headroom: {listed(motor_texts)}.", svg)
 
 
-def _motor_levels(light: Fact, imbalance: Array) -> list[Level]:
+def motor_levels(light: Fact, imbalance: Array) -> list[Level]:
     """Returns the level by which each motor is coloured, so that the drawing agrees with the light.
 
     Under a light that warns, the motor that it names has its level. If it names none, those have it whose trim deviates

@@ -1,0 +1,55 @@
+"""Drawings: the motors have the colour of their light, and the path is one of pieces by height and mode."""
+
+import re
+
+import numpy as np
+from numpy.testing import assert_allclose
+
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts import Fact, Level
+from mavdem.facts.motors import MotorsLight
+from mavdem.report.charts.chart import Span
+from mavdem.report.charts.flown_path import flown_path
+from mavdem.report.charts.plans import motor_levels
+from mavdem.report.charts.timeline import Timeline
+
+EVEN = np.zeros(4)
+TWISTED = np.array([12.0, 12.0, -12.0, -12.0])
+CODE = next(iter(MotorsLight))
+
+
+def test_the_motor_that_the_light_names_has_its_level():
+    light = Fact(CODE, Level.BAD, subject="motor 2 (rear left)")
+    assert motor_levels(light, EVEN) == [Level.GOOD, Level.BAD, Level.GOOD, Level.GOOD]
+
+
+def test_a_light_that_names_no_motor_colours_those_that_deviate_or_all():
+    light = Fact(CODE, Level.WATCH)
+    one_deviates = np.array([12.0, 0.0, 0.0, -1.0])
+    assert motor_levels(light, one_deviates) == [Level.WATCH, *[Level.GOOD] * 3]
+    assert motor_levels(light, EVEN) == [Level.WATCH] * 4
+
+
+def test_no_motor_is_coloured_under_a_light_that_does_not_warn():
+    for level in (Level.GOOD, Level.UNKNOWN):
+        assert motor_levels(Fact(CODE, level), TWISTED) == [level] * 4
+
+
+def test_a_path_changes_its_colours_with_height_and_mode():
+    time = np.linspace(0.0, 10.0, 101)
+    north, east, down = 5 * time, 0 * time, -np.where(time < 4.95, 1.0, 20.0)
+    position = TimeSeries(time, np.zeros(101, int), np.column_stack([north, east, down]))
+    modes = (Span(0.0, 8.0, "Loiter"), Span(8.0, 10.0, "Land"))
+    plan = flown_path(Timeline((), (0.0, 10.0), modes=modes, position=position))
+    styles = re.findall(r'style="--height: (\S+); --mode: (\S+)"', str(plan.svg))
+    heights, colours_of_modes = zip(*styles, strict=True)
+    assert len(styles) == 3
+    assert heights[0] != heights[1] == heights[2]
+    assert colours_of_modes[0] == colours_of_modes[1] != colours_of_modes[2]
+    # North is up: the path begins at the bottom of the drawing.
+    low, step = plan.track["y"]["low"], plan.track["y"]["step"]
+    assert_allclose([low, low + 65534 * step], [-100.0, 100.0], atol=0.1)
+
+
+def test_without_a_position_there_is_no_path():
+    assert flown_path(Timeline((), (0.0, 1.0))) is None
