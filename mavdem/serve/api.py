@@ -20,7 +20,7 @@ from mavdem.report.pages.library_page import interface_words
 from mavdem.results import RECORDING_FILE
 from mavdem.serve.index import COLUMNS, Entry
 from mavdem.serve.openapi import openapi
-from mavdem.serve.pages import FLIGHTS_PER_PAGE, accepted
+from mavdem.serve.pages import FLIGHTS_PER_PAGE, recordings_answer
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import error_values, query_number, read_document, valid_unicode
 from mavdem.serve.search import UNFINISHED_SQL, SqlCondition
@@ -204,7 +204,7 @@ class Api:
         entry = self._visible.entry(request, request.path_params["id"])
         entry = RecordingRequests(self._library).request(entry)
         self._log_added()
-        return accepted(self._visible.recordings(entry))
+        return recordings_answer(self._visible.recordings(entry))
 
     def open_viewer(self, request: HttpRequest) -> Response:
         """Opens the recording of a flight in a viewer on this machine, and answers with the viewer's address.

@@ -61,7 +61,7 @@ RECORDING_RETRY_SECONDS = 2
 """Seconds after which a recording that is being made may be asked for again."""
 
 
-def accepted(recordings: Recordings) -> Response:
+def recordings_answer(recordings: Recordings) -> Response:
     """Returns the answer on recordings: 202 while they are made, 200 when they are there, 409 where that has failed."""
     status_by_stage: dict[str, int] = {Stage.DONE: 200, Stage.FAILED: 409}
     status = status_by_stage.get(recordings.stage, 202)
@@ -185,7 +185,7 @@ class Pages:
             self._recordings_wanted()
             entry = await self._wait_for_recording(entry)
             if await run_in_threadpool(recordings.missing_names, entry):
-                return accepted(self._visible.recordings(entry))
+                return recordings_answer(self._visible.recordings(entry))
         return await run_in_threadpool(self._file_response, request, entry, name)
 
     async def _wait_for_recording(self, entry: Entry) -> Entry:
