@@ -20,6 +20,7 @@ class InFlight(Code):
     MOTOR_LOST_THRUST = "motor_lost_thrust"
     MOTOR_SATURATED = "motor_saturated"
     MOTOR_RECOVERED = "motor_recovered"
+    NO_LOSS_FOUND = "no_loss_found"
     STEADY_TORQUE_CHANGED = "steady_torque_changed"
     MOTOR_PLACES_UNKNOWN = "motor_places_unknown"
     MOTOR_OUTPUTS_TOO_SLOW = "motor_outputs_too_slow"

@@ -1,4 +1,4 @@
-"""Gusts in the wind torque of a live flight, each reported once, soon after it has ended."""
+"""The wind torque of a live flight that may be shown, and the gusts in it, each reported once, soon after its end."""
 
 from collections import deque
 
@@ -9,10 +9,40 @@ from mavdem.dem.record import Record
 from mavdem.facts import Fact, Facts
 from mavdem.facts.session import Session
 from mavdem.plant.gusts import RUNNING_LEVEL_SECONDS, detect_gusts, min_gust_duration
-from mavdem.plant.online_wind_torque import MEMORY_SECONDS
+from mavdem.plant.online_wind_torque import MEMORY_SECONDS, is_torque_resolved
 
 SEARCH_PERIOD = 1.0
 """Time between two searches for gusts, s: a choice."""
+
+
+BAND_SECONDS = 5.0
+"""Time constant over which the error of the torque is averaged, s: a choice, so that no single sample decides."""
+
+
+class ResolvedTorque:
+    """Withholds the wind torque while it is not larger than its error, as for logs: it may be no wind at all."""
+
+    def __init__(self, dt: float) -> None:
+        """Begins without an error; ``dt`` is the step between samples, s."""
+        self._weight = 1 - np.exp(-dt / BAND_SECONDS)
+        # Mean square of the half widths so far, exponentially forgotten, (rad/s²)²; NaN before the first.
+        self._mean_square = np.nan
+
+    def resolved(self, estimate: Estimate) -> Estimate:
+        """Returns the estimate, without its wind torque where that is not resolved; the band stays, and says why.
+
+        Args:
+            estimate: of the latest sample, with the physical parameters that the torque was estimated with.
+        """
+        if estimate.physical is None or not np.isfinite(estimate.wind_torque):
+            return estimate
+        square = estimate.wind_torque_band**2
+        if np.isnan(self._mean_square):
+            self._mean_square = square
+        self._mean_square += self._weight * (square - self._mean_square)
+        if is_torque_resolved(estimate.physical, float(np.sqrt(self._mean_square))):
+            return estimate
+        return estimate._replace(wind_torque=np.nan)
 
 
 class GustDetector:

@@ -14,7 +14,7 @@ from mavdem.facts import Fact
 from mavdem.facts.session import Session
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
-from mavdem.live.gusts import GustDetector
+from mavdem.live.gusts import GustDetector, ResolvedTorque
 from mavdem.live.history import horizon_steps
 from mavdem.live.rows import AlignedRow, RowFormat
 
@@ -84,6 +84,7 @@ class FlightLearning:
         self._log = log
         self._row_format: RowFormat | None = None
         self._gusts: GustDetector | None = None
+        self._torque: ResolvedTorque | None = None
         # Time of the latest landing, s of the boot clock.
         self._landing_time = -inf
         self._models: deque[_KeptModel] = deque(maxlen=MAX_MODELS)
@@ -136,6 +137,7 @@ class FlightLearning:
             prior=None if prior is None else prior.physical,
         )
         self._gusts = GustDetector(row_format.dt)
+        self._torque = ResolvedTorque(row_format.dt)
         self.estimate = None
 
     def set_load(self, fits_physical: bool, refits: bool) -> None:
@@ -176,7 +178,9 @@ class FlightLearning:
         except ValueError as error:
             self._log(failure_fact(Session.SAMPLE_SKIPPED, error))
         self._keep_model(row, learner.learned)
-        return estimate
+        if estimate is None or self._torque is None:
+            return estimate
+        return self._torque.resolved(estimate)
 
     def _keep_model(self, row: AlignedRow, model: Learned | None) -> None:
         """Keeps the learner's model, if it is new and of settled flight, with the time of the row that it came with.

@@ -268,3 +268,5 @@ class VehicleReview:
         now = self._review_time
         balance_obstacle = self._motor_alarms.obstacle(now, self.phase.is_flying)
         self.watchdog.set_watched(Watched.MOTORS, balance_obstacle, now)
+        if balance_obstacle is None:
+            self.watchdog.note_motors_watched(now)

@@ -25,7 +25,7 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
-from mavdem.facts.motors import MotorsLight
+from mavdem.facts.motors import InFlight, MotorsLight
 from mavdem.facts.session import Rows
 from mavdem.facts.watch import Watch, Watched
 from mavdem.ingest.telemetry import Telemetry
@@ -355,6 +355,16 @@ class Watchdog:
             if not received.intersection(names):
                 obstacles[kind] = Fact(Watch.MESSAGE_MISSING, name=names[0], rate=None)
         return obstacles
+
+    def note_motors_watched(self, now: float) -> None:
+        """Notes for the light of the motors that their balance is tested, and that no loss of thrust was found yet.
+
+        A loss is an alarm of its own, which outranks this.
+
+        Args:
+            now: s of the boot clock.
+        """
+        self.worst_lights.setdefault(str(Light.MOTORS), Fact(InFlight.NO_LOSS_FOUND, clock=now))
 
     def set_watched(self, kind: Watched, obstacle: Fact | None, now: float) -> None:
         """Notes whether a thing is watched, and since when.

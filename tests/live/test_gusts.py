@@ -10,9 +10,12 @@ from partial_records import partial_record
 from pytest import approx, mark
 
 from mavdem.dem.online.estimate import Estimate
+from mavdem.facts.identifiability import Status
 from mavdem.facts.session import Session
-from mavdem.live.gusts import GustDetector
+from mavdem.live.gusts import GustDetector, ResolvedTorque
 from mavdem.live.session_loop import run_session
+from mavdem.plant.parameters import Physical
+from mavdem.plant.sampled_plant import WindComponent
 
 DT = 0.02
 
@@ -38,6 +41,22 @@ def test_a_gust_is_reported_once_and_a_motor_step_never(changed):
     # beside the torque so far
     assert gust.figures["torque"] == approx(20.0, rel=0.05)
     assert gust.figures["duration"] == approx(0.5, abs=0.05)
+
+
+def test_a_torque_that_is_not_larger_than_its_error_is_withheld():
+    physical = partial_record(
+        Physical,
+        status={"effect": Status.REPORTED},
+        components=(partial_record(WindComponent, size=10.0),),
+    )
+    shown = []
+    for half_width in (3.0, 40.0):
+        estimate = partial_record(
+            Estimate, physical=physical, wind_torque=8.0, wind_torque_band=half_width
+        )
+        shown.append(ResolvedTorque(DT).resolved(estimate))
+    assert shown[0].wind_torque == 8.0
+    assert np.isnan(shown[1].wind_torque) and shown[1].wind_torque_band == 40.0
 
 
 def test_an_unknown_torque_is_no_gust():

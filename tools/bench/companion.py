@@ -10,6 +10,7 @@ processes beside them take the rest, and the table says so.
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -51,11 +52,11 @@ rates = {{ ATTITUDE = {rate}, SERVO_OUTPUT_RAW = {rate} }}
 """
 """Flight whose physical parameters are identifiable, so that all of the learning runs."""
 
-STARTING_SECONDS = 20.0
-"""Time for the session to start on its share of a core before the flight, s."""
+STARTING_SECONDS = 180.0
+"""Longest time for the session to start on its share of a core, s."""
 
-FLIGHT_SECONDS = 45.0
-"""Longest time from the start of the sender to its last message, s."""
+SETTLING_SECONDS = 5.0
+"""Time between the start of the session and the flight, and between the flight and the end of the session, s."""
 
 QUOTA_PERIOD = 0.02
 """Period of the limit, s: within each, the processes run for their share of it, and then wait."""
@@ -219,7 +220,11 @@ def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | 
         threads = [Thread(target=work, daemon=True) for work in (read_lines, read_output, measure)]
         for thread in threads:
             thread.start()
-        time.sleep(STARTING_SECONDS)
+        deadline = time.monotonic() + STARTING_SECONDS
+        while not any("Listening on" in line for _, line in lines):
+            assert time.monotonic() < deadline, "the session does not start"
+            time.sleep(SAMPLING_PERIOD)
+        time.sleep(SETTLING_SECONDS)
         other_cores = set(range(os.cpu_count() or 1)) - {core} or {core}
         sender = subprocess.run(
             [sys.executable, "-m", "mavdem", "fly", str(scenario), "--udp", LINK],
@@ -229,6 +234,8 @@ def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | 
         )
         assert sender.returncode == 0
         sender_end = time.monotonic()
+        time.sleep(SETTLING_SECONDS)
+        session.send_signal(signal.SIGINT)
         session.wait()
         for thread in threads:
             thread.join(timeout=5.0)

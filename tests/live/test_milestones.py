@@ -1,0 +1,56 @@
+"""Milestones of a live flight: once each, with what is known."""
+
+from unittest.mock import Mock
+
+import numpy as np
+from partial_records import partial_record
+
+from mavdem.dem.online.estimate import Estimate
+from mavdem.dem.online.learner import OnlineLearner
+from mavdem.dem.settings import Settings
+from mavdem.facts.identifiability import Status
+from mavdem.facts.session import Session
+from mavdem.live.learning import FlightLearning
+from mavdem.live.milestones import Milestones
+from mavdem.live.session_status import Latency, SessionStatus
+from mavdem.plant.parameters import Physical
+
+PHYSICAL = partial_record(
+    Physical,
+    effect=np.full(4, 0.05),
+    damping=2.0,
+    covariance=1e-6 * np.eye(7),
+    status={"effect": Status.REPORTED, "damping": Status.REPORTED, "lag": Status.REPORTED},
+)
+
+
+def learning_with(model=None, physical=None):
+    """A session's learning with a model and the physical parameters of its latest estimate."""
+    learning = FlightLearning("roll", Settings(), executor=None, prior=None, log=Mock())
+    learning.learner = OnlineLearner()
+    learning.learner.learned = model
+    learning.estimate = partial_record(Estimate, physical=physical)
+    learning.learned_rows = 900
+    return learning
+
+
+def test_the_first_model_is_reported_once_with_the_time_since_take_off():
+    facts = []
+    milestones = Milestones("roll", facts.append)
+    milestones.note_first_model(learning_with(), 10.0, 8.0)
+    for now in (12.5, 14.5):
+        milestones.note_first_model(learning_with(model="model"), now, 8.0)
+    assert [str(fact) for fact in facts] == ["First model of roll at 12.5 s, 4.5 s after take-off."]
+
+
+def test_a_landing_reports_what_the_flight_has_shown():
+    facts = []
+    milestones = Milestones("roll", facts.append)
+    learning = learning_with("model", PHYSICAL)
+    for is_flying in (True, True, False, False):
+        status = SessionStatus(is_flying=is_flying, latency=Latency(0.001, 0.004, 0.02))
+        milestones.update(learning, status, 40.0)
+    assert [fact.code for fact in facts] == [Session.PARAMETERS_KNOWN, Session.FLIGHT_LEARNED]
+    sentence = str(facts[1])
+    assert sentence.startswith("Landed at 40 s. Roll: control effectiveness 2.86")
+    assert "margins not known. Mean wind not known. Estimates at most 20 ms late." in sentence
