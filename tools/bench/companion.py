@@ -183,10 +183,7 @@ def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | 
         folder = Path(name)
         scenario = folder / "flight.toml"
         scenario.write_text(SCENARIO.format(rate=rate))
-        duration = STARTING_SECONDS + FLIGHT_SECONDS + 5.0
-        words = (
-            f"-m mavdem live udpin:{LINK} --plain --json --duration {duration:.0f} --record".split()
-        )
+        words = f"-m mavdem live udpin:{LINK} --plain --json --record".split()
         environment = os.environ | {"PYTHONPATH": str(checkout)}
         session = subprocess.Popen(
             [python, *words, str(folder / "live.tlog")],
