@@ -8,7 +8,8 @@ import stat
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import unquote, urlsplit
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 from mavdem.errors import Unreadable
 from mavdem.extras import require_extra
@@ -76,7 +77,7 @@ def find_logs(
     for name in names:
         # A file URL is a path of this machine.
         if name.lower().startswith("file://"):
-            name = unquote(urlsplit(name).path)
+            name = url2pathname(urlsplit(name).path)
         try:
             if is_url(name):
                 sources = list(remote_logs(name))

@@ -5,6 +5,7 @@ are released after every ``RESIDENT_BYTES``.
 """
 
 import mmap
+import sys
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,5 +65,5 @@ def mapping_of(data: Bytes) -> mmap.mmap | None:
 def release_pages(data: Bytes) -> None:
     """Makes a mapped file's pages resident no more; they come back when they are looked at. Else it does nothing."""
     mapping = mapping_of(data)
-    if mapping is not None and hasattr(mmap, "MADV_DONTNEED"):
+    if sys.platform != "win32" and mapping is not None and hasattr(mmap, "MADV_DONTNEED"):
         mapping.madvise(mmap.MADV_DONTNEED)

@@ -248,7 +248,7 @@ class Library:
                 new_id() if former_entry is None else former_entry.id,
                 name,
                 digest,
-                str(stored_path),
+                stored_path.as_posix(),
                 incoming.stat().st_size,
                 received=time.time(),
                 **columns,
@@ -273,11 +273,13 @@ class Library:
         if version == self._thread_state.fleet_version:
             return
         # Paths in the index may be relative to the library's folder, those of the fleet are absolute.
-        indexed_logs = "select logs.log from entries join logs on logs.path in (entries.path, ? || entries.path)"
+        # They have this system's separator, paths in the index the one of POSIX.
+        indexed_logs = """select logs.log from entries
+        join logs on logs.path in (entries.path, ? || replace(entries.path, '/', ?))"""
         query = f"""select row, file from flights where file is not null and log not in ({indexed_logs})
         and not exists (select 1 from entries where path = file) order by rowid"""
         with self.transaction() as db:
-            rows = self.store.sound_rows(query, [utf8_text(f"{self.folder}/")])
+            rows = self.store.sound_rows(query, [utf8_text(f"{self.folder}{os.sep}"), os.sep])
             for file, rows_of_file in group_by(rows, lambda row: row.file).items():
                 insert_entry(db, entry_of_fleet_log(file, rows_of_file))
         self._thread_state.fleet_version = version

@@ -66,7 +66,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         "learn /dev/ttyACM0,115200 --out x": "`mavdem live /dev/ttyACM0,115200`",
         "info udpin:127.0.0.1:14550": "a MAVLink link, and only logs are read here. Attach to it with",
         "info -": "A log cannot be read from standard input (-). Save it as a file",
-        "info {logs}": f"{LOGS} is a folder, with 3 logs in it. Name a file, such as {LOGS}/ardupilot_default",
+        "info {logs}": f"{LOGS} is a folder, with 5 logs in it. Name a file, such as {LOGS}/ardupilot_default",
         "info .": "is a folder, with no log in it. Name a file that ends in .tlog, ",
         "convert {flight} flight.txt": ".parquet",
         "convert {flight} " + "x" * 300 + ".csv": "cannot be written (File name too long)",
