@@ -153,6 +153,7 @@ def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, cap
 
 
 @mark.slow
+@mark.usefixtures("coarse_physics")
 def test_the_truth_of_a_simulated_flight_stands_beside_the_estimates(here, capsys):
     assert run("fly", "iris_multisine", "--duration", "30", "--out", "f.tlog") == 0
     (advised,) = (line for line in capsys.readouterr().err.splitlines() if "--truth" in line)

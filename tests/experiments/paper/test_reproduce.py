@@ -174,7 +174,11 @@ def test_all_items_make_one_report(tmp_path, monkeypatch, request):
     monkeypatch.setattr(maximum_likelihood.iterate_em, "__defaults__", (5,))
     # Pictures of the demonstrations take ten seconds. They and the observers have tests of their own.
     tested_elsewhere = {"demonstrations", "states", "inputs", "covariance", "smoothness"}
-    first_windows = lambda *arguments: windows(*arguments)[:2]  # noqa: E731
+
+    def first_windows(*arguments):
+        """The first two windows of a flight are enough for every method."""
+        return windows(*arguments)[:2]
+
     monkeypatch.setattr("mavdem.experiments.paper.runner.windows", first_windows)
     runner = Runner(experiment_numbers=(2,), uses_authors_results=False, prior_count=2)
     chosen = [claim for claim in ITEMS if claim.name not in tested_elsewhere]
