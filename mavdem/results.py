@@ -12,7 +12,6 @@ from mavdem.assessment.axis import Options
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
-from mavdem.export.mcap_channels import write_channels
 from mavdem.extras import missing_modules, require_extra
 from mavdem.files import reporting_write_errors, writable_target, write_text_atomically
 from mavdem.fleet.flights import flights_of, worst_row
@@ -20,15 +19,9 @@ from mavdem.fleet.row import FlightRows
 from mavdem.fleet.workers import PAGES
 from mavdem.ingest import read_log
 from mavdem.report.blocks import Block
-from mavdem.report.pages.fleet_page import (
-    RowsOfVehicle,
-    fleet_page,
-    fleet_remark,
-    with_fleet_remark,
-)
-from mavdem.report.pages.flight_page import review_page
 
 if TYPE_CHECKING:
+    from mavdem.report.pages.fleet_page import RowsOfVehicle
     from mavdem.view import Target
 
 MODEL_FILE = "model.json"
@@ -87,6 +80,9 @@ def write_result_files(paths: Mapping[str, Path], document: str, assessment: Ass
         document: Text of the JSON document, which becomes the ``REPORT_FILE``.
         assessment: The assessment that the page, the model and the recordings show.
     """
+    # Pages and recordings are imported where they are written: the screen need not wait for it.
+    from mavdem.report.pages.flight_page import review_page
+
     analysis = assessment.analysis
     paths[REPORT_FILE].write_text(document + "\n", "utf-8")
     # The page may contain the name of a file, which need not be valid Unicode.
@@ -111,6 +107,8 @@ def write_recordings(paths: Mapping[str, Path], assessment: Assessment) -> None:
     if RECORDING_FILE in paths:
         write_dashboard(paths[RECORDING_FILE], assessment)
     if CHANNELS_FILE in paths:
+        from mavdem.export.mcap_channels import write_channels
+
         write_channels(
             paths[CHANNELS_FILE],
             analysis.flights,
@@ -207,6 +205,8 @@ def write_fleet_pages(
     Raises:
         Unreadable: A page cannot be written.
     """
+    from mavdem.report.pages.fleet_page import fleet_page, fleet_remark
+
     outdated_rows = []
     for row in rows:
         if row.page and (outdated_vehicles is None or row.vehicle in outdated_vehicles):
@@ -232,6 +232,8 @@ def _update_flight_page(path: Path, comparison: str) -> None:
     Raises:
         Unreadable: The page cannot be written.
     """
+    from mavdem.report.pages.fleet_page import with_fleet_remark
+
     with path.open(encoding="utf-8", errors="replace") as file:
         top = file.read(PAGE_TOP_LENGTH)
         updated_top = with_fleet_remark(top, comparison)

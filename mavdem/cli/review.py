@@ -24,7 +24,6 @@ from mavdem.cli.result_folders import (
 )
 from mavdem.cli.sources import read_sources
 from mavdem.cli.streams import escape_unprintable, print_to_stdout, text_columns
-from mavdem.documents.review import review_document
 from mavdem.report.review import review_screen
 from mavdem.report.screen import analysis_blocks, instance_blocks
 from mavdem.results import PAGE_FILE, RESULT_FILES
@@ -81,6 +80,9 @@ def review_command(
             print_blocks([*analysis_blocks(assessment), *instance_blocks(assessment)])
         for line in review_screen(assessment, text_columns()).splitlines():
             print_to_stdout(escape_unprintable(line))
+    # Imported here, so that the screen does not wait for the models of the documents.
+    from mavdem.documents.review import review_document
+
     document = review_document(assessment)
     write_results(folder, document, assessment, recordings)
     if as_json:
