@@ -7,6 +7,7 @@ import shlex
 
 import evidence
 import propellers
+from click import Group
 from click.testing import CliRunner
 from command_line import unknown_options
 from pytest import approx, fixture, mark
@@ -117,7 +118,10 @@ def test_commands_of_the_tables_exist_with_their_options():
         specification = importlib.util.spec_from_file_location(path.stem, path)
         script = importlib.util.module_from_spec(specification)
         specification.loader.exec_module(script)
-        options = {option for parameter in script.main.params for option in parameter.opts}
+        command = script.main
+        if isinstance(command, Group):
+            command = command.commands[words[0]]
+        options = {option for parameter in command.params for option in parameter.opts}
         assert {word for word in words if word.startswith("--")} <= options, table.command
 
 

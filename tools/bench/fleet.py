@@ -83,7 +83,7 @@ CLUSTER_SIZES = 1, 2, 4
 
 
 @click.group(help=__doc__)
-def bench() -> None:
+def main() -> None:
     """Benchmarks of a fleet."""
 
 
@@ -271,7 +271,7 @@ GROWTH_HEADER = [
 """Header of the table of a fleet's growth."""
 
 
-@bench.command()
+@main.command()
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--plot", type=click.Path(path_type=Path), help="File for a picture of it.")
 def growth(logs: tuple[Path, ...], plot: Path | None) -> None:
@@ -339,7 +339,7 @@ def draw_growth(table: Sequence[Sequence[str]], path: Path) -> None:
     figure.savefig(path, metadata={"Date": None})
 
 
-@bench.command()
+@main.command()
 @click.argument("fleet", type=click.Path(path_type=Path))
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--logs", "count", default=FLEET_SIZES[-1], help="Number of logs.")
@@ -390,7 +390,7 @@ def local_cluster(workers: int) -> Iterator[LocalCluster]:
                 process.wait()
 
 
-@bench.command()
+@main.command()
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
 def cluster(logs: tuple[Path, ...]) -> None:
     """Reads LOGS on clusters of 1, 2 and 4 workers, and again where a worker is killed half way."""
@@ -440,4 +440,4 @@ def _cluster_seconds(
 
 
 if __name__ == "__main__":
-    bench()
+    main()
