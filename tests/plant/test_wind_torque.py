@@ -316,6 +316,7 @@ def test_with_a_prior_the_torque_band_in_calm_hover_is_as_wide_as_steering_makes
     assert np.median(doublets[:, 1]) > 3 * np.median(hover[:, 1])
 
 
+@mark.slow
 def test_while_a_motor_is_weak_there_is_no_wind_torque_and_nothing_is_fitted():
     online, memory = online_wind()
     online.smoother = smoother = identified(fit_wind_torque_smoother(Record.from_flights(CALM)))

@@ -162,6 +162,7 @@ def test_the_parameters_that_are_sent_fly_as_the_own_controller_does(autopilot):
     assert differs.std(0).max() < 0.06 * moved[:, 0].std() < 0.1 * softer[:, 0].std()
 
 
+@mark.slow
 @mark.parametrize("instruments", [False, True])
 def test_a_parameter_set_in_flight_is_flown_from_then_on(instruments):
     spec = {"duration": 20, "stream": {"instruments": instruments}}
