@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 from mavdem.errors import Unreadable
 from mavdem.extras import require_extra
@@ -77,6 +76,9 @@ def find_logs(
     for name in names:
         # A file URL is a path of this machine.
         if name.lower().startswith("file://"):
+            # It imports the means of HTTP, which nothing else here needs.
+            from urllib.request import url2pathname
+
             name = url2pathname(urlsplit(name).path)
         try:
             if is_url(name):

@@ -441,8 +441,9 @@ class Link:
         Returns:
             The datagram, and the address of its sender.
         """
-        assert sys.platform != "win32"
-        piece, ancillary, _, address = opened.recvmsg(MAX_PIECE_BYTES, ANCILLARY_BYTES)
+        # Windows has no such method, nor such options of sockets.
+        receive_message: Any = getattr(opened, "recvmsg", None)
+        piece, ancillary, _, address = receive_message(MAX_PIECE_BYTES, ANCILLARY_BYTES)
         for _, kind, value in ancillary:
             if kind == SO_TIMESTAMPNS:
                 seconds, nanoseconds = struct.unpack("@2l", value)

@@ -27,6 +27,9 @@ import psutil
 
 from mavdem.ingest import read_log
 
+# Shares of a core and of memory are measured by the means of Linux.
+assert sys.platform == "linux"
+
 LINK = "127.0.0.1:14596"
 """Where the flight is sent to."""
 

@@ -38,6 +38,9 @@ from mavdem.machine import free_port
 from mavdem.report.blocks import Table, markdown
 from mavdem.results import INDEX_FILE
 
+# What processes have used is measured by the means of POSIX.
+assert sys.platform != "win32"
+
 FLIGHTS_OF_A_VEHICLE = 50
 """Logs of each vehicle of a generated fleet: two flights a week for half a year."""
 
