@@ -76,10 +76,10 @@ if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory
     from mavdem.live.session_status import SessionStatus
 
-INSTANCES_TITLE = "Every battery, estimator, sensor and output"
+INSTANCES_TITLE = "Batteries, sensors, estimators, outputs"
 """Title of the chapter of what a vehicle has several of."""
 
-LOG_TITLE = "What was read from the log, and repaired"
+LOG_TITLE = "The log and its repairs"
 """Title of the chapter of the log itself."""
 
 MOTOR_LEADS = ("Motors:", "Steady command:")
@@ -340,7 +340,7 @@ def _other_sensors_chapter(
     groups: list[Group] = []
     for sensor in OTHER_SENSORS:
         groups += _spectrum_groups(noise, sensor, timeline, is_full)
-    title = "Spectra of accelerometer, motors' demand and D term"
+    title = "Other spectra"
     return Chapter(title, (), groups, folded=True)
 
 

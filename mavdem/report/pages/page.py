@@ -37,7 +37,7 @@ from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
 from mavdem.report.screen import conclusion, flight_title, model_screen
 from mavdem.report.why import why_text
 
-MAX_BRIEF_EVENTS = 6
+MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
 
 _UNSAFE_CHARACTERS = re.compile(
