@@ -57,7 +57,7 @@ LEARNING_SECONDS = 2.0
 NEW_SAMPLE_SHARE = 0.5
 """Samples since the last call of ``learn``, as a share of those it had, with which it is called again; a choice.
 
-With fewer new samples the model changes by less than its own uncertainty (docs/evidence/forecasts.md).
+Predictions do not depend on it: they come from a forecaster of its own, which learns from every block.
 """
 
 FULL_RATE_SAMPLES = 2000
