@@ -70,21 +70,23 @@ def recorded_spans(signals: Signals) -> Segments:
     Returns:
         One segment per boot, from the first to the last finite stamp of its messages, s since boot.
     """
-    times = []
-    boots = []
-    for name, columns in signals.telemetry.messages.items():
-        if name != "STATUSTEXT":
-            times.append(columns["time"])
-            boots.append(columns["boot"])
-    if not times:
-        return ()
-    time = np.concatenate(times)
-    boot = np.concatenate(boots)
-    is_finite = np.isfinite(time)
+    tables = [
+        columns for name, columns in signals.telemetry.messages.items() if name != "STATUSTEXT"
+    ]
+    boot_count = 1 + max((int(columns["boot"].max(initial=0)) for columns in tables), default=0)
+    first_stamps = np.full(boot_count, np.inf)
+    last_stamps = np.full(boot_count, -np.inf)
+    for columns in tables:
+        is_finite = np.isfinite(columns["time"])
+        time = columns["time"][is_finite]
+        boot = columns["boot"][is_finite]
+        np.minimum.at(first_stamps, boot, time)
+        np.maximum.at(last_stamps, boot, time)
     spans = []
-    for number in np.unique(boot[is_finite]):
-        stamps = time[(boot == number) & is_finite]
-        spans.append(Segment(int(number), float(stamps.min()), float(stamps.max())))
+    for number in range(boot_count):
+        if np.isfinite(first_stamps[number]):
+            first, last = float(first_stamps[number]), float(last_stamps[number])
+            spans.append(Segment(number, first, last))
     return tuple(spans)
 
 

@@ -158,7 +158,8 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
         raise
     except (OSError, ValueError) as error:
         raise Unreadable(Source.FILE_NOT_OPENED, path=path, because=error_message(error)) from None
-    if not content.rstrip(b"\0"):
+    # Only what may be all zeros is searched, since that copies it.
+    if not content or (content[-1] == content[0] == 0 and not content.strip(b"\0")):
         raise Unreadable(Source.FILE_EMPTY, path=path, zeros=bool(status.st_size))
     return content
 

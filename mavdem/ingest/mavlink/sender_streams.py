@@ -110,19 +110,17 @@ def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Rows) 
     links = SenderLinks()
     run_taker = _RunTaker(data, frames, links)
     is_first = np.ones(len(frames), dtype=np.bool_)
-    is_readable = frames.checksum == CHECKSUM_MATCHES
     row = 0
     for copy_row in [*possible_copies.tolist(), len(frames)]:
         if row < copy_row:
             run_taker.take(row, copy_row)
             row = copy_row
         # The possible copy itself, and the frames after it while a second link is known.
-        while row < len(frames) and (row <= copy_row or links.has_late_link):
+        for frame in _single_frames(data, frames, row):
+            if row > copy_row and not links.has_late_link:
+                break
             is_first[row] = links.take(
-                frame_content(data, frames, row),
-                int(frames.message_id[row]),
-                int(frames.sequence[row]),
-                bool(is_readable[row]),
+                frame.content, frame.message_id, frame.sequence, frame.is_readable
             )
             row += 1
     return SenderStream(
@@ -132,6 +130,47 @@ def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Rows) 
         links.longest_delay,
         links.has_found_two_vehicles,
     )
+
+
+FRAMES_AT_ONCE = 256
+"""Number of frames whose columns are unpacked at once where frames are taken one by one: a choice."""
+
+
+class _SingleFrame(NamedTuple):
+    """One frame, as ``SenderLinks.take`` takes it."""
+
+    content: bytes
+    """All its bytes."""
+    message_id: int
+    """Number of its message."""
+    sequence: int
+    """Its sequence number."""
+    is_readable: bool
+    """Whether its checksum matches."""
+
+
+def _single_frames(data: Bytes, frames: Frames, first: int) -> Iterator[_SingleFrame]:
+    """Yields the frames of a sender one by one.
+
+    Args:
+        data: The stream (B,).
+        frames: The frames (n,) of the sender.
+        first: Row of the first one.
+    """
+    # NumPy's view of the memory, whose slices are cheaper than those of the array.
+    content = data.data
+    for begin in range(first, len(frames), FRAMES_AT_ONCE):
+        part = frames[begin : begin + FRAMES_AT_ONCE]
+        for start, end, message_id, sequence, checksum in zip(
+            part.start.tolist(),
+            part.end.tolist(),
+            part.message_id.tolist(),
+            part.sequence.tolist(),
+            part.checksum.tolist(),
+            strict=True,
+        ):
+            is_readable = checksum == CHECKSUM_MATCHES
+            yield _SingleFrame(bytes(content[start:end]), message_id, sequence, is_readable)
 
 
 def _first_reading_is_repeated(data: Bytes, frames: Frames) -> bool:
