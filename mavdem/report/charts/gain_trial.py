@@ -27,16 +27,20 @@ TRIAL_TIME = Axis("time (s)")
 """Time since the twin's flight began."""
 CAPTION = (
     "Blue: with the gains that flew; green: with the advised ones. The twin, a simulation by the identified loops, "
-    "flies the recorded setpoints, and hovers, both in wind and gyro noise of the recorded spectra. Errors are the "
+    "flies the recorded setpoints{hovers} in wind and gyro noise of the recorded spectra. Errors are the "
     "standard deviations of these seconds; those expected by wind torque alone are of long flights."
 )
-"""What stands below the charts of the twin."""
+"""What stands below the charts of the twin, with a place for what it flies besides."""
 STEP_CAPTION = "Steps by the identified loops. "
 """What stands before the caption where there are steps."""
 
 
 def gain_trial_groups(
-    evidence: Evidence, advice_by_axis: AdviceByAxis, responses: Responses = NO_RESPONSES
+    evidence: Evidence,
+    advice_by_axis: AdviceByAxis,
+    responses: Responses = NO_RESPONSES,
+    *,
+    in_wind: bool = True,
 ) -> dict[str, Group]:
     """Returns charts of each axis with new gains: what they would do, over the same with the gains that flew.
 
@@ -48,6 +52,7 @@ def gain_trial_groups(
         evidence: what the log shows of the vehicle.
         advice_by_axis: advice on each axis, or why there is none.
         responses: measured responses, beside which the page shows the steps with the advised gains already.
+        in_wind: whether the twin hovers in wind too, which takes as long as the flight on the recorded setpoints.
 
     Returns:
         A group of charts for each axis whose gains change; none where there is nothing to draw.
@@ -60,7 +65,7 @@ def gain_trial_groups(
             new_gains |= advice.parameters
     if not advice_on_changes:
         return {}
-    trial = try_gains(evidence, new_gains)
+    trial = try_gains(evidence, new_gains, in_wind=in_wind)
     groups = {}
     for axis, advice in advice_on_changes.items():
         loops = {"now": advice.before, "advised": advice.after}
@@ -69,7 +74,9 @@ def gain_trial_groups(
             response = responses.get(axis, {}).get(loop_name)
             if response is None or not isinstance(response.measured, StepResponse):
                 charts.append(_step_chart(loops, loop_name))
-        caption = STEP_CAPTION + CAPTION if charts else CAPTION
+        caption = CAPTION.format(hovers=", and hovers, both" if in_wind else "")
+        if charts:
+            caption = STEP_CAPTION + caption
         # Instead of flights there may be a fact, which states why the twin cannot fly.
         if isinstance(trial, GainTrial):
             charts += _twin_charts(axis, trial)
