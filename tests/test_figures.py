@@ -96,7 +96,7 @@ MORE_FLIGHTS = {
     "wind_turns": ["fly", "wind", "> wind --verbose"],
 }
 """Flights, and commands of a flight, whose figures only ``--in-full`` compares: they take minutes."""
-SCENARIOS = {"calm": 12, "crazyflie_gusts": 12, "lossy_link": 16, "paper_5": 12}
+SCENARIOS = {"calm": 16, "crazyflie_gusts": 16, "lossy_link": 16, "paper_5": 16}
 """For how long each scenario is flown, s."""
 MORE_SCENARIOS = {
     "calm": 20,
