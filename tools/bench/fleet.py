@@ -251,7 +251,7 @@ def page_times(index: Path) -> PageTimes:
         raise click.UsageError("Chromium is needed.")
     with TemporaryDirectory() as folder:
         page = Path(folder, "index.html")
-        page.write_text(index.read_text() + PAGE_SCRIPT)
+        page.write_text(index.read_text("utf-8") + PAGE_SCRIPT, "utf-8")
         options = ["--headless", "--no-sandbox", "--disable-gpu", "--timeout=60000", "--dump-dom"]
         profile = f"--user-data-dir={folder}/profile"
         command = [chromium, *options, profile, page.as_uri()]
