@@ -20,27 +20,34 @@ BAND_SECONDS = 5.0
 
 
 class ResolvedTorque:
-    """Withholds the wind torque while it is not larger than its error, as for logs: it may be no wind at all."""
+    """Hides the estimated wind torque while it is smaller than its error; reports of logs withhold it then, too.
+
+    Such a torque may be nothing but the error of the motors' estimated effect.
+    """
 
     def __init__(self, dt: float) -> None:
-        """Begins without an error; ``dt`` is the step between samples, s."""
-        self._weight = 1 - np.exp(-dt / BAND_SECONDS)
-        # Mean square of the half widths so far, exponentially forgotten, (rad/s²)²; NaN before the first.
-        self._mean_square = np.nan
-
-    def resolved(self, estimate: Estimate) -> Estimate:
-        """Returns the estimate, without its wind torque where that is not resolved; the band stays, and says why.
+        """Starts before the first estimate.
 
         Args:
-            estimate: of the latest sample, with the physical parameters that the torque was estimated with.
+            dt: step between samples, s.
+        """
+        self._weight = 1 - np.exp(-dt / BAND_SECONDS)
+        # Moving average of the squared half width of the torque's band, (rad/s²)²; NaN before the first estimate.
+        self._mean_square_band = np.nan
+
+    def resolved(self, estimate: Estimate) -> Estimate:
+        """Returns an estimate whose wind torque is NaN if it is smaller than its error; the band stays, and shows why.
+
+        Args:
+            estimate: estimate for the latest sample; estimates must come in order, since their bands are averaged.
         """
         if estimate.physical is None or not np.isfinite(estimate.wind_torque):
             return estimate
-        square = estimate.wind_torque_band**2
-        if np.isnan(self._mean_square):
-            self._mean_square = square
-        self._mean_square += self._weight * (square - self._mean_square)
-        if is_torque_resolved(estimate.physical, float(np.sqrt(self._mean_square))):
+        squared_band = estimate.wind_torque_band**2
+        if np.isnan(self._mean_square_band):
+            self._mean_square_band = squared_band
+        self._mean_square_band += self._weight * (squared_band - self._mean_square_band)
+        if is_torque_resolved(estimate.physical, float(np.sqrt(self._mean_square_band))):
             return estimate
         return estimate._replace(wind_torque=np.nan)
 

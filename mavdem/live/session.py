@@ -187,11 +187,11 @@ class LiveSession:
             self._rates.restart()
 
     def _take_row(self, row: AlignedRow, arrival_time: float) -> None:
-        """Learns from one row, counts it, and adds it to history and display.
+        """Learns from one row of the flight, and shows it.
 
-        Only rows of free flight, in the air and held by nothing, are learned from; all are shown. While this computer
-        is far behind, rows are not learned from either. The latency is measured right after the estimate, before
-        anything is drawn.
+        All rows are shown. Learned from are those of free flight, in which the vehicle is in the air and nothing holds
+        it, unless this computer is so far behind that estimates are postponed. The latency is the time from the
+        packet's arrival to the estimate, without the time for drawing.
 
         Args:
             row: motor outputs and motion at one time of the boot clock.
@@ -200,7 +200,7 @@ class LiveSession:
         row_format = self.stream.row_format
         assert row_format is not None
         learning = self._learning
-        # Each segment has a format object of its own, so that a new object means that the rows may differ.
+        # A new segment of the stream has a new format object; its rows may have other inputs or another step.
         if row_format is not learning.row_format:
             learning.begin(row_format)
             self.history.motor_names = row_format.geometry.names

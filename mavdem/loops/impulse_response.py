@@ -136,16 +136,17 @@ def response_knots(taps: int, steps_per_sample: int) -> Array:
 
 
 def second_differences(knots: Array) -> Array:
-    """Returns the matrix that combines the hat functions of the inner knots from (lag − knot)₊.
+    """Returns the weights by which hat functions are sums of ramps that begin at the knots.
 
-    The hat function of a knot is 1 there, 0 at the next knots, and linear between. Its second derivative is three
-    impulses. So what is known of (lag − knot)₊, such as an integral, gives that of the hats.
+    The hat function of an inner knot is 1 there, 0 at the two knots beside it and beyond, and linear between. The ramp
+    of a knot k is max(lag − k, 0). A hat is a weighted sum of the ramps of three neighbouring knots, at which its slope
+    changes; the weights are these changes. So an integral of ramps, which is simple, gives that of hats.
 
     Args:
-        knots: lags (K + 2,), ascending.
+        knots: lags (K + 2,), ascending; all but the first and the last are inner knots.
 
     Returns:
-        Weights (K + 2, K).
+        Weights (K + 2, K): of the ramp of each knot (rows) in the hat of each inner knot (columns).
     """
     inverse_spacing = 1 / np.diff(knots)
     nodes = np.arange(len(knots) - 2)

@@ -108,6 +108,7 @@ class LogPosterior(NamedTuple):
 
     def value(self, at: Array) -> float:
         """Returns the log posterior density of θ = ``at`` (k,), up to a constant; NaN where there is none."""
+        at = self.model.bounded(at)
         value = self._log_prior(at)
         for errors, _ in self.innovations(at[None]):
             value += _log_likelihood(errors[0])
@@ -118,11 +119,13 @@ class LogPosterior(NamedTuple):
 
         Prediction errors are differentiated by forward differences in all parameters, evaluated in one batch. With
         errors e, scaled to a mean square of 1 in each window, and their slopes J by the parameters, the likelihood adds
-        −Jᵀ e to the gradient and Jᵀ J to the curvature. The prior adds its own.
+        −Jᵀ e to the gradient and Jᵀ J to the curvature. The prior adds its own. A delay below 0 is taken for 0; where the
+        density rises further below, that part of the gradient is left out, since no step can follow it.
 
         Raises:
             numpy.linalg.LinAlgError: the log posterior or its curvature is not finite.
         """
+        at = self.model.bounded(at)
         mean, sd = self.model.prior
         steps = FINITE_DIFFERENCE_STEP * np.maximum(MIN_PARAMETER_SCALE, abs(at))
         value = self._log_prior(at)
@@ -141,6 +144,9 @@ class LogPosterior(NamedTuple):
             curvature += slopes @ slopes.T
         if not (np.isfinite(value) and np.isfinite(curvature).all()):
             raise LinAlgError("nothing has a likelihood")
+        delay = self.model.delay_index
+        if at[delay] == 0.0:
+            slope[delay] = max(slope[delay], 0.0)
         return QuadraticExpansion(at, value, slope, curvature)
 
     def limited_step(self, step: Array) -> Array:

@@ -203,6 +203,12 @@ class GrayBoxModel(NamedTuple):
         """Returns the parameter of each refinement (…, refinements), for θ (…, k)."""
         return thetas[..., self.noise_index + 1 :]
 
+    def bounded(self, theta: Array) -> Array:
+        """Returns parameters θ (k,) with a delay of at least 0: no command acts before it is given."""
+        bounded = theta.copy()
+        bounded[self.delay_index] = max(bounded[self.delay_index], 0.0)
+        return bounded
+
     def rate_by_motors(self, thetas: Array, windows: FlightWindows) -> ComplexArray:
         """Returns the Fourier transform of the body rate that the motors alone cause.
 

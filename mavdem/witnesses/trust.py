@@ -209,7 +209,11 @@ class SensorTrust:
 
 
 def _level(answer: bool | None) -> Level:
-    """Returns the level of an answer to whether a sensor can be trusted: good, to be watched, or unknown."""
+    """Returns the level of a check of a sensor.
+
+    Args:
+        answer: whether the sensor agrees with the others; None if that could not be checked.
+    """
     if answer is None:
         return Level.UNKNOWN
     return Level.GOOD if answer else Level.WATCH
@@ -217,11 +221,13 @@ def _level(answer: bool | None) -> Level:
 
 @cached_per_vehicle()
 def sensor_trust(signals: Signals, boot: int) -> SensorTrust:
-    """Checks the sensors of a boot against each other, once: events, lights and reports read this record.
+    """Checks the sensors of a vehicle against each other, in the time from one boot of the autopilot to the next.
+
+    The result is cached: events, lights and reports all use the same one.
 
     Args:
         signals: signals of the vehicle.
-        boot: number of the boot.
+        boot: number of the boot, from 0.
     """
     return SensorTrust(
         boot=boot,

@@ -124,7 +124,7 @@ class SenderLinks:
         # The sequence number of the latest late frame, and how many frames had come with the latest copy of a reading;
         # so long ago, before any, that it does not count.
         self._late_sequence = 0
-        self._copy_count = -SEQUENCE_NUMBERS
+        self._count_at_latest_copy = -SEQUENCE_NUMBERS
 
     @property
     def has_found_two_vehicles(self) -> bool:
@@ -146,7 +146,7 @@ class SenderLinks:
     @property
     def has_late_link(self) -> bool:
         """Whether a second link is known: a copy with a reading came within the latest 256 frames."""
-        return self._frame_count - self._copy_count < SEQUENCE_NUMBERS
+        return self._frame_count - self._count_at_latest_copy < SEQUENCE_NUMBERS
 
     def take(self, content: bytes, message_id: int, sequence: int, is_readable: bool) -> bool:
         """Takes the next frame of the sender.
@@ -165,23 +165,11 @@ class SenderLinks:
             self._count_missing(sequence, None)
             return True
         reading = clock_reading(content, message_id) if message_id in READING_LAYOUTS else None
-        original_count = self._recent.get(content)
-        if original_count is not None:
-            if reading is not None:
-                # A time since boot never comes again.
-                self._copy_count = self._frame_count
-                self.longest_delay = max(self.longest_delay, self._clock - reading.clock)
-            elif not self._is_copy(original_count, content, message_id, sequence):
-                # It is forgotten here, so that the new frame takes the last place.
-                del self._recent[content]
-                original_count = None
-        if original_count is not None:
+        if self._came_before(content, message_id, sequence, reading):
             self.copies += 1
             self._late_sequence = sequence
             return False
-        self._recent[content] = self._frame_count
-        if len(self._recent) > RECENT_FRAMES:
-            self._recent.popitem(last=False)
+        self.remember([(self._frame_count, content)])
         self._count_missing(sequence, reading)
         if reading is not None:
             self.vehicles.add(reading)
@@ -239,28 +227,55 @@ class SenderLinks:
         while len(self._recent) > RECENT_FRAMES:
             self._recent.popitem(last=False)
 
-    def _is_copy(self, original_count: int, content: bytes, message_id: int, sequence: int) -> bool:
-        """Returns whether a frame without a reading of the clock, with the bytes of an earlier one, is its copy.
+    def _came_before(
+        self, content: bytes, message_id: int, sequence: int, reading: Reading | None
+    ) -> bool:
+        """Returns whether a readable frame is a copy of a recent one, which a slower second link has brought.
 
-        Messages such as HEARTBEAT repeat their content, and with the next turn of the sequence numbers an equal one is
-        new. Only where a second link is known they may be copies: those that directly repeat a frame, those with any
-        time stamp, and those whose number follows that of the latest late frame more closely than that of the latest
-        other one.
+        A frame with a reading of the boot clock is a copy if a recent frame has its bytes, since no time since boot
+        comes twice. It shows that there is a second link, and how late that is.
 
         Args:
-            original_count: how many frames had come with the earlier frame.
+            content: all bytes of the frame.
+            message_id: number of its message.
+            sequence: its sequence number.
+            reading: the reading of the boot clock in it; None where it has none.
+        """
+        earlier_count = self._recent.get(content)
+        if earlier_count is None:
+            return False
+        if reading is not None:
+            self._count_at_latest_copy = self._frame_count
+            self.longest_delay = max(self.longest_delay, self._clock - reading.clock)
+            return True
+        return self._is_copy_without_reading(earlier_count, content, message_id, sequence)
+
+    def _is_copy_without_reading(
+        self, earlier_count: int, content: bytes, message_id: int, sequence: int
+    ) -> bool:
+        """Returns whether a frame without a reading of the clock, with the bytes of an earlier one, is its copy.
+
+        Messages such as HEARTBEAT repeat their content, and 256 frames later an equal one with the same sequence number
+        may be new. So it is a copy only where a second link is known, and one of these holds: it directly repeats the
+        earlier frame; it has a time stamp; or the second link numbered the frame before it.
+
+        Args:
+            earlier_count: how many frames had come with the earlier frame.
             content: the bytes of both.
             message_id: number of their message.
             sequence: their sequence number.
         """
         if not self.has_late_link:
             return False
-        if self._frame_count - original_count == 1 or _has_stamp(content, message_id):
+        if self._frame_count - earlier_count == 1 or _has_stamp(content, message_id):
             return True
         return self._follows_late_link(sequence)
 
     def _follows_late_link(self, sequence: int) -> bool:
-        """Returns whether a number follows that of the latest late frame more closely than that of the latest other."""
+        """Returns whether a sequence number continues the second link's numbers rather than those of the first link.
+
+        It does if fewer numbers lie between it and the latest copy than between it and the latest frame that was new.
+        """
         late_step = (sequence - self._late_sequence) % SEQUENCE_NUMBERS
         return late_step < (sequence - self._sequence) % SEQUENCE_NUMBERS
 
