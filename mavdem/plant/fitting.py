@@ -119,8 +119,10 @@ class LogPosterior(NamedTuple):
 
         Prediction errors are differentiated by forward differences in all parameters, evaluated in one batch. With
         errors e, scaled to a mean square of 1 in each window, and their slopes J by the parameters, the likelihood adds
-        −Jᵀ e to the gradient and Jᵀ J to the curvature. The prior adds its own. A delay below 0 is taken for 0; where the
-        density rises further below, that part of the gradient is left out, since no step can follow it.
+        −Jᵀ e to the gradient and Jᵀ J to the curvature. The prior adds its own.
+
+        A delay below 0 is taken for 0. Where the density would rise further below, the delay's part of the gradient is
+        left out, since no step can follow it.
 
         Raises:
             numpy.linalg.LinAlgError: the log posterior or its curvature is not finite.

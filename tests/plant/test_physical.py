@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.random import default_rng
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark, raises, warns
 from scipy.linalg import expm, solve_continuous_lyapunov
 from simulated import DAMPING, DT, LAG, MOTORS, in_closed_loop
@@ -23,7 +23,7 @@ from mavdem.plant import physical
 from mavdem.plant.estimation import with_omission_errors
 from mavdem.plant.fitting import LogPosterior, initial_model
 from mavdem.plant.identifiability import PARAMETERS, NotIdentifiable, identifiability
-from mavdem.plant.likelihood import minimum_phase
+from mavdem.plant.likelihood import DELAY_PRIOR, minimum_phase
 from mavdem.plant.parameters import Physical
 from mavdem.plant.sampled_plant import (
     FIRST_ORDER,
@@ -99,7 +99,8 @@ def test_the_slope_of_the_log_joint_is_that_of_its_value():
         assert slope == approx(np.diff(ends)[0] / 2e-5, abs=1e-2 * abs(about.gradient).max())
 
 
-def test_errors_after_steps_are_those_at_the_changed_parameters():
+def refined_model():
+    """A gray-box model with all kinds of parameters, and three windows of a steered flight."""
     flight = in_closed_loop(2, steering=1.0, samples=900)
     inputs = (flight.inputs - flight.inputs.mean(axis=0)).reshape(3, 300, -1)
     rate = flight.outputs[:, 1].reshape(3, -1)
@@ -108,10 +109,30 @@ def test_errors_after_steps_are_those_at_the_changed_parameters():
     model = plain._replace(
         wind=(FIRST_ORDER, GAUSSIAN_KERNEL), refinements=(Refinement.THRUST_CURVE, Refinement.JUMPS)
     )
+    return model, windows
+
+
+def test_errors_after_steps_are_those_at_the_changed_parameters():
+    model, windows = refined_model()
     mean, sd = model.prior
     theta = mean + 0.1 * sd * default_rng(3).standard_normal(len(mean))
     errors, _ = model.innovations(np.vstack([theta, theta + np.diag(sd / 5)]), windows)
     assert_allclose(model.innovations_after_steps(theta, sd / 5, windows), errors, atol=1e-12)
+
+
+def test_a_delay_just_below_its_bound_is_at_the_bound():
+    """The density has a kink there, and rounding must not choose on which side it is differentiated."""
+    model, windows = refined_model()
+    mean, _ = model.prior
+    below, at_bound = mean.copy(), mean.copy()
+    below[model.delay_index], at_bound[model.delay_index] = -1e-3, 0.0
+    objective = LogPosterior(model, windows)
+    expansion, expected = objective.expand(below), objective.expand(at_bound)
+    assert objective.value(below) == expected.value == expansion.value
+    assert expansion.point[model.delay_index] == 0.0
+    assert_array_equal(expansion.curvature, expected.curvature)
+    # The likelihood speaks on the delay, more than its prior does.
+    assert expected.curvature[model.delay_index, model.delay_index] > 2 / DELAY_PRIOR.sd**2
 
 
 @mark.slow
