@@ -3,7 +3,7 @@
 import asyncio
 import json
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PureWindowsPath
 
@@ -270,19 +270,19 @@ class Api:
             Events with a JSON list of the changed ``Progress`` documents; at the end the event ``end``.
         """
         unfinished_ids = list[str]()
-        previous_progress = list[Progress]()
+        previous_progress = dict[str, Progress]()
         where = f"{condition.where} or id in (select value from json_each(?))"
         self._progress_streams += 1
         try:
             while not await request.is_disconnected():
                 values = (*condition.values, json.dumps(unfinished_ids))
                 entries, _ = await run_in_threadpool(self._library.find, where, values, MAX_FILES)
-                current_progress = [self._progress_of(entry) for entry in entries]
+                current_progress = await run_in_threadpool(self._progress_of_all, entries)
                 unfinished_ids = [entry.id for entry in entries if not entry.is_done]
                 changes = [
                     progress.as_dict()
-                    for progress in current_progress
-                    if progress not in previous_progress
+                    for id, progress in current_progress.items()
+                    if progress != previous_progress.get(id)
                 ]
                 previous_progress = current_progress
                 if changes:
@@ -297,11 +297,24 @@ class Api:
             self._progress_streams -= 1
         yield "event: end\ndata: \n\n"
 
-    def _progress_of(self, entry: Entry) -> Progress:
-        """Returns the progress of a flight, with what the process that reads its log has reported."""
+    def _progress_of_all(self, entries: Sequence[Entry]) -> dict[str, Progress]:
+        """Returns the progress of flights by their ids, in their order."""
+        places = dict[str, int]()
+        # A thousand logs may wait: their places are counted together.
+        if any(entry.stage == Stage.WAITING for entry in entries):
+            places = self._library.waiting_places()
+        return {entry.id: self._progress_of(entry, places) for entry in entries}
+
+    def _progress_of(self, entry: Entry, places: Mapping[str, int]) -> Progress:
+        """Returns the progress of a flight, with what the process that reads its log has reported.
+
+        Args:
+            entry: the flight.
+            places: how many logs are read before each waiting log, by its id.
+        """
         values: JsonValues = {}
         if entry.stage == Stage.WAITING:
-            values["ahead"] = self._library.count_waiting_before(entry)
+            values["ahead"] = places.get(entry.id, 0)
         elif not entry.is_done:
             progress = self._library.progress(entry)
             columns = {name: progress[name] for name in COLUMNS if name in progress}

@@ -329,11 +329,10 @@ class Library:
         # An entry may be deleted between the two queries.
         return [entries[id] for id in wanted_ids if id in entries], len(ids)
 
-    def count_waiting_before(self, entry: Entry) -> int:
-        """Returns the number of waiting logs that are read before a waiting log."""
-        query = "select count(*) from entries where stage = ? and received < ?"
-        (count,) = self.db.execute(query, [Stage.WAITING, entry.received]).fetchone()
-        return int(count)
+    def waiting_places(self) -> dict[str, int]:
+        """Returns how many waiting logs are read before each waiting log, by its id."""
+        query = "select id, rank() over (order by received) - 1 from entries where stage = ?"
+        return dict(self.db.execute(query, [Stage.WAITING]).fetchall())
 
     def vehicle_names(self) -> list[str]:
         """Returns the names of all vehicles, in alphabetical order."""

@@ -7,11 +7,18 @@ from serving import log, serving
 
 from mavdem.assessment.time_history import time_history
 from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
+from mavdem.facts.fleet import Reading
 from mavdem.facts.serve import Stage
 from mavdem.ingest import read_log
 from mavdem.report.pages.library_page import first_plots
+from mavdem.serve.api import Api
+from mavdem.serve.index import Entry, insert_entry, new_id
+from mavdem.serve.library import Library
 from mavdem.serve.reading import ProgressFile
+from mavdem.serve.rights import Rights
 from mavdem.serve.stored_files import FIRST_PLOTS, PROGRESS
+from mavdem.serve.visible_library import VisibleLibrary
 from mavdem.wind_velocity.from_log import UNKNOWN_WIND
 
 
@@ -19,6 +26,23 @@ def test_a_waiting_log_says_how_many_come_before_it(tmp_path):
     with serving(tmp_path, is_eager=False) as server:
         ids = [server.add(f"{number}.ulg", str(number)) for number in range(3)]
         assert [server.progress(id)["ahead"] for id in ids] == [0, 1, 2]
+
+
+def test_the_progress_of_many_waiting_logs_takes_little_time(tmp_path):
+    """A thousand logs, whose progress all watchers ask for five times a second."""
+    library = Library(tmp_path)
+    with library.transaction() as db:
+        for number in range(1000):
+            name = f"{number}.tlog"
+            waiting = Entry(new_id(), name, f"{number:064x}", name, received=float(number))
+            insert_entry(db, waiting)
+    queries = []
+    library.db.set_trace_callback(queries.append)
+    api = Api(VisibleLibrary(library, Rights()), lambda: None, None)
+    entries, _ = library.find("1", [], 1000)
+    progress = api._progress_of_all(entries)
+    assert [each.ahead for each in progress.values()] == list(reversed(range(1000)))
+    assert len(queries) < 10
 
 
 def test_a_log_that_is_read_says_step_share_and_time(tmp_path):
@@ -58,6 +82,14 @@ def test_first_plots_show_what_was_recorded(tmp_path):
     for title in ("Motors, %", "Motors minus their mean, %", "Roll, °", "Yaw rate, °/s"):
         assert f"<h3>{title}</h3>" in page
     assert len(page) < 1_500_000
+
+
+def test_an_event_of_the_first_plots_leads_to_its_time(tmp_path):
+    (vehicle,) = read_log(short_flight(tmp_path)).vehicles
+    event = Fact(Reading.NO_VEHICLE).replace(time=12.5)
+    page = first_plots(time_history(Signals(vehicle), (), UNKNOWN_WIND, (event,)))
+    assert '<tr data-at="12.5"><td><a href="#t=12.50">12.5 s</a></td>' in page
+    assert f'<span class="sentence">{event}</span>' in page
 
 
 def test_the_progress_file_is_json_at_any_time(tmp_path):

@@ -27,7 +27,7 @@ from mavdem.report.charts.timeline import timeline_of_history
 from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.fleet import HEALTH_LEVELS, vehicle_words
 from mavdem.report.pages.fleet_page import with_fleet_remark
-from mavdem.report.pages.page import environment, render_page
+from mavdem.report.pages.page import PageEvent, environment, render_page
 
 POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 """The element of a flight's page with its own policy, which is for a file without a server."""
@@ -120,7 +120,7 @@ def first_plots(history: TimeHistory) -> str:
     return render_server_page(
         "first_plots",
         groups=[group for group in groups if any(group.columns)],
-        events=timeline.events,
+        events=[PageEvent(event) for event in timeline.events],
         points=MAX_POINTS_OF_SMALL_PAGE,
     )
 
