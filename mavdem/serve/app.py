@@ -177,8 +177,8 @@ class Server:
                 # The server is ending. The answer says when to ask again.
                 response = Response(status_code=503, headers=RETRY_HEADERS)
             response.headers.update(_response_headers())
-            # A browser that has the cookie of an earlier token waits only once.
-            if has_wrong_secret and COOKIE_NAME in request.cookies:
+            # A browser that has the cookie of an earlier token waits only once. The answer may bring the right one.
+            if self._rights.has_wrong_cookie(request) and "Set-Cookie" not in response.headers:
                 response.delete_cookie(COOKIE_NAME)
             return response
 

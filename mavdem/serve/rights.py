@@ -83,6 +83,11 @@ class Rights:
             secret and not self._secret_allows(secret, use) for use, secret in secrets.items()
         )
 
+    def has_wrong_cookie(self, request: HTTPConnection) -> bool:
+        """Returns whether a request has the cookie of an earlier token, or a made-up one."""
+        secret = request.cookies.get(COOKIE_NAME)
+        return bool(secret) and not self._secret_allows(secret or "", Use.READ)
+
     def require(self, request: HTTPConnection, use: Use) -> None:
         """Checks that the sender of a request may use the flights of the library in this way.
 

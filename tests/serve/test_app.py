@@ -596,3 +596,15 @@ def test_a_wrong_secret_of_any_kind_is_answered_late(guarded, monkeypatch):
     begin = time.monotonic()
     refused = guarded.upload(("a.ulg", log("One.")), path="/guess/upload")
     assert refused.status == 401 and time.monotonic() - begin >= 0.2
+
+
+def test_only_a_wrong_cookie_is_removed(guarded, monkeypatch):
+    monkeypatch.setattr("mavdem.serve.app.WRONG_TOKEN_DELAY", 0.0)
+    # The right token replaces the cookie of an earlier one.
+    entered = guarded.ask("POST", "/enter", f"token={TOKEN}", Cookie="mavdem=former")
+    (cookie,) = entered.headers.get_all("Set-Cookie")
+    mine = cookie.split(";")[0]
+    assert mine != 'mavdem=""'
+    # An upload to an earlier address does not sign out.
+    refused = guarded.upload(("a.ulg", log("One.")), path="/guess/upload", Cookie=mine)
+    assert refused.status == 401 and "Set-Cookie" not in refused.headers
