@@ -135,7 +135,6 @@ def read_brief_rows(folder: Path) -> FlightRows:
     Raises:
         Unreadable: the folder has no store, or a damaged one.
     """
-    # A store of an earlier version has no brief rows until a run has opened it.
     return _stored_rows(folder, "select brief, file from flights where file is not null", {})
 
 
@@ -163,10 +162,19 @@ def _stored_rows(folder: Path, query: str, values: JsonValues) -> FlightRows:
     uri = f"{path.absolute().as_uri()}?{access}"
     try:
         with closing(sqlite3.connect(uri, timeout=BUSY_SECONDS, uri=True)) as db:
+            if not _has_brief_rows(db):
+                # A store of an earlier version has none until a run has opened it. Whole rows have their columns too.
+                query = query.replace("select brief", "select row")
             rows = [row_of_json(text, file) for text, file in db.execute(query, values)]
     except sqlite3.Error as error:
         raise Unreadable(_damage(path, error)) from None
     return sorted(rows, key=lambda row: row.order)
+
+
+def _has_brief_rows(db: sqlite3.Connection) -> bool:
+    """Returns whether a store has brief rows, which those of earlier versions have not."""
+    query = "select 1 from pragma_table_info('flights') where name = 'brief'"
+    return db.execute(query).fetchone() is not None
 
 
 def _damage(path: Path, error: Exception) -> Fact:
@@ -203,7 +211,7 @@ def write_rows(
     path.parent.mkdir(exist_ok=True)
     groups = _row_groups(rows)
     if changed_vehicles is not None:
-        groups = _merged_groups(path, groups, changed_vehicles)
+        groups = _full_groups(_merged_groups(path, groups, changed_vehicles))
     # The unfinished file is in the fleet's folder: readers of all files beside the table would read it, too.
     with atomic_write(path, folder) as file:
         with parquet.ParquetWriter(file, row_schema(), compression="zstd") as writer:
@@ -276,6 +284,24 @@ def _merged_groups(
                 yield together.sort_by("vehicle")
     if new_rows.num_rows:
         yield new_rows
+
+
+def _full_groups(tables: Iterable[Any]) -> Iterator[Any]:
+    """Yields the rows of tables of pyarrow as tables with ``ROWS_PER_GROUP`` rows each, in their order.
+
+    Tables whose rows are replaced again and again would become ever more, and ever larger.
+    """
+    import pyarrow
+
+    waiting = row_schema().empty_table()
+    for table in tables:
+        waiting = pyarrow.concat_tables([waiting, table])
+        while waiting.num_rows >= ROWS_PER_GROUP:
+            yield waiting.slice(0, ROWS_PER_GROUP)
+            waiting = waiting.slice(ROWS_PER_GROUP)
+        waiting = waiting.combine_chunks()
+    if waiting.num_rows:
+        yield waiting
 
 
 def _arrow_table(rows: Sequence[StoredRow]) -> Any:
@@ -379,10 +405,12 @@ class Store:
 
     def _add_brief_rows(self) -> None:
         """Adds brief rows and pages to the store of an earlier version, whose rows had neither."""
-        columns = {column["name"] for column in self.db.execute("pragma table_info(flights)")}
-        if "brief" in columns:
+        if _has_brief_rows(self.db):
             return
         with self.transaction():
+            # Another run may have added them while this one waited.
+            if _has_brief_rows(self.db):
+                return
             self.db.execute("alter table flights add column brief text")
             self.db.execute("alter table flights add column page text")
             self.db.execute("alter table unpublished add column vehicle text")
@@ -662,10 +690,10 @@ class Store:
             if all_name_vehicles and has_current_table(self.folder):
                 changed_vehicles = vehicles
             query = """select row, file from flights where file is not null and
-                (:all or vehicle in (select value from json_each(:vehicles)))
+                (? or vehicle in (select vehicle from unpublished))
                 order by vehicle, file, log, rowid"""
-            values = {"all": changed_vehicles is None, "vehicles": json.dumps(vehicles)}
-            rows = (StoredRow(*columns) for columns in self.db.execute(query, values))
+            found = self.db.execute(query, [changed_vehicles is None])
+            rows = (StoredRow(*columns) for columns in found)
             write_rows(self.folder, rows, changed_vehicles)
         last_change = max((change for change, _ in changes), default=0)
         self.db.execute("delete from unpublished where change <= ?", [last_change])

@@ -6,6 +6,7 @@ import re
 import shutil
 import sqlite3
 import sys
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -220,6 +221,60 @@ def test_a_changed_vehicle_takes_the_place_of_its_rows_in_the_table(tmp_path):
     assert spliced["tier"].to_pylist() == ["a", None, None]
 
 
+def test_the_row_groups_of_a_spliced_table_stay_full(tmp_path, monkeypatch):
+    monkeypatch.setattr(store, "ROWS_PER_GROUP", 4)
+    names = [f"v{number}" for number in range(10)]
+    rows = [replace(FULL, file=f"{name}.bin", key=f"{name}-1", vehicle=name) for name in names]
+    for count in range(1, 11):
+        fleet_of(tmp_path, rows[:count])
+    table = parquet.ParquetFile(tmp_path / TABLE)
+    assert [table.metadata.row_group(number).num_rows for number in range(3)] == [4, 4, 2]
+    assert table.read()["vehicle"].to_pylist() == names
+
+
+def test_the_rows_of_a_vehicle_with_any_name_are_spliced(tmp_path):
+    row = replace(FULL, key="a-1", vehicle="quad\x007")
+    fleet_of(tmp_path, [row])
+    fleet_of(tmp_path, [replace(row, tier="a")])
+    assert parquet.read_table(tmp_path / TABLE)["tier"].to_pylist() == ["a"]
+
+
+def make_older(folder):
+    """Makes the store of a fleet one of a version without brief rows."""
+    with closing(sqlite3.connect(folder / STORE, isolation_level=None)) as db:
+        for table, column in (
+            ("flights", "brief"),
+            ("flights", "page"),
+            ("unpublished", "vehicle"),
+        ):
+            db.execute(f"alter table {table} drop column {column}")
+
+
+def test_an_older_store_is_read_before_a_run_has_opened_it(tmp_path):
+    fleet_of(tmp_path, [FULL])
+    make_older(tmp_path)
+    (row,) = read_brief_rows(tmp_path)
+    assert row.vehicle == FULL.vehicle
+
+
+def test_two_runs_may_open_an_older_store_at_a_time(tmp_path):
+    fleet_of(tmp_path, [FULL])
+    make_older(tmp_path)
+    with closing(sqlite3.connect(tmp_path / STORE, isolation_level=None)) as first_run:
+        first_run.execute("begin immediate")
+        first_run.execute("alter table flights add column brief text")
+        with ThreadPoolExecutor() as executor:
+
+            def open_it():
+                with open_store(tmp_path):
+                    return True
+
+            second_run = executor.submit(open_it)
+            wait([second_run], 0.5)
+            first_run.execute("commit")
+            assert second_run.result()
+
+
 def test_brief_rows_have_the_columns_of_the_index_and_are_made_for_an_older_store(tmp_path):
     fleet_of(tmp_path, [FULL, FAILED])
     brief_rows = read_brief_rows(tmp_path)
@@ -228,13 +283,7 @@ def test_brief_rows_have_the_columns_of_the_index_and_are_made_for_an_older_stor
         for name in BRIEF_COLUMNS:
             assert getattr(brief, name) == getattr(full, name)
         assert brief.effect is None
-    with closing(sqlite3.connect(tmp_path / STORE, isolation_level=None)) as db:
-        for table, column in (
-            ("flights", "brief"),
-            ("flights", "page"),
-            ("unpublished", "vehicle"),
-        ):
-            db.execute(f"alter table {table} drop column {column}")
+    make_older(tmp_path)
     with open_store(tmp_path):
         assert read_brief_rows(tmp_path) == brief_rows
 
