@@ -92,15 +92,19 @@ def max_open_files() -> int:
 
 
 def lower_priority(niceness: int) -> None:
-    """Lets other processes go before this one.
+    """Lets other processes go before this one, which keeps a lower priority that it was started with.
 
     Args:
         niceness: 0 is normal, 19 the lowest priority. Windows has only one class below the normal priority.
     """
     import psutil
 
-    below_normal = getattr(psutil, "BELOW_NORMAL_PRIORITY_CLASS", niceness)
-    psutil.Process().nice(below_normal)
+    process = psutil.Process()
+    if sys.platform == "win32":
+        process.nice(psutil.BELOW_NORMAL_PRIORITY_CLASS)
+    # Only an administrator may raise a priority.
+    elif process.nice() < niceness:
+        process.nice(niceness)
 
 
 def kill_with_children(process_id: int) -> None:

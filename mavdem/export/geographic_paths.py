@@ -73,6 +73,20 @@ def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
     raise Unreadable(Fact(Source.NO_GEOGRAPHIC_POSITION))
 
 
+def valid_name(name: str) -> str:
+    r"""Returns the name of a file with escapes, such as ``\x01``, for what no map may contain.
+
+    XML has no control characters, and UTF-8 has no characters for the bytes of a name that is not valid Unicode.
+    """
+    characters = []
+    for character in name:
+        if character.isprintable():
+            characters.append(character)
+        else:
+            characters.append(character.encode("unicode_escape").decode())
+    return "".join(characters)
+
+
 def write_geojson(file: BinaryIO, name: str, paths: Sequence[GeographicPath]) -> None:
     """Writes paths as GeoJSON: a line for each, whose properties have the boot and the time of each point.
 
@@ -82,6 +96,7 @@ def write_geojson(file: BinaryIO, name: str, paths: Sequence[GeographicPath]) ->
         paths: at least one path.
     """
     features = []
+    name = valid_name(name)
     for path in paths:
         geometry = {"type": "LineString", "coordinates": path.positions.tolist()}
         properties = {"name": name, "boot": path.boot, "time_s": path.time.tolist()}
@@ -100,7 +115,7 @@ def write_kml(file: BinaryIO, name: str, paths: Sequence[GeographicPath]) -> Non
     """
     root = ElementTree.Element("kml", xmlns=KML_NAMESPACE)
     document = ElementTree.SubElement(root, "Document")
-    ElementTree.SubElement(document, "name").text = name
+    ElementTree.SubElement(document, "name").text = valid_name(name)
     for path in paths:
         placemark = ElementTree.SubElement(document, "Placemark")
         first, last = path.time[0], path.time[-1]

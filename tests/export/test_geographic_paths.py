@@ -56,3 +56,15 @@ def test_a_log_without_geographic_positions_has_no_path():
     with raises(Unreadable) as refusal:
         geographic_paths(Hover().telemetry())
     assert refusal.value.fact.code is Source.NO_GEOGRAPHIC_POSITION
+
+
+def test_a_map_may_have_any_name():
+    name = "a\x01\udcff<é>.tlog"
+    geojson, kml = io.BytesIO(), io.BytesIO()
+    write_geojson(geojson, name, geographic_paths(positioned()))
+    write_kml(kml, name, geographic_paths(positioned()))
+    shown = "a\\x01\\udcff<é>.tlog"
+    (feature,) = json.loads(geojson.getvalue())["features"]
+    assert feature["properties"]["name"] == shown
+    document = ElementTree.fromstring(kml.getvalue())
+    assert document.find("kml:Document/kml:name", KML).text == shown

@@ -19,6 +19,7 @@ from pathlib import Path
 from unittest.mock import MagicMock, Mock
 
 import distributed
+import psutil
 from distributed import LocalCluster
 from pytest import fixture, mark, raises
 from recorded_flights import LOGS
@@ -43,7 +44,7 @@ from mavdem.fleet.workers import (
     outcome_of,
     perform,
 )
-from mavdem.processes import peak_megabytes
+from mavdem.processes import lower_priority, peak_megabytes
 
 
 def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
@@ -364,3 +365,12 @@ def test_what_a_file_system_lacks_is_said(tmp_path):
         (problem,) = find_logs([url])[1]
         assert problem.code is Folder.URL_UNREADABLE and problem.figures["path"] == url
     assert unreadable(fetch, "http://127.0.0.1:9/x.bin", tmp_path / "x.bin").figures["fetched"]
+
+
+def test_a_process_of_low_priority_keeps_it(monkeypatch):
+    """Only an administrator may raise a priority: ``nice mavdem serve`` would read no log."""
+    monkeypatch.setattr(psutil.Process, "nice", nice := Mock(return_value=10))
+    lower_priority(5)
+    nice.assert_called_once_with()
+    lower_priority(15)
+    nice.assert_called_with(15)
