@@ -41,7 +41,12 @@ AS_ANOTHER = (
 TWO_VEHICLES = "px4_two_vehicles_gcslink"
 TO_THE_GROUND = "ap_short_with_climb", "ap_reboot_rates_never_asked_again"
 """Simulated flights whose landing is replayed; of the others the first seconds."""
-SECONDS = {"ardupilot_wind5_steps": 108.0, "px4_wind5_steps": 78.0, "dronekit_flight": 60.0}
+SECONDS = {
+    "ardupilot_wind5_steps": 108.0,
+    "px4_wind5_steps": 78.0,
+    "dronekit_flight": 60.0,
+    "wlichon_baseline": 93.0,
+}
 """Seconds that are replayed where 45 s do not hold half a minute of flight: these logs begin long before theirs."""
 NO_CLIMB = "ap_motor"
 """Without a vertical speed: offline, a descent is settled but for its end; live, not in a mode that lands."""

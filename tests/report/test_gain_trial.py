@@ -44,7 +44,7 @@ def test_motions_of_the_twin_stand_below_the_steps_with_their_errors(monkeypatch
     motion = TwinMotion(time, setpoint, setpoint + 0.02 * np.sin(time), 0.5 * setpoint)
     hover = motion._replace(setpoint=np.zeros_like(time))
     trial = GainTrial({"roll": motion}, {"roll": hover})
-    monkeypatch.setattr(gain_trial, "try_gains", lambda *_: trial)
+    monkeypatch.setattr(gain_trial, "try_gains", lambda *_, **__: trial)
     groups = gain_trial_groups(WITHOUT_TWIN, {"roll": advise(made_up(4.5))})
     (_, tracking), (_, wind) = groups["roll"].columns
     assert [line.name for line in tracking.lines] == ["setpoint", "now", "advised"]

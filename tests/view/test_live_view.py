@@ -7,6 +7,7 @@ import sys
 import time
 import urllib.request
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from threading import Event
 from urllib.parse import parse_qs, urlsplit
 from uuid import uuid4
@@ -160,7 +161,7 @@ def recording(tmp_path_factory):
         )
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
             pose = LatestPose(t, (y[0], 0.1, 0.2), (y[1], 0.3, 0.4), (0.5, np.nan))
-            wind = WIND._replace(time=round(t, 1))
+            wind = replace(WIND, time=round(t, 1))
             view.put(DisplayRow(t, 0.0, 0, y, u, known, None, wind, pose))
         view.log(Occurrence(TIME[-1], prose("link lost")))
     assert view.troubles == [] and not file.broken
