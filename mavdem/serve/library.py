@@ -53,6 +53,7 @@ from mavdem.serve.stored_files import (
     RESULTS,
     SERVER_NAME_BYTES,
     SERVERS,
+    UNFINISHED_RECORDINGS,
     random_name,
     refuse_full_disk,
     register_server,
@@ -140,7 +141,8 @@ class Library:
         Returns:
             Values by their keys (``mavdem.serve.reading.ProgressFile``).
         """
-        for folder_name in (entry.digest, f".{entry.digest}"):
+        hidden_name = f".{entry.digest}"
+        for folder_name in (entry.digest, hidden_name, f"{hidden_name}{UNFINISHED_RECORDINGS}"):
             with suppress(OSError, ValueError):
                 path = self.folder / RESULTS / folder_name / PROGRESS
                 return dict(json.loads(path.read_bytes()))

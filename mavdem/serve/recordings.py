@@ -26,7 +26,7 @@ from mavdem.results import RECORDINGS, REPORT_FILE, possible_recordings, write_r
 from mavdem.serve.index import DIGEST_GLOB, Entry, entry_from_row
 from mavdem.serve.library import Library
 from mavdem.serve.reading import LOWER_PRIORITY, ProgressFile
-from mavdem.serve.stored_files import PROGRESS, RESULTS
+from mavdem.serve.stored_files import PROGRESS, RESULTS, UNFINISHED_RECORDINGS
 
 
 class RecordingRequests:
@@ -73,7 +73,7 @@ class RecordingRequests:
         return self._library.entry(entry.id)
 
     def claim(self) -> Entry | None:
-        """Marks the recordings that have been waited for longest as being made by this server.
+        """Marks the recordings of a flight that are waited for as being made by this server.
 
         Returns:
             The entry of their flight; None if nobody waits for recordings.
@@ -99,7 +99,7 @@ class RecordingRequests:
             outcome: its first row has the reason where they could not be made.
         """
         results = self._library.results_folder(entry)
-        shutil.rmtree(results.with_name(f".{entry.digest}"), ignore_errors=True)
+        shutil.rmtree(_unfinished_folder(results), ignore_errors=True)
         columns = {"claimed": "", "recording_stage": "", "recording_problem": ""}
         if self.missing_names(entry):
             reason = outcome.rows[0].status if outcome.rows else ""
@@ -143,7 +143,7 @@ def make_recordings(path: Path, key: str, page: object) -> LogRows:
     lower_priority(LOWER_PRIORITY)
     # FOLDER is two levels above the folder of the log.
     results = path.parents[2] / RESULTS / path.parent.name
-    unfinished_folder = results.with_name(f".{results.name}")
+    unfinished_folder = _unfinished_folder(results)
     shutil.rmtree(unfinished_folder, ignore_errors=True)
     unfinished_folder.mkdir()
     try:
@@ -167,6 +167,11 @@ def make_recordings(path: Path, key: str, page: object) -> LogRows:
     finally:
         shutil.rmtree(unfinished_folder, ignore_errors=True)
     return [], {}
+
+
+def _unfinished_folder(results: Path) -> Path:
+    """Returns the folder in which recordings are made, by the folder of the results."""
+    return results.with_name(f".{results.name}{UNFINISHED_RECORDINGS}")
 
 
 def _vehicle_of_page(log: Log, document_path: Path) -> Telemetry:

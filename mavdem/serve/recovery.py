@@ -14,6 +14,7 @@ from mavdem.serve.stored_files import (
     RESULTS,
     SERVER_NAME_BYTES,
     SERVERS,
+    UNFINISHED_RECORDINGS,
     is_locked,
     remove_server,
 )
@@ -78,11 +79,10 @@ def recover(library: RecoverableLibrary) -> None:
                 path.unlink(missing_ok=True)
             remove_server(library.folder / SERVERS / server)
         _restore_digests(db)
-        # The results of a log lie in a folder with its digest, and in a hidden one while it is read.
-        query = (
-            "select digest from entries union select '.' || digest from entries where claimed <> ''"
-        )
-        used_names = {name for (name,) in db.execute(query)}
+        # The results of a log lie in a folder with its digest, and in hidden ones while it is worked on.
+        query = """select digest from entries union select '.' || digest from entries where claimed <> ''
+            union select '.' || digest || ? from entries where claimed <> ''"""
+        used_names = {name for (name,) in db.execute(query, [UNFINISHED_RECORDINGS])}
         _remove_orphaned_results(library.folder / RESULTS, used_names)
         _add_unindexed_logs(library.folder / LOGS, db, used_names)
 
@@ -162,7 +162,8 @@ def _remove_orphaned_results(results: Path, used_names: set[str]) -> None:
         results: the folder with all results.
         used_names: names of the folders in it that entries use.
     """
-    for pattern in (DIGEST_GLOB, f".{DIGEST_GLOB}"):
+    hidden_pattern = f".{DIGEST_GLOB}"
+    for pattern in (DIGEST_GLOB, hidden_pattern, f"{hidden_pattern}{UNFINISHED_RECORDINGS}"):
         for path in results.glob(pattern):
             if path.name not in used_names:
                 shutil.rmtree(path, ignore_errors=True)

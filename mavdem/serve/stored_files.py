@@ -35,6 +35,13 @@ PROGRESS = "progress.json"
 FIRST_PLOTS = "first_plots.html"
 """File in a folder of results with the plots that need no model, part of a page, while the log is read."""
 
+UNFINISHED_RECORDINGS = ".recordings"
+"""Ending of the hidden folder, beside that of the results, in which the recordings of a flight are made.
+
+The folder without this ending is that of a log being read: a flight whose recordings are being made may be deleted, and
+its log uploaded again.
+"""
+
 SERVER_NAME_BYTES = 8
 """Number of random bytes in the name of a server and of an upload, written as hexadecimal digits."""
 

@@ -11,7 +11,7 @@ from serving import LIMITS, log, record_made_up, serving
 
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Request, Sharing, Stage
-from mavdem.fleet.workers import Job, outcome_of
+from mavdem.fleet.workers import Job, JobOutcome, outcome_of
 from mavdem.serve.library import Library
 from mavdem.serve.reading import read_for_library
 from mavdem.serve.reading_threads import ReadingThreads
@@ -133,6 +133,31 @@ def test_recordings_of_a_deleted_flight_are_removed(tmp_path):
     library.results_folder(claimed).mkdir()
     recordings.finish(claimed, outcome)
     assert list((tmp_path / "results").iterdir()) == []
+
+
+def test_a_log_that_is_uploaded_again_is_read_while_the_recordings_of_the_deleted_flight_end(
+    tmp_path,
+):
+    library = Library(tmp_path)
+    recordings = RecordingRequests(library)
+    recordings.request(recorded_flight(library))
+    claimed = recordings.claim()
+    library.delete(claimed.id)
+    incoming = library.new_incoming_path()
+    incoming.write_bytes(log(MODEL))
+    library.add(incoming, "a.ulg")
+    unread_folder = tmp_path / "results" / f".{library.claim().digest}"
+    unread_folder.mkdir()
+    recordings.finish(claimed, JobOutcome("a.ulg", "error"))
+    assert unread_folder.is_dir()
+
+
+def test_what_a_killed_server_left_of_recordings_is_removed(tmp_path):
+    library = Library(tmp_path)
+    left = tmp_path / "results" / f".{recorded_flight(library).digest}.recordings"
+    left.mkdir()
+    recover(library)
+    assert not left.exists()
 
 
 def test_a_library_without_room_refuses(tmp_path):
