@@ -140,6 +140,8 @@ def _bytes_before(frames: Frames, rows: slice | Rows) -> NDArray[np.integer]:
         rows: Rows (n,) of the frames.
     """
     if isinstance(rows, slice):
+        # A slice of a mapped log is taken without lists of its rows. The frames before rows first to stop - 1 are the
+        # rows first - 1 to stop - 2; before the first frame of the log is its beginning, byte 0.
         first, stop, _ = rows.indices(len(frames))
         before = frames[max(first - 1, 0) : max(stop - 1, 0)].end
         if first == 0:

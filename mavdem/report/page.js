@@ -60,7 +60,9 @@
   // An address that ends in "#t=12.3" shows the plots around that time; when it goes, so does the zoom. Any other end is
   // the name of a part, which is opened.
   const followAddress = () => {
-    const end = decodeURIComponent(location.hash.slice(1)), time = /^t=(-?[\d.]+)$/.exec(end)?.[1];
+    let end = location.hash.slice(1);
+    try { end = decodeURIComponent(end); } catch { /* An address that is not encoded well is taken as it is. */ }
+    const time = /^t=(-?[\d.]+)$/.exec(end)?.[1];
     for (const row of rows) row.classList.toggle("shown", time != null && Math.abs(row.dataset.at - time) < 0.01);
     if (time == null) {
       if (root.eventShown && flight()) zoom(flight(), ...flight().whole);

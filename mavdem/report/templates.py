@@ -156,10 +156,19 @@ def sentence_templates() -> dict[str, dict[str, str]]:
 
 
 def _render(fact: Fact, part: str) -> str:
-    """Renders the ``part`` "sentence", "remedy" or "headline" of a fact; empty where it has none.
+    """Fills a template of a fact with its figures.
 
-    Advice to fly is left out where the fact is grounded, which means that the vehicle must not fly. That advice is the
-    remedy or, for a fact that is itself a remedy and so has none, the sentence.
+    Some facts advise to fly again, for example to record more; their templates are marked by ``is_flown``. Where a
+    vehicle must not fly, its facts have the figure ``is_grounded``, and such advice is left out. The advice is the
+    remedy or, where a fact has no remedy because it is one itself, the sentence.
+
+    Args:
+        fact: The fact.
+        part: "sentence", "remedy" or "headline".
+
+    Returns:
+        The text, in words for the medium in use: pages show gains in a table, the terminal a command. Empty, where the
+        fact has no such part.
     """
     templates = sentence_templates()[fact.code]
     advice_part = "remedy" if "remedy" in templates else "sentence"

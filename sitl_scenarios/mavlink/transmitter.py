@@ -117,9 +117,10 @@ class Schedule:
         """
         first, interval = self._streams[name]
         if not np.isfinite(interval):
-            is_requested = name in self._single and len(times) > 0
+            if name not in self._single or not len(times):
+                return np.empty(0, dtype=np.intp)
             self._single.discard(name)
-            return np.zeros(int(is_requested), dtype=np.intp)
+            return np.zeros(1, dtype=np.intp)
         # A message whose time rounding has put just after a cycle belongs to this cycle.
         periods = np.floor((times + EARLY_SECONDS - first) / interval)
         due_counts = np.maximum(periods + 1, 0)

@@ -196,16 +196,16 @@ class InstrumentedSimulation(Simulation):
         return super()._landed_state(reference)
 
     def _touch_down(self, reference: Reference) -> None:
-        """Puts a vehicle that reached the ground on its feet, or begins a crash or a fall to the side.
+        """Decides what becomes of a vehicle that has reached the ground: it stands, tips over, or crashes.
 
-        It stays on its feet where it is slow and upright enough (``holds``), and tips over from them only by the mishap
-        of a landing. Otherwise it has hit the ground, and comes to lie.
+        It stands if it is slow and upright enough for its legs, and then tips over only where that is the scenario's
+        mishap. Otherwise it crashes, and lies still after a while. From then on ``_contact`` moves it.
 
         Args:
             reference: Setpoints of the flight plan, which tell a landing from a bounce.
         """
-        is_held = holds(self._state.velocity, self._state.attitude)
-        if is_held:
+        stands = holds(self._state.velocity, self._state.attitude)
+        if stands:
             super()._touch_down(reference)
             if isinstance(self.scenario.mishap, ToppleAtLanding) and self._has_landed:
                 self._contact = topple(self._state, self.scenario.mishap.bearing)

@@ -181,7 +181,9 @@ class SenderLinks:
     # ``take`` of each of them.
 
     def take_numbers_in_order(self, count: int, last_sequence: int) -> None:
-        """Takes frames each of whose numbers follows that of the frame before it: nothing is missing.
+        """Takes frames whose sequence numbers rise by one from frame to frame, so that none is missing between them.
+
+        The first of them follows the frame before, too. The result is that of ``take`` of each frame.
 
         Args:
             count: Number of frames.

@@ -180,7 +180,8 @@ def _json_rows(columns: Mapping[str, Array]) -> Iterator[str]:
     Args:
         columns: Columns (T,) by name.
     """
-    row_pattern = json.dumps(dict.fromkeys(columns, "%s")).replace('"%s"', "%s")
+    keys = [json.dumps(name).replace("%", "%%") for name in columns]
+    row_pattern = "{" + ", ".join(f"{key}: %s" for key in keys) + "}"
     column_texts = []
     for column in columns.values():
         if len(column) == 0:
