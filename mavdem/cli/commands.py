@@ -18,7 +18,7 @@ from mavdem.cli.exit_codes import (
     EXIT_UNSUPPORTED,
 )
 from mavdem.cli.output import report_error
-from mavdem.cli.streams import prepare_streams, print_to_stderr
+from mavdem.cli.streams import STDERR, prepare_streams, print_to_stderr
 from mavdem.cli.termination import default_interrupt_action
 from mavdem.errors import NotLearnable, Unreadable, error_message
 from mavdem.extras import MissingExtra
@@ -70,6 +70,9 @@ COMMAND_SUMMARIES = {
 }
 """What each command does, by its name."""
 
+ANNOUNCED_COMMANDS = ("learn", "tune", "wind")
+"""Commands that say on a terminal which log they read, before their imports, which take a second."""
+
 COMPLETION_VARIABLE = "_MAVDEM_COMPLETE"
 """Environment variable by which Click's shell scripts ask for completions."""
 
@@ -113,7 +116,9 @@ class LazyCommandGroup(click.Group):
         if command is None:
             return name, command, command_args
         if command.name == "review":
-            _announce_review(command_args)
+            _announce("Reviewing", command_args)
+        elif command.name in ANNOUNCED_COMMANDS and STDERR.is_terminal:
+            _announce("Reading", command_args)
         with default_interrupt_action():
             command = load_command(str(command.name))
         return name, command, command_args
@@ -163,17 +168,18 @@ def looks_like_log_name(argument: str) -> bool:
     return argument.lower().removesuffix(COMPRESSED_ENDING).endswith(endings)
 
 
-def _announce_review(args: Sequence[str]) -> None:
-    """Reports on standard error which log is going to be reviewed.
+def _announce(activity: str, args: Sequence[str]) -> None:
+    """Reports on standard error which log a command is going to work on.
 
     Args:
-        args: Arguments of ``mavdem review``. An argument after one that begins with a hyphen is the value of an option,
-            and not the log.
+        activity: What it does with the log, such as "Reading".
+        args: Arguments of the command. An argument after one that begins with a hyphen is the value of an option, and
+            not the log.
     """
     previous = ""
     for argument in args:
         if looks_like_log_name(argument) and not previous.startswith("-"):
-            print_to_stderr(f"Reviewing {argument} …")
+            print_to_stderr(f"{activity} {argument} …")
         previous = argument
 
 
