@@ -100,8 +100,10 @@ def lower_priority(niceness: int) -> None:
     import psutil
 
     process = psutil.Process()
-    if sys.platform == "win32":
-        process.nice(psutil.BELOW_NORMAL_PRIORITY_CLASS)
+    # psutil has this class on Windows alone.
+    below_normal = getattr(psutil, "BELOW_NORMAL_PRIORITY_CLASS", None)
+    if below_normal is not None:
+        process.nice(below_normal)
     # Only an administrator may raise a priority.
     elif process.nice() < niceness:
         process.nice(niceness)

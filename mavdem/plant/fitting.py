@@ -108,7 +108,6 @@ class LogPosterior(NamedTuple):
 
     def value(self, at: Array) -> float:
         """Returns the log posterior density of θ = ``at`` (k,), up to a constant; NaN where there is none."""
-        at = self.model.bounded(at)
         value = self._log_prior(at)
         for errors, _ in self.innovations(at[None]):
             value += _log_likelihood(errors[0])
@@ -121,13 +120,9 @@ class LogPosterior(NamedTuple):
         errors e, scaled to a mean square of 1 in each window, and their slopes J by the parameters, the likelihood adds
         −Jᵀ e to the gradient and Jᵀ J to the curvature. The prior adds its own.
 
-        A delay below 0 is taken for 0. Where the density would rise further below, the delay's part of the gradient is
-        left out, since no step can follow it.
-
         Raises:
             numpy.linalg.LinAlgError: the log posterior or its curvature is not finite.
         """
-        at = self.model.bounded(at)
         mean, sd = self.model.prior
         steps = FINITE_DIFFERENCE_STEP * np.maximum(MIN_PARAMETER_SCALE, abs(at))
         value = self._log_prior(at)
@@ -146,9 +141,6 @@ class LogPosterior(NamedTuple):
             curvature += slopes @ slopes.T
         if not (np.isfinite(value) and np.isfinite(curvature).all()):
             raise LinAlgError("nothing has a likelihood")
-        delay = self.model.delay_index
-        if at[delay] == 0.0:
-            slope[delay] = max(slope[delay], 0.0)
         return QuadraticExpansion(at, value, slope, curvature)
 
     def limited_step(self, step: Array) -> Array:
@@ -187,8 +179,10 @@ def fit_gray_box(
 ) -> GrayBoxFit:
     """Fits the gray-box model to windows of a flight by damped Fisher scoring.
 
-    The result is the maximum of the posterior, and its curvature there. The level of each window, by how much its
-    errors are larger or smaller than the model's, is found last.
+    The result is the maximum of the posterior, and its curvature there. Below a delay of 0 the likelihood no longer
+    depends on the delay. A fit may end just below, where rounding has put it; then it is expanded at 0, whose curvature
+    is that of delays above, as it is for a fit that ended there. The level of each window, by how much its errors are
+    larger or smaller than the model's, is found last.
 
     Args:
         model: the model.
@@ -211,6 +205,8 @@ def fit_gray_box(
     max_steps = MAX_STEPS if first.predicted_gain >= min_gain else 0
     trace, _ = gauss_newton(objective, first, damping, max_steps)
     last = trace[-1]
+    if last.point[model.delay_index] < 0:
+        last = objective.expand(model.bounded(last.point))
     levels = []
     for errors, variance in objective.innovations(last.point[None]):
         levels.append(np.sqrt(np.mean(errors[0] ** 2, axis=1) / variance))

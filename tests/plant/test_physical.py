@@ -21,7 +21,7 @@ from mavdem.facts.model import NoPhysical, ParameterDoubt, Refinement
 from mavdem.plant import identifiability as limits
 from mavdem.plant import physical
 from mavdem.plant.estimation import with_omission_errors
-from mavdem.plant.fitting import LogPosterior, initial_model
+from mavdem.plant.fitting import LogPosterior, fit_gray_box, initial_model
 from mavdem.plant.identifiability import PARAMETERS, NotIdentifiable, identifiability
 from mavdem.plant.likelihood import DELAY_PRIOR, minimum_phase
 from mavdem.plant.parameters import Physical
@@ -120,19 +120,17 @@ def test_errors_after_steps_are_those_at_the_changed_parameters():
     assert_allclose(model.innovations_after_steps(theta, sd / 5, windows), errors, atol=1e-12)
 
 
-def test_a_delay_just_below_its_bound_is_at_the_bound():
-    """The density has a kink there, and rounding must not choose on which side it is differentiated."""
+def test_a_fit_that_ends_just_below_no_delay_has_the_curvature_of_delays():
+    """The likelihood is flat below, and rounding must not choose on which side of the kink it is differentiated."""
     model, windows = refined_model()
-    mean, _ = model.prior
-    below, at_bound = mean.copy(), mean.copy()
-    below[model.delay_index], at_bound[model.delay_index] = -1e-3, 0.0
-    objective = LogPosterior(model, windows)
-    expansion, expected = objective.expand(below), objective.expand(at_bound)
-    assert expansion.value == expected.value == approx(objective.value(below), abs=1e-9)
-    assert expansion.point[model.delay_index] == 0.0
-    assert_array_equal(expansion.curvature, expected.curvature)
+    below, _ = model.prior
+    below[model.delay_index] = -1e-9
+    at_start = fit_gray_box(model, windows, below, min_gain=np.inf)
+    assert at_start.theta[model.delay_index] == 0.0
+    expected = LogPosterior(model, windows).expand(at_start.theta)
+    assert_array_equal(at_start.curvature, expected.curvature)
     # The likelihood speaks on the delay, more than its prior does.
-    assert expected.curvature[model.delay_index, model.delay_index] > 2 / DELAY_PRIOR.sd**2
+    assert at_start.curvature[model.delay_index, model.delay_index] > 2 / DELAY_PRIOR.sd**2
 
 
 @mark.slow
