@@ -134,12 +134,9 @@ class Simulation:
         Returns:
             Whether it is set: not, where the controller here has no such parameter, or the value is not possible.
         """
-        vehicle = self.scenario.vehicle
-        parameters = vehicle.parameters | {name: value}
-        changed_vehicle = vehicle.model_copy(update={"parameters": parameters})
-        scenario = self.scenario.model_copy(update={"vehicle": changed_vehicle})
         if name not in control_parameters(self.scenario):
             return False
+        scenario = self.scenario.with_parameter(name, value)
         try:
             check_parameters(scenario)
         except ValueError:

@@ -506,6 +506,12 @@ class Scenario(Section):
     mishap: Annotated[Mishap | None, OR_INF] = None
     """What goes wrong; inf: nothing does"""
 
+    def with_parameter(self, name: str, value: float) -> Scenario:
+        """Returns the scenario with another value of a parameter of its autopilot, which is not checked."""
+        parameters = self.vehicle.parameters | {name: value}
+        vehicle = self.vehicle.model_copy(update={"parameters": parameters})
+        return self.model_copy(update={"vehicle": vehicle})
+
     @property
     def has_instruments(self) -> bool:
         """Whether instruments are simulated: they are sent, or a mishap shows in them."""

@@ -2,13 +2,11 @@
 
 import click
 
-from mavdem.cli.exit_codes import EXIT_DONE
 from mavdem.extras import require_extra
 
 
 @click.command("mcp")
-@click.pass_context
-def mcp_command(context: click.Context) -> None:
+def mcp_command() -> None:
     """Offers logs to an assistant (Model Context Protocol).
 
     An assistant that speaks the protocol starts this command, and talks to it by standard input and output. It can then
@@ -26,4 +24,3 @@ def mcp_command(context: click.Context) -> None:
     from mavdem.cli.assistant_tools import make_server
 
     make_server().run()
-    context.exit(EXIT_DONE)

@@ -101,6 +101,24 @@ class ProgressFile:
             file.write(json.dumps(self._values).encode())
 
 
+def read_stored_log(path: Path) -> Log:
+    """Reads a log of the library.
+
+    It is read by its name alone, since results show that: the server's folders are nobody's business.
+
+    Args:
+        path: path of the log, ``FOLDER/logs/DIGEST/NAME``.
+
+    Raises:
+        Unreadable: the log cannot be read, or has no vehicle.
+    """
+    with chdir(path.parent):
+        log = read_log(path.name)
+    if not log.vehicles:
+        raise Unreadable(Reading.NO_VEHICLE)
+    return log
+
+
 def read_for_library(path: Path, key: str, page: object) -> LogRows:
     """Reads a log of the library and writes its folder of results; a ``ReadLog`` function for worker processes.
 
@@ -128,11 +146,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
     unfinished_folder.mkdir()
     progress = ProgressFile(unfinished_folder / PROGRESS)
     progress.report(Stage.READING)
-    # The log is read by its name alone, since results show that: the server's folders are nobody's business.
-    with chdir(path.parent):
-        log = read_log(path.name)
-    if not log.vehicles:
-        raise Unreadable(Reading.NO_VEHICLE)
+    log = read_stored_log(path)
     _write_first_plots(log, unfinished_folder / FIRST_PLOTS)
     progress.report(Stage.JUDGING, has_plots=(unfinished_folder / FIRST_PLOTS).is_file())
     vehicles = _assessed_vehicles(log, progress)

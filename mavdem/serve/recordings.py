@@ -9,7 +9,6 @@ on by the threads and processes that read logs, within the same limits. Two requ
 import json
 import os
 import shutil
-from contextlib import chdir
 from pathlib import Path
 
 from mavdem.assessment.assess import assess_signals
@@ -19,13 +18,12 @@ from mavdem.errors import Refusal, Unreadable, error_message
 from mavdem.facts.fleet import Reading
 from mavdem.facts.serve import Request, Stage
 from mavdem.fleet.workers import JobOutcome, LogRows
-from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Log, Telemetry
 from mavdem.processes import lower_priority
 from mavdem.results import RECORDINGS, REPORT_FILE, possible_recordings, write_recordings
 from mavdem.serve.index import DIGEST_GLOB, Entry, entry_from_row
 from mavdem.serve.library import Library
-from mavdem.serve.reading import LOWER_PRIORITY, ProgressFile
+from mavdem.serve.reading import LOWER_PRIORITY, ProgressFile, read_stored_log
 from mavdem.serve.stored_files import PROGRESS, RESULTS, UNFINISHED_RECORDINGS
 
 
@@ -149,10 +147,7 @@ def make_recordings(path: Path, key: str, page: object) -> LogRows:
     try:
         progress = ProgressFile(unfinished_folder / PROGRESS)
         progress.report(Stage.READING)
-        with chdir(path.parent):
-            log = read_log(path.name)
-        if not log.vehicles:
-            raise Unreadable(Reading.NO_VEHICLE)
+        log = read_stored_log(path)
         telemetry = _vehicle_of_page(log, results / REPORT_FILE)
         progress.report(Stage.LEARNING)
         assessment = assess_signals(log, Signals(telemetry), progress=progress.show_step)

@@ -240,9 +240,7 @@ class Transmitter:
 
     def change_parameter(self, name: str, value: float) -> None:
         """Changes the value of a parameter that the autopilot reports; a reboot keeps it."""
-        vehicle = self._scenario.vehicle
-        changed = vehicle.model_copy(update={"parameters": vehicle.parameters | {name: value}})
-        self._scenario = self._scenario.model_copy(update={"vehicle": changed})
+        self._scenario = self._scenario.with_parameter(name, value)
         self.parameters = parameters(self._scenario, self.autopilot)
 
     def _fault_events(self) -> Iterator[tuple[float, Callable[[float], None]]]:

@@ -85,11 +85,16 @@ def test_what_answers_a_sample_is_found(gain):
     assert_allclose(found, -gain * new[:, 10:], atol=0.25 * max(gain, 1))
 
 
-def test_the_slope_of_the_log_joint_is_that_of_its_value():
+def steered_windows():
+    """Three windows of a flight that is steered in a closed loop."""
     flight = in_closed_loop(2, steering=1.0, samples=900)
     inputs = (flight.inputs - flight.inputs.mean(axis=0)).reshape(3, 300, -1)
     rate = flight.outputs[:, 1].reshape(3, -1)
-    windows = FlightWindows.from_samples(inputs, rate, responses_to_innovations(inputs, rate), DT)
+    return FlightWindows.from_samples(inputs, rate, responses_to_innovations(inputs, rate), DT)
+
+
+def test_the_slope_of_the_log_joint_is_that_of_its_value():
+    windows = steered_windows()
     plain, start = initial_model(windows, np.sign(MOTORS))
     objective = LogPosterior(plain, windows)
     about = objective.expand(start)
@@ -101,10 +106,7 @@ def test_the_slope_of_the_log_joint_is_that_of_its_value():
 
 def refined_model():
     """A gray-box model with all kinds of parameters, and three windows of a steered flight."""
-    flight = in_closed_loop(2, steering=1.0, samples=900)
-    inputs = (flight.inputs - flight.inputs.mean(axis=0)).reshape(3, 300, -1)
-    rate = flight.outputs[:, 1].reshape(3, -1)
-    windows = FlightWindows.from_samples(inputs, rate, responses_to_innovations(inputs, rate), DT)
+    windows = steered_windows()
     plain, _ = initial_model(windows, np.sign(MOTORS))
     model = plain._replace(
         wind=(FIRST_ORDER, GAUSSIAN_KERNEL), refinements=(Refinement.THRUST_CURVE, Refinement.JUMPS)
