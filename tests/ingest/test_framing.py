@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import all as dialect
 from pytest import approx, mark
 from recorded_flights import SAMPLE_LOGS
 
-from mavdem.ingest.mavlink.definitions import decoded_columns, definitions_by_id
+from mavdem.ingest.mavlink.definitions import decoded_field, definitions_by_id
 from mavdem.ingest.mavlink.framing import CHECKSUM_FAILED, CHECKSUM_MATCHES
 from mavdem.ingest.tlog import STAMP_BYTES
 
@@ -70,9 +70,8 @@ def is_read_as(content, found, expected):
     assert (found.system, found.component, found.sequence) == sender
     assert found.message_id == expected.get_msgId()
     definition = definitions_by_id()[expected.get_msgId()]
-    ours = decoded_columns(content, found.start, definition)
     for name in definition.fields:
-        (value,) = ours[name]
+        (value,) = decoded_field(content, found.start, definition, name)
         theirs = getattr(expected, f"_{name}_raw", getattr(expected, name))
         np.testing.assert_array_equal(value, np.asarray(theirs, value.dtype), name)
 

@@ -25,7 +25,7 @@ from mavdem.ingest.mavlink.framing import (
     MARKER_V2,
     CrcExtras,
 )
-from mavdem.ingest.telemetry import Columns, Fields, Parameters
+from mavdem.ingest.telemetry import Columns, Parameters
 from mavdem.ingest.vocabulary import mavlink_constant
 
 INTEGER_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32")
@@ -69,22 +69,6 @@ def crc_extra_table() -> CrcExtras:
     for message_id, definition in definitions_by_id().items():
         table[message_id] = definition.crc_extra
     return table
-
-
-def decoded_columns(
-    data: Bytes, start: NDArray[np.integer], definition: MessageDefinition
-) -> Fields:
-    """Decodes all fields of frames of one message.
-
-    Args:
-        data: The stream (B,).
-        start: Offset (N,) of each frame's marker.
-        definition: The definition of the message.
-
-    Returns:
-        Columns by name, as ``decoded_field`` returns them.
-    """
-    return {name: decoded_field(data, start, definition, name) for name in definition.fields}
 
 
 def decoded_field(
