@@ -53,7 +53,8 @@ WATCHDOG = """
 import os, psutil, subprocess, sys, threading
 def kill_at_end_of_input():
     sys.stdin.buffer.read()
-    for process in psutil.Process().children(recursive=True):
+    # Descendants first: once the child has ended, the main thread ends this program.
+    for process in reversed(psutil.Process().children(recursive=True)):
         process.kill()
     os._exit(1)
 with subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL) as running:

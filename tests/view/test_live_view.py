@@ -41,7 +41,7 @@ from mavdem.view.live_view import LiveView, SinkThread
 from mavdem.view.sinks import RecordingFile, Viewer, WebServer, sinks_for
 
 # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
-PATIENCE = 20.0
+PATIENCE = 60.0
 DT = 0.01
 HORIZONS = (1, 25, 50)
 MOTORS = tuple(f"motor {i} (somewhere)" for i in range(1, 5))
