@@ -15,6 +15,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.extras import missing_modules, require_extra
 from mavdem.files import reporting_write_errors, writable_target, write_text_atomically
 from mavdem.fleet.flights import flights_of, worst_row
+from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.workers import PAGES
 from mavdem.ingest import read_log
@@ -186,6 +187,7 @@ def write_fleet_pages(
     changes: Mapping[str, Sequence[Block]],
     full_rows: RowsOfVehicle | None = None,
     outdated_vehicles: Container[str] | None = None,
+    names: GivenNames = NO_NAMES,
 ) -> Path:
     """Writes the index page of a fleet, and updates the pages of its flights.
 
@@ -198,6 +200,7 @@ def write_fleet_pages(
         changes: Changes of each vehicle since a baseline, as blocks of text, by the vehicle's name.
         full_rows: Returns the rows of a vehicle with all columns, for its charts; ``rows`` have them unless given.
         outdated_vehicles: Names of the vehicles whose pages are to be updated; all unless given.
+        names: Names that were given to vehicles and flights.
 
     Returns:
         Path of the index page.
@@ -216,7 +219,7 @@ def write_fleet_pages(
         if path.is_file():
             _update_flight_page(path, fleet_remark(worst_row(flight_rows)))
     index = folder / INDEX_FILE
-    write_text_atomically(index, fleet_page(rows, changes, full_rows))
+    write_text_atomically(index, fleet_page(rows, changes, full_rows, names))
     return index
 
 

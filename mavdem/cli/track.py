@@ -1,7 +1,7 @@
 """``mavdem track``: a table of the flights of a fleet, and what changed from one flight of a vehicle to the next."""
 
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 
 import click
 
@@ -21,9 +21,16 @@ from mavdem.fleet.difference import (
     latest_flights,
 )
 from mavdem.fleet.flights import summary
-from mavdem.fleet.row import FlightRows
+from mavdem.fleet.names import (
+    content_hash,
+    name_flight,
+    name_vehicle,
+    plain_name,
+    read_names,
+)
+from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
-from mavdem.fleet.store import open_store, read_brief_rows, read_rows, read_rows_of_logs
+from mavdem.fleet.store import Store, open_store, read_brief_rows, read_rows, read_rows_of_logs
 from mavdem.fleet.tracking import TrackedLogs, track
 from mavdem.fleet.workers import JobLimits, WorkerPool
 from mavdem.report.blocks import Blocks, Sentence
@@ -60,6 +67,14 @@ BlocksByVehicle = dict[str, Blocks]
     help="Healthy flights that the others are compared with: logs, as above, or another FLEET; may be repeated. "
     "[default: those of the last run; at first the vehicle's own flights]",
 )
+@click.option(
+    "--name",
+    "given_names",
+    multiple=True,
+    metavar="WHAT=NAME",
+    help="Name of a vehicle or a flight: WHAT is the vehicle's serial number as the table has it, or the file name of "
+    "a log; the fleet keeps it. Nothing after = takes it away; may be repeated.",
+)
 @jobs_option
 @click.option(
     "--scheduler",
@@ -87,6 +102,7 @@ def track_command(
     logs: Names,
     out: Path,
     baseline: Names,
+    given_names: Names,
     jobs: int | None,
     scheduler: str | None,
     time_limit: float,
@@ -110,6 +126,7 @@ def track_command(
     Examples:
       mavdem track flights/ --out fleet
       mavdem track 'logs/**/*.bin' --out fleet --baseline logs/new_propellers/
+      mavdem track flights/ --out fleet --name 'px4-1a2b3c=Red quad' --name 'log_7.ulg=First hover'
       mavdem track s3://bucket/logs/ --out fleet --scheduler tcp://10.0.0.1:8786
       duckdb -c "select vehicle, date, health from 'fleet/flights/**/*.parquet' where axis = 'roll'"
 
@@ -142,15 +159,21 @@ def track_command(
         blocks_by_vehicle[vehicle] = baseline_blocks(latest_flight, difference)
     full_rows = partial(read_rows, out)
     with open_store(out) as store:
+        for given_name in given_names:
+            _store_name(store, rows, given_name)
+        names = read_names(store.db)
         outdated_vehicles = store.outdated_vehicles()
-        index = write_fleet_pages(out, rows, blocks_by_vehicle, full_rows, outdated_vehicles)
+        index = write_fleet_pages(out, rows, blocks_by_vehicle, full_rows, outdated_vehicles, names)
         store.mark_pages_updated(outdated_vehicles)
     for problem in tracked.problems:
         print_to_stderr(f"mavdem: {problem.advised}")
     if as_json:
-        print_json(track_document(out, index, tracked, counts, differences))
+        print_json(track_document(out, index, tracked, counts, differences, names.vehicles))
     else:
-        _print_fleet(tracked, rows, blocks_by_vehicle)
+        blocks_by_name = {
+            names.vehicle(vehicle): blocks for vehicle, blocks in blocks_by_vehicle.items()
+        }
+        _print_fleet(tracked, names.labelled(rows), blocks_by_name)
         _report_index_and_table(out, index)
     if tracked.problems:
         context.exit(EXIT_ERROR)
@@ -187,6 +210,38 @@ def _track_with_progress(
         # Each log is stored as soon as it was read, so nothing is lost.
         print_to_stderr("What was read is kept: the same command continues.")
         raise
+
+
+def _store_name(store: Store, rows: FlightRows, given_name: str) -> None:
+    """Gives a name to a vehicle or a flight of a fleet, or takes it away.
+
+    Args:
+        store: The open store of the fleet.
+        rows: All rows of the fleet's table.
+        given_name: What was typed: a vehicle's name in the table or the file name of a log, "=", and the name.
+
+    Raises:
+        click.BadParameter: It has no "=", or the table has no such vehicle and no such log.
+    """
+    subject, separator, typed_name = given_name.partition("=")
+    name = plain_name(typed_name)
+    contents = {
+        content_hash(row.key) for row in rows if row.key and subject in _file_names(row.file)
+    }
+    with store.transaction():
+        if separator and subject != UNKNOWN and any(row.vehicle == subject for row in rows):
+            name_vehicle(store.db, subject, name)
+        elif separator and contents:
+            for content in contents:
+                name_flight(store.db, content, name)
+        else:
+            problem = f"'{given_name}' is no serial number or log of this fleet, with = and a name."
+            raise click.BadParameter(problem, param_hint="--name")
+
+
+def _file_names(path: str) -> Names:
+    """Returns the names by which a user may mean a log: its path or URL, and what comes after its folder."""
+    return path, PurePath(path).name
 
 
 def _print_fleet(

@@ -37,7 +37,7 @@ DOCUMENTS = {
     "compare": Published(CompareReport, 4, "`--json` of compare"),
     "order": Published(Order, 4, "`--json` of order"),
     "diff": Published(Diff, 4, "`--json` of diff"),
-    "track": Published(Track, 3, "`--json` of track"),
+    "track": Published(Track, 4, "`--json` of track"),
     "live": Published(Live, 6, "`--json` of live"),
     "convert": Published(Convert, 2, "`--json` of convert"),
     "twin": Published(Twin, 5, "`--json` of twin"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from mavdem.containers import JsonValues
@@ -168,12 +169,19 @@ class Track(Document):
     """number of flights by health"""
     failed: list[FailedLog]
     """logs without a flight"""
+    vehicle_names: dict[str, str]
+    """names that were given to vehicles, by what their logs call them"""
     since_baseline: dict[str, SinceBaseline]
     """latest flight of each vehicle beside the baseline"""
 
 
 def track_document(
-    fleet: Path, page: Path, tracked: TrackedLogs, counts: JsonValues, changes: BaselineDifferences
+    fleet: Path,
+    page: Path,
+    tracked: TrackedLogs,
+    counts: JsonValues,
+    changes: BaselineDifferences,
+    vehicle_names: Mapping[str, str],
 ) -> Track:
     """Makes the document of a run of ``mavdem track``.
 
@@ -184,6 +192,7 @@ def track_document(
         counts: values of the further keys of ``Track``: numbers of flights and vehicles, flights by tier and by health,
             and the logs without a flight.
         changes: by vehicle, the first row of its latest flight, and what differs from its baseline.
+        vehicle_names: names that were given to vehicles.
     """
     since_baseline = {}
     for vehicle, (latest_row, difference) in changes.items():
@@ -197,5 +206,6 @@ def track_document(
         **counts,
         fleet=str(fleet),
         index=str(page),
+        vehicle_names=vehicle_names,
         since_baseline=since_baseline,
     )

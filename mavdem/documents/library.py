@@ -10,6 +10,7 @@ from mavdem.containers import JsonValues
 from mavdem.documents.document import Document, Error
 from mavdem.documents.review import Review
 from mavdem.facts.serve import Sharing
+from mavdem.fleet.names import MAX_NAME_LETTERS
 from mavdem.units import Seconds, Speed, UnixSeconds, with_unit
 
 
@@ -58,8 +59,12 @@ class Flight(Stage):
     """what was written about it"""
     tags: CommaSeparated
     """words that were given to it"""
+    given_name: str = ""
+    """name that was given to the flight; empty without one"""
     vehicle: str
-    """name of the vehicle"""
+    """what the log calls the vehicle, such as its serial number"""
+    vehicle_name: str = ""
+    """name that was given to the vehicle; empty without one"""
     date: str
     """when the flight began, ISO 8601, UTC; empty where that is not known"""
     duration: Seconds
@@ -132,6 +137,8 @@ class Progress(Stage):
 class Change(Document):
     """Changes to a flight; keys that are absent stay as they are."""
 
+    given_name: Annotated[str, Field(max_length=MAX_NAME_LETTERS)] = ""
+    """name of the flight; empty for that of its log"""
     sharing: Sharing = Sharing.PRIVATE
     """private, link or public"""
     log_shared: bool = False
@@ -142,6 +149,15 @@ class Change(Document):
         list[Annotated[str, Field(max_length=40, pattern="^[^,]+$")]], Field(max_length=20)
     ] = []
     """words to find it by"""
+
+
+class VehicleName(Document):
+    """The name that is given to a vehicle."""
+
+    vehicle: str
+    """what its logs call it, such as its serial number"""
+    name: Annotated[str, Field(max_length=MAX_NAME_LETTERS)]
+    """name of the vehicle; empty for what its logs call it"""
 
 
 class Baseline(Document):
@@ -177,6 +193,7 @@ ANSWERS = (
     Added,
     Progress,
     Change,
+    VehicleName,
     Baseline,
     Recordings,
     Viewer,

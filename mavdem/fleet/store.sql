@@ -14,6 +14,9 @@ create table if not exists outdated_pages (vehicle text primary key);
 create table if not exists unpublished (change integer primary key, vehicle text);
 -- The rows of the baseline.
 create table if not exists healthy (row text);
+-- Names that users have given: to a vehicle, by what its logs call it, and to a flight, by the hash of its log's content.
+create table if not exists vehicle_names (vehicle text primary key, name text not null);
+create table if not exists flight_names (content text primary key, name text not null);
 create index if not exists logs_by_log on logs (log);
 create index if not exists logs_by_size on logs (size);
 create index if not exists flights_by_log on flights (log);

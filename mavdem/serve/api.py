@@ -13,7 +13,15 @@ from starlette.responses import JSONResponse, RedirectResponse, Response, Stream
 
 from mavdem.containers import JsonValues
 from mavdem.documents.document import Document
-from mavdem.documents.library import Added, Baseline, Change, Flight, Flights, Progress, Viewer
+from mavdem.documents.library import (
+    Added,
+    Baseline,
+    Change,
+    Flights,
+    Progress,
+    VehicleName,
+    Viewer,
+)
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
 from mavdem.report.pages.library_page import interface_words
@@ -170,23 +178,28 @@ class Api:
         """Answers with the flights that a search finds, ``limit`` of them from ``offset``."""
         limit = min(query_number(request, "limit", FLIGHTS_PER_PAGE), MAX_FILES)
         result = self._visible.search(request, limit)
-        return _json(Flights.model_validate({"total": result.total, "flights": result.entries}))
+        flights = self._visible.documents(result.entries)
+        return _json(Flights(total=result.total, flights=flights))
 
     def flight(self, request: HttpRequest) -> Response:
         """Answers with a flight and the document of its review."""
         entry = self._visible.entry(request, request.path_params["id"])
-        flight = Flight.model_validate(entry).as_dict()
-        return JSONResponse({"flight": flight, "review": self._visible.review(entry)})
+        (flight,) = self._visible.documents([entry])
+        return JSONResponse({"flight": flight.as_dict(), "review": self._visible.review(entry)})
 
     async def change_flight(self, request: HttpRequest) -> Response:
-        """Changes the sharing, note or tags of a flight, and answers with the changed flight."""
+        """Changes the name, sharing, note or tags of a flight, and answers with the changed flight."""
         self._rights.require(request, Use.WRITE)
         change = await read_document(request, Change)
         columns = change.model_dump(mode="json", exclude_unset=True)
         if "tags" in columns:
             columns["tags"] = ",".join(columns["tags"])
+        given_name = columns.pop("given_name", None)
         entry = await run_in_threadpool(self._library.change, request.path_params["id"], **columns)
-        return _json(Flight.model_validate(entry))
+        if given_name is not None:
+            await run_in_threadpool(self._library.name_flight, entry, given_name)
+        (flight,) = await run_in_threadpool(self._visible.documents, [entry])
+        return _json(flight)
 
     def delete_flight(self, request: HttpRequest) -> Response:
         """Deletes a flight with its log and results; the answer has no body."""
@@ -226,6 +239,13 @@ class Api:
         baseline = await read_document(request, Baseline)
         await run_in_threadpool(self._library.set_baseline, baseline.flights)
         return _json(baseline)
+
+    async def name_vehicle(self, request: HttpRequest) -> Response:
+        """Gives a name to a vehicle, and answers with the name as it is kept."""
+        self._rights.require(request, Use.WRITE)
+        change = await read_document(request, VehicleName)
+        name = await run_in_threadpool(self._library.name_vehicle, change.vehicle, change.name)
+        return _json(VehicleName(vehicle=change.vehicle, name=name))
 
     def describe(self, request: HttpRequest) -> Response:
         """Answers with the OpenAPI description of these endpoints."""

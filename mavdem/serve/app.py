@@ -120,6 +120,7 @@ class Server:
             "POST /api/flights/{id}/recordings": api.make_recordings,
             "POST /api/flights/{id}/viewer": api.open_viewer,
             "PUT /api/baseline": api.set_baseline,
+            "PUT /api/vehicle": api.name_vehicle,
             "GET /api/progress": api.progress,
             "GET /api/openapi.json": api.describe,
         }

@@ -11,7 +11,9 @@ from pathlib import Path
 from mavdem.containers import JsonValues
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import Order, Sharing, Stage
+from mavdem.fleet.names import content_hash
 from mavdem.fleet.row import FlightRow, FlightRows
+from mavdem.fleet.workers import KEY_HASH_DIGITS
 
 DIGEST_GLOB = "[0-9a-f]" * len(hashlib.sha256().hexdigest())
 """Pattern of a SHA-256 in hexadecimal digits, for file names and for GLOB in SQLite."""
@@ -95,6 +97,8 @@ class Entry:
     """Number of the motor that is suspected of a fault, from 1."""
     wind_speed: float | None = None
     """Speed of the mean wind, m/s."""
+    content: str = ""
+    """Hash of the content of a log outside the library, by which the flight's name is found; empty if not known."""
     gains: str = "{}"
     """JSON object of the autopilot's control parameters: value by name."""
     files: str = ""
@@ -109,6 +113,11 @@ class Entry:
         return {str(light): getattr(self, light) for light in Light}
 
     @property
+    def content_hash(self) -> str:
+        """Hash of the log's content, by which names of flights are kept; empty where it is not known."""
+        return self.digest[:KEY_HASH_DIGITS] or self.content
+
+    @property
     def file_names(self) -> list[str]:
         """Names of the result files."""
         return self.files.split(",") if self.files else []
@@ -121,6 +130,11 @@ class Entry:
 
 COLUMNS = tuple(field.name for field in fields(Entry))
 """Names of the columns of the table ``entries``."""
+
+CONTENT_HASH_SQL = (
+    f"iif(entries.digest <> '', substr(entries.digest, 1, {KEY_HASH_DIGITS}), entries.content)"
+)
+"""SQL expression of :attr:`Entry.content_hash`."""
 
 SQL_ORDERS = {
     Order.UPLOAD: "received desc, rowid desc",
@@ -198,6 +212,7 @@ def entry_of_fleet_log(file: str, rows: FlightRows) -> Entry:
         stage=Stage.DONE if first_row.has_flight else Stage.FAILED,
         problem="" if first_row.has_flight else first_row.status,
         files=first_row.page or "",
+        content=content_hash(first_row.key),
         **columns,
     )
 

@@ -26,6 +26,13 @@ from mavdem.containers import JsonValues, group_by
 from mavdem.errors import Refusal, Unreadable, error_message
 from mavdem.facts import Fact
 from mavdem.facts.serve import Order, Request, Sharing, Stage, Start
+from mavdem.fleet.names import (
+    GivenNames,
+    name_flight,
+    name_vehicle,
+    plain_name,
+    read_names,
+)
 from mavdem.fleet.row import FlightRows, utf8_text
 from mavdem.fleet.sources import UNKNOWN_SIZE, LogSource, source_of
 from mavdem.fleet.store import Store
@@ -374,6 +381,43 @@ class Library:
             raise Refusal(Request.NO_SUCH_FLIGHT)
         return entry_from_row(row)
 
+    @property
+    def names(self) -> GivenNames:
+        """The names that users have given to vehicles and flights."""
+        return read_names(self.db)
+
+    def name_flight(self, entry: Entry, name: str) -> None:
+        """Gives a name to a flight; an empty one takes it away.
+
+        Raises:
+            Refusal: the content of the log is not known, since it is outside the library and was added long ago.
+        """
+        if not entry.content_hash:
+            raise Refusal(Request.NO_SUCH_FLIGHT)
+        with self.transaction() as db:
+            name_flight(db, entry.content_hash, plain_name(name))
+
+    def name_vehicle(self, vehicle: str, name: str) -> str:
+        """Gives a name to a vehicle; an empty one takes it away.
+
+        Args:
+            vehicle: what its logs call it.
+            name: the name, as it was typed.
+
+        Returns:
+            The name as it is kept.
+
+        Raises:
+            Refusal: the library has no flight of such a vehicle.
+        """
+        name = plain_name(name)
+        with self.transaction() as db:
+            query = "select 1 from entries where vehicle = ? and vehicle <> '' limit 1"
+            if db.execute(query, [vehicle]).fetchone() is None:
+                raise Refusal(Request.NO_SUCH_FLIGHT)
+            name_vehicle(db, vehicle, name)
+        return name
+
     def widen_sharing(self, entry: Entry, sharing: str, note: str) -> Entry:
         """Shares a flight with more people and completes its note, when its log is uploaded again.
 
@@ -404,6 +448,7 @@ class Library:
         source = source_of(str(self.log_path(entry)))
         with self.transaction() as db:
             db.execute("delete from entries where id = ?", [id])
+            name_flight(db, entry.content_hash, "")
             self.store.remove(source)
             self._remove_files_of_deleted_log(db, entry)
         self.table_is_outdated.set()

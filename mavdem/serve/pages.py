@@ -295,8 +295,12 @@ class Pages:
         )
         gains_before = json.loads(before.gains)
         gains_after = json.loads(after.gains)
+        names = self._library.names
         html = comparison_page(
-            (before.name, after.name),
+            (
+                names.flights.get(before.content_hash, before.name),
+                names.flights.get(after.content_hash, after.name),
+            ),
             (self._visible.review(before) or {}, self._visible.review(after) or {}),
             difference,
             changed_parameters(gains_before, gains_after),
@@ -306,8 +310,9 @@ class Pages:
         return HTMLResponse(without_policy(html, **self._visible.visitor_values(request)))
 
     def _rows_of_listed_vehicle(self, entry: Entry) -> FlightRows:
-        """Returns the fleet's rows of a log, of the vehicle under which it is listed."""
-        return [row for row in self._library.flight_rows([entry]) if row.vehicle == entry.vehicle]
+        """Returns the fleet's rows of a log, of the vehicle under which it is listed, with the vehicle's given name."""
+        rows = [row for row in self._library.flight_rows([entry]) if row.vehicle == entry.vehicle]
+        return self._library.names.labelled(rows)
 
     def sign_in_form(self, request: HttpRequest) -> Response:
         """Refuses the request: the page of that refusal has the form that asks for the token."""

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import Stage
+from mavdem.serve.index import CONTENT_HASH_SQL
 
 MAX_SEARCH_WORDS = 20
 """Words of a search that are used; further ones are ignored, so that the SQL stays short."""
@@ -13,7 +14,7 @@ MAX_SEARCH_WORDS = 20
 TERM_PATTERN = re.compile(r"(\w+)(<=|>=|[:=<>])(.+)")
 """A word of a search that compares a property: its name, the operator and the value."""
 
-TEXT_COLUMNS = {"vehicle", "date", "level", "sharing", "stage", *map(str, Light)}
+TEXT_COLUMNS = {"date", "level", "sharing", "stage", *map(str, Light)}
 """Columns that are compared as texts, by their own names."""
 
 NUMBER_COLUMNS = {"wind": "wind_speed", "duration": "duration", "motor": "motor"}
@@ -22,8 +23,31 @@ NUMBER_COLUMNS = {"wind": "wind_speed", "duration": "duration", "motor": "motor"
 LIST_COLUMNS = {"mode": "modes", "tag": "tags"}
 """Columns with lists separated by commas, by the name that a search has for one item."""
 
+VEHICLE_NAME_SQL = (
+    "coalesce((select vehicle_names.name from vehicle_names"
+    " where vehicle_names.vehicle = entries.vehicle), '')"
+)
+"""SQL expression of the name that was given to the vehicle of an entry; empty without one."""
+
+FLIGHT_NAME_SQL = (
+    "coalesce((select flight_names.name from flight_names"
+    f" where flight_names.content = {CONTENT_HASH_SQL}), '')"
+)
+"""SQL expression of the name that was given to the flight of an entry; empty without one."""
+
 SEARCHED_TEXT_SQL = " || ' ' || ".join(
-    ("name", "vehicle", "date", "headline", "problem", "note", "tags", "modes")
+    (
+        "name",
+        "vehicle",
+        "date",
+        "headline",
+        "problem",
+        "note",
+        "tags",
+        "modes",
+        VEHICLE_NAME_SQL,
+        FLIGHT_NAME_SQL,
+    )
 )
 """SQL expression of the text of an entry in which a plain word is searched for."""
 
@@ -91,6 +115,10 @@ def _comparison(name: str, operator: str, value: str) -> SqlCondition | None:
                 f"json_extract(iif(json_valid(gains),gains,'{{}}'), ?) {operator} ?",
                 (f'$."{name}"', number),
             )
+    if column == "vehicle":
+        is_named = f"{column} {operator} ? collate nocase"
+        has_given_name = f"{VEHICLE_NAME_SQL} {operator} ? collate nocase"
+        return SqlCondition(f"(({is_named})or({has_given_name}))", (value, value))
     if column in TEXT_COLUMNS:
         return SqlCondition(f"{column} {operator} ? collate nocase", (value,))
     return None

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from starlette.requests import Request as HttpRequest
 
 from mavdem.containers import JsonValues, group_by
-from mavdem.documents.library import Recordings
+from mavdem.documents.library import Flight, Recordings
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Order, Request, Sharing, Use
 from mavdem.fleet.flights import worst_row
@@ -100,6 +100,20 @@ class VisibleLibrary:
         rows_by_file = group_by(rows, lambda row: row.file)
         return {entry_by_path[file].id: worst_row(rows) for file, rows in rows_by_file.items()}
 
+    def documents(self, entries: Sequence[Entry]) -> list[Flight]:
+        """Returns the documents of flights, with the names that were given to them and to their vehicles."""
+        names = self.library.names
+        documents = []
+        for entry in entries:
+            documents.append(
+                Flight.from_results(
+                    entry,
+                    given_name=names.flights.get(entry.content_hash, ""),
+                    vehicle_name=names.vehicles.get(entry.vehicle, ""),
+                )
+            )
+        return documents
+
     def review(self, entry: Entry) -> JsonValues | None:
         """Returns the document of a flight's review; None before it is done, and for flights of ``mavdem track``.
 
@@ -144,6 +158,7 @@ class VisibleLibrary:
             "has_token": bool(self.rights.token),
             "address": address,
             "upload": upload_address,
+            "given": self.library.names,
         }
 
 

@@ -8,7 +8,9 @@ from command_line import document_of, refused, run
 from fleet_rows import fleet_rows
 from pytest import mark
 from recorded_flights import LOGS
+from standin_logs import make_logs, track
 
+from mavdem.fleet.store import read_rows
 from mavdem.results import write_fleet_pages
 
 
@@ -36,6 +38,25 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
     # Logs without a flight are no success.
     assert run("track", damaged, "--out", tmp_path / "none", "--jobs", "1") == 1
     assert "without the topics of a flight" in capsys.readouterr().out
+
+
+def test_names_are_given_kept_and_taken_away(tmp_path, capsys):
+    paths = make_logs(tmp_path / "logs", 1)
+    out = tmp_path / "fleet"
+    track(out, *paths)
+    (vehicle,) = {row.vehicle for row in read_rows(out)}
+    # The log is known, so that the command reads nothing.
+    command = ("track", *paths, "--out", out, "--jobs", "1")
+    named = document_of(
+        capsys, *command, "--name", f"{vehicle}=Red <b> quad", "--name", f"{paths[0].name}=First"
+    )
+    assert (named["read"], named["vehicle_names"]) == (0, {vehicle: "Red <b> quad"})
+    document_of(capsys, *command)
+    page = (out / "index.html").read_text()
+    assert "Red &lt;b&gt; quad" in page and "<b> quad" not in page
+    assert vehicle in page and '"First"' in page
+    assert document_of(capsys, *command, "--name", f"{vehicle}=")["vehicle_names"] == {}
+    assert "no serial number or log" in refused(capsys, 2, *command, "--name", "quad 9=Blue")
 
 
 def test_a_page_says_what_its_row_says_now(tmp_path):

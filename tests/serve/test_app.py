@@ -203,6 +203,44 @@ def test_a_flight_is_changed_found_and_deleted(served):
     assert wrong.status == 400 and wrong.code == Request.BAD_REQUEST
 
 
+def test_names_are_kept_found_shown_and_taken_away(served):
+    first = served.add("first.ulg", "Good.")
+    second = served.add("second.ulg", "Bad.")
+    changed = served.ask("PATCH", f"/api/flights/{first}", {"given_name": "  First\n hover "})
+    assert changed.json["given_name"] == "First hover"
+    named = {"vehicle": "quad 7", "name": "Red <b> quad"}
+    assert served.ask("PUT", "/api/vehicle", named).json["name"] == "Red <b> quad"
+    assert total(served, "quad red") == 2
+    assert total(served, "hover") == 1
+    flight = served.get(f"/api/flights/{first}").json["flight"]
+    assert (flight["vehicle"], flight["vehicle_name"]) == ("quad 7", "Red <b> quad")
+    for path in ("/", f"/f/{first}", "/vehicle?name=quad+7", f"/compare?a={first}&b={second}"):
+        page = served.get(path).text
+        assert "<b> quad" not in page
+        assert ("Red &lt;b&gt; quad" in page) == ("compare" not in path)
+        assert "First hover" in page
+    # A flight that is deleted and uploaded again is another one.
+    served.ask("DELETE", f"/api/flights/{first}")
+    again = served.add("first.ulg", "Good.")
+    assert served.get(f"/api/flights/{again}").json["flight"]["given_name"] == ""
+    served.ask("PUT", "/api/vehicle", named | {"name": " "})
+    assert total(served, "red") == 0
+
+
+def test_names_are_limited_and_need_the_right_to_write(guarded):
+    id = guarded.add(token=TOKEN)
+    named = {"vehicle": "quad 7", "name": "Mine"}
+    assert guarded.ask("PUT", "/api/vehicle", named).code == "no_right"
+    site = {"Origin": "http://elsewhere.example"}
+    assert guarded.ask("PUT", "/api/vehicle", named, TOKEN, **site).code == "other_site"
+    long_name = {"name": "x" * 61}
+    assert guarded.ask("PUT", "/api/vehicle", named | long_name, TOKEN).code == "bad_request"
+    other = named | {"vehicle": "quad 8"}
+    assert guarded.ask("PUT", "/api/vehicle", other, TOKEN).code == "no_such_flight"
+    change = {"given_name": "x" * 61}
+    assert guarded.ask("PATCH", f"/api/flights/{id}", change, TOKEN).code == "bad_request"
+
+
 def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served):
     a, b = (served.add(f"{name}.ulg", name) for name in ("One.", "Two."))
     compared = served.get(f"/compare?a={a}&b={b}")

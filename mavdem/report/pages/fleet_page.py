@@ -14,6 +14,7 @@ from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.flights import AxisRows, Flights, flights_of, vehicles_of, worst_health
+from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.report import fleet as fleet_words
 from mavdem.report.blocks import Block, Table
@@ -63,6 +64,7 @@ def fleet_page(
     rows: FlightRows,
     changes: Mapping[str, Sequence[Block]] | None = None,
     full_rows: RowsOfVehicle | None = None,
+    names: GivenNames = NO_NAMES,
 ) -> str:
     """Renders the index of a fleet; the same rows give the same bytes, in whatever order they come.
 
@@ -70,14 +72,15 @@ def fleet_page(
         rows: rows of all flights and axes; ``BRIEF_COLUMNS`` are enough.
         changes: what changed since a baseline, by vehicle; None without a baseline.
         full_rows: returns the rows of a vehicle with all columns, for its charts; ``rows`` have them unless given.
+        names: names that were given to vehicles and flights.
     """
-    flights = flights_of(rows)
+    flights = flights_of(names.labelled(rows))
     # Flights with a date come first, the newest at the top.
     dated_count = sum(flight[0].date is not None for flight in flights)
     newest_first = [*reversed(flights[:dated_count]), *flights[dated_count:]]
-    lines = [[column.cell(flight) for column in COLUMNS.values()] for flight in newest_first]
+    lines = [_line(flight, names) for flight in newest_first]
     links = [_link(flight[0]) for flight in newest_first]
-    vehicles = _vehicle_parts(rows, changes or {}, full_rows)
+    vehicles = _vehicle_parts(rows, changes or {}, full_rows, names)
     blocks = fleet_words.fleet_blocks(rows, names_vehicles=False)
     # The headline and what was flown; without a flight there is nothing but the reasons.
     first_blocks = SUMMARY_BLOCKS if vehicles else len(blocks)
@@ -99,6 +102,7 @@ def fleet_page(
             "kinds": [column.kind for column in COLUMNS.values()],
             "rows": [[*link, *line] for link, line in zip(links, lines, strict=True)],
             "healths": BADGES,
+            "given": sorted(map(names.vehicle, names.vehicles)),
         },
     )
 
@@ -128,9 +132,11 @@ class VehiclePart:
     """What the template shows of one vehicle."""
 
     name: str
-    """Name of the vehicle."""
+    """What its logs call the vehicle, such as its serial number."""
     short_name: str
-    """The name as far as it is shown in a line."""
+    """The same as far as it is shown in a line."""
+    given_name: str
+    """Name that somebody gave to the vehicle; empty without one."""
     last: FlightRow
     """A row of its latest flight."""
     flights: int
@@ -155,6 +161,7 @@ def _vehicle_parts(
     rows: FlightRows,
     changes: Mapping[str, Sequence[Block]],
     full_rows: RowsOfVehicle | None,
+    names: GivenNames,
 ) -> list[VehiclePart]:
     """Returns what the page shows of each vehicle, the most urgent vehicle first.
 
@@ -167,6 +174,7 @@ def _vehicle_parts(
         rows: rows of all flights.
         changes: what changed since a baseline, by name of the vehicle.
         full_rows: returns the rows of a vehicle with all columns; ``rows`` have them unless given.
+        names: names that were given to vehicles.
     """
     ranked = sorted(
         (urgency(flights), name, flights)
@@ -189,6 +197,7 @@ def _vehicle_parts(
             VehiclePart(
                 name=name,
                 short_name=short_name(name),
+                given_name=names.vehicle(name) if name in names.vehicles else "",
                 last=last,
                 flights=len(flights),
                 badge=fleet_words.badge(flights),
@@ -201,6 +210,13 @@ def _vehicle_parts(
             )
         )
     return parts
+
+
+def _line(flight: AxisRows, names: GivenNames) -> list[str]:
+    """Returns the cells of a flight in the table: of its column, and the name that it was given, if any."""
+    cells = {header: column.cell(flight) for header, column in COLUMNS.items()}
+    cells["flight"] = names.flight(flight[0]) or cells["flight"]
+    return [*cells.values()]
 
 
 def short_name(name: str) -> str:

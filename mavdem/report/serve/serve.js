@@ -202,9 +202,14 @@
   $("edit")?.addEventListener("submit", async event => {
     event.preventDefault();
     const form = event.target.elements;
-    const columns = { sharing: form.sharing.value, log_shared: form.log_shared.checked, note: form.note.value };
+    const columns = { given_name: form.given_name?.value, sharing: form.sharing.value, log_shared: form.log_shared.checked, note: form.note.value };
     columns.tags = form.tags.value.split(",").map(tag => tag.trim()).filter(Boolean);
-    try { await callApi("PATCH", `/api/flights/${id}`, columns); $("saved").textContent = "Saved."; } catch (error) { $("saved").textContent = error.message; }
+    try { await callApi("PATCH", `/api/flights/${id}`, columns); if (form.given_name && form.given_name.value !== form.given_name.defaultValue) location.reload(); $("saved").textContent = "Saved."; } catch (error) { $("saved").textContent = error.message; }
+  });
+  $("naming")?.addEventListener("submit", async event => {
+    event.preventDefault();
+    const vehicle = event.target.dataset.vehicle, name = $("vehicle_name").value;
+    try { await callApi("PUT", "/api/vehicle", { vehicle, name }); location.reload(); } catch (error) { $("named").textContent = error.message; }
   });
   $("copy")?.addEventListener("click", async () => {
     $("address").select();

@@ -1,0 +1,107 @@
+"""Names that users have given to vehicles and flights, in tables of the fleet's store.
+
+A vehicle is known by what its log calls it, such as the serial number of its board, and a flight by the hash of its
+log's content. Names are kept beside the rows, so that they survive another reading, a move or another upload of a log.
+"""
+
+import re
+import sqlite3
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from mavdem.fleet.row import FlightRow, FlightRows
+
+MAX_NAME_LETTERS = 60
+"""Letters of a name that somebody gives: a line of a table on a phone has room for half of it."""
+
+
+@dataclass(frozen=True)
+class GivenNames:
+    """The names that were given to vehicles and flights; those without one keep the name that their log has."""
+
+    vehicles: Mapping[str, str] = field(default_factory=dict)
+    """Name of each named vehicle, by what its logs call it."""
+    flights: Mapping[str, str] = field(default_factory=dict)
+    """Name of each named flight, by the hash of its log's content."""
+
+    @cached_property
+    def _ambiguous_names(self) -> set[str]:
+        """Names that several vehicles have."""
+        counts = Counter(self.vehicles.values())
+        return {name for name, count in counts.items() if count > 1}
+
+    def vehicle(self, vehicle: str) -> str:
+        """Returns what a vehicle is called: the name that it was given, otherwise what its logs call it.
+
+        A name that several vehicles have is followed by what the logs call this one, so that they stay apart.
+        """
+        name = self.vehicles.get(vehicle, vehicle)
+        return f"{name} ({vehicle})" if name in self._ambiguous_names else name
+
+    def labelled(self, rows: Iterable[FlightRow]) -> FlightRows:
+        """Returns rows to be shown, in which vehicles have the names that they were given."""
+        labelled_rows = []
+        for row in rows:
+            if row.vehicle in self.vehicles:
+                row = replace(row, vehicle=self.vehicle(row.vehicle))
+            labelled_rows.append(row)
+        return labelled_rows
+
+    def flight(self, row: FlightRow) -> str:
+        """Returns the name that was given to the flight of a row; empty without one."""
+        return self.flights.get(content_hash(row.key), "")
+
+
+NO_NAMES = GivenNames()
+"""The names of a fleet in which nobody has given any."""
+
+
+def content_hash(key: str) -> str:
+    """Returns the hash in the key of a log's content, which is followed by the size of the content."""
+    return key.partition("-")[0]
+
+
+def plain_name(text: str) -> str:
+    """Returns a name that somebody gives as it is kept: one line of at most ``MAX_NAME_LETTERS`` that can be printed.
+
+    Args:
+        text: what was typed. Spaces and line breaks in a row become one space.
+    """
+    line = re.sub(r"\s+", " ", text).strip()
+    printable = "".join(letter for letter in line if letter.isprintable())
+    return printable[:MAX_NAME_LETTERS].rstrip()
+
+
+def read_names(db: sqlite3.Connection) -> GivenNames:
+    """Returns all names that were given, from the store of a fleet."""
+    vehicles = dict(db.execute("select vehicle, name from vehicle_names").fetchall())
+    flights = dict(db.execute("select content, name from flight_names").fetchall())
+    return GivenNames(vehicles, flights)
+
+
+def name_vehicle(db: sqlite3.Connection, vehicle: str, name: str) -> None:
+    """Gives a name to a vehicle, or takes it away.
+
+    Args:
+        db: the connection to the store of a fleet.
+        vehicle: what the logs call it.
+        name: the name, as :func:`plain_name` returns it; empty for none.
+    """
+    db.execute("delete from vehicle_names where vehicle = ?", [vehicle])
+    if name:
+        db.execute("insert into vehicle_names values (?, ?)", [vehicle, name])
+
+
+def name_flight(db: sqlite3.Connection, content: str, name: str) -> None:
+    """Gives a name to a flight, or takes it away.
+
+    Args:
+        db: the connection to the store of a fleet.
+        content: hash of the content of its log.
+        name: the name, as :func:`plain_name` returns it; empty for none.
+    """
+    db.execute("delete from flight_names where content = ?", [content])
+    if name:
+        db.execute("insert into flight_names values (?, ?)", [content, name])
