@@ -91,7 +91,7 @@ class Condition(ImmutableResult):
     batteries: tuple[BatteryFigures, ...] = ()
     """Of each battery, the emptiest first; of all that was recorded, where there was no settled flight."""
     oscillation: Oscillation | None = None
-    """A limit cycle in settled flight or, if there is none, in all flight."""
+    """A limit cycle in settled flight or, if there is none, in all flight; None also where it was not searched for."""
 
     @property
     def battery(self) -> BatteryFigures | None:
@@ -106,12 +106,13 @@ class Condition(ImmutableResult):
         return float(np.mean(self.hover.trim_of_range))
 
 
-def condition_of(signals: Signals) -> Condition:
+def condition_of(signals: Signals, *, with_oscillation: bool = True) -> Condition:
     """Measures the condition of a vehicle: motors, lean, vibration, battery and oscillation, mostly in settled flight.
 
     Args:
         signals: signals of the vehicle. They may have been prepared for a model with other inputs than the motors'
             outputs, such as torque setpoints; the figures of the motors are always of the outputs.
+        with_oscillation: whether the flight is searched for a limit cycle, which takes most of the time.
 
     Returns:
         The condition; figures that were not recorded are None or empty.
@@ -150,7 +151,7 @@ def condition_of(signals: Signals) -> Condition:
         tilt_max=tilt.max() if len(tilt) else None,
         vibration=_vibration_figures(signals, settled),
         batteries=_figures_of_batteries(signals, settled or recorded_segments),
-        oscillation=_oscillation(signals, settled),
+        oscillation=_oscillation(signals, settled) if with_oscillation else None,
     )
 
 

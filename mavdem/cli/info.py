@@ -1,6 +1,7 @@
 """``mavdem info``: what a log holds, and whether a model can be learned from it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from shlex import quote
 
 import click
@@ -61,6 +62,8 @@ def info_command(
         contents = [assessment.contents for assessment in assessments]
         findings = [vehicle_document(assessment) for assessment in assessments]
     else:
+        # The screen has nothing of the motors.
+        options = replace(options, with_motors=False)
         analyses = [analyse(log, signals, axis, options) for signals in all_signals]
         contents = list(map(analysed_contents, all_signals, analyses))
         findings = [analysis_document(analysis) for analysis in analyses]

@@ -10,7 +10,7 @@ from mavdem.arrays import Array
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import TILT_AXES, output_names_and_units
 from mavdem.dataset.resampling import common_grid, common_step, mean_rate, resample
-from mavdem.dataset.segments import Segment, in_segments
+from mavdem.dataset.segments import Segment, rows_of_segment
 from mavdem.dataset.setpoints import Setpoint, held_setpoint
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
@@ -44,19 +44,20 @@ def aligned_flight(signals: Signals, segment: Segment, dt: float | None = None) 
         The flight, on the clock of the segment's boot.
     """
     attitude, motors = signals.attitude_and_inputs
-    attitude_rows = in_segments(attitude, segment)
+    attitude_rows = rows_of_segment(attitude, segment)
     attitude_time = attitude.time[attitude_rows]
-    motor_rows = in_segments(motors, segment)
+    motor_rows = rows_of_segment(motors, segment)
     motor_time = motors.time[motor_rows]
+    rate = attitude.rate[attitude_rows]
     if signals.axis in TILT_AXES:
-        motion = np.column_stack([attitude.angle, attitude.rate])
+        motion = np.column_stack([attitude.angle[attitude_rows], rate])
     else:
-        motion = attitude.rate[:, np.newaxis]
+        motion = rate[:, np.newaxis]
 
     if dt is None:
         dt = common_step((attitude_time, motor_time))
     grid = common_grid(attitude_time, motor_time, dt)
-    outputs, attitude_resampling = resample(grid, dt, attitude_time, motion[attitude_rows])
+    outputs, attitude_resampling = resample(grid, dt, attitude_time, motion)
     inputs, motor_resampling = resample(grid, dt, motor_time, motors.outputs[motor_rows])
 
     names_and_units = output_names_and_units(signals.axis)

@@ -10,7 +10,7 @@ from mavdem.dataset import phases
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.intervals import intersection, total_duration
 from mavdem.dataset.resampling import mean_rate, resample
-from mavdem.dataset.segments import Segment, in_segments, recorded_spans
+from mavdem.dataset.segments import Segment, recorded_spans, rows_of_segment
 from mavdem.dataset.signals import Signals, rate_between_outages
 from mavdem.flight import Flight
 from mavdem.ingest.output_scale import UNKNOWN_SCALE, OutputScale
@@ -143,7 +143,7 @@ def segment_quality(
         log_figures: Figures of the whole log: its armed and airborne time and number of segments are kept.
     """
     attitude, inputs = signals.attitude_and_inputs
-    attitude_rows = in_segments(attitude, segment)
+    attitude_rows = rows_of_segment(attitude, segment)
     time = attitude.time[attitude_rows]
     angle = attitude.angle[attitude_rows]
     rate = attitude.rate[attitude_rows]
@@ -165,7 +165,7 @@ def segment_quality(
         _consistency(flight.time, aligned_angle, aligned_euler_rate),
     ]
 
-    input_rows = in_segments(inputs, segment)
+    input_rows = rows_of_segment(inputs, segment)
     input_time = inputs.time[input_rows]
     command = _torque_command(signals, flight)
     input_snr = None

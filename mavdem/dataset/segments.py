@@ -146,9 +146,30 @@ def in_segments(
     """
     is_inside = np.zeros(len(stream.time), dtype=bool)
     for segment in segments:
-        is_in_span = (stream.time >= segment.start - slack) & (stream.time <= segment.end + slack)
-        is_inside |= is_in_span & (stream.boot == segment.boot)
+        is_inside[rows_of_segment(stream, segment, slack)] = True
     return is_inside
+
+
+def rows_of_segment(
+    stream: Attitude | MotorOutputs | TimeSeries,
+    segment: Segment,
+    slack: float = STAMP_RESOLUTION,
+) -> slice:
+    """Returns the rows of a stream that belong to a segment.
+
+    They are found by bisection, since streams are sorted by boot and time. A log of hours has hundreds of segments, and
+    to compare every sample with each of them takes longer than all else.
+
+    Args:
+        stream: Samples with their times and boots.
+        segment: The segment.
+        slack: Seconds beyond its ends whose samples still belong to it.
+    """
+    boot_start, boot_stop = np.searchsorted(stream.boot, [segment.boot, segment.boot + 1]).tolist()
+    time = stream.time[boot_start:boot_stop]
+    first = int(np.searchsorted(time, segment.start - slack))
+    stop = int(np.searchsorted(time, segment.end + slack, side="right"))
+    return slice(boot_start + first, boot_start + stop)
 
 
 def _boots_with_both_streams(signals: Signals) -> list[int]:
@@ -192,8 +213,8 @@ def _has_samples_of_both(attitude: Attitude, inputs: MotorOutputs, segment: Segm
         inputs: the model inputs.
         segment: span of one boot.
     """
-    attitude_time = attitude.time[in_segments(attitude, segment)]
-    input_time = inputs.time[in_segments(inputs, segment)]
+    attitude_time = attitude.time[rows_of_segment(attitude, segment)]
+    input_time = inputs.time[rows_of_segment(inputs, segment)]
     if len(attitude_time) < 2 or len(input_time) < 2:
         return False
     common_start = max(attitude_time[0], input_time[0])

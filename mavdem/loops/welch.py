@@ -12,7 +12,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dataset.intervals import intersection, split_at_gaps
-from mavdem.dataset.segments import Segments, in_segments
+from mavdem.dataset.segments import Segments, rows_of_segment
 from mavdem.dataset.signals import MIN_STREAM_RATE, rate_between_outages
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
@@ -147,7 +147,7 @@ def resampled_signals(
         spans = [(segment.start, segment.end)]
         stamps_and_values = []
         for signal in signals:
-            rows = in_segments(signal, segment)
+            rows = rows_of_segment(signal, segment)
             time = signal.time[rows]
             stamps_and_values.append((time, signal.values[rows]))
             is_gap = np.diff(time) > MAX_GAP_STEPS / min_rate

@@ -27,7 +27,7 @@ from mavdem.assessment.tier import tier_of
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.flights import flights_of_longest_boot, usable_segments
 from mavdem.dataset.intervals import Intervals, in_intervals
-from mavdem.dataset.learnability import Learnability
+from mavdem.dataset.learnability import Learnability, learnability_of
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import settled_intervals
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, rate_between_outages
@@ -96,6 +96,12 @@ class Options:
     with_model: bool = True
     """Whether to learn the model. Without it only a model of the slow motion is learned, since its test decides whether
     there is one."""
+    with_motors: bool = True
+    """Whether to search the flight for weak motors and oscillations, and to align all its segments.
+
+    Without it, and without a model, only that is computed which decides whether a model can be learned. Of hours of
+    flight this takes a small part of the time.
+    """
 
 
 def analyse(
@@ -128,9 +134,15 @@ def analyse(
     """
     options = options or Options()
     signals = signals.for_axis(AXES[0] if axis == ALL_AXES else axis, options.inputs)
-    segments, learnability = usable_segments(signals, log.components)
+    segments: Flights = ()
+    if options.with_model or options.with_motors:
+        segments, learnability = usable_segments(signals, log.components)
+    else:
+        learnability = learnability_of(signals, log.components)
     with progress("Examining the motors", measured=False):
-        analysis = _analysis_without_model(log, signals, learnability, other_axis)
+        analysis = _analysis_without_model(
+            log, signals, learnability, other_axis, with_motors=options.with_motors
+        )
     is_slow = analysis.tier.tier == "b" and signals.axis in TILT_AXES
     if is_slow:
         segments, slow_learnability = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
@@ -163,7 +175,12 @@ def analyse(
 
 
 def _analysis_without_model(
-    log: Log, signals: Signals, learnability: Learnability, other_axis: LogAnalysis | None
+    log: Log,
+    signals: Signals,
+    learnability: Learnability,
+    other_axis: LogAnalysis | None,
+    *,
+    with_motors: bool,
 ) -> LogAnalysis:
     """Returns what a log shows of a vehicle without a model, and why it allows no full one.
 
@@ -173,7 +190,10 @@ def _analysis_without_model(
         learnability: whether a full model of the axis can be learned.
         other_axis: analysis of another axis of the same vehicle. The figures of the vehicle itself, which are the same
             for all axes, are taken from it, which saves their computation; None for the first axis.
+        with_motors: whether the flight is searched for weak motors and oscillations.
     """
+    alarms: tuple[MotorAlarm, ...] = ()
+    trim = None
     if other_axis is not None:
         condition = other_axis.condition
         identity = other_axis.identity
@@ -181,10 +201,11 @@ def _analysis_without_model(
         trim = other_axis.trim
         motors_are_watched = other_axis.motors_are_watched
     else:
-        condition = condition_of(signals)
+        condition = condition_of(signals, with_oscillation=with_motors)
         identity = identity_of(signals, log.receive_time[0])
-        alarms = motor_alarms(signals)
-        trim = trim_of_signals(signals)
+        if with_motors:
+            alarms = motor_alarms(signals)
+            trim = trim_of_signals(signals)
         motors_are_watched = _motors_are_watched(signals)
     # The tier says what the rates of the log allow: "a" a full model, "b" one of the slow motion, "c" no model.
     tier = tier_of(learnability, condition)
