@@ -130,6 +130,8 @@ class Progress(Stage):
     """how long it has been worked on; null before that"""
     ahead: int = 0
     """logs that are read before it"""
+    estimated_end: UnixSeconds | None = None
+    """when it will probably have been read, by sizes and durations of logs before it; null where that is not known"""
     has_plots: bool = False
     """whether its page has the plots that need no model"""
 

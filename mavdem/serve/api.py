@@ -29,6 +29,7 @@ from mavdem.results import RECORDING_FILE
 from mavdem.serve.index import COLUMNS, Entry
 from mavdem.serve.openapi import openapi
 from mavdem.serve.pages import FLIGHTS_PER_PAGE, recordings_answer
+from mavdem.serve.reading_queue import QueuePlace, queue_places
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import error_values, query_number, read_document, valid_unicode
 from mavdem.serve.search import UNFINISHED_SQL, SqlCondition
@@ -319,27 +320,26 @@ class Api:
 
     def _progress_of_all(self, entries: Sequence[Entry]) -> dict[str, Progress]:
         """Returns the progress of flights by their ids, in their order."""
-        places = dict[str, int]()
-        # A thousand logs may wait: their places are counted together.
-        if any(entry.stage == Stage.WAITING for entry in entries):
-            places = self._library.waiting_places()
+        places = dict[str, QueuePlace]()
+        # A thousand logs may wait: their places are found together.
+        if not all(entry.is_done for entry in entries):
+            places = queue_places(self._library)
         return {entry.id: self._progress_of(entry, places) for entry in entries}
 
-    def _progress_of(self, entry: Entry, places: Mapping[str, int]) -> Progress:
+    def _progress_of(self, entry: Entry, places: Mapping[str, QueuePlace]) -> Progress:
         """Returns the progress of a flight, with what the process that reads its log has reported.
 
         Args:
             entry: the flight.
-            places: how many logs are read before each waiting log, by its id.
+            places: place in the queue of each log that waits or is read, by its id.
         """
-        values: JsonValues = {}
-        if entry.stage == Stage.WAITING:
-            values["ahead"] = places.get(entry.id, 0)
-        elif not entry.is_done:
+        # A log that was claimed a moment ago may have none.
+        values: JsonValues = places.get(entry.id, QueuePlace())._asdict()
+        if entry.stage != Stage.WAITING and not entry.is_done:
             progress = self._library.progress(entry)
             columns = {name: progress[name] for name in COLUMNS if name in progress}
             entry = replace(entry, **columns)
-            values = {name: progress[name] for name in PROGRESS_KEYS if name in progress}
+            values |= {name: progress[name] for name in PROGRESS_KEYS if name in progress}
             if "started" in progress:
                 values["seconds"] = round(time.time() - progress["started"])
         words = interface_words()["stages"][entry.stage]

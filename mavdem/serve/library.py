@@ -338,11 +338,6 @@ class Library:
         # An entry may be deleted between the two queries.
         return [entries[id] for id in wanted_ids if id in entries], len(ids)
 
-    def waiting_places(self) -> dict[str, int]:
-        """Returns how many waiting logs are read before each waiting log, by its id."""
-        query = "select id, rank() over (order by received) - 1 from entries where stage = ?"
-        return dict(self.db.execute(query, [Stage.WAITING]).fetchall())
-
     def vehicle_names(self) -> list[str]:
         """Returns the names of all vehicles, in alphabetical order."""
         query = "select distinct vehicle from entries where vehicle <> '' order by vehicle"

@@ -1,7 +1,9 @@
 """What those see who wait for a log: who comes before them, the step of the work, and the plots that need no model."""
 
 import json
+import time
 
+from pytest import approx
 from recorded_flights import short_flight
 from serving import log, serving
 
@@ -16,6 +18,7 @@ from mavdem.serve.api import Api
 from mavdem.serve.index import Entry, insert_entry, new_id
 from mavdem.serve.library import Library
 from mavdem.serve.reading import ProgressFile
+from mavdem.serve.reading_queue import ReadLogSize, estimated_seconds
 from mavdem.serve.rights import Rights
 from mavdem.serve.stored_files import FIRST_PLOTS, PROGRESS
 from mavdem.serve.visible_library import VisibleLibrary
@@ -26,6 +29,32 @@ def test_a_waiting_log_says_how_many_come_before_it(tmp_path):
     with serving(tmp_path, is_eager=False) as server:
         ids = [server.add(f"{number}.ulg", str(number)) for number in range(3)]
         assert [server.progress(id)["ahead"] for id in ids] == [0, 1, 2]
+
+
+def test_the_end_of_the_queue_is_estimated_from_sizes_and_durations_before():
+    history = [ReadLogSize(size, size / 10) for size in (10, 20, 30, 40, 50, 60, 70)]
+    history[3] = ReadLogSize(40, 1000.0)
+    assert estimated_seconds(45, history) == approx(4.5), "one slow log has no effect"
+    assert estimated_seconds(700, history) == approx(70)
+    assert estimated_seconds(1, history) == approx(0.1)
+    assert estimated_seconds(20, history[:1]) == approx(2)
+
+
+def test_a_waiting_log_has_an_end_once_others_were_read(tmp_path):
+    with serving(tmp_path, is_eager=False) as server:
+        first_ids = [server.add(f"{number}.ulg", f"Read {number}") for number in range(3)]
+        assert server.progress(first_ids[0])["estimated_end"] is None
+        server.work.run()
+        with server.library.transaction() as db:
+            db.execute("update logs set seconds = 100")
+        begin = time.time()
+        ids = [server.add(f"{number}.ulg", f"Waits {number}") for number in range(3)]
+        ends = [server.progress(id)["estimated_end"] for id in ids]
+        for count, end in enumerate(ends, start=1):
+            assert 100 * count <= end - begin <= 100 * count + 25
+        server.library.claim()
+        assert server.progress(ids[0])["estimated_end"] == approx(ends[0], abs=10)
+        assert server.progress(ids[2])["ahead"] == 1
 
 
 def test_the_progress_of_many_waiting_logs_takes_little_time(tmp_path):

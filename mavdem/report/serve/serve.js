@@ -126,12 +126,20 @@
     }
     send();
   };
+  // The estimated time until a log is read: in seconds up to a minute and a half, then in minutes, then in hours.
+  const remainingText = seconds => {
+    if (seconds < 5) return ", ready soon";
+    if (seconds < 90) return `, ready in about ${5 * Math.round(seconds / 5)} s`;
+    const minutes = Math.round(seconds / 60);
+    return minutes < 90 ? `, ready in about ${minutes} min` : `, ready in about ${(minutes / 60).toFixed(1)} h`;
+  };
   // How far a log is: who comes before it, or the step of the work, its share and the time so far.
   const progressText = flight => {
-    if (flight.stage === "waiting") return flight.ahead ? `${flight.words}: ${flight.ahead} before it` : flight.words;
+    const left = flight.estimated_end ? remainingText(flight.estimated_end - Date.now() / 1000) : "";
+    if (flight.stage === "waiting") return (flight.ahead ? `${flight.words}: ${flight.ahead} before it` : flight.words) + left;
     const share = flight.share === null || flight.share === undefined ? "" : ` ${Math.round(100 * flight.share)} %`;
     const seconds = flight.seconds === null || flight.seconds === undefined ? "" : `, ${flight.seconds} s so far`;
-    return `${flight.step || flight.words}${share}${seconds}`;
+    return `${flight.step || flight.words}${share}${seconds}${left}`;
   };
   const progressByStage = { waiting: 0.3, reading: 0.4, judging: 0.5, learning: 0.6, drawing: 0.8, done: 1, failed: 1 };
   const showProgress = flight => {
