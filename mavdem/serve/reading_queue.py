@@ -17,7 +17,7 @@ HISTORY_LENGTH = 200
 """Logs that were read last, whose durations count: the machine's load and the program's version change."""
 
 NEIGHBOURS = 5
-"""Logs of the nearest sizes whose durations give the estimate, by their median: one odd log among them has no effect."""
+"""Logs of the nearest sizes, of whose durations the median is taken: one odd log among them has no effect."""
 
 MIN_HISTORY = 3
 """Logs that must have been read before anything is estimated."""
