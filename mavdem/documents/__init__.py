@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from mavdem.containers import JsonValues
 from mavdem.document_heading import document_heading
 from mavdem.documents.comparison import CompareReport, Order
-from mavdem.documents.document import Document, Failure, schema_units
+from mavdem.documents.document import Document, Failure, document_units
 from mavdem.documents.fleet import Diff, Track
 from mavdem.documents.flight import LearnReport
 from mavdem.documents.inventory import Inventory
@@ -54,8 +54,7 @@ DOCUMENTS = {
 def document_header(name: str) -> JsonValues:
     """Returns the keys with which a document begins: its name, versions, and the units of its figures by key."""
     published = DOCUMENTS[name]
-    schema = published.model.model_json_schema(by_alias=False)
-    return document_heading(name, published.version, schema_units(schema))
+    return document_heading(name, published.version, document_units(published.model))
 
 
 def complete_document(name: str, document: Any) -> JsonValues:

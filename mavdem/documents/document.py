@@ -8,8 +8,9 @@ becomes a list and a fact becomes its sentence.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Self
+from collections.abc import Iterator
+from types import UnionType
+from typing import Annotated, Any, Self, Union, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -19,6 +20,7 @@ from pydantic import (
     field_validator,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 
 from mavdem.containers import JsonValues
 from mavdem.facts import Fact
@@ -262,42 +264,65 @@ def _without_nan(value: Any) -> Any:
     return value
 
 
-def schema_units(schema: Mapping[str, Any]) -> dict[str, str]:
-    """Returns the units of all figures of a JSON schema.
+def document_units(document: type[Document]) -> dict[str, str]:
+    """Returns the units of all figures of a document, as the annotations of its fields have them.
+
+    The JSON schema has the same units, but takes a tenth of a second to be made.
 
     Args:
-        schema: schema of a document, with its records in ``$defs``.
+        document: class of the document.
 
     Returns:
         Units by the path of the key, such as ``wind.speed``. In a path ``*`` stands for any key of a dictionary and any
         place in a list.
     """
-    return dict(_units_below(schema, schema.get("$defs", {}), path="", parents=()))
+    # The annotations of a class are texts until it is built.
+    document.model_rebuild()
+    return dict(_units_below(document, path="", parents=()))
 
 
 def _units_below(
-    schema: Mapping[str, Any], records: Mapping[str, Any], path: str, parents: tuple[str, ...]
+    annotation: Any, path: str, parents: tuple[type[BaseModel], ...]
 ) -> Iterator[tuple[str, str]]:
-    """Yields the path and the unit of each figure in a part of a schema.
+    """Yields the path and the unit of each figure in a type.
 
     Args:
-        schema: the part.
-        records: schemas of all records by name, to which ``$ref`` refers.
-        path: path of the part, keys separated by dots.
-        parents: names of the records that the part is in. A record that contains itself is not entered again.
+        annotation: the type, or a type of typing, such as ``list[Speed]``.
+        path: path of the values of this type, keys separated by dots.
+        parents: records that the type is in. A record that contains itself is not entered again.
     """
-    if "unit" in schema:
+    origin = get_origin(annotation)
+    arguments = get_args(annotation)
+    if origin is Annotated:
+        for metadata in arguments[1:]:
+            if isinstance(metadata, FieldInfo):
+                yield from _unit_of_field(metadata, path)
+        yield from _units_below(arguments[0], path, parents)
+    elif origin in (Union, UnionType):
+        for alternative in arguments:
+            yield from _units_below(alternative, path, parents)
+    elif origin is dict:
+        yield from _units_below(arguments[1], f"{path}.*", parents)
+    elif origin in (list, tuple):
+        for item in arguments:
+            yield from _units_below(item, f"{path}.*", parents)
+    elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        if annotation in parents:
+            return
+        for name, field in annotation.model_fields.items():
+            key_path = f"{path}.{name}".removeprefix(".")
+            yield from _unit_of_field(field, key_path)
+            yield from _units_below(field.annotation, key_path, (*parents, annotation))
+
+
+def _unit_of_field(field: FieldInfo, path: str) -> Iterator[tuple[str, str]]:
+    """Yields the path and the unit of a field that has one.
+
+    Args:
+        field: definition of the field, with the unit where ``mavdem.units.with_unit`` added it.
+        path: path of the field's values.
+    """
+    extra = field.json_schema_extra
+    if isinstance(extra, dict) and "unit" in extra:
         # A unit of a list, or of a list of lists, stands at the key of the list itself.
-        yield path.removesuffix(".*").removesuffix(".*"), schema["unit"]
-    record_name = schema.get("$ref", "").rpartition("/")[2]
-    if record_name and record_name not in parents:
-        record = records[record_name]
-        yield from _units_below(record, records, path, (*parents, record_name))
-    for alternative in schema.get("anyOf", ()):
-        yield from _units_below(alternative, records, path, parents)
-    for key, value_schema in schema.get("properties", {}).items():
-        key_path = f"{path}.{key}".removeprefix(".")
-        yield from _units_below(value_schema, records, key_path, parents)
-    for keyword in ("items", "additionalProperties"):
-        if isinstance(schema.get(keyword), dict):
-            yield from _units_below(schema[keyword], records, f"{path}.*", parents)
+        yield path.removesuffix(".*").removesuffix(".*"), str(extra["unit"])

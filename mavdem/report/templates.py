@@ -23,7 +23,7 @@ from operator import attrgetter
 from shlex import quote
 from typing import Any, NamedTuple
 
-from jinja2 import Environment, StrictUndefined, Template
+from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 
 from mavdem.containers import group_by
 from mavdem.facts import Code, Fact, Words
@@ -40,6 +40,7 @@ from mavdem.report.numbers import (
     with_unit,
     without_remark,
 )
+from mavdem.report.template_cache import CompiledTemplates
 from mavdem.wind_velocity.compass import compass_text
 
 PARAMETERS = {
@@ -191,19 +192,47 @@ def _render(fact: Fact, part: str) -> str:
 
 @cache
 def _compiled(code: Code, part: str) -> Template:
-    """Compiles a part of the templates of a code; without one, a remedy shows the fact called ``remedy``, if any."""
-    default = "{{ remedy | string if remedy }}" if part == "remedy" else ""
-    return _environment().from_string(sentence_templates()[code].get(part, default))
+    """Compiles a part of the templates of a code, or loads it compiled."""
+    return _environment().get_template(f"sentences/{code}/{part}")
 
 
 @cache
 def _section_templates(name: str) -> list[dict[str, Template]]:
-    """Loads and compiles the paragraphs of a section: templates by "text", "lead" and "always"."""
-    paragraphs = load_adjacent_toml(__file__, f"sections/{name}.toml")["paragraph"]
-    compiled = _environment().from_string
-    return [
-        {part: compiled(str(text)) for part, text in paragraph.items()} for paragraph in paragraphs
+    """Compiles the paragraphs of a section, or loads them compiled: templates by "text", "lead" and "always"."""
+    templates = []
+    for number, paragraph in enumerate(_section_paragraphs(name)):
+        templates.append(
+            {
+                part: _environment().get_template(f"sections/{name}/{number}/{part}")
+                for part in paragraph
+            }
+        )
+    return templates
+
+
+@cache
+def _section_paragraphs(name: str) -> list[dict[str, Any]]:
+    """Loads the texts of the paragraphs of a section by "text", "lead" and "always"."""
+    paragraphs: list[dict[str, Any]] = load_adjacent_toml(__file__, f"sections/{name}.toml")[
+        "paragraph"
     ]
+    return paragraphs
+
+
+def _template_text(name: str) -> str:
+    """Returns the text of a template.
+
+    Args:
+        name: "sentences/CODE/PART", where a fact has no such part an empty text, or for a remedy one that shows the
+            fact called ``remedy``, if any; or "sections/SECTION/NUMBER/PART", where paragraphs are counted from 0.
+    """
+    folder, *path = name.split("/")
+    if folder == "sections":
+        section, number, part = path
+        return str(_section_paragraphs(section)[int(number)][part])
+    code, part = path
+    default = "{{ remedy | string if remedy }}" if part == "remedy" else ""
+    return sentence_templates()[code].get(part, default)
 
 
 @cache
@@ -215,7 +244,13 @@ def _environment() -> Environment:
     call, and ``filters`` are those that they apply as in ``value | rounded``. To give templates a new one, it is enough
     to add it here by its name.
     """
-    environment = Environment(undefined=StrictUndefined, finalize=_finalized, autoescape=False)
+    environment = Environment(
+        loader=FunctionLoader(_template_text),
+        bytecode_cache=CompiledTemplates(),
+        undefined=StrictUndefined,
+        finalize=_finalized,
+        autoescape=False,
+    )
     environment.globals |= {
         "counted": counted,
         "list_separator": list_separator,

@@ -106,7 +106,8 @@ def vehicle_text(twin: Twin, ending: str, source: str) -> str:
         ending: ending of the file, which names its format: ".toml", ".json", ".params" or ".sdf".
         source: name of the log that the twin was learned from.
     """
-    plain_text_environment = environment().overlay(autoescape=False)
+    # Compiled templates of pages escape their text, and these must not be mixed up with them.
+    plain_text_environment = environment().overlay(autoescape=False, bytecode_cache=None)
     plain_text_environment.filters["g"] = _five_digits
     template = plain_text_environment.get_template(f"vehicle{ending}")
     text = template.render(

@@ -35,6 +35,7 @@ from mavdem.report.loops import compared_loops, tune_blocks
 from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
 from mavdem.report.screen import conclusion, flight_title, model_screen
+from mavdem.report.template_cache import CompiledTemplates
 from mavdem.report.why import why_text
 
 MAX_BRIEF_EVENTS = 4
@@ -218,6 +219,7 @@ def environment() -> Environment:
     """
     jinja = Environment(
         loader=PackageLoader("mavdem.report", ""),
+        bytecode_cache=CompiledTemplates(),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
