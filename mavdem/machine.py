@@ -1,5 +1,6 @@
-"""The machine that mavdem runs on: its loopback address, whether it has a screen, and which TCP port is free."""
+"""The machine that mavdem runs on: its loopback address, whether it has a screen, free TCP ports, freed memory."""
 
+import ctypes
 import os
 import socket
 import sys
@@ -22,3 +23,15 @@ def free_port() -> int:
     """Returns a TCP port of the loopback address that is free now; another program may take it before it is used."""
     with socket.create_server((LOOPBACK, 0)) as probe:
         return int(probe.getsockname()[1])
+
+
+def return_freed_memory() -> None:
+    """Gives memory that Python has freed back to the system, where its library is glibc.
+
+    glibc keeps freed blocks of up to 32 MB for later ones (``M_MMAP_THRESHOLD`` in mallopt(3)), which after reading a
+    log of hours is hundreds of megabytes.
+    """
+    if sys.platform.startswith("linux"):
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        if trim is not None:
+            trim(0)

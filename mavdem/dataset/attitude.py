@@ -220,9 +220,11 @@ def _euler_angles(columns: Columns, message: str, axis: str) -> tuple[Array, Arr
 
 def _exceeds(quantities: list[Array], limit: float) -> Flags:
     """Returns in which rows (N,) one of several quantities (N,) is finite and beyond a limit, whatever its sign."""
-    magnitudes = np.abs(quantities)
-    exceeds: Flags = np.isfinite(magnitudes) & (magnitudes > limit)
-    return np.asarray(exceeds.any(axis=0))
+    exceeds = np.zeros(len(quantities[0]), dtype=np.bool_)
+    for values in quantities:
+        magnitudes = np.abs(values)
+        exceeds |= np.isfinite(magnitudes) & (magnitudes > limit)
+    return exceeds
 
 
 class _IntegratedRates(NamedTuple):

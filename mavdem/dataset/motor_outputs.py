@@ -99,8 +99,9 @@ class MotorOutputs:
 
     def range_fractions(self, boot: int) -> TimeSeries:
         """Returns the outputs (N, k) of one boot as fractions of the range."""
-        fractions = TimeSeries(self.time, self.boot, self.scale.fraction(self.outputs))
-        return fractions.select(self.boot == boot)
+        rows = self.boot == boot
+        fractions = self.scale.fraction(self.outputs[rows])
+        return TimeSeries(self.time[rows], self.boot[rows], fractions)
 
 
 def motor_outputs_or_obstacle(telemetry: Telemetry) -> MotorOutputs | Fact:

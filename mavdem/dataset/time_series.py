@@ -57,7 +57,8 @@ def float_columns(columns: Columns, fields: Iterable[str]) -> Array:
 def clean_series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeSeries:
     """Makes a time series of values that were computed from a message: sorted, finite, each stamp once.
 
-    Links repeat and reorder messages. Of several rows with one stamp the first is kept.
+    Links repeat and reorder messages. Of several rows with one stamp the first is kept. Where all rows are used, in
+    their order, the series has the very arrays that were given: of hours of flight a copy takes much memory.
 
     Args:
         columns: Fields of the message, of which ``time`` and ``boot`` (N,) are used.
@@ -71,8 +72,11 @@ def clean_series(columns: Columns, values: Array, rows: Flags | None = None) -> 
     boot = columns["boot"]
     table = values[:, np.newaxis] if values.ndim == 1 else values
     is_selected = np.ones(len(time), dtype=bool) if rows is None else rows
-    is_finite = np.isfinite(table).all(axis=1) & np.isfinite(time)
-    order = np.flatnonzero(is_selected & is_finite)
+    is_used = is_selected & np.isfinite(table).all(axis=1) & np.isfinite(time)
+    sent_count = int(np.count_nonzero(is_selected))
+    if is_used.all() and _rises_strictly(time, boot):
+        return TimeSeries(time, boot, np.ascontiguousarray(values), sent_count)
+    order = np.flatnonzero(is_used)
     finite_count = len(order)
     order = order[np.lexsort((time[order], boot[order]))]
 
@@ -81,9 +85,15 @@ def clean_series(columns: Columns, values: Array, rows: Flags | None = None) -> 
     has_other_value = (table[order[repeat_rows]] != table[order[repeat_rows + 1]]).any(axis=1)
     order = np.delete(order, repeat_rows + 1)
 
-    sent_count = int(np.count_nonzero(is_selected))
     unused_count = sent_count - finite_count + int(np.count_nonzero(has_other_value))
     return TimeSeries(time[order], boot[order], values[order], sent_count, unused_count)
+
+
+def _rises_strictly(time: Array, boot: Integers) -> bool:
+    """Returns whether samples (N,) are sorted by boot and ``time``, s, and no two of a boot have one stamp."""
+    has_later_boot = boot[1:] > boot[:-1]
+    has_later_time = (boot[1:] == boot[:-1]) & (time[1:] > time[:-1])
+    return bool((has_later_boot | has_later_time).all())
 
 
 def recorded_series(telemetry: Telemetry, message: str, *fields: str) -> TimeSeries | None:

@@ -76,16 +76,42 @@ def sender_stream_of(data: Bytes, all_frames: Frames, rows: Rows) -> SenderStrea
     sequence = all_frames.sequence[rows].astype(np.int16)
     steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)
     is_irregular = (steps == 0) | (steps > MAX_LATE_STEPS)
+    has_irregular = bool(is_irregular.any())
     has_several_links = np.count_nonzero(is_irregular) > MIN_IRREGULAR_SHARE * len(steps)
-    is_readable = all_frames.checksum[rows] == CHECKSUM_MATCHES
-    reading_rows = np.flatnonzero(_has_reading(all_frames.message_id[rows]) & is_readable)
-    readings = all_frames[rows[reading_rows]]
-    may_have_copies = bool(is_irregular.any()) or _first_reading_is_repeated(data, readings)
-    keys = _frame_keys(data, readings) if may_have_copies else np.zeros(0, dtype=np.uint64)
-    if not has_several_links and not _has_copies(data, readings, keys):
-        lost = int(missing_messages(sequence[:-1], sequence[1:]).sum())
+    lost = int(missing_messages(sequence[:-1], sequence[1:]).sum())
+    # Of a recording of hours each of these arrays takes tens of megabytes.
+    del sequence, steps, is_irregular
+    reading_rows = _rows_of_possible_readings(all_frames, rows)
+    frame_rows = rows[reading_rows]
+    keys = np.zeros(0, dtype=np.uint64)
+    if has_irregular or _first_reading_is_repeated(data, all_frames, frame_rows):
+        keys = _frame_keys(data, all_frames, frame_rows)
+    if not has_several_links and not _has_copies(data, all_frames, frame_rows, keys):
         return SenderStream(np.ones(len(rows), dtype=np.bool_), max(lost, 0))
     return _sender_stream_of_links(data, all_frames[rows], reading_rows[_possible_copies(keys)])
+
+
+ROWS_AT_ONCE = 1 << 18
+"""Number of frames of which columns are compared at once: a choice, which bounds the memory for long recordings."""
+
+
+def _rows_of_possible_readings(all_frames: Frames, rows: Rows) -> NDArray[np.int32]:
+    """Finds the readable frames of a sender with a boot clock that the autopilot itself stamps.
+
+    Args:
+        all_frames: The frames (N,) of all senders.
+        rows: Rows (n,) of the sender's frames.
+
+    Returns:
+        Rows (m,) among the sender's frames, ascending.
+    """
+    parts = [np.zeros(0, dtype=np.int32)]
+    for first in range(0, len(rows), ROWS_AT_ONCE):
+        part = rows[first : first + ROWS_AT_ONCE]
+        is_readable = all_frames.checksum[part] == CHECKSUM_MATCHES
+        has_reading = _has_reading(all_frames.message_id[part]) & is_readable
+        parts.append((np.flatnonzero(has_reading) + first).astype(np.int32))
+    return np.concatenate(parts)
 
 
 def _has_reading(message_ids: Offsets) -> Flags:
@@ -173,22 +199,31 @@ def _single_frames(data: Bytes, frames: Frames, first: int) -> Iterator[_SingleF
             yield _SingleFrame(bytes(content[start:end]), message_id, sequence, is_readable)
 
 
-def _first_reading_is_repeated(data: Bytes, frames: Frames) -> bool:
+def _first_reading_is_repeated(data: Bytes, all_frames: Frames, rows: Rows) -> bool:
     """Returns whether the first frame with a boot clock comes again, as where a whole recording is repeated.
 
     Args:
         data: The stream (B,).
-        frames: The frames (n,) of one sender that have a boot clock, in stream order.
+        all_frames: The frames (N,) of all senders.
+        rows: Rows (n,) of the frames of one sender that have a boot clock, in stream order.
     """
-    if not len(frames):
+    if not len(rows):
         return False
-    is_alike = (frames.message_id == frames.message_id[0]) & (frames.sequence == frames.sequence[0])
-    first_content = frame_content(data, frames, 0)
-    alike_rows = np.flatnonzero(is_alike)[1:].tolist()
-    return any(frame_content(data, frames, row) == first_content for row in alike_rows)
+    first_row = int(rows[0])
+    message_id = all_frames.message_id[first_row]
+    sequence = all_frames.sequence[first_row]
+    first_content = frame_content(data, all_frames, first_row)
+    for first in range(0, len(rows), ROWS_AT_ONCE):
+        part = rows[first : first + ROWS_AT_ONCE]
+        is_alike = all_frames.message_id[part] == message_id
+        is_alike &= all_frames.sequence[part] == sequence
+        for row in part[is_alike].tolist():
+            if row != first_row and frame_content(data, all_frames, row) == first_content:
+                return True
+    return False
 
 
-def _frame_keys(data: Bytes, frames: Frames) -> NDArray[np.uint64]:
+def _frame_keys(data: Bytes, all_frames: Frames, rows: Rows) -> NDArray[np.uint64]:
     """Returns keys (n,) that are equal for equal frames, and hardly ever for others.
 
     They are made of the sequence number and the last four bytes: the end of the payload and the checksum, or the end of
@@ -196,28 +231,36 @@ def _frame_keys(data: Bytes, frames: Frames) -> NDArray[np.uint64]:
 
     Args:
         data: The stream (B,).
-        frames: Frames (n,) of one sender.
+        all_frames: The frames (N,) of all senders.
+        rows: Rows (n,) of frames of one sender.
     """
-    last_bytes = rows_of(data, frames.end - LAST_BYTES, LAST_BYTES).view("<u4")[:, 0]
-    return frames.sequence.astype(np.uint64) << np.uint64(8 * LAST_BYTES) | last_bytes
+    keys = np.empty(len(rows), dtype=np.uint64)
+    for first in range(0, len(rows), ROWS_AT_ONCE):
+        frames = all_frames[rows[first : first + ROWS_AT_ONCE]]
+        last_bytes = rows_of(data, frames.end - LAST_BYTES, LAST_BYTES).view("<u4")[:, 0]
+        sequence = frames.sequence.astype(np.uint64)
+        keys[first : first + ROWS_AT_ONCE] = sequence << np.uint64(8 * LAST_BYTES) | last_bytes
+    return keys
 
 
-def _has_copies(data: Bytes, frames: Frames, keys: NDArray[np.uint64]) -> bool:
+def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, keys: NDArray[np.uint64]) -> bool:
     """Returns whether a frame with a boot clock comes twice among the frames of a sender.
 
     Args:
         data: The stream (B,).
-        frames: The frames (n,) of one sender that have a boot clock, in stream order.
+        all_frames: The frames (N,) of all senders.
+        rows: Rows (n,) of the frames of one sender that have a boot clock, in stream order.
         keys: Their keys (n,), or none where there cannot be copies.
     """
     sorted_keys = np.sort(keys)
     repeated_keys = sorted_keys[1:][sorted_keys[1:] == sorted_keys[:-1]]
+    del sorted_keys
     if not len(repeated_keys):
         return False
     contents = set[bytes]()
-    for row in np.flatnonzero(np.isin(keys, repeated_keys)).tolist():
-        frame = frame_content(data, frames, row)
-        if frame in contents and clock_reading(frame, int(frames.message_id[row])) is not None:
+    for row in rows[np.isin(keys, repeated_keys)].tolist():
+        frame = frame_content(data, all_frames, row)
+        if frame in contents and clock_reading(frame, int(all_frames.message_id[row])) is not None:
             return True
         contents.add(frame)
     return False
