@@ -37,7 +37,7 @@ CONTENT_SECURITY_POLICY = (
     "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
 """Policy that lets pages run only the server's own script and those of a flight's charts, by their hashes, show no
-frames, and load nothing from other servers."""
+frames, and load nothing from other servers. The page with Rerun's viewer adds a frame from this machine."""
 
 Endpoint = Callable[[HttpRequest], Awaitable[Response]]
 """A coroutine function that answers a request."""
@@ -100,6 +100,7 @@ class Server:
         endpoints: dict[str, Callable[[HttpRequest], Any]] = {
             "GET /": pages.list_flights,
             "GET /f/{id}": pages.flight,
+            "GET /f/{id}/viewer": pages.viewer,
             "GET /f/{id}/{name}": pages.file,
             "GET /live": pages.live_session,
             "GET /vehicle": pages.vehicle,
@@ -177,7 +178,11 @@ class Server:
             except asyncio.CancelledError:
                 # The server is ending. The answer says when to ask again.
                 response = Response(status_code=503, headers=RETRY_HEADERS)
+            additional_policy = response.headers.get("content-security-policy", "")
             response.headers.update(_response_headers())
+            if additional_policy:
+                policy = response.headers["content-security-policy"]
+                response.headers["content-security-policy"] = f"{policy}; {additional_policy}"
             # A browser that has the cookie of an earlier token waits only once. The answer may bring the right one.
             if self._rights.has_wrong_cookie(request) and "Set-Cookie" not in response.headers:
                 response.delete_cookie(COOKIE_NAME)

@@ -28,6 +28,7 @@ from mavdem.fleet.parameter_changes import changed_parameters, states_without_ga
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
+from mavdem.machine import LOOPBACK
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.library_page import (
@@ -59,6 +60,10 @@ MAX_WAITING_DOWNLOADS = 100
 
 RECORDING_RETRY_SECONDS = 2
 """Seconds after which a recording that is being made may be asked for again."""
+
+
+VIEWER_POLICY = f"frame-src http://{LOOPBACK}:*"
+"""What the page with Rerun's viewer may do besides others: show it in a frame, from a port of this machine."""
 
 
 def recordings_answer(recordings: Recordings) -> Response:
@@ -153,6 +158,21 @@ class Pages:
         missing_recordings = RecordingRequests(self._library).missing_names(entry)
         return HTMLResponse(
             with_bar(html, files=files, missing=missing_recordings, can_open=can_open, **values)
+        )
+
+    def viewer(self, request: HttpRequest) -> Response:
+        """Answers with the page that shows the recording of a flight in Rerun's viewer, in a frame.
+
+        While somebody looks at the page, it has the viewer kept open, or started again.
+        """
+        self._rights.require(request, Use.READ)
+        entry = self._visible.entry(request, request.path_params["id"])
+        if self._open_recording is None or RECORDING_FILE not in entry.file_names:
+            raise Refusal(Request.NO_SUCH_FLIGHT)
+        visitor = self._visible.visitor_values(request)
+        return HTMLResponse(
+            render_server_page("viewer", flight=entry, **visitor),
+            headers={"Content-Security-Policy": VIEWER_POLICY},
         )
 
     def _page_path(self, entry: Entry, vehicle: str) -> Path:

@@ -32,14 +32,16 @@ WATCH_SECONDS = 5.0
 MAX_SECONDS_WITHOUT_TAB = 30.0
 """Seconds without a connection of a browser after which a viewer ends: its tab is gone. A reload takes a few."""
 
-MAX_OPEN_SECONDS = 600.0
-"""Seconds after it was last opened until a viewer ends, with its tab open too: it takes a third of a processor core."""
+MAX_IDLE_SECONDS = 600.0
+"""Seconds after somebody last looked at it until a viewer ends: it takes a third of a processor core, used or not."""
 
 
 class RecordingViewer:
     """Shows one recording at a time, the last one that was opened: a viewer holds up to a gigabyte of it in memory.
 
-    It ends when its tab is closed, or ten minutes after it was last opened.
+    It ends when its tab is gone, or after ten minutes in which nobody looked at it. What somebody does in the viewer
+    stays in the browser, where the viewer's process sees nothing of it. So the page around the viewer opens it again
+    every half minute while its tab is in front, which does nothing but begin the ten minutes anew.
     """
 
     def __init__(self) -> None:
@@ -83,7 +85,7 @@ class RecordingViewer:
                 if has_visitor:
                     self._last_visit = now
                 is_left = now - self._last_visit > MAX_SECONDS_WITHOUT_TAB
-                if is_left or now - self._opened > MAX_OPEN_SECONDS:
+                if is_left or now - self._opened > MAX_IDLE_SECONDS:
                     self.close()
                     return
 

@@ -549,6 +549,9 @@ def test_a_recording_opens_in_a_viewer(tmp_path):
             "address": "http://viewer/flight.rrd"
         }
         assert 'id="rerun"' in server.get(f"/f/{id}").text
+        page = server.get(f"/f/{id}/viewer")
+        policy = page.headers["Content-Security-Policy"]
+        assert 'id="viewer"' in page.text and policy.endswith("frame-src http://127.0.0.1:*")
 
 
 def test_a_viewer_that_cannot_be_started_is_refused(tmp_path, monkeypatch):
@@ -595,7 +598,7 @@ def test_a_viewer_ends_when_its_tab_is_gone(monkeypatch):
         assert start.call_count == 2
 
 
-def test_a_viewer_with_a_tab_ends_ten_minutes_after_it_was_opened(monkeypatch):
+def test_a_viewer_with_a_tab_ends_when_nobody_looked_at_it_for_ten_minutes(monkeypatch):
     monkeypatch.setattr("mavdem.serve.viewers.MAX_SECONDS_WITHOUT_TAB", 0.05)
     with ExitStack() as stack:
         viewer, viewers, _ = stack.enter_context(running_viewer(monkeypatch, os.getpid()))
@@ -605,7 +608,11 @@ def test_a_viewer_with_a_tab_ends_ten_minutes_after_it_was_opened(monkeypatch):
         viewers.open(Path("a.rrd"))
         time.sleep(0.3)
         assert not viewer.close.called
-        monkeypatch.setattr("mavdem.serve.viewers.MAX_OPEN_SECONDS", 0.2)
+        monkeypatch.setattr("mavdem.serve.viewers.MAX_IDLE_SECONDS", 0.3)
+        for _ in range(10):
+            viewers.open(Path("a.rrd"))
+            time.sleep(0.05)
+        assert not viewer.close.called
         while not viewer.close.called:
             time.sleep(0.01)
 

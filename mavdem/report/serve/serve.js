@@ -252,19 +252,34 @@
     event.preventDefault();
     try { await makeRecordings(); location = link.href; } catch (error) { showRecordingProblem(error); }
   });
+  // The page around Rerun's viewer: while somebody looks at it, the viewer stays open; one that has ended is started again.
+  const viewerFrame = $("viewer"), VIEWER_SECONDS = 30;
+  const keepViewerOpen = async () => {
+    try {
+      const viewer = await callApi("POST", `/api/flights/${viewerFrame.dataset.id}/viewer`);
+      if (viewer.address && viewerFrame.getAttribute("src") !== viewer.address) viewerFrame.src = viewer.address;
+      $("viewer_problem").textContent = viewer.address ? "" : `${viewer.words} …`;
+      if (!viewer.address) setTimeout(keepViewerOpen, 1000);
+    } catch (error) { $("viewer_problem").textContent = error.message; }
+  };
+  if (viewerFrame) {
+    const keepOpenIfSeen = () => { if (document.visibilityState === "visible" && document.hasFocus()) keepViewerOpen(); };
+    keepViewerOpen();
+    setInterval(keepOpenIfSeen, 1000 * VIEWER_SECONDS);
+    for (const kind of ["focus", "pointerover"]) addEventListener(kind, keepOpenIfSeen);
+    document.addEventListener("visibilitychange", keepOpenIfSeen);
+  }
   $("rerun")?.addEventListener("click", async () => {
     const button = $("rerun"), path = `/api/flights/${id}/viewer`;
     button.disabled = true;
     try {
-      let viewer = await callApi("POST", path);
-      if (!viewer.address) {
-        await makeRecordings();
-        viewer = await callApi("POST", path);
-      }
+      const viewer = await callApi("POST", path);
+      if (!viewer.address) await makeRecordings();
       // A browser may block a window that opens long after the click.
-      if (!open(viewer.address, "_blank")) {
+      const page = `/f/${id}/viewer`;
+      if (!open(page, "_blank")) {
         const link = element("a", "The recording is ready: open it", null);
-        link.href = viewer.address;
+        link.href = page;
         link.target = "_blank";
         $("making").replaceChildren(link);
       }
