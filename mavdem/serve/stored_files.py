@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from filelock import BaseFileLock, FileLock, Timeout
+from filelock import FileLock, Timeout
 
 from mavdem.errors import Refusal
 from mavdem.facts.serve import Request
@@ -99,15 +99,51 @@ def random_name() -> str:
     return secrets.token_hex(SERVER_NAME_BYTES)
 
 
-def register_server(path: Path) -> BaseFileLock:
+class ServerLock:
+    """What a running server holds until its process ends in any way, so that others see whether it lives.
+
+    It is a lock on the file beside the server's own. On POSIX it is one on the server's own file too, which is the only
+    one that earlier versions take and look at; Windows, where a locked file cannot be read, has no such versions.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Takes the path of the server's file; nothing is locked yet."""
+        lock_paths = [path.with_name(path.name + LOCK_ENDING)]
+        if os.name == "posix":
+            lock_paths.append(path)
+        # Each thread may release them, and none waits for them.
+        self._locks = [
+            FileLock(lock_path, blocking=False, thread_local=False) for lock_path in lock_paths
+        ]
+
+    def acquire(self) -> None:
+        """Takes both locks.
+
+        Raises:
+            Timeout: another process holds one of them; none is held then.
+        """
+        try:
+            for lock in self._locks:
+                lock.acquire()
+        except Timeout:
+            self.release()
+            raise
+
+    def release(self) -> None:
+        """Gives the locks back; those that are not held stay as they are."""
+        for lock in self._locks:
+            lock.release()
+
+
+def register_server(path: Path) -> ServerLock:
     """Makes the file of a server that starts, which other servers see, and returns the lock that it holds.
 
-    The lock is taken first: a server without a lock has died, to others.
+    The lock beside the file is taken first: a server without a lock has died, to others.
 
     Args:
         path: path of the server's file.
     """
-    lock = _server_lock(path)
+    lock = ServerLock(path)
     lock.acquire()
     path.touch()
     return lock
@@ -121,22 +157,19 @@ def is_locked(path: Path) -> bool:
     Args:
         path: path of the server's file.
     """
+    lock = ServerLock(path)
     try:
-        with _server_lock(path):
-            return False
+        lock.acquire()
     except Timeout:
         return True
+    lock.release()
+    return False
 
 
 def remove_server(path: Path) -> None:
     """Removes the file and the lock file of a server that has ended, where another server has not done it already."""
     path.unlink(missing_ok=True)
     path.with_name(path.name + LOCK_ENDING).unlink(missing_ok=True)
-
-
-def _server_lock(path: Path) -> BaseFileLock:
-    """Returns the lock of a server by the path of its file; each thread may release it, and none waits for it."""
-    return FileLock(path.with_name(path.name + LOCK_ENDING), blocking=False, thread_local=False)
 
 
 def sync_folder(folder: Path) -> None:

@@ -1,6 +1,7 @@
 """The library: what is acknowledged stays, whatever ends a server, and several may share a folder."""
 
 import errno
+import os
 import shutil
 import threading
 import time
@@ -8,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
+from filelock import FileLock, Timeout
 from fleet_rows import flight_row
 from pytest import approx, fixture, mark, raises
 from recorded_flights import SLOW
@@ -28,7 +30,7 @@ from mavdem.serve.index import SQL_ORDERS, entry_of_fleet_log
 from mavdem.serve.library import Library
 from mavdem.serve.reading import read_for_library
 from mavdem.serve.reading_threads import ReadingThreads
-from mavdem.serve.recovery import recover
+from mavdem.serve.recovery import dead_servers, recover
 from mavdem.serve.run import ServerOptions, serve
 from mavdem.serve.search import search_condition
 from mavdem.serve.stored_files import stored_file_name
@@ -134,6 +136,17 @@ def test_servers_that_share_a_folder_leave_each_other_alone(tmp_path):
 
 
 @mark.slow
+@mark.skipif(os.name != "posix", reason="earlier versions ran on POSIX only")
+def test_servers_of_earlier_versions_are_seen_and_see_this_one(library, tmp_path):
+    """They locked the server's file itself, and had none beside it."""
+    path = tmp_path / "servers" / "0123456789abcdef"
+    with FileLock(path):
+        assert dead_servers(library) == []
+    assert dead_servers(library) == [path.name]
+    with raises(Timeout):
+        FileLock(tmp_path / "servers" / library.name, blocking=False).acquire()
+
+
 def test_a_log_that_comes_again_while_it_is_deleted_stays(library, monkeypatch):
     first = received(library)
     claimed = library.claim()
