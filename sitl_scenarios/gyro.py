@@ -4,11 +4,10 @@ The filters are ``LowPassFilter2p`` and ``NotchFilter`` of ArduPilot and PX4: an
 warped frequencies of the bilinear transform, tan(π f / sampling rate).
 """
 
-from math import pi, tan
+from math import pi, sqrt, tan
 from operator import add
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from mavdem.loops.autopilot_parameters import Notch
 from mavdem.loops.controllers import Controller
@@ -42,13 +41,10 @@ class Gyro:
         """
         self.raw_rates: Vector3 = NO_ROTATION
         self.filtered_rates: Vector3 = NO_ROTATION
-        sections: list[ArrayLike] = [IDENTITY_SECTION]
+        sections = [IDENTITY_SECTION]
         if filters is not None:
-            # Importing scipy.signal takes half a second.
-            from scipy.signal import butter
-
             if 0 < filters.gyro_filter * step < MAX_NOTCH_FREQUENCY_RATIO:
-                sections += butter(2, filters.gyro_filter, fs=1 / step, output="sos").tolist()
+                sections.append(_low_pass_section(filters.gyro_filter, step))
             for notch in filters.notches:
                 if notch.frequency * step < MAX_NOTCH_FREQUENCY_RATIO:
                     sections.append(_notch_section(notch, step))
@@ -126,10 +122,26 @@ class Gyro:
         return rate
 
 
-def _notch_section(notch: Notch, step: float) -> ArrayLike:
+def _low_pass_section(cutoff: float, step: float) -> list[float]:
+    """Returns the coefficients of a Butterworth low-pass filter of second order, as ``LowPassFilter2p`` has it.
+
+    Its analog prototype is k² / (s² + √2 k s + k²), with the warped cut-off frequency k = tan(π f step).
+
+    Args:
+        cutoff: Cut-off frequency f, Hz.
+        step: Sampling period, s.
+
+    Returns:
+        Second-order section b0, b1, b2, a0, a1, a2, with a0 = 1.
+    """
+    k = tan(pi * cutoff * step)
+    return _digital_section((0.0, 0.0, k * k), (1.0, sqrt(2) * k, k * k))
+
+
+def _notch_section(notch: Notch, step: float) -> list[float]:
     """Returns the coefficients of a digital notch filter, as ``NotchFilter`` of ArduPilot and PX4 has it.
 
-    Its analog prototype is (1 + d g s + k² s²) / (1 + d s + k² s²). The warped frequency k = tan(π f step) puts the
+    Its analog prototype is (s² + d g s + k²) / (s² + d s + k²). The warped frequency k = tan(π f step) puts the
     centre of the digital notch at exactly f. The damping d is k times bandwidth over frequency, and g is the gain at
     the centre of the notch.
 
@@ -138,16 +150,33 @@ def _notch_section(notch: Notch, step: float) -> ArrayLike:
         step: Sampling period, s.
 
     Returns:
-        (6,) second-order section b0, b1, b2, a0, a1, a2, with a0 = 1.
+        Second-order section b0, b1, b2, a0, a1, a2, with a0 = 1.
     """
-    # Importing scipy.signal takes half a second.
-    from scipy.signal import bilinear
-
     k = tan(pi * notch.frequency * step)
     damping = k * notch.bandwidth / notch.frequency
     damping_at_centre = damping * 10 ** (-notch.attenuation / 20)
-    numerator = [1, damping_at_centre, k * k]
-    denominator = [1, damping, k * k]
-    # A sampling frequency of 1/2 makes the bilinear transform s = (z − 1)/(z + 1).
-    section = bilinear(numerator, denominator, 0.5)
-    return np.hstack(section)
+    return _digital_section((1.0, damping_at_centre, k * k), (1.0, damping, k * k))
+
+
+def _digital_section(numerator: Vector3, denominator: Vector3) -> list[float]:
+    """Returns an analog filter of second order as a digital one, by the bilinear transform s = (z − 1)/(z + 1).
+
+    Two lines, for which the import of ``scipy.signal`` would take a second.
+
+    Args:
+        numerator: Coefficients of s², s and 1.
+        denominator: The same of the denominator.
+
+    Returns:
+        Second-order section b0, b1, b2, a0, a1, a2, with a0 = 1.
+    """
+    coefficients = []
+    for square, linear, constant in (numerator, denominator):
+        # (z − 1)² square + (z − 1)(z + 1) linear + (z + 1)² constant, by the powers of z.
+        coefficients += [
+            square + linear + constant,
+            2 * (constant - square),
+            square - linear + constant,
+        ]
+    leading = coefficients[3]
+    return [coefficient / leading for coefficient in coefficients]

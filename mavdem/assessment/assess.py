@@ -1,20 +1,21 @@
 """Assessing a log: computes models, loops, events and lights of a vehicle, each from those before it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.axis import LogAnalysis, Options, analyse
-from mavdem.assessment.axis.analysis import ShowStep, show_nothing
+from mavdem.assessment.axis.analysis import ShowStep, analyse_without_model, show_nothing
 from mavdem.assessment.axis.figures import ALL_AXES
 from mavdem.assessment.axis.loops import loops_of_axes
 from mavdem.assessment.ending import ending_of, weighed_reports
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
-from mavdem.assessment.judgement import judge, unjudged
+from mavdem.assessment.judgement import judge, lights_without_loops, unjudged
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.motor_witnesses import with_motor_witnesses
 from mavdem.assessment.record import Assessment
@@ -24,13 +25,32 @@ from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact
+from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.ending import MotionEvent
 from mavdem.files import AnyPath
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log, read_log
 from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 from mavdem.wind_velocity.from_log import WindEvidence, wind_evidence
+
+
+class FirstFindings(NamedTuple):
+    """What is known of a flight before its models and control loops, which take most of the time."""
+
+    evidence: Evidence
+    """What happened, and all that was measured, without the loops."""
+    analysis: LogAnalysis
+    """What the log allows, and which vehicle it is, without a model."""
+    lights: NamedFacts
+    """The lights that need no loop, by name."""
+
+
+ShowFindings = Callable[[FirstFindings], None]
+"""Shows what is known before models and loops."""
+
+
+def ignore_findings(findings: FirstFindings) -> None:
+    """Shows nothing of the first findings: the default of :func:`assess`."""
 
 
 def review(path: AnyPath, vehicle: str | None = None) -> Assessment:
@@ -58,6 +78,7 @@ def assess(
     options: Options | None = None,
     *,
     progress: ShowStep = show_nothing,
+    show_findings: ShowFindings = ignore_findings,
 ) -> Assessment:
     """Returns the assessment of a vehicle of a log, as :func:`mavdem.review` does.
 
@@ -65,12 +86,15 @@ def assess(
         log: the log.
         vehicle: "system" or "system:component". Without it, a log with several vehicles is not judged.
         axis, options, progress: as for :func:`mavdem.assessment.axis.analyse`, which raises the same errors.
+        show_findings: receives what is known before models and loops.
     """
     try:
         signals = Signals(choose_vehicle(log.vehicles, vehicle))
     except NotLearnable as error:
         return Assessment(log, unjudged(error.fact))
-    return assess_signals(log, signals, axis, options, progress=progress)
+    return assess_signals(
+        log, signals, axis, options, progress=progress, show_findings=show_findings
+    )
 
 
 # Damaged messages hold infinite numbers and NaN.
@@ -82,6 +106,7 @@ def assess_signals(
     options: Options | None = None,
     *,
     progress: ShowStep = show_nothing,
+    show_findings: ShowFindings = ignore_findings,
 ) -> Assessment:
     """Returns the assessment of one vehicle, part by part in the order in which they depend on each other.
 
@@ -89,6 +114,7 @@ def assess_signals(
         log: the log.
         signals: of the vehicle.
         axis, options, progress: as for :func:`mavdem.assessment.axis.analyse`, which raises the same errors.
+        show_findings: receives what is known before models and loops.
     """
     options = options or Options()
 
@@ -96,15 +122,44 @@ def assess_signals(
     with progress("Estimating the wind", measured=False):
         wind = wind_evidence(signals)
 
-    # What the log holds of the vehicle, its condition, and the models of its axes.
-    analysis = analyse(log, signals, axis, options, progress=progress)
+    # What the log holds of the vehicle, what happened, and the lights that depend on nothing else.
+    with progress("Examining the motors", measured=False):
+        analysis = analyse_without_model(log, signals, axis, options)
+    with progress("Judging the flight", measured=False):
+        evidence = _evidence_without_loops(log, signals, analysis, wind)
+        lights = lights_without_loops(evidence)
+    show_findings(FirstFindings(evidence, analysis, ReadOnlyDict(lights)))
 
-    # The control loops need the physical parameters of the axes.
+    # The models of the axes, and the control loops, which need their physical parameters.
+    analysis = analyse(log, signals, axis, options, progress=progress, other_axis=analysis)
     with progress("Identifying the loops", measured=False):
         loop_signals = signals.for_axis(AXES[0], options.inputs)
         loops, autotune = loops_of_axes(log, loop_signals, options.start, analysis.figures_by_axis)
+    evidence = replace(
+        evidence,
+        learnability=analysis.learnability,
+        events=tuple(in_time_order([*evidence.events, *autotune])),
+        loops=ReadOnlyDict(loops),
+    )
 
-    # What happened, how the flight ended, and what the motors lost before that.
+    # Margins, responses and tracking of the axes are measured as the lights need them; then headline and next step.
+    with progress("Judging the loops", measured=False):
+        judgement = judge(evidence, analysis.findings.purposes, **lights)
+    analyses = ReadOnlyDict({analysis.learnability.axis: analysis})
+    return Assessment(log, judgement, evidence, analyses)
+
+
+def _evidence_without_loops(
+    log: Log, signals: Signals, analysis: LogAnalysis, wind: WindEvidence
+) -> Evidence:
+    """Returns what happened in a flight, how it ended, and what the motors lost before that.
+
+    Args:
+        log: the log.
+        signals: of the vehicle.
+        analysis: of the vehicle, without a model.
+        wind: the wind in m/s, or why it is not known.
+    """
     reports = reported_events(signals)
     events = weighed_reports(signals, [*reports, *motion_events(signals, reports)])
     ending = ending_of(signals, events, analysis.condition.collective)
@@ -116,8 +171,6 @@ def assess_signals(
     ending = with_saturated_motor(ending, saturated)
     if ending is not None:
         events.append(ending)
-    events += autotune
-
     evidence = Evidence(
         log,
         signals,
@@ -126,16 +179,10 @@ def assess_signals(
         wind,
         tuple(in_time_order(events)),
         ending,
-        ReadOnlyDict(loops),
     )
     if evidence.reasons_not_to_fly:
         evidence = replace(evidence, wind=without_flight_advice(wind))
-
-    # Margins, responses and tracking of the axes are measured as the lights need them; then headline and next step.
-    with progress("Judging the flight", measured=False):
-        judgement = judge(evidence, analysis.findings.purposes)
-    analyses = ReadOnlyDict({analysis.learnability.axis: analysis})
-    return Assessment(log, judgement, evidence, analyses)
+    return evidence
 
 
 def _first_loss(events: Sequence[Fact], ending: Fact | None) -> Fact | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 from mavdem.assessment.attitude_losses import FAR_ANGLE
 from mavdem.assessment.axis.findings import Finding, next_step_for_model
@@ -14,7 +15,7 @@ from mavdem.assessment.axis.loop_decision import (
     decide_on_loops,
 )
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.lights import OTHER_LIGHTS, REGISTRY, VEHICLE_LIGHTS
+from mavdem.assessment.lights import OTHER_LIGHTS, REGISTRY, VEHICLE_LIGHTS, RegisteredLight
 from mavdem.dataset.learnability import NEVER_ARMED
 from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
@@ -74,13 +75,7 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: 
     """
     lights = dict[str, Fact]()
     for light in REGISTRY:
-        fact = known_lights.get(light.name)
-        if evidence.not_flown is not None and light.name in LIGHTS_OF_FLIGHT:
-            fact = Fact(Unjudged.NOT_JUDGED, because=evidence.not_flown)
-        elif fact is None:
-            needed_lights = [lights[name] for name in light.needs]
-            fact = light.judge(evidence, *needed_lights)
-        lights[str(light.name)] = fact
+        lights[str(light.name)] = _judged_light(evidence, light, lights, known_lights)
     decisions = loop_decisions(evidence, lights[Light.MOTORS])
     for name in (Light.TRACKING, Light.MARGINS):
         lights[name] = with_action_on_loops(lights[name], decisions)
@@ -90,6 +85,43 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: 
     model_step = next_step_for_model(purposes) if purposes else None
     next_step = next_step_of(headline, lights, model_step)
     return Judgement(headline, next_step, lights, ReadOnlyDict(decisions))
+
+
+def lights_without_loops(evidence: Evidence) -> dict[str, Fact]:
+    """Judges the lights on which the control loops have no bearing, by name, as :func:`judge` shows them.
+
+    Args:
+        evidence: what the log shows of the vehicle; its loops need not be known yet.
+    """
+    lights = dict[str, Fact]()
+    for light in REGISTRY:
+        if not light.is_of_loops:
+            lights[str(light.name)] = _judged_light(evidence, light, lights)
+    if evidence.reasons_not_to_fly:
+        lights = {name: fact.grounded for name, fact in lights.items()}
+    return lights
+
+
+def _judged_light(
+    evidence: Evidence,
+    light: RegisteredLight,
+    earlier_lights: NamedFacts,
+    known_lights: NamedFacts = MappingProxyType({}),
+) -> Fact:
+    """Returns the fact of one light.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        light: the light. One of the ``LIGHTS_OF_FLIGHT`` is not judged where the vehicle did not fly.
+        earlier_lights: facts by name of the lights that it needs.
+        known_lights: facts by name of lights that are judged already.
+    """
+    if evidence.not_flown is not None and light.name in LIGHTS_OF_FLIGHT:
+        return Fact(Unjudged.NOT_JUDGED, because=evidence.not_flown)
+    if light.name in known_lights:
+        return known_lights[light.name]
+    needed_lights = [earlier_lights[name] for name in light.needs]
+    return light.judge(evidence, *needed_lights)
 
 
 def loop_decisions(evidence: Evidence, motors: Fact) -> DecisionsByAxis:

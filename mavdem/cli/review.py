@@ -1,11 +1,13 @@
 """``mavdem review``, and ``mavdem LOG``: everything that a log says, on one screen and in one folder."""
 
+import sys
 from pathlib import Path
 from time import perf_counter
 
 import click
 
-from mavdem.assessment.assess import assess
+from mavdem.assessment import Assessment
+from mavdem.assessment.assess import FirstFindings, assess
 from mavdem.cli.options import (
     file_option,
     json_option,
@@ -24,9 +26,37 @@ from mavdem.cli.result_folders import (
 )
 from mavdem.cli.sources import read_sources
 from mavdem.cli.streams import escape_unprintable, print_to_stdout, text_columns
-from mavdem.report.review import review_screen
+from mavdem.report.review import first_lines, further_lines, review_screen
 from mavdem.report.screen import analysis_blocks, instance_blocks
 from mavdem.results import PAGE_FILE, RESULT_FILES
+
+
+class ReviewScreen:
+    """The screen of a review, on a terminal in two parts where the control loops take long: what needs none first."""
+
+    def __init__(self, is_in_parts: bool) -> None:
+        """Takes whether the screen may be printed in two parts; for a program that reads it, it is printed at once."""
+        self._is_in_parts = is_in_parts
+        self._first_findings: FirstFindings | None = None
+
+    def show_first_lines(self, findings: FirstFindings) -> None:
+        """Prints the first part, if the log holds what models and loops need, so that the second will take a while."""
+        if self._is_in_parts and findings.analysis.learnability.learnable:
+            self._first_findings = findings
+            _print_lines(first_lines(findings, text_columns()))
+
+    def show(self, assessment: Assessment) -> None:
+        """Prints what of the screen has not been printed yet."""
+        if self._first_findings is None:
+            _print_lines(review_screen(assessment, text_columns()))
+        else:
+            _print_lines(further_lines(assessment, self._first_findings, text_columns()))
+
+
+def _print_lines(text: str) -> None:
+    """Prints text line by line, with the names of files in it made harmless."""
+    for line in text.splitlines():
+        print_to_stdout(escape_unprintable(line))
 
 
 @click.command("review")
@@ -73,13 +103,13 @@ def review_command(
     check_output_folder(folder, RESULT_FILES, *sources, params)
     start_time = perf_counter()
     log = read_sources(sources, params)
-    assessment = assess(log, vehicle, progress=progress)
+    screen = ReviewScreen(is_in_parts=sys.stdout.isatty() and not (as_json or verbose))
+    assessment = assess(log, vehicle, progress=progress, show_findings=screen.show_first_lines)
     # The screen comes first: drawing the page takes as long again.
     if not as_json:
         if verbose:
             print_blocks([*analysis_blocks(assessment), *instance_blocks(assessment)])
-        for line in review_screen(assessment, text_columns()).splitlines():
-            print_to_stdout(escape_unprintable(line))
+        screen.show(assessment)
     # Imported here, so that the screen does not wait for the models of the documents.
     from mavdem.documents.review import review_document
 

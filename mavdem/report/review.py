@@ -6,10 +6,11 @@ from pathlib import Path
 from textwrap import shorten, wrap
 
 from mavdem.assessment import Assessment
+from mavdem.assessment.assess import FirstFindings
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.lights.log import simulation_fact
 from mavdem.dataset.signals import Signals
-from mavdem.facts import Fact, Level
+from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
 from mavdem.report.blocks import SCREEN_LINES, Sentence, shortened
@@ -36,18 +37,73 @@ def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
         assessment: what is reviewed.
         columns: characters of a line.
     """
-    title = review_title(assessment)
-    title_line = shorten(f"{title.lead} {title.text}", columns, placeholder=" …")
-    lights: list[str] = []
-    for name, fact in assessment.lights.items():
-        lights += _light_rows(name, fact, columns)
+    lights = _light_lines(assessment.lights, columns)
+    title_line = _title_line(review_title(assessment), columns)
+    return "\n".join([title_line, *lights, *_last_lines(assessment, len(lights), columns)])
+
+
+def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
+    """Returns the lines of the review that are known before the control loops: its title, and lights that need none.
+
+    With those of :func:`further_lines` they are the lines of :func:`review_screen`, where the lights that need the
+    loops come last.
+
+    Args:
+        findings: what is known.
+        columns: characters of a line.
+    """
+    evidence = findings.evidence
+    title = vehicle_title(evidence.log, evidence.signals, findings.analysis)
+    lights = _light_lines(findings.lights, columns)
+    return "\n".join([_title_line(title, columns), *lights])
+
+
+def further_lines(
+    assessment: Assessment, findings: FirstFindings, columns: int = SCREEN_COLUMNS
+) -> str:
+    """Returns the lines of the review that :func:`first_lines` lacks.
+
+    Args:
+        assessment: what is reviewed.
+        findings: what of it has been shown.
+        columns: characters of a line.
+    """
+    further_lights = {
+        name: fact for name, fact in assessment.lights.items() if name not in findings.lights
+    }
+    lights = _light_lines(further_lights, columns)
+    light_count = len(lights) + len(_light_lines(findings.lights, columns))
+    return "\n".join([*lights, *_last_lines(assessment, light_count, columns)])
+
+
+def _title_line(title: Sentence, columns: int) -> str:
+    """Returns a title as one line, cut where it is too long."""
+    return shorten(f"{title.lead} {title.text}", columns, placeholder=" …")
+
+
+def _light_lines(lights: NamedFacts, columns: int) -> list[str]:
+    """Returns the lines of some lights, in their order."""
+    lines = []
+    for name, fact in lights.items():
+        lines += _light_rows(name, fact, columns)
+    return lines
+
+
+def _last_lines(assessment: Assessment, light_count: int, columns: int) -> list[str]:
+    """Returns what follows the lights: as many alarms as there is room for, the headline, and the next step.
+
+    Args:
+        assessment: what is reviewed.
+        light_count: lines of all lights.
+        columns: characters of a line.
+    """
     conclusion = [
         *wrap(headline(assessment.headline), columns),
         *_wrapped(f"Next: {assessment.next_step}", columns),
     ]
-    room = max(SCREEN_LINES - RESERVED_LINES - len(lights) - len(conclusion), 0)
+    room = max(SCREEN_LINES - RESERVED_LINES - light_count - len(conclusion), 0)
     alarms = [*_alarm_rows(assessment, columns)][:room]
-    return "\n".join([title_line, *lights, *alarms, *conclusion])
+    return [*alarms, *conclusion]
 
 
 def review_title(assessment: Assessment) -> Sentence:

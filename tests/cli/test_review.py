@@ -10,9 +10,12 @@ from recorded_flights import LOGS, SLOW
 from refusals import prose
 
 import mavdem
+from mavdem.assessment.assess import assess
 from mavdem.facts import Level
 from mavdem.facts.learnability import Reason
 from mavdem.facts.lights import Unjudged
+from mavdem.ingest import read_log
+from mavdem.report.review import first_lines, further_lines, review_screen
 
 
 def test_a_log_alone_is_reviewed(here, capsys):
@@ -53,6 +56,19 @@ def test_the_library_returns_what_is_printed(tmp_path):
     assert f"\n{command}." in str(replace(other, judgement=judgement))
     other.page(tmp_path / "page.html")
     assert other.sentence(other.headline) in (tmp_path / "page.html").read_text()
+
+
+def test_a_screen_in_two_parts_has_the_lines_of_the_whole_screen():
+    findings = []
+    assessment = assess(read_log(SLOW), show_findings=findings.append)
+    (first_findings,) = findings
+    first = first_lines(first_findings).splitlines()
+    further = further_lines(assessment, first_findings).splitlines()
+    whole = review_screen(assessment).splitlines()
+    assert sorted(first + further) == sorted(whole)
+    assert first[:2] == whole[:2]
+    assert further[0].startswith("tracking")
+    assert further[-1] == whole[-1]
 
 
 def test_a_file_that_is_missing_is_no_command(capsys):

@@ -8,7 +8,7 @@ from hover import Hover, asking, changed, only
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx, mark
-from scipy.signal import cont2discrete, freqz, lfilter
+from scipy.signal import cont2discrete, freqz, lfilter, resample_poly
 
 from mavdem.assessment.axis.responses import predicted_attitude_response
 from mavdem.assessment.flights import settled_flight
@@ -18,11 +18,23 @@ from mavdem.facts.loops import StepResponses
 from mavdem.ingest.vocabulary import IGNORE_ATTITUDE
 from mavdem.loops.identified_step import step_from_frequency_response
 from mavdem.loops.impulse_response import estimate_impulse_response
-from mavdem.loops.step_response import attitude_step_response, rate_step_response
+from mavdem.loops.step_response import (
+    attitude_step_response,
+    decimated_pieces,
+    rate_step_response,
+)
 
 HOVER = Hover(hovering=60.0)
 TIME = HOVER.stamps(200.0)
 FREQUENCY = np.linspace(0.02, 95.0, 4000)
+
+
+@mark.parametrize("decimation", [2, 7])
+def test_samples_are_left_out_behind_the_low_pass_of_scipy(decimation):
+    piece = default_rng(3).normal(size=(4, 1001)).cumsum(axis=1)
+    (decimated,) = decimated_pieces([piece], decimation)
+    expected = resample_poly(piece, 1, decimation, axis=1, padtype="line")
+    assert_allclose(decimated, expected, atol=1e-12 * abs(piece).max())
 
 
 @mark.parametrize("ahead", [False, True])

@@ -124,8 +124,8 @@ def analyse(
         axis: "roll" or "pitch"; "all" for a model of roll, and the physical parameters of roll, pitch and yaw.
         options: what is analysed, and how; ``Options()`` unless given.
         progress: shows the steps of the work.
-        other_axis: the analysis of another axis of the vehicle. Its figures of the vehicle are not computed again, nor
-            its physical parameters of this axis, if they are of the same flights.
+        other_axis: an earlier analysis of the vehicle, of another axis or without a model. Its figures of the vehicle
+            are not computed again, nor its physical parameters of this axis, if they are of the same flights.
 
     Raises:
         NotLearnable: the ``start``, ``train`` or ``test`` of the options does not fit.
@@ -172,6 +172,22 @@ def analyse(
     if axis == ALL_AXES:
         analysis = _with_other_axes(analysis, log, signals, progress)
     return analysis
+
+
+def analyse_without_model(
+    log: Log, signals: Signals, axis: str = ALL_AXES, options: Options | None = None
+) -> LogAnalysis:
+    """Returns what a log shows of one vehicle before a model is learned, which is known sooner than the rest.
+
+    Args:
+        log, signals, axis, options: as for :func:`analyse`, which takes the result as its ``other_axis``.
+    """
+    options = options or Options()
+    signals = signals.for_axis(AXES[0] if axis == ALL_AXES else axis, options.inputs)
+    _, learnability = usable_segments(signals, log.components)
+    return _analysis_without_model(
+        log, signals, learnability, other_axis=None, with_motors=options.with_motors
+    )
 
 
 def _analysis_without_model(

@@ -25,6 +25,8 @@ class RegisteredLight(NamedTuple):
     """Place in the headline: of several bad lights the one with the lowest number is named."""
     is_of_vehicle: bool = True
     """Whether it judges the vehicle; otherwise it judges the log or the weather, of which only bad is a headline."""
+    is_of_loops: bool = False
+    """Whether the control loops decide on it, or on what to do about it; the others are known before these."""
     needs: tuple[Light, ...] = ()
     """Lights whose facts it is judged by too; they stand before it in the ``REGISTRY``."""
 
@@ -32,8 +34,8 @@ class RegisteredLight(NamedTuple):
 REGISTRY = (
     RegisteredLight(Light.MOTORS, motors_light, urgency=1),
     RegisteredLight(Light.VIBRATION, vibration_light, urgency=4),
-    RegisteredLight(Light.TRACKING, tracking_light, urgency=3),
-    RegisteredLight(Light.MARGINS, margins_light, urgency=2),
+    RegisteredLight(Light.TRACKING, tracking_light, urgency=3, is_of_loops=True),
+    RegisteredLight(Light.MARGINS, margins_light, urgency=2, is_of_loops=True),
     RegisteredLight(Light.POWER, power_light, urgency=5),
     RegisteredLight(Light.ESTIMATOR, estimator_light, urgency=6),
     RegisteredLight(
