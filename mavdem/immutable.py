@@ -10,6 +10,10 @@ Key = TypeVar("Key")
 Value = TypeVar("Value")
 
 
+IMMUTABLE_TYPES = frozenset({bool, bytes, complex, float, int, str, type(None)})
+"""Types of values that cannot be changed and contain nothing: most values are of these."""
+
+
 class ReadOnlyDict(dict[Key, Value]):
     """A dictionary that can be read, merged, pickled and written as JSON, but not changed."""
 
@@ -40,6 +44,8 @@ def freeze(value: ValueType) -> ValueType:
     Returns:
         The frozen value: the same object wherever nothing had to be replaced.
     """
+    if type(value) in IMMUTABLE_TYPES:
+        return value
     frozen: Any = value
     if isinstance(value, np.ndarray):
         value.setflags(write=False)

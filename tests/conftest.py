@@ -96,17 +96,20 @@ def once(fit, folder):
         folder: where results are kept for the other processes of this run.
     """
     from mavdem.immutable import freeze
+    from sitl_scenarios import dynamics
 
     results = {}
 
-    def fitted(*arguments):
-        key = sha256(pickle.dumps((fit.__qualname__, *map(values_of, arguments)))).hexdigest()
+    def fitted(*arguments, **options):
+        # With ``coarse_physics`` the same flight is another one.
+        values = (dynamics.MAX_STEP_SECONDS, *map(values_of, arguments), *options.items())
+        key = sha256(pickle.dumps((fit.__qualname__, values))).hexdigest()
         path = folder / key
         if key not in results and path.is_file():
             # Arrays that are read-only are written, but come back writeable.
             results[key] = freeze(pickle.loads(path.read_bytes()))
         if key not in results:
-            results[key] = fit(*arguments)
+            results[key] = fit(*arguments, **options)
             # Another process finds no file, or a whole one.
             unfinished = path.with_name(f"{key}.{os.getpid()}")
             unfinished.write_bytes(pickle.dumps(results[key]))
@@ -136,8 +139,8 @@ def once_in_a_run(run_folder):
 
 @fixture(scope="session", autouse=True)
 def fits_once(once_in_a_run):
-    """Many tests, and many commands of a test, ask for parameters, loops and gains of the same flight."""
-    from mavdem.loops import advice
+    """Many tests, and many commands of a test, ask for the same fits and simulations of a flight."""
+    from mavdem.loops import advice, step_response, twin_flight
     from mavdem.loops import identification as in_flight
     from mavdem.plant import estimation
 
@@ -146,6 +149,8 @@ def fits_once(once_in_a_run):
             (estimation, "_estimate_parameters"),
             (in_flight, "identify_axis"),
             (advice, "_next_step"),
+            (step_response, "estimate_impulse_response"),
+            (twin_flight, "_simulated"),
         ):
             patch.setattr(module, name, once_in_a_run(getattr(module, name)))
         yield
