@@ -76,8 +76,12 @@ def file_bytes(path: PathName) -> bytes:
     return _content(path)
 
 
-def mapped_bytes(path: PathName) -> Bytes:
-    """Returns the bytes (B,) of a file as ``file_bytes`` does, of a large one as a mapping that takes no memory.
+FileContent = bytes | mmap.mmap
+"""The bytes of a file: read, or mapped into memory."""
+
+
+def file_content(path: PathName) -> FileContent:
+    """Returns the bytes of a file as ``file_bytes`` does, of a large one as a mapping that takes no memory.
 
     Raises:
         Unreadable: As ``file_bytes``.
@@ -85,18 +89,26 @@ def mapped_bytes(path: PathName) -> Bytes:
     path = Path(path)
     size = path.stat().st_size if path.is_file() else 0
     if not MIN_MAPPED_BYTES <= size <= MAX_LOG_BYTES:
-        return np.frombuffer(file_bytes(path), dtype=np.uint8)
+        return file_bytes(path)
     try:
         with path.open("rb") as file:
             mapping = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
     except (OSError, ValueError) as error:
         raise Unreadable(Source.FILE_NOT_OPENED, path=path, because=error_message(error)) from None
     if mapping[: len(XZ_MAGIC)].startswith(ARCHIVE_MAGICS):
-        return np.frombuffer(file_bytes(path), dtype=np.uint8)
-    data = np.frombuffer(mapping, dtype=np.uint8)
-    if not _has_content(data):
+        return file_bytes(path)
+    if not _has_content(np.frombuffer(mapping, dtype=np.uint8)):
         raise Unreadable(Source.FILE_EMPTY, path=path, zeros=True)
-    return data
+    return mapping
+
+
+def mapped_bytes(path: PathName) -> Bytes:
+    """Returns the bytes (B,) of a file as ``file_content`` does.
+
+    Raises:
+        Unreadable: As ``file_bytes``.
+    """
+    return np.frombuffer(file_content(path), dtype=np.uint8)
 
 
 def _has_content(data: Bytes) -> bool:

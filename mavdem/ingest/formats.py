@@ -24,6 +24,7 @@ from mavdem.log_formats import (
     ZIP_ENDING,
     Format,
 )
+from mavdem.machine import return_freed_memory
 
 
 # Damaged files hold numbers that overflow or are NaN. Whoever uses a message leaves them out, without a warning.
@@ -60,7 +61,10 @@ def read_log(path: AnyPath) -> Log:
             from mavdem.ingest.mcap.log import read_mcap as read
         case Format.TLOG:
             from mavdem.ingest.tlog import read_tlog as read
-    return read(name)
+    log = read(name)
+    # What only the reading needed is freed by now.
+    return_freed_memory()
+    return log
 
 
 def read_stream(path: AnyPath) -> FrameStream:

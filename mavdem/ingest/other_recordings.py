@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags, Integers
+from mavdem.ingest.contents import FileContent
 from mavdem.ingest.mavlink.clocks import (
     MAX_LATE_SECONDS,
     MAX_RESTART_TIME,
@@ -83,7 +84,7 @@ class StampedMessages(NamedTuple):
     seconds: Array
     """Its stamp (n,), s."""
 
-    content: bytes = b""
+    content: FileContent = b""
     """The file, in which repeated blocks are sought; empty where positions are no offsets."""
 
 

@@ -164,7 +164,8 @@ def _message(maker: Callable[..., Fields], *arguments: Any) -> Fields:
     count = len(columns.get("time", ()))
     if not count:
         return {}
-    return columns | {"boot": np.zeros(count, dtype=np.int64)}
+    # The number of the only boot takes no memory.
+    return columns | {"boot": np.broadcast_to(np.int64(0), count)}
 
 
 MULTIROTOR_TYPE: int = dialect.MAV_TYPE_GENERIC_MULTIROTOR

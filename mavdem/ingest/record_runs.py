@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.ingest.byte_rows import Offsets
+from mavdem.ingest.byte_rows import RESIDENT_BYTES, Offsets, release_pages
+from mavdem.ingest.contents import FileContent
 
 STRETCH_BYTES = 1 << 18
 """Number of bytes of the file that are searched at once: a choice.
@@ -41,14 +42,20 @@ class RecordRun(NamedTuple):
 class RecordRuns:
     """Finds runs of records, stretch by stretch."""
 
-    def __init__(self, find_records: Callable[[int, int], PossibleRecords]) -> None:
+    def __init__(
+        self, content: FileContent, find_records: Callable[[int, int], PossibleRecords]
+    ) -> None:
         """Begins without any stretch.
 
         Args:
+            content: The file.
             find_records: Function that returns what looks like records that begin from a first offset on and before
                 another one.
         """
+        self._data = np.frombuffer(content, dtype=np.uint8)
         self._find_records = find_records
+        # Number of bytes that were searched since pages of a mapped file were released.
+        self._resident_bytes = 0
         self._stretch = slice(0, 0)
         self._starts: Offsets = np.zeros(0, dtype=np.int64)
         self._ends: Offsets = self._starts
@@ -84,3 +91,7 @@ class RecordRuns:
         ends_run[:-1] = self._ends[:-1] != self._starts[1:]
         run_of_row: Offsets = np.cumsum(ends_run) - ends_run
         self._last_rows = np.flatnonzero(ends_run)[run_of_row]
+        self._resident_bytes += stretch.stop - stretch.start
+        if self._resident_bytes >= RESIDENT_BYTES:
+            release_pages(self._data)
+            self._resident_bytes = 0

@@ -24,7 +24,6 @@ from mavdem.ingest.mavlink.definitions import crc_extra_table
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, SCANNED_BYTES, Frames, find_frames
 from mavdem.ingest.mavlink.vehicles import FrameStream, assemble
 from mavdem.ingest.telemetry import Log, repair_facts
-from mavdem.machine import return_freed_memory
 
 STAMP_BYTES = np.dtype(np.uint64).itemsize
 """Number of bytes of the receive stamp before each frame."""
@@ -54,10 +53,7 @@ def read_tlog(path: PathName) -> Log:
     Raises:
         Unreadable: The file cannot be opened, or contains no MAVLink.
     """
-    log = assemble(tlog_stream(path))
-    # The table of frames is freed by now.
-    return_freed_memory()
-    return log
+    return assemble(tlog_stream(path))
 
 
 def tlog_stream(path: PathName) -> FrameStream:

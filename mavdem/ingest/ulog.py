@@ -20,7 +20,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import PathName
-from mavdem.ingest.contents import file_bytes
+from mavdem.ingest.contents import file_content
 from mavdem.ingest.mavlink.clocks import outlier_stamps
 from mavdem.ingest.px4_topics import Topics
 from mavdem.ingest.px4_translation import attitude_repairs, messages_of_topics
@@ -71,8 +71,8 @@ def read_ulog(path: PathName) -> Log:
         Unreadable: The file cannot be opened, is no ULog, or contains none of the flight's topics.
     """
     source = os.fspath(path)
-    content = file_bytes(path)
-    if not content.startswith(MAGIC):
+    content = file_content(path)
+    if content[: len(MAGIC)] != MAGIC:
         raise Unreadable(Source.FORMAT_UNKNOWN, path=source, name="ulog")
     records = sound_records(content)
     loss = records.loss

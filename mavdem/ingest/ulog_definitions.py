@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mavdem.ingest.contents import FileContent
 from mavdem.ingest.record_runs import PossibleRecords
 from mavdem.ingest.telemetry import MAX_FIELDS
 
@@ -161,7 +162,7 @@ class RecordDefinitions:
             (65536,); 0 where there is no such subscription.
     """
 
-    def __init__(self, content: bytes) -> None:
+    def __init__(self, content: FileContent) -> None:
         """Begins without any definition.
 
         Args:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.ingest.byte_rows import Offsets
+from mavdem.ingest.contents import FileContent
 from mavdem.ingest.record_runs import RecordRuns
 from mavdem.ingest.ulog_definitions import (
     DATA,
@@ -74,7 +75,7 @@ class RecordLoss(NamedTuple):
 class SoundRecords(NamedTuple):
     """A ULog file without its damaged places."""
 
-    content: bytes
+    content: FileContent
     """The file; if nothing was to be left out, the very one that was given."""
     loss: RecordLoss
     """What was lost by damage."""
@@ -86,7 +87,7 @@ class SoundRecords(NamedTuple):
     """Number of the topic's instance that each subscription follows, by the subscription's number."""
 
 
-def sound_records(content: bytes) -> SoundRecords:
+def sound_records(content: FileContent) -> SoundRecords:
     """Leaves out of a ULog file what does not fit its definitions.
 
     Also left out are records that parsers stumble over though they are sound: those of a topic without a time stamp,
@@ -120,7 +121,7 @@ class _RecordScan:
         definitions: The definitions that were read so far.
     """
 
-    def __init__(self, content: bytes) -> None:
+    def __init__(self, content: FileContent) -> None:
         """Prepares the pass.
 
         Args:
@@ -133,7 +134,7 @@ class _RecordScan:
         # Offsets in the file of the records that are kept: 64-bit numbers, of which a long log has millions.
         self._offsets = array("q")
         self.definitions = RecordDefinitions(content)
-        self._data_runs = RecordRuns(self.definitions.possible_data_records)
+        self._data_runs = RecordRuns(content, self.definitions.possible_data_records)
         self._flags = b""
 
     def run(self) -> None:
@@ -148,7 +149,7 @@ class _RecordScan:
             self._run_part(start, end)
             start = end
 
-    def sound_content(self) -> bytes:
+    def sound_content(self) -> FileContent:
         """Returns a file with the records that are kept; the same bytes as ``content`` where nothing was left out.
 
         The record with the flags, which follows the header of the file, is written anew: offsets of appended data in it

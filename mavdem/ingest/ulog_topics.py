@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.byte_rows import Bytes, Offsets, rows_of
+from mavdem.ingest.byte_rows import Bytes, Offsets, bytes_at, rows_of
+from mavdem.ingest.contents import FileContent
 from mavdem.ingest.px4_topics import TOPIC_FIELDS
 from mavdem.ingest.telemetry import Columns, rows_by_value
 from mavdem.ingest.ulog_definitions import (
@@ -56,7 +57,7 @@ class ParsedRecords(NamedTuple):
 def parse_records(records: SoundRecords) -> ParsedRecords:
     """Decodes the data records of a file, and separates the others from them."""
     content = np.frombuffer(records.content, dtype=np.uint8)
-    is_data = content[records.offsets + HEADER.size - 1] == DATA
+    is_data = bytes_at(content, records.offsets + HEADER.size - 1) == DATA
     data_offsets = records.offsets[is_data]
     subscriptions = _subscriptions(content, data_offsets)
     rows = rows_by_value(subscriptions)
@@ -157,7 +158,7 @@ def _subscriptions(content: Bytes, data_offsets: Offsets) -> NDArray[np.unsigned
     return _integers_at(content, data_offsets + HEADER.size, np.dtype("<u2"))
 
 
-def _record_at(content: bytes, offset: int) -> bytes:
+def _record_at(content: FileContent, offset: int) -> bytes:
     """Returns the whole record that begins at an offset."""
     length, _kind = HEADER.unpack_from(content, offset)
     return content[offset : offset + HEADER.size + length]

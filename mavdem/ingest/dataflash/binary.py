@@ -23,6 +23,7 @@ from mavdem.containers import Names
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.ingest.byte_rows import Bytes, rows_of
+from mavdem.ingest.contents import FileContent
 from mavdem.ingest.record_runs import PossibleRecords, RecordRuns
 from mavdem.ingest.telemetry import Columns, repair_facts, rows_by_value
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
@@ -212,7 +213,7 @@ def usable_fields(table: MessageTable) -> MessageTable:
     return table._replace(columns=columns)
 
 
-def read_binary(content: bytes) -> DataflashRecording:
+def read_binary(content: FileContent) -> DataflashRecording:
     """Finds the messages of a binary log, up to where another log with other definitions was appended.
 
     Messages are only located here. Each name is decoded when a caller asks for it, since most of a log is never used.
@@ -243,8 +244,14 @@ def read_binary(content: bytes) -> DataflashRecording:
     skipped = scan.skipped()
     undefined_messages = 0
     if skipped > scan.message_bytes:
-        undefined_messages = max(content.count(MARKER) - len(starts), 0)
+        undefined_messages = max(_marker_count(data) - len(starts), 0)
     return DataflashRecording(counts, decode, skipped, scan.repairs, undefined_messages)
+
+
+def _marker_count(data: Bytes) -> int:
+    """Returns how often the marker of a message occurs in a log (B,)."""
+    first_byte, second_byte = MARKER
+    return int(np.count_nonzero((data[:-1] == first_byte) & (data[1:] == second_byte)))
 
 
 DEFINITION_START = re.compile(
@@ -275,7 +282,7 @@ class _MessageScan:
         repairs: What was odd about the definitions.
     """
 
-    def __init__(self, content: bytes) -> None:
+    def __init__(self, content: FileContent) -> None:
         """Finds the definitions of messages in the log; the messages themselves are found by :meth:`run`.
 
         Args:
@@ -297,7 +304,7 @@ class _MessageScan:
         self._lengths_by_header = np.array(self._lengths)
         self._lengths_by_header[self._lengths_by_header == SHARED_ID] = 0
         self._lengths_by_header[FORMAT_ID] = 0
-        self._runs = RecordRuns(self._possible_messages)
+        self._runs = RecordRuns(content, self._possible_messages)
 
     def run(self) -> None:
         """Finds all messages, up to an FMT that contradicts the one before it: there another log was appended.
@@ -308,7 +315,7 @@ class _MessageScan:
         size = len(self.content)
         offset = 0
         while offset <= size - HEADER_BYTES:
-            if not self.content.startswith(MARKER, offset):
+            if not self._has_marker(offset):
                 offset = self._offset_after_damage(offset)
                 continue
             run = self._runs.run_at(offset, size)
@@ -374,9 +381,13 @@ class _MessageScan:
         first_definition = self.definitions[message_id]
         for definition in (first_definition, *self.sharing_definitions.get(message_id, ())):
             end = offset + definition.length
-            if end == len(self.content) or self.content.startswith(MARKER, end):
+            if end == len(self.content) or self._has_marker(end):
                 return definition
         return first_definition
+
+    def _has_marker(self, offset: int) -> bool:
+        """Returns whether the marker of a message is at an offset."""
+        return self.content[offset : offset + len(MARKER)] == MARKER
 
     def skipped(self) -> int:
         """Returns the number of bytes that belong to no message, without the fill of a flash chip's last page.

@@ -18,7 +18,12 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import PathName
-from mavdem.ingest.contents import file_bytes, is_dataflash_text
+from mavdem.ingest.contents import (
+    RECOGNITION_BYTES,
+    FileContent,
+    file_content,
+    is_dataflash_text,
+)
 from mavdem.ingest.dataflash.binary import (
     MAX_MESSAGE_BYTES,
     DataflashRecording,
@@ -142,9 +147,9 @@ def read_dataflash(path: PathName) -> Log:
         Unreadable: The file cannot be opened, or has no message of a flight.
     """
     source = os.fspath(path)
-    content = file_bytes(path)
-    if is_dataflash_text(content):
-        recording = read_text(content)
+    content = file_content(path)
+    if is_dataflash_text(content[:RECOGNITION_BYTES]):
+        recording = read_text(content[:])
         content = b""
     else:
         recording = read_binary(content)
@@ -157,7 +162,7 @@ def read_dataflash(path: PathName) -> Log:
     )
 
 
-def _vehicle(recording: DataflashRecording, source: str, content: bytes) -> Telemetry:
+def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -> Telemetry:
     """Makes the vehicle of a recording: its messages on the boot clock, in MAVLink's vocabulary, and its parameters.
 
     Args:
@@ -287,7 +292,7 @@ def _log_clock(logged: Mapping[str, MessageTable]) -> _LogClock:
 
 
 def _without_old_blocks(
-    recording: DataflashRecording, logged: dict[str, MessageTable], content: bytes
+    recording: DataflashRecording, logged: dict[str, MessageTable], content: FileContent
 ) -> _KeptMessages:
     """Leaves out the blocks of a log whose messages are of another one (``other_recordings``).
 
@@ -406,9 +411,12 @@ def _on_boot_clock(logged: Mapping[str, MessageTable], clock: _LogClock) -> tupl
         # Row of each message among the stamped ones; for one without a stamp, that of the stamped one behind it.
         rows = np.searchsorted(positions, table.position)
         if name in clock.names:
-            on_boot_clock = {**table.columns, "time": time[rows], "boot": boot[rows]}
+            table_time = time[rows]
+            tables[name] = {**table.columns, "time": table_time, "boot": _boots(boot, rows)}
             # A message whose stamp was ignored has the time of the one before it: it is not to be trusted either.
-            tables[name] = selected_rows(on_boot_clock, time[rows] == seconds[rows])
+            is_trusted = table_time == seconds[rows]
+            if not is_trusted.all():
+                tables[name] = selected_rows(tables[name], is_trusted)
         elif name in UNSTAMPED_MESSAGES and len(rows):
             tables[name] = _placed_by_neighbours(name, table, stamps.get(name), rows, time, boot)
     count = np.count_nonzero(is_impossible)
@@ -416,6 +424,13 @@ def _on_boot_clock(logged: Mapping[str, MessageTable], clock: _LogClock) -> tupl
         Repair.LOGGED_MESSAGES_LEFT_OUT, count=count, flaw=Flaw.IMPOSSIBLE_STAMP
     )
     return tables, impossible_stamps + clock_repairs
+
+
+def _boots(boot: Rows, rows: NDArray[np.signedinteger]) -> Rows:
+    """Returns the numbers of the boots (N,) of messages in some rows; that of the only boot takes no memory."""
+    if not boot.any():
+        return np.broadcast_to(np.int64(0), len(rows))
+    return boot[rows]
 
 
 def _placed_by_neighbours(

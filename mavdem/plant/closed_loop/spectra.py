@@ -152,25 +152,23 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
     rate = (len(stamps) - 1) / np.diff(stamps).clip(max=MAX_COUNTED_GAP).sum()
 
     # Frequencies are multiples of 1 / SPECTRUM_SECONDS. The first, 0, is left out, since the trend has been removed.
-    # The transforms have the shape (windows, quantities, frequencies).
     count = int(min(MAX_RELATIVE_FREQUENCY * rate, HIGHEST_FREQUENCY) * SPECTRUM_SECONDS)
     frequency = np.arange(1, count + 1) / SPECTRUM_SECONDS
-    transforms = np.array(
-        [
-            [_windowed_transform(stream, start)[1 : count + 1] for stream in matched]
-            for start in window_starts
-        ]
-    )
     in_range = frequency >= LOWEST_FREQUENCY
     frequency = frequency[in_range]
-    transforms = transforms[:, :, in_range]
 
     # The products x y* of each pair of quantities, averaged over the frequencies of each band. ``reduceat`` sums from
-    # each edge to the next; the last edge only marks the end.
+    # each edge to the next; the last edge only marks the end. An hour of flight has hundreds of windows, whose
+    # transforms at all frequencies would take hundreds of megabytes.
     edges = _band_edges(frequency)
     counts = np.diff(edges)
-    products = np.einsum("wcf,wdf->wfcd", transforms, transforms.conj())
-    densities = np.add.reduceat(products, edges[:-1], axis=1) / counts[:, None, None]
+    densities = []
+    for start in window_starts:
+        transforms = np.array(
+            [_windowed_transform(stream, start)[1 : count + 1][in_range] for stream in matched]
+        )
+        products = np.einsum("cf,df->fcd", transforms, transforms.conj())
+        densities.append(np.add.reduceat(products, edges[:-1], axis=0) / counts[:, None, None])
     return CrossSpectra(
         frequency=np.add.reduceat(frequency, edges[:-1]) / counts,
         effective_samples=counts / 2,
