@@ -4,19 +4,20 @@ import asyncio
 import json
 import sys
 
-from mcp import Client, StdioServerParameters
 from pytest import fixture, mark
 from recorded_flights import SLOW
 
 pytestmark = mark.slow
 
-SERVER = StdioServerParameters(command=sys.executable, args=["-m", "mavdem", "mcp"])
-"""How an assistant starts the server."""
-
 
 @fixture(scope="module")
 def answers():
     """What one session with the server gave: the tools by name, and the results of some calls."""
+    # At the top of the file the import would take every worker of the tests half a second.
+    from mcp import Client, StdioServerParameters
+
+    # This is how an assistant starts the server.
+    server = StdioServerParameters(command=sys.executable, args=["-m", "mavdem", "mcp"])
     log = str(SLOW)
     calls = {
         "messages": ("messages", {"log": log}),
@@ -28,7 +29,7 @@ def answers():
     }
 
     async def session():
-        async with Client(SERVER) as client:
+        async with Client(server) as client:
             tools = {tool.name: tool for tool in (await client.list_tools()).tools}
             results = {name: await client.call_tool(*call) for name, call in calls.items()}
             return tools, results

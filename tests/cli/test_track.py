@@ -3,7 +3,6 @@
 import shutil
 from pathlib import Path
 
-import polars
 from command_line import document_of, refused, run
 from fleet_rows import fleet_rows
 from pytest import mark
@@ -25,6 +24,9 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
     found = document_of(capsys, "track", flights, "--out", out, "--jobs", "1")
     assert {"logs": 2, "read": 2, "flights": 1, "tiers": {"c": 1}}.items() <= found.items()
     assert [Path(one["file"]).name for one in found["failed"]] == ["damaged.ulg"]
+    # At the top of the file the import would take every worker of the tests half a second.
+    import polars
+
     rows = polars.read_parquet(out / "flights" / "**" / "*.parquet").sort("axis")
     assert rows.filter(polars.col("status") == "ok")["axis"].to_list() == ["pitch", "roll"]
     page = out / rows["page"].drop_nulls()[0]

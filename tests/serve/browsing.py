@@ -8,7 +8,6 @@ import subprocess
 import time
 from contextlib import contextmanager
 
-import aiohttp
 from pytest import skip
 
 PATIENCE_SECONDS = 60.0  # however busy the machine is
@@ -124,6 +123,9 @@ def browsing(folder):
 
 
 async def _attached(port):
+    # Most tests of the modules that import this one open no page.
+    import aiohttp
+
     session = aiohttp.ClientSession()
     async with session.get(f"http://127.0.0.1:{port}/json/list") as answer:
         tabs = await answer.json()
