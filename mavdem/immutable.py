@@ -5,6 +5,9 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
+PLAIN_TYPES = frozenset({bool, int, float, complex, str, bytes, type(None)})
+"""Types of values that cannot be changed. Types derived from these do not count: NumPy's numbers are some of them."""
+
 ValueType = TypeVar("ValueType")
 Key = TypeVar("Key")
 Value = TypeVar("Value")
@@ -47,7 +50,10 @@ def freeze(value: ValueType) -> ValueType:
     if type(value) in IMMUTABLE_TYPES:
         return value
     frozen: Any = value
-    if isinstance(value, np.ndarray):
+    if type(value) in PLAIN_TYPES or isinstance(value, ImmutableResult):
+        # The values of an immutable result were frozen when it was made.
+        pass
+    elif isinstance(value, np.ndarray):
         value.setflags(write=False)
     elif isinstance(value, np.generic):
         frozen = value.item()
@@ -60,9 +66,14 @@ def freeze(value: ValueType) -> ValueType:
             # A named tuple is made by its method ``_make``, since its constructor takes the items one by one.
             frozen = getattr(value, "_make", tuple)(items)
     elif is_dataclass(value):
-        for name, item in vars(value).items():
-            object.__setattr__(value, name, freeze(item))
+        _freeze_attributes(value)
     return frozen
+
+
+def _freeze_attributes(record: Any) -> None:
+    """Replaces the values of a dataclass by frozen ones, in place."""
+    for name, item in vars(record).items():
+        object.__setattr__(record, name, freeze(item))
 
 
 class ImmutableResult:
@@ -70,10 +81,10 @@ class ImmutableResult:
 
     def __post_init__(self) -> None:
         """Freezes the values when the result is made."""
-        freeze(self)
+        _freeze_attributes(self)
 
     def __setstate__(self, values: dict[str, Any]) -> None:
         """Freezes the values again when the result is unpickled."""
         # Arrays lose their read-only flag when they are pickled.
         vars(self).update(values)
-        freeze(self)
+        _freeze_attributes(self)

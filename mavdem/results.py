@@ -14,14 +14,12 @@ from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.extras import missing_modules, require_extra
 from mavdem.files import reporting_write_errors, writable_target, write_text_atomically
-from mavdem.fleet.flights import flights_of, worst_row
-from mavdem.fleet.names import NO_NAMES, GivenNames
-from mavdem.fleet.row import FlightRows
-from mavdem.fleet.workers import PAGES
 from mavdem.ingest import read_log
 from mavdem.report.blocks import Block
 
 if TYPE_CHECKING:
+    from mavdem.fleet.names import GivenNames
+    from mavdem.fleet.row import FlightRows
     from mavdem.report.pages.fleet_page import RowsOfVehicle
     from mavdem.view import Target
 
@@ -187,7 +185,7 @@ def write_fleet_pages(
     changes: Mapping[str, Sequence[Block]],
     full_rows: RowsOfVehicle | None = None,
     outdated_vehicles: Container[str] | None = None,
-    names: GivenNames = NO_NAMES,
+    names: GivenNames | None = None,
 ) -> Path:
     """Writes the index page of a fleet, and updates the pages of its flights.
 
@@ -200,7 +198,7 @@ def write_fleet_pages(
         changes: Changes of each vehicle since a baseline, as blocks of text, by the vehicle's name.
         full_rows: Returns the rows of a vehicle with all columns, for its charts; ``rows`` have them unless given.
         outdated_vehicles: Names of the vehicles whose pages are to be updated; all unless given.
-        names: Names that were given to vehicles and flights.
+        names: Names that were given to vehicles and flights; none unless given.
 
     Returns:
         Path of the index page.
@@ -208,6 +206,10 @@ def write_fleet_pages(
     Raises:
         Unreadable: A page cannot be written.
     """
+    # Imported here, so that the results of a single log need nothing of fleets.
+    from mavdem.fleet.flights import flights_of, worst_row
+    from mavdem.fleet.names import NO_NAMES
+    from mavdem.fleet.workers import PAGES
     from mavdem.report.pages.fleet_page import fleet_page, fleet_remark
 
     outdated_rows = []
@@ -219,7 +221,8 @@ def write_fleet_pages(
         if path.is_file():
             _update_flight_page(path, fleet_remark(worst_row(flight_rows)))
     index = folder / INDEX_FILE
-    write_text_atomically(index, fleet_page(rows, changes, full_rows, names))
+    shown_names = NO_NAMES if names is None else names
+    write_text_atomically(index, fleet_page(rows, changes, full_rows, shown_names))
     return index
 
 

@@ -1,50 +1,54 @@
 """The JSON documents that mavdem writes, such as report.json: one model for each command, with its version."""
 
 from functools import cache
+from importlib import import_module
 from typing import Any, NamedTuple
 
 from mavdem.containers import JsonValues
 from mavdem.document_heading import document_heading
-from mavdem.documents.comparison import CompareReport, Order
-from mavdem.documents.document import Document, Failure, document_units
-from mavdem.documents.fleet import Diff, Track
-from mavdem.documents.flight import LearnReport
-from mavdem.documents.inventory import Inventory
-from mavdem.documents.loops import Tune, Twin
-from mavdem.documents.others import Convert, Fly, Reproduce
-from mavdem.documents.review import Review
-from mavdem.documents.session import Live
-from mavdem.documents.wind import Wind
+from mavdem.documents.document import Document, document_units
 
 
 class Published(NamedTuple):
     """A document of the interface of mavdem."""
 
-    model: type[Document]
-    """Class of the document, with its keys, units and meanings."""
+    path: str
+    """Module of this package and class of the document, such as "review.Review"."""
     version: int
     """Version of its schema, which is raised whenever the schema changes."""
     title: str
     """Place where the document is written, as the reference names it."""
 
+    @property
+    def model(self) -> type[Document]:
+        """Class of the document, with its keys, units and meanings.
+
+        It is imported when it is asked for: a command needs one of the documents, and all take a tenth of a second.
+        """
+        module_name, class_name = self.path.split(".")
+        document: type[Document] = getattr(
+            import_module(f"mavdem.documents.{module_name}"), class_name
+        )
+        return document
+
 
 DOCUMENTS = {
-    "review": Published(Review, 11, "report.json of review, and `--json` of review"),
-    "learn": Published(LearnReport, 10, "report.json, and `--json` of learn and open"),
-    "info": Published(Inventory, 6, "`--json` of info"),
-    "wind": Published(Wind, 4, "`--json` of wind"),
-    "tune": Published(Tune, 6, "`--json` of tune"),
-    "compare": Published(CompareReport, 4, "`--json` of compare"),
-    "order": Published(Order, 4, "`--json` of order"),
-    "diff": Published(Diff, 4, "`--json` of diff"),
-    "track": Published(Track, 4, "`--json` of track"),
-    "live": Published(Live, 6, "`--json` of live"),
-    "convert": Published(Convert, 2, "`--json` of convert"),
-    "twin": Published(Twin, 5, "`--json` of twin"),
-    "fly": Published(Fly, 3, "`--json` of fly"),
-    "reproduce": Published(Reproduce, 3, "numbers.json, and `--json` of reproduce"),
+    "review": Published("review.Review", 11, "report.json of review, and `--json` of review"),
+    "learn": Published("flight.LearnReport", 10, "report.json, and `--json` of learn and open"),
+    "info": Published("inventory.Inventory", 6, "`--json` of info"),
+    "wind": Published("wind.Wind", 4, "`--json` of wind"),
+    "tune": Published("loops.Tune", 6, "`--json` of tune"),
+    "compare": Published("comparison.CompareReport", 4, "`--json` of compare"),
+    "order": Published("comparison.Order", 4, "`--json` of order"),
+    "diff": Published("fleet.Diff", 4, "`--json` of diff"),
+    "track": Published("fleet.Track", 4, "`--json` of track"),
+    "live": Published("session.Live", 6, "`--json` of live"),
+    "convert": Published("others.Convert", 2, "`--json` of convert"),
+    "twin": Published("loops.Twin", 5, "`--json` of twin"),
+    "fly": Published("others.Fly", 3, "`--json` of fly"),
+    "reproduce": Published("others.Reproduce", 3, "numbers.json, and `--json` of reproduce"),
     "error": Published(
-        Failure, 2, "`--json` of any command that ends without a document of its own"
+        "document.Failure", 2, "`--json` of any command that ends without a document of its own"
     ),
 }
 """All documents, by the name of the command that writes them."""
