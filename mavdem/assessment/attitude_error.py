@@ -1,11 +1,13 @@
 """How far roll and pitch are from their setpoints, with a second of tolerance for the vehicle to follow them."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mavdem.arrays import Array, Flags
+from mavdem.dataset.intervals import Interval, in_intervals
 from mavdem.dataset.phases import MAX_SETPOINT_DELAY, MAX_TILT
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
@@ -29,6 +31,26 @@ class AttitudeError:
     """(N,) whether the vehicle itself is tilted by more than ``MAX_TILT``, whatever its setpoint is."""
     has_setpoint: Flags
     """(N,) whether the setpoint of the angle is known."""
+
+
+class LargestError(NamedTuple):
+    """The largest error of roll and pitch in an interval, as witnesses state it: figures of their facts."""
+
+    angle: float
+    """error, rad; where the setpoint is not known the whole lean, of which only half counts as error"""
+    has_setpoint: bool
+    """whether the setpoint was known at that time"""
+
+
+def largest_error(error: AttitudeError, interval: Interval) -> LargestError | None:
+    """Returns the largest error of roll and pitch in an interval, s since boot; None without a sample in it."""
+    rows = np.flatnonzero(in_intervals(error.time, [interval]))
+    if not len(rows):
+        return None
+    row = rows[error.magnitude[rows].argmax()]
+    angle = float(error.magnitude[row])
+    has_setpoint = bool(error.has_setpoint[row])
+    return LargestError(angle if has_setpoint else 2 * angle, has_setpoint)
 
 
 def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.attitude_error import AttitudeError
+from mavdem.assessment.attitude_error import AttitudeError, largest_error
 from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close
 from mavdem.assessment.motor_events import lasting_runs
 from mavdem.confidence import Interval
@@ -191,7 +191,7 @@ class _AttitudeLoss(NamedTuple):
             speed=self._sink_rate(code, onset),
             boot=self.scene.boot,
         )
-        witnesses = self._witnesses(angle, onset)
+        witnesses = self._witnesses(onset)
         if is_caught:
             return event.replace(witnesses=witnesses)
         if knock_time is not None and knock is not None:
@@ -295,14 +295,16 @@ class _AttitudeLoss(NamedTuple):
             return self.scene.sink_rate((onset - 2 * MAX_SETPOINT_DELAY, onset))
         return self.scene.sink_rate((onset, self.end + RECOVERY_SECONDS))
 
-    def _witnesses(self, angle: float, onset: float) -> Facts:
+    def _witnesses(self, onset: float) -> Facts:
         """Returns what supports and what contradicts the loss of attitude.
 
         Args:
-            angle: largest error of the attitude, rad.
             onset: when the attitude began to leave its setpoint, s.
         """
-        statements = [supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle)]
+        largest = largest_error(self.error, (self.start, self.end))
+        # A loss is found by samples of the attitude, so that there is one.
+        assert largest is not None
+        statements = [supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **largest._asdict())]
         statements += self._rotation(onset)
         end = min(self.end, self.error.time[-1])
         for statement in self.scene.sinking((onset, end + RECOVERY_SECONDS)):

@@ -12,7 +12,7 @@ from math import inf
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.attitude_error import AttitudeError
+from mavdem.assessment.attitude_error import AttitudeError, largest_error
 from mavdem.assessment.attitude_losses import has_risen_by, knock_is_contact
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.confidence import Interval
@@ -334,9 +334,12 @@ class _Contact:
         statements += self._descent_statements(time)
         if rest is not None and rest.angle is not None:
             statements.append(rest.statements[1])
-        angle = self._largest_error(around)
-        if self.loss is not None or angle > MAX_LANDING_LEAN:
-            statements.append(supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle))
+        largest = largest_error(self.error, around)
+        is_far = self._largest_error(around) > MAX_LANDING_LEAN
+        if largest is not None and (self.loss is not None or is_far):
+            statements.append(
+                supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **largest._asdict())
+            )
         for report in self.reports:
             if self._is_crash_report(report, around[0], time + SEARCH_SECONDS):
                 statements.append(supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report))

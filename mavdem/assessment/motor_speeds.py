@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.assessment.attitude_error import AttitudeError
+from mavdem.assessment.attitude_error import AttitudeError, largest_error
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.motor_events import lasting_runs
 from mavdem.confidence import Interval
@@ -224,13 +224,14 @@ def _attitude_statements(error: AttitudeError, interval: Interval) -> Facts:
         One statement; none without an attitude in the interval or just before it.
     """
     start, end = interval
-    rows = in_intervals(error.time, [(start - MAX_SETPOINT_DELAY, end)])
-    if not rows.any():
+    interval_of_error = (start - MAX_SETPOINT_DELAY, end)
+    largest = largest_error(error, interval_of_error)
+    if largest is None:
         return ()
-    angle = float(error.magnitude[rows].max())
-    if angle > MIN_LEAN_ERROR:
-        return (supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, angle=angle),)
-    return (contradicting_statement(Witness.ATTITUDE_HELD, angle=angle),)
+    rows = in_intervals(error.time, [interval_of_error])
+    if error.magnitude[rows].max() > MIN_LEAN_ERROR:
+        return (supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
+    return (contradicting_statement(Witness.ATTITUDE_HELD, **largest._asdict()),)
 
 
 def _counted_errors(controller: SpeedController, boot: int, interval: Interval) -> Facts:

@@ -21,6 +21,7 @@ from instrumented import (
 )
 from pytest import approx, mark
 
+from mavdem.assessment.attitude_error import AttitudeError, largest_error
 from mavdem.assessment.ending import ending_of, weighed_reports
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.reported import reported_events
@@ -582,3 +583,20 @@ def test_what_never_flew_has_no_other_event():
     assert ending is None
     assert [code for code in events if isinstance(code, MotionEvent)] == [MotionEvent.NOT_FLOWN]
     assert "barometer stayed within" in events[MotionEvent.NOT_FLOWN].sentence
+
+
+def test_an_error_without_a_setpoint_is_stated_as_the_lean():
+    magnitude = np.radians([1.0, 20.0, 2.0])
+    for has_setpoint, angle in ((True, 20.0), (False, 40.0)):
+        error = AttitudeError(
+            time=np.arange(3.0),
+            lean=magnitude.astype(complex),
+            magnitude=magnitude,
+            is_toppled=np.zeros(3, bool),
+            has_setpoint=np.full(3, has_setpoint),
+        )
+        largest = largest_error(error, (0.0, 2.0))
+        assert np.degrees(largest.angle) == approx(angle)
+        assert largest_error(error, (5.0, 6.0)) is None
+        statement = supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **largest._asdict())
+        assert ("setpoint" in statement.sentence) == has_setpoint
