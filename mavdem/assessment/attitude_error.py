@@ -7,7 +7,8 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mavdem.arrays import Array, Flags
-from mavdem.dataset.intervals import Interval, in_intervals
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.phases import MAX_SETPOINT_DELAY, MAX_TILT
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking

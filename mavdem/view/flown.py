@@ -18,28 +18,24 @@ from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
 from mavdem.report.charts.chart import Chart, Line, over_time
 from mavdem.view.plots import BOOT_CLOCK, MAX_STROKES, blueprint, draw_chart, recorded
+from mavdem.view.vehicle_scene import (
+    POSITION_FRAME,
+    SMALLEST_SPEED,
+    VEHICLE_FRAME,
+    WIND_ARROW_SCALE,
+    log_axes,
+    log_body,
+    log_motion,
+    log_path,
+    log_wind,
+    rotor_hubs,
+)
 
-WIND_ARROW_SCALE = 0.4
-"""Length of the wind's arrow for 1 m/s, in arms of the vehicle."""
-
-WIND_ARROW_DISTANCE = 1.4
-"""Distance of the head of the wind's arrow from the centre of the vehicle, in arms: it stays out of the rotors."""
+PATH_RADIUS = 0.004
+"""Radius of the line of the path, in arms of the vehicle."""
 
 AIRBORNE_SPEED_SHARE = 0.9
 """Share of the rotor speed in hover above which the rotors carry the vehicle."""
-
-SMALLEST_SPEED = 1e-9
-"""Speed, m/s or rad/s, that keeps zero from being divided by."""
-
-BODY_COLOUR = palette.channels(palette.BOUND)
-NOSE_COLOUR = palette.channels(palette.BAD)
-PATH_COLOUR = palette.channels(palette.COMMAND)
-
-VEHICLE_FRAME = "world/here/vehicle"
-"""Entity that moves and turns with the vehicle."""
-
-POSITION_FRAME = "world/here"
-"""Entity that moves with the vehicle, but does not turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,11 +132,14 @@ def write_pose(path: PathName, name: str, pose: Pose) -> None:
     """
     span = float(pose.time[0]), float(pose.time[-1])
     with recorded(path, name) as recording:
-        # North, east and down are to the world what forward, right and down are to a body.
-        for frame in ("world", POSITION_FRAME):
-            recording.log(frame, rr.ViewCoordinates.FRD, static=True)
-        log_vehicle(recording, pose)
-        log_wind_and_path(recording, pose)
+        log_axes(recording)
+        rows = pose.drawn_samples()
+        time = pose.time[rows]
+        log_motion(recording, time, pose.position[rows], pose.attitude[rows])
+        log_body(recording, pose.rotors)
+        _log_thrust(recording, pose)
+        log_wind(recording, time, pose.wind[rows], pose.arm)
+        log_path(recording, pose.position[rows], PATH_RADIUS * pose.arm)
         plots = []
         for number, chart in enumerate(motion_charts(pose)):
             plots.append(draw_chart(recording, f"plots/{number}", chart, span))
@@ -210,83 +209,19 @@ def scene_view(pose: Pose) -> rrb.View:
     return rrb.Spatial3DView(name=title, eye_controls=controls, **options)
 
 
-def log_vehicle(recording: rr.RecordingStream, pose: Pose) -> None:
-    """Draws the vehicle with its attitude: a box with a nose on four arms, and the thrust of each rotor as an arrow.
-
-    Position and attitude are those of two entities, one within the other, at each drawn sample. The parts of the
-    vehicle are drawn once, in the body frame; only the arrows of thrust change their lengths.
-
-    Args:
-        recording: where to draw.
-        pose: the flight.
-    """
-    arm = pose.arm
+def _log_thrust(recording: rr.RecordingStream, pose: Pose) -> None:
+    """Draws the thrust of each rotor as an arrow, an arm long in hover: it is proportional to the speed squared."""
     rows = pose.drawn_samples()
-    index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])]
-    translations = rr.Transform3D.columns(translation=pose.position[rows])
-    recording.send_columns(POSITION_FRAME, index, translations)
-    # Rerun's quaternions have w last.
-    quaternions = np.roll(pose.attitude[rows], -1, axis=1)
-    rotations = rr.Transform3D.columns(quaternion=quaternions)
-    recording.send_columns(VEHICLE_FRAME, index, rotations)
-
-    # All sizes are in arms. The hubs of the rotors are above the body, where down is negative.
     count = len(pose.rotors)
-    hubs = np.column_stack([pose.rotors, np.full(count, -0.12 * arm)])
-    arms = [[[0, 0, 0], hub] for hub in hubs.tolist()]
-    parts = {
-        "body": rr.Boxes3D(half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY_COLOUR),
-        "arms": rr.LineStrips3D(arms, radii=0.03 * arm, colors=BODY_COLOUR),
-        "nose": rr.Arrows3D(
-            vectors=[[0.75 * arm, 0, 0]],
-            origins=[[0.3 * arm, 0, 0]],
-            radii=0.04 * arm,
-            colors=NOSE_COLOUR,
-        ),
-        "rotors": rr.Cylinders3D(
-            lengths=[0.02 * arm] * count,
-            radii=[0.48 * arm] * count,
-            centers=hubs,
-            colors=BODY_COLOUR,
-            fill_mode="solid",
-        ),
-        "thrust": rr.Arrows3D.from_fields(origins=hubs, radii=[0.025 * arm], labels=pose.motors),
-    }
-    for name, part in parts.items():
-        recording.log(f"{VEHICLE_FRAME}/{name}", part, static=True)
-
-    # The thrust of a rotor is proportional to the square of its speed. An arrow is an arm long in hover.
+    arm = pose.arm
+    style = rr.Arrows3D.from_fields(
+        origins=rotor_hubs(pose.rotors), radii=[0.025 * arm], labels=pose.motors
+    )
+    recording.log(f"{VEHICLE_FRAME}/thrust", style, static=True)
     hover_speed = np.median(pose.rotor_speeds[pose.airborne_samples()])
     thrusts = (pose.rotor_speeds[rows] / max(hover_speed, SMALLEST_SPEED)) ** 2
     vectors = np.zeros((len(rows), count, 3))
     vectors[:, :, 2] = -arm * thrusts
     arrows = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3)).partition([count] * len(rows))
-    recording.send_columns(f"{VEHICLE_FRAME}/thrust", index, arrows)
-
-
-def log_wind_and_path(recording: rr.RecordingStream, pose: Pose) -> None:
-    """Draws the path of the vehicle, and an arrow of the wind that ends before it, labelled with the speed.
-
-    The arrow moves with the vehicle but does not turn with it. It points where the air moves to, is
-    ``WIND_ARROW_SCALE`` arms long for each m/s, and its head stays ``WIND_ARROW_DISTANCE`` arms upwind of the vehicle.
-
-    Args:
-        recording: the recording.
-        pose: positions (m) and wind (m/s), north, east and down, by sample.
-    """
-    arm = pose.arm
-    rows = pose.drawn_samples()
-    wind = pose.wind[rows]
-    speed = np.linalg.norm(wind, axis=1, keepdims=True)
-    # The arrow lies on the side that the wind comes from, and its head is at a fixed distance from the vehicle.
-    vectors = WIND_ARROW_SCALE * arm * wind
-    heads = -WIND_ARROW_DISTANCE * arm * wind / np.maximum(speed, SMALLEST_SPEED)
-    colour = palette.channels(palette.DISTURBANCE)
-    style = rr.Arrows3D.from_fields(radii=[0.05 * arm], colors=[colour], show_labels=True)
-    recording.log(f"{POSITION_FRAME}/wind", style, static=True)
-    labels = [f"wind {sample_speed:.1f} m/s" for sample_speed in speed[:, 0]]
-    columns = rr.Arrows3D.columns(vectors=vectors, origins=heads - vectors, labels=labels)
     index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])]
-    recording.send_columns(f"{POSITION_FRAME}/wind", index, columns)
-    path = rr.LineStrips3D([pose.position[rows]], radii=0.004 * arm, colors=[PATH_COLOUR])
-    recording.log("world/path", path, static=True)
+    recording.send_columns(f"{VEHICLE_FRAME}/thrust", index, arrows)

@@ -37,6 +37,7 @@ from mavdem.report.series import (
 )
 from mavdem.report.templates import headline
 from mavdem.view.first_tab import PLOTS, SideTexts, events_text, first_tab, plot_titles
+from mavdem.view.logged_flight import flight_scene
 from mavdem.view.parameter_traces import parameter_estimates, parameter_traces
 from mavdem.view.plots import (
     CLIP_SPANS,
@@ -87,6 +88,7 @@ def write_recording(target: Target, assessment: Assessment) -> None:
         views: list[rrb.Container | rrb.View] = [
             tabs.flight(learned, held_out, series),
             tabs.motion(),
+            *tabs.space(),
             *tabs.vehicle(),
             *tabs.wind(learned, series[OUTPUTS].time),
             *tabs.loops(),
@@ -228,6 +230,14 @@ class RecordingTabs:
         plots = rrb.Vertical(*self._draw_charts("motion", charts))
         # The event log can be filtered, and moves the time; its rows are cut where the texts of the first tab wrap.
         return rrb.Horizontal(plots, events_view(), column_shares=[72, 28], name="Motion")
+
+    def space(self) -> list[rrb.Container]:
+        """Draws the vehicle on its path in 3D, with the wind; nothing where no position was recorded."""
+        evidence = self._assessment.evidence
+        if evidence is None or evidence.time_history is None:
+            return []
+        view = flight_scene(self._recording, evidence.time_history, self._assessment.wind)
+        return [] if view is None else [rrb.Vertical(view, name="3D")]
 
     def vehicle(self) -> list[rrb.Container]:
         """Draws height, motors and battery, those that were recorded."""

@@ -5,14 +5,15 @@ from dataclasses import fields, replace
 import numpy as np
 from made_up_motion import made_up_motion
 from numpy.testing import assert_allclose
-from pytest import fixture, mark
+from pytest import approx, fixture, mark
 from recorded_flights import FLIGHT
 from rerun.chunk import RrdReader
-from rerun_file import drawn, views
+from rerun_file import chunks, drawn, views
 
 import mavdem
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis.analysis import Options
+from mavdem.dataset.time_series import TimeSeries
 from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.facts import Fact, Level
 from mavdem.facts.events import Reported
@@ -23,6 +24,8 @@ from mavdem.report.screen import analysis_blocks, flight_title
 from mavdem.report.series import Series
 from mavdem.view import write_recording
 from mavdem.view.flown import Pose, write_pose
+from mavdem.view.logged_flight import flight_scene
+from mavdem.view.plots import recorded
 from mavdem.view.recording import forecast_chart
 
 SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, iterations=5)
@@ -137,3 +140,28 @@ def test_a_flight_that_never_takes_off_and_a_name_that_is_no_text(tmp_path):
     pose = Pose(**(columns | still | {"wind": 0 * flown.wind, "rotors": rotors}))
     write_pose(tmp_path / "still.rrd", "\udcff", pose)
     assert (tmp_path / "still.rrd").stat().st_size > 1000
+
+
+def test_the_vehicle_moves_along_its_path_in_3d_with_its_attitude(assessed, tmp_path):
+    history = assessed.evidence.time_history
+    measured = history.axes["roll"].angle.measured
+    time = measured.time[::7]
+    path = np.column_stack([np.cos(time), np.sin(time), -time])
+    position = TimeSeries(time, np.zeros(len(time), int), path)
+    scene = tmp_path / "scene.rrd"
+    with recorded(scene, "scene") as stream:
+        view = flight_scene(stream, replace(history, position=position), assessed.wind)
+        assert flight_scene(stream, replace(history, position=None), None) is None
+    assert "Path in 3D" in view.name
+    entities = set()
+    columns = {}
+    for name, _, batch in chunks(scene, static=True):
+        entities.add(name)
+        for column in ("Transform3D:translation", "Transform3D:quaternion"):
+            if column in batch.schema.names:
+                columns[column] = np.vstack(batch.column(column).to_pylist())
+    assert columns["Transform3D:translation"] == approx(path, abs=1e-3)
+    x, y, z, w = columns["Transform3D:quaternion"].T
+    rolls = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x**2 + y**2))
+    assert rolls == approx(measured.values[::7], abs=1e-3)
+    assert {"world/path", "world/north", "world/here/vehicle/body"} <= entities

@@ -1,0 +1,113 @@
+"""The 3D tab of a log's recording: the vehicle on its path with its attitude, and the mean wind."""
+
+from math import ceil, radians
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from mavdem.arrays import Array
+from mavdem.assessment.time_history import TimeHistory
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.ingest.vocabulary import quaternion
+from mavdem.report import palette
+from mavdem.report.charts.plans import MIN_PATH_SIZE
+from mavdem.report.numbers import rounded
+from mavdem.view.plots import MAX_STROKES
+from mavdem.view.vehicle_scene import (
+    WIND_ARROW_SCALE,
+    log_axes,
+    log_body,
+    log_motion,
+    log_path,
+    log_wind,
+)
+from mavdem.wind_velocity.compass import compass_text
+from mavdem.wind_velocity.estimation import WindVelocity
+
+ARM_SHARE = 0.05
+"""Length of the drawn vehicle's arms, as a share of the largest extent of the path: a real one would be a dot."""
+
+PATH_RADIUS = 0.015
+"""Radius of the line of the path, in drawn arms."""
+
+ROTORS = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]]) / np.sqrt(2)
+"""(4, 2) rotors of the drawn vehicle, forward and right, in arms: a sign for any vehicle, not its own geometry."""
+
+NORTH_ARROW_LENGTH = 3.0
+"""Length of the arrow to the north, which begins where the path does, in drawn arms."""
+
+NORTH_COLOUR = palette.channels(palette.MEASURED)
+
+EYE_DISTANCE = np.array([-0.8, 0.55, -0.6])
+"""Where the eye is from the middle of the path, in extents of the path: south-east of it, and above."""
+
+
+def flight_scene(
+    recording: rr.RecordingStream, history: TimeHistory, wind: WindVelocity | None
+) -> rrb.View | None:
+    """Draws a logged flight in 3D, and returns its view; the vehicle is where and as it was at the time of the cursor.
+
+    Args:
+        recording: where to draw.
+        history: the signals of the flight over time.
+        wind: the wind of the flight; None where it is not known.
+
+    Returns:
+        The view; None where no position was recorded.
+    """
+    position = history.position
+    if position is None:
+        return None
+    stride = ceil(len(position.time) / MAX_STROKES)
+    time = position.time[::stride]
+    path = position.values[::stride]
+    extent = max(float(np.ptp(path, axis=0).max()), MIN_PATH_SIZE)
+    arm = ARM_SHARE * extent
+    log_axes(recording)
+    log_motion(recording, time, path, _attitude_at(history, time))
+    log_body(recording, arm * ROTORS)
+    log_path(recording, path, PATH_RADIUS * arm)
+    north = rr.Arrows3D(
+        vectors=[[NORTH_ARROW_LENGTH * arm, 0, 0]],
+        origins=path[:1],
+        radii=0.04 * arm,
+        labels=["north"],
+        show_labels=True,
+        colors=NORTH_COLOUR,
+    )
+    recording.log("world/north", north, static=True)
+    title = f"Path in 3D; the vehicle is drawn with arms of {rounded(arm)} m, its nose red"
+    if wind is not None and wind.speed_identifiable and wind.direction_identifiable:
+        # Directions say where the wind comes from, the arrow where the air moves to.
+        angle = radians(wind.direction)
+        velocity = -wind.speed * np.array([np.cos(angle), np.sin(angle), 0.0])
+        log_wind(recording, time[:1], velocity[None], arm)
+        length = rounded(WIND_ARROW_SCALE * arm)
+        title += f"; mean wind from {compass_text(wind.direction)}, {length} m for 1 m/s"
+    middle = (path.min(axis=0) + path.max(axis=0)) / 2
+    controls = rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=middle + extent * EYE_DISTANCE,
+        look_target=middle,
+        eye_up=(0, 0, -1),
+    )
+    return rrb.Spatial3DView(
+        name=title, origin="world", contents="world/**", eye_controls=controls, line_grid=False
+    )
+
+
+def _attitude_at(history: TimeHistory, time: Array) -> Array:
+    """Returns (N, 4) the attitude at times (N,), s, as quaternions; an angle that was not recorded counts as 0."""
+    angles = []
+    for axis in AXES:
+        axis_history = history.axes[axis]
+        angle = None if axis_history is None or axis_history.angle is None else axis_history.angle
+        angles.append(np.zeros(len(time)) if angle is None else _angle_at(angle.measured, time))
+    return quaternion(*angles)
+
+
+def _angle_at(angle: TimeSeries, time: Array) -> Array:
+    """Returns an angle, rad, at other times, s; between two samples it turns the shorter way."""
+    return np.interp(time, angle.time, np.unwrap(angle.values))

@@ -1,0 +1,126 @@
+"""Parts of a 3D view: the vehicle, which moves along its path and turns, the path, and the arrow of the wind.
+
+Axes of the world are north, east, down; those of the body forward, right, down. All lengths are in m.
+"""
+
+import numpy as np
+import rerun as rr
+
+from mavdem.arrays import Array
+from mavdem.report import palette
+from mavdem.view.plots import BOOT_CLOCK
+
+POSITION_FRAME = "world/here"
+"""Entity that moves with the vehicle, but does not turn."""
+
+VEHICLE_FRAME = "world/here/vehicle"
+"""Entity that moves and turns with the vehicle."""
+
+WIND_ARROW_SCALE = 0.4
+"""Length of the wind's arrow for 1 m/s, in arms of the vehicle."""
+
+WIND_ARROW_DISTANCE = 1.4
+"""Distance of the head of the wind's arrow from the centre of the vehicle, in arms: it stays out of the rotors."""
+
+SMALLEST_SPEED = 1e-9
+"""Speed, m/s or rad/s, that keeps zero from being divided by."""
+
+HUB_HEIGHT = 0.12
+"""Height of the rotors above the body's centre, in arms."""
+
+BODY_COLOUR = palette.channels(palette.BOUND)
+NOSE_COLOUR = palette.channels(palette.BAD)
+PATH_COLOUR = palette.channels(palette.COMMAND)
+
+
+def log_axes(recording: rr.RecordingStream) -> None:
+    """Names the axes of the world: north, east and down are to it what forward, right and down are to a body."""
+    for frame in ("world", POSITION_FRAME):
+        recording.log(frame, rr.ViewCoordinates.FRD, static=True)
+
+
+def log_motion(
+    recording: rr.RecordingStream, time: Array, position: Array, attitude: Array
+) -> None:
+    """Moves and turns the vehicle: position and attitude are those of two entities, one within the other.
+
+    Args:
+        recording: where to draw.
+        time: (N,) s on the boot clock.
+        position: (N, 3) north, east and down, m.
+        attitude: (N, 4) unit quaternions (w, x, y, z), body to NED.
+    """
+    index = [rr.TimeColumn(BOOT_CLOCK, duration=time)]
+    translations = rr.Transform3D.columns(translation=position)
+    recording.send_columns(POSITION_FRAME, index, translations)
+    # Rerun's quaternions have w last.
+    rotations = rr.Transform3D.columns(quaternion=np.roll(attitude, -1, axis=1))
+    recording.send_columns(VEHICLE_FRAME, index, rotations)
+
+
+def rotor_hubs(rotors: Array) -> Array:
+    """Returns (R, 3) the hubs of rotors (R, 2) in the body frame: above the body, where down is negative."""
+    arm = float(np.hypot(*rotors.T).max())
+    return np.column_stack([rotors, np.full(len(rotors), -HUB_HEIGHT * arm)])
+
+
+def log_body(recording: rr.RecordingStream, rotors: Array) -> None:
+    """Draws the vehicle once, in the body frame: a box with a red nose, and an arm to each rotor.
+
+    Args:
+        recording: where to draw.
+        rotors: (R, 2) positions of the rotors, forward and right of the centre of mass, m.
+    """
+    hubs = rotor_hubs(rotors)
+    arm = float(np.hypot(*rotors.T).max())
+    arms = [[[0, 0, 0], hub] for hub in hubs.tolist()]
+    parts = {
+        "body": rr.Boxes3D(half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY_COLOUR),
+        "arms": rr.LineStrips3D(arms, radii=0.03 * arm, colors=BODY_COLOUR),
+        "nose": rr.Arrows3D(
+            vectors=[[0.75 * arm, 0, 0]],
+            origins=[[0.3 * arm, 0, 0]],
+            radii=0.04 * arm,
+            colors=NOSE_COLOUR,
+        ),
+        "rotors": rr.Cylinders3D(
+            lengths=[0.02 * arm] * len(rotors),
+            radii=[0.48 * arm] * len(rotors),
+            centers=hubs,
+            colors=BODY_COLOUR,
+            fill_mode="solid",
+        ),
+    }
+    for name, part in parts.items():
+        recording.log(f"{VEHICLE_FRAME}/{name}", part, static=True)
+
+
+def log_wind(recording: rr.RecordingStream, time: Array, wind: Array, arm: float) -> None:
+    """Draws an arrow of the wind that ends before the vehicle, labelled with the speed.
+
+    The arrow moves with the vehicle but does not turn with it. It points where the air moves to, is
+    ``WIND_ARROW_SCALE`` arms long for each m/s, and its head stays ``WIND_ARROW_DISTANCE`` arms upwind of the vehicle.
+
+    Args:
+        recording: where to draw.
+        time: (N,) s on the boot clock.
+        wind: (N, 3) velocity of the air, north, east and down, m/s.
+        arm: length of an arm, m.
+    """
+    speed = np.linalg.norm(wind, axis=1, keepdims=True)
+    # The arrow lies on the side that the wind comes from, and its head is at a fixed distance from the vehicle.
+    vectors = WIND_ARROW_SCALE * arm * wind
+    heads = -WIND_ARROW_DISTANCE * arm * wind / np.maximum(speed, SMALLEST_SPEED)
+    colour = palette.channels(palette.DISTURBANCE)
+    style = rr.Arrows3D.from_fields(radii=[0.05 * arm], colors=[colour], show_labels=True)
+    recording.log(f"{POSITION_FRAME}/wind", style, static=True)
+    labels = [f"wind {sample_speed:.1f} m/s" for sample_speed in speed[:, 0]]
+    columns = rr.Arrows3D.columns(vectors=vectors, origins=heads - vectors, labels=labels)
+    index = [rr.TimeColumn(BOOT_CLOCK, duration=time)]
+    recording.send_columns(f"{POSITION_FRAME}/wind", index, columns)
+
+
+def log_path(recording: rr.RecordingStream, position: Array, radius: float) -> None:
+    """Draws the flown path (N, 3), north, east and down, m, as a line of this radius, m."""
+    path = rr.LineStrips3D([position], radii=radius, colors=[PATH_COLOUR])
+    recording.log("world/path", path, static=True)
