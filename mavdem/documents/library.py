@@ -11,7 +11,7 @@ from mavdem.documents.document import Document, Error
 from mavdem.documents.review import Review
 from mavdem.facts.serve import Sharing
 from mavdem.fleet.names import MAX_NAME_LETTERS
-from mavdem.units import Seconds, Speed, UnixSeconds, with_unit
+from mavdem.units import Hertz, Seconds, Speed, UnixSeconds, with_unit
 
 
 def _split_at_commas(value: Any) -> Any:
@@ -182,6 +182,55 @@ class Recordings(Document):
     """why they cannot be made; empty where they can"""
 
 
+class MessageFields(Document):
+    """A message of a log."""
+
+    message: str
+    """its name, as MAVLink calls it"""
+    name_in_source: str
+    """its name in the log"""
+    messages: int
+    """how many there are"""
+    rate: Hertz
+    """messages per second without gaps, of the first instance where there are several"""
+    first_time: Seconds
+    """when the first one was sent, on the autopilot's boot clock"""
+    last_time: Seconds
+    """when the last one was sent; after a later boot, on that one's clock"""
+    fields: list[str]
+    """names of its numeric fields"""
+    instances: list[int]
+    """numbers of its instances; empty where it has none"""
+
+
+class LogFields(Document):
+    """What of a log can be plotted."""
+
+    id: str
+    """of the flight"""
+    messages: list[MessageFields]
+    """by their names"""
+
+
+class PlottedField(Document):
+    """Samples of one field, or of each short interval its least and its largest value."""
+
+    message: str
+    """name of the message"""
+    field: str
+    """name of the field"""
+    instance: int | None
+    """which instance; null for all of them"""
+    count: int
+    """samples in the time that was asked for"""
+    is_thinned: bool
+    """whether they are the extremes of intervals, in the order in which they came"""
+    time: Annotated[list[float], with_unit("s")]
+    """on the autopilot's boot clock"""
+    values: list[float | None]
+    """in the unit of the message's definition; null where the log has none"""
+
+
 class Viewer(Document):
     """A viewer that shows a flight."""
 
@@ -198,6 +247,8 @@ ANSWERS = (
     VehicleName,
     Baseline,
     Recordings,
+    LogFields,
+    PlottedField,
     Viewer,
     Error,
     Review,

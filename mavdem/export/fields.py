@@ -10,9 +10,13 @@ from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps
 CLOCK_COLUMNS = ("time", "boot")
 """Columns that every message has beside the fields of its definition: when it was sent, and after which boot."""
 
-INSTANCE_COLUMNS = ("instance", "Instance", "I", "port", "id", "axis")
+INSTANCE_COLUMNS = ("instance", "Instance", "I", "C", "port", "id", "axis")
 """Fields that say which of several equal sensors, outputs or axes a message is of, as MAVLink's and ArduPilot's
 definitions mark them; the first that a message has is taken."""
+
+
+MAX_INSTANCE = 255
+"""Largest number of an instance, a byte in MAVLink: larger numbers in such a field are codes, such as PX4's events."""
 
 
 class MessageFields(NamedTuple):
@@ -25,7 +29,7 @@ class MessageFields(NamedTuple):
     messages: int
     """Number of messages."""
     rate: float
-    """Messages per second without gaps; of all instances together."""
+    """Messages per second without gaps; of the first instance, where there are several."""
     first_time: float
     """When the first one was sent, s on the autopilot's boot clock."""
     last_time: float
@@ -56,7 +60,11 @@ def messages_of(telemetry: Telemetry) -> list[MessageFields]:
         fields = _numeric_fields(columns)
         if not fields or not len(columns["time"]):
             continue
-        steps = np.diff(columns["time"])
+        instances = _instances(columns)
+        time = columns["time"]
+        if instances:
+            time = time[columns[_instance_column(columns)] == instances[0]]
+        steps = np.diff(time)
         listed.append(
             MessageFields(
                 message=message,
@@ -66,7 +74,7 @@ def messages_of(telemetry: Telemetry) -> list[MessageFields]:
                 first_time=float(columns["time"][0]),
                 last_time=float(columns["time"][-1]),
                 fields=tuple(fields),
-                instances=_instances(columns),
+                instances=instances,
             )
         )
     return listed
@@ -99,6 +107,44 @@ def samples_of(
             raise ValueError(f"{message} has no instance {instance}: there is {there}")
         rows &= columns[_instance_column(columns)] == instance
     return FieldSamples(time=columns["time"][rows], values=fields[field][rows])
+
+
+def samples_between(samples: FieldSamples, start: float, end: float) -> FieldSamples:
+    """Returns the samples from ``start`` to ``end``, s, both included."""
+    is_within = (samples.time >= start) & (samples.time <= end)
+    return FieldSamples(time=samples.time[is_within], values=samples.values[is_within])
+
+
+def extremes_of_intervals(samples: FieldSamples, intervals: int) -> FieldSamples:
+    """Thins samples for a plot without losing a peak.
+
+    The time is divided into equal intervals. Of each, the sample with the least and that with the largest value are
+    kept, in the order in which they came.
+
+    Args:
+        samples: N samples, in any order of time.
+        intervals: Number of intervals, at least 1.
+
+    Returns:
+        At most twice as many samples as there are intervals, ascending in time, with the samples' own times; without
+        those whose value is NaN.
+    """
+    is_known = np.isfinite(samples.values) & np.isfinite(samples.time)
+    time, values = samples.time[is_known], samples.values[is_known]
+    order = np.argsort(time, kind="stable")
+    time, values = time[order], values[order]
+    if not len(time):
+        return FieldSamples(time, values)
+    edges = np.linspace(time[0], time[-1], intervals + 1)
+    firsts = np.searchsorted(time, edges[:-1])
+    lasts = np.append(firsts[1:], len(time))
+    kept: list[int] = []
+    for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
+        if last > first:
+            lowest = first + int(values[first:last].argmin())
+            highest = first + int(values[first:last].argmax())
+            kept += sorted({lowest, highest})
+    return FieldSamples(time=time[kept], values=values[kept])
 
 
 def _columns_of(telemetry: Telemetry, message: str) -> Columns:
@@ -134,7 +180,10 @@ def _numeric_fields(columns: Columns) -> dict[str, Array]:
 def _instance_column(columns: Columns) -> str:
     """Returns the name of the field that says which instance a message is of; empty where there is none."""
     for name in INSTANCE_COLUMNS:
-        if name in columns and columns[name].dtype.kind in "iu":
+        if name not in columns or columns[name].dtype.kind not in "iu":
+            continue
+        numbers = columns[name]
+        if len(numbers) and 0 <= numbers.min() and numbers.max() <= MAX_INSTANCE:
             return name
     return ""
 

@@ -22,6 +22,8 @@ class Request(Code):
     NOT_STARTED = "not_started"
     SESSION_FAILED = "session_failed"
     ANSWER_FAILED = "answer_failed"
+    NO_SUCH_FIELD = "no_such_field"
+    LOG_NOT_READ = "log_not_read"
 
 
 class Start(Code):
@@ -76,3 +78,4 @@ class Crowd(StrEnum):
     UPLOADS = "uploads"
     LOGS = "logs"
     WATCHERS = "watchers"
+    FIELDS = "fields"

@@ -26,6 +26,7 @@ from mavdem.ingest.px4_topics import Topics
 from mavdem.ingest.px4_translation import attitude_repairs, messages_of_topics
 from mavdem.ingest.telemetry import (
     Columns,
+    Fields,
     Log,
     Parameters,
     Telemetry,
@@ -119,6 +120,25 @@ def read_ulog(path: PathName) -> Log:
     )
     frames = parsed.data_records + len(log.logged_messages)
     return log_of_vehicles((telemetry,), frames, bytes_skipped=0)
+
+
+def all_topics(path: PathName) -> dict[str, dict[int, Fields]]:
+    """Reads all topics of a ULog file, with all their numeric fields.
+
+    Args:
+        path: A log that ``read_ulog`` can read.
+
+    Returns:
+        Columns with ``time``, s since boot, by topic and by number of the instance.
+    """
+    source = os.fspath(path)
+    parsed = parse_records(sound_records(file_content(path)), has_all_fields=True)
+    log = _parsed_by_pyulog(parsed.other_content, source)
+    topics, _ = _topics(parsed.topics, log.start_timestamp / MICROSECONDS)
+    return {
+        name: {number: dict(columns) for number, columns in instances.items()}
+        for name, instances in topics.items()
+    }
 
 
 def _status_texts(log: ULog) -> Columns:

@@ -54,8 +54,13 @@ class ParsedRecords(NamedTuple):
     """A ULog file without the data: for pyulog."""
 
 
-def parse_records(records: SoundRecords) -> ParsedRecords:
-    """Decodes the data records of a file, and separates the others from them."""
+def parse_records(records: SoundRecords, has_all_fields: bool = False) -> ParsedRecords:
+    """Decodes the data records of a file, and separates the others from them.
+
+    Args:
+        records: The records.
+        has_all_fields: Whether all topics are decoded with all their fields, or only what mavdem reads.
+    """
     content = np.frombuffer(records.content, dtype=np.uint8)
     is_data = bytes_at(content, records.offsets + HEADER.size - 1) == DATA
     data_offsets = records.offsets[is_data]
@@ -65,24 +70,27 @@ def parse_records(records: SoundRecords) -> ParsedRecords:
     for number, layout in records.topics.items():
         if number in rows:
             body_offsets = data_offsets[rows[number]] + DATA_HEADER.size
-            columns = _columns(content, body_offsets, layout)
+            fields = layout.fields if has_all_fields else _fields_to_read(layout)
+            columns = _columns(content, body_offsets, layout, fields)
             topics.append(LoggedTopic(layout.name, records.instances[number], columns))
     other_content = _other_content(records, records.offsets[~is_data], data_offsets)
     return ParsedRecords(topics, len(data_offsets), other_content)
 
 
-def _columns(content: Bytes, body_offsets: Offsets, layout: TopicLayout) -> Columns:
-    """Decodes the fields of one topic that mavdem reads.
+def _columns(
+    content: Bytes, body_offsets: Offsets, layout: TopicLayout, fields: Sequence[NumberField]
+) -> Columns:
+    """Decodes fields of one topic.
 
     Args:
         content: The file.
         body_offsets: Where the records (N,) begin behind the number of their subscription.
         layout: What the records look like.
+        fields: The fields to decode.
 
     Returns:
-        Columns (N,) by name; none for a topic that mavdem does not read.
+        Columns (N,) by name; none without fields.
     """
-    fields = _fields_to_read(layout)
     if not fields:
         return {}
     record_type = np.dtype(

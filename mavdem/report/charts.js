@@ -32,7 +32,7 @@
   const font = () => `${root.classList.contains("printing") ? 9 : 11}px system-ui, sans-serif`, root = document.documentElement;
 
   const unpack = (packed, log) => {
-    if (!packed) return null;
+    if (!packed || Array.isArray(packed)) return packed;
     const { low, step, size, counts } = packed, shown = value => log ? 10 ** value : value;
     if (size) return Array.from({ length: size }, (_, i) => shown(low + step * i));
     return Array.from(new Int16Array(Uint8Array.from(atob(counts), c => c.charCodeAt(0)).buffer),
@@ -57,6 +57,7 @@
     for (const chart of group.charts) chart.setScale("x", { min, max });
     group.zooming = false;
     group.span = [min, max];
+    root.dispatchEvent(new CustomEvent("zoomed", { detail: group }));
   };
 
   const drawBackground = (data, chart) => {
@@ -339,5 +340,39 @@
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.forEach(chart => chart.redraw(false, true)));
   addEventListener("beforeprint", () => { root.classList.add("printing"); repaint(); });
   addEventListener("afterprint", () => { root.classList.remove("printing"); repaint(); });
-  root.charts = { groups, zoom, setCursor, unpack, digits };
+  // Adds a chart of the flight below the others: the figure, which "replace" gives other points and "remove" takes away.
+  const add = (column, label, colour, times, values) => {
+    const { x, marks, spans } = groups.flight.charts[0].data_, isStrip = !groups.flight.charts[0].data_.lines.length;
+    const axis = { label, log: false, ends: null, names: [] }, line = { name: label, colour, kind: "line", y: values };
+    const data = { title: label, x, y: axis, at: times, lines: [line], levels: [], marks, spans: isStrip ? [] : spans, group: "flight" };
+    const figure = element("figure", "chart"), header = element("header");
+    Object.assign(figure, { tabIndex: 0 }).setAttribute("data-flat", "");
+    figure.setAttribute("role", "img");
+    figure.setAttribute("aria-label", label);
+    header.append(Object.assign(element("h3"), { textContent: label }));
+    figure.append(header, element("div", "plot"), Object.assign(element("script"), { type: "application/json", textContent: JSON.stringify(data) }));
+    column.append(figure);
+    figures.push(figure);
+    observer.observe(figure);
+    return {
+      figure, header,
+      replace: (times, values) => {
+        const chart = charts.get(figure);
+        if (!chart) return;
+        chart.data_.columns = times;
+        chart.data_.lines[0].y = values;
+        const { min, max } = chart.scales.x;
+        chart.batch(() => { chart.setData([times, values], false); chart.setScale("x", { min, max }); });
+      },
+      remove: () => {
+        const chart = charts.get(figure);
+        if (chart) groups.flight.charts.splice(groups.flight.charts.indexOf(chart), 1), chart.destroy();
+        charts.delete(figure);
+        figures.splice(figures.indexOf(figure), 1);
+        observer.unobserve(figure);
+        figure.remove();
+      },
+    };
+  };
+  root.charts = { add, groups, zoom, setCursor, unpack, digits };
 })();

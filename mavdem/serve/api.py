@@ -5,6 +5,7 @@ import json
 import time
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import replace
+from math import inf, isfinite
 from pathlib import Path, PureWindowsPath
 
 from starlette.concurrency import run_in_threadpool
@@ -18,20 +19,31 @@ from mavdem.documents.library import (
     Baseline,
     Change,
     Flights,
+    LogFields,
+    PlottedField,
     Progress,
     VehicleName,
     Viewer,
 )
 from mavdem.errors import Refusal
+from mavdem.export.fields import extremes_of_intervals, samples_between
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
 from mavdem.report.pages.library_page import interface_words
 from mavdem.results import RECORDING_FILE
+from mavdem.serve.field_store import FieldRequest, FieldStore
 from mavdem.serve.index import COLUMNS, Entry
 from mavdem.serve.openapi import openapi
 from mavdem.serve.pages import FLIGHTS_PER_PAGE, recordings_answer
 from mavdem.serve.reading_queue import QueuePlace, queue_places
 from mavdem.serve.recordings import RecordingRequests
-from mavdem.serve.requests import error_values, query_number, read_document, valid_unicode
+from mavdem.serve.requests import (
+    error_values,
+    query_decimal,
+    query_integer,
+    query_number,
+    read_document,
+    valid_unicode,
+)
 from mavdem.serve.search import UNFINISHED_SQL, SqlCondition
 from mavdem.serve.uploads import MAX_FILES, UploadForm, receive_form, refuse_other_files
 from mavdem.serve.visible_library import VisibleLibrary
@@ -50,6 +62,12 @@ PROGRESS_KEYS = ("step", "share", "has_plots")
 
 MAX_WAITING_LOGS = 5000
 """Logs that wait to be read, at most: hours of work."""
+
+FIELD_INTERVALS = 1000
+"""Intervals of a plotted field of which the extremes are sent: a plot is about 1000 pixels wide."""
+
+MAX_FIELD_INTERVALS = 20_000
+"""Intervals that may be asked for, at most: an answer of about a megabyte."""
 
 MAX_NOTE_LETTERS = 4000
 """Letters of a note, as the model ``Change`` allows; further ones of an upload's description are dropped."""
@@ -70,6 +88,7 @@ class Api:
         visible: VisibleLibrary,
         log_added: Callable[[], None],
         open_recording: Callable[[Path], str] | None,
+        fields: FieldStore,
     ) -> None:
         """Takes what the endpoints work on.
 
@@ -77,12 +96,14 @@ class Api:
             visible: the library, with the access rights.
             log_added: called after logs were added to the library, or recordings were asked for.
             open_recording: opens a recording in a viewer and returns its address; None where that is not possible.
+            fields: the columns of the logs whose fields are plotted.
         """
         self._visible = visible
         self._library = visible.library
         self._rights = visible.rights
         self._log_added = log_added
         self._open_recording = open_recording
+        self._fields = fields
         self._uploads = 0
         self._progress_streams = 0
 
@@ -219,6 +240,58 @@ class Api:
         entry = RecordingRequests(self._library).request(entry)
         self._log_added()
         return recordings_answer(self._visible.recordings(entry))
+
+    def fields(self, request: HttpRequest) -> Response:
+        """Answers with the messages of a flight's log, their fields and instances, all of which can be plotted."""
+        entry, log = self._log_of_fields(request)
+        messages = self._fields.messages(log, request.query_params.get("vehicle", ""))
+        return _json(LogFields.model_validate({"id": entry.id, "messages": messages}))
+
+    def samples(self, request: HttpRequest) -> Response:
+        """Answers with one field of a flight's log over time.
+
+        More samples than twice ``points`` are thinned to the extremes of intervals, so that no peak is lost.
+        """
+        _, log = self._log_of_fields(request)
+        query = request.query_params
+        wanted = FieldRequest(
+            message=query.get("message", ""),
+            field=query.get("field", ""),
+            instance=query_integer(request, "instance"),
+            boot=query_integer(request, "boot") or 0,
+            vehicle=query.get("vehicle", ""),
+        )
+        start = query_decimal(request, "start", -inf)
+        end = query_decimal(request, "end", inf)
+        intervals = query_number(request, "points", FIELD_INTERVALS)
+        intervals = min(max(intervals, 1), MAX_FIELD_INTERVALS)
+        samples = samples_between(self._fields.samples(log, wanted), start, end)
+        is_thinned = len(samples.time) > 2 * intervals
+        shown = extremes_of_intervals(samples, intervals) if is_thinned else samples
+        values = [value if isfinite(value) else None for value in shown.values.tolist()]
+        return _json(
+            PlottedField(
+                message=wanted.message,
+                field=wanted.field,
+                instance=wanted.instance,
+                count=len(samples.time),
+                is_thinned=is_thinned,
+                time=shown.time.tolist(),
+                values=values,
+            )
+        )
+
+    def _log_of_fields(self, request: HttpRequest) -> tuple[Entry, Path]:
+        """Returns a flight, and the path of its log.
+
+        Raises:
+            Refusal: the sender may not have the log, or it is not there.
+        """
+        entry = self._visible.entry(request, request.path_params["id"])
+        log = self._visible.log_path(request, entry)
+        if not log.is_file():
+            raise Refusal(Request.NO_SUCH_FLIGHT)
+        return entry, log
 
     def open_viewer(self, request: HttpRequest) -> Response:
         """Opens the recording of a flight in a viewer on this machine, and answers with the viewer's address.

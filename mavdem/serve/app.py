@@ -21,6 +21,7 @@ from mavdem.facts import Fact
 from mavdem.facts.serve import Request
 from mavdem.report.pages.library_page import refusal_page, script_hashes
 from mavdem.serve.api import Api
+from mavdem.serve.field_store import FieldStore
 from mavdem.serve.library import Library
 from mavdem.serve.link_monitor import LinkMonitor
 from mavdem.serve.openapi import STATUS_BY_REFUSAL
@@ -67,6 +68,7 @@ class Server:
         sample_log: Path | None = None,
         open_recording: Callable[[Path], str] | None = None,
         monitor: LinkMonitor | None = None,
+        fields: FieldStore | None = None,
     ) -> None:
         """Joins the parts of the server.
 
@@ -78,6 +80,7 @@ class Server:
             open_recording: opens a recording in a viewer on this machine and returns its address; None where that is
                 not possible.
             monitor: monitor of a live link; None without one.
+            fields: the columns of the logs whose fields are plotted; None for those of a process of its own.
         """
         self._library = library
         self._rights = rights
@@ -85,7 +88,8 @@ class Server:
         self._monitor = monitor
         self._visible = VisibleLibrary(library, rights)
         self._pages = Pages(self._visible, reading.notify, sample_log, open_recording, monitor)
-        self._api = Api(self._visible, reading.notify, open_recording)
+        self._fields = fields or FieldStore()
+        self._api = Api(self._visible, reading.notify, open_recording, self._fields)
 
     @cached_property
     def app(self) -> Starlette:
@@ -119,6 +123,8 @@ class Server:
             "DELETE /api/flights/{id}": api.delete_flight,
             "GET /api/flights/{id}/recordings": api.recordings,
             "POST /api/flights/{id}/recordings": api.make_recordings,
+            "GET /api/flights/{id}/fields": api.fields,
+            "GET /api/flights/{id}/samples": api.samples,
             "POST /api/flights/{id}/viewer": api.open_viewer,
             "PUT /api/baseline": api.set_baseline,
             "PUT /api/vehicle": api.name_vehicle,
@@ -149,6 +155,7 @@ class Server:
         yield
         if self._monitor is not None:
             await run_in_threadpool(self._monitor.stop)
+        await run_in_threadpool(self._fields.stop)
         await run_in_threadpool(self._reading.stop)
         self._library.close()
 

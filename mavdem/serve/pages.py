@@ -245,9 +245,7 @@ class Pages:
             name: name of the file, or ``log``.
         """
         if name == "log":
-            if not entry.log_shared and not self._rights.allows(request, Use.READ):
-                raise Refusal(Request.NO_RIGHT, name=Use.DOWNLOAD)
-            path = self._library.log_path(entry)
+            path = self._visible.log_path(request, entry)
             if not entry.digest and path.is_file():
                 # A path outside the library may be altered in the index. Whatever it is, only logs are given out.
                 detect_format(path)

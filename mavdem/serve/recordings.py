@@ -148,7 +148,7 @@ def make_recordings(path: Path, key: str, page: object) -> LogRows:
         progress = ProgressFile(unfinished_folder / PROGRESS)
         progress.report(Stage.READING)
         log = read_stored_log(path)
-        telemetry = _vehicle_of_page(log, results / REPORT_FILE)
+        telemetry = vehicle_of_page(log, results / REPORT_FILE)
         progress.report(Stage.LEARNING)
         assessment = assess_signals(log, Signals(telemetry), progress=progress.show_step)
         progress.report(Stage.RECORDING)
@@ -169,7 +169,7 @@ def _unfinished_folder(results: Path) -> Path:
     return results.with_name(f".{results.name}{UNFINISHED_RECORDINGS}")
 
 
-def _vehicle_of_page(log: Log, document_path: Path) -> Telemetry:
+def vehicle_of_page(log: Log, document_path: Path) -> Telemetry:
     """Returns the vehicle of a log that its page is about.
 
     Args:

@@ -1,5 +1,7 @@
 """Parts of HTTP requests and answers: bodies, numbers and texts that clients send, and the document of an error."""
 
+import re
+from math import isfinite, nan
 from typing import TypeVar
 
 from pydantic import ValidationError
@@ -56,6 +58,38 @@ def query_number(request: HttpRequest, name: str, default: int) -> int:
     if text.isdecimal() and len(text) <= MAX_NUMBER_DIGITS:
         return int(text)
     return default
+
+
+def query_decimal(request: HttpRequest, name: str, default: float) -> float:
+    """Returns a number in the query of a URL; the default where there is none.
+
+    Raises:
+        Refusal: what is there is no finite number.
+    """
+    text = request.query_params.get(name, "")
+    if not text:
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        value = nan
+    if not isfinite(value):
+        raise Refusal(Request.BAD_REQUEST, because=f"{name} is no number")
+    return value
+
+
+def query_integer(request: HttpRequest, name: str) -> int | None:
+    """Returns a whole number in the query of a URL; None where there is none.
+
+    Raises:
+        Refusal: what is there is no whole number.
+    """
+    text = request.query_params.get(name, "")
+    if not text:
+        return None
+    if not re.fullmatch(r"-?[0-9]{1,9}", text):
+        raise Refusal(Request.BAD_REQUEST, because=f"{name} is no whole number")
+    return int(text)
 
 
 def valid_unicode(text: str) -> str:

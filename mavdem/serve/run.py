@@ -21,6 +21,7 @@ from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import JobLimits
 from mavdem.processes import max_open_files
 from mavdem.serve.app import Server
+from mavdem.serve.field_store import FieldStore
 from mavdem.serve.library import Library
 from mavdem.serve.link_monitor import LinkMonitor
 from mavdem.serve.reading import read_for_library
@@ -112,6 +113,7 @@ def serve(
         options.sample_log,
         viewer.open if can_open_recordings else None,
         monitor,
+        FieldStore(options.limits),
     )
     config = uvicorn.Config(
         server.app,

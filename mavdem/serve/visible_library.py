@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 from starlette.requests import Request as HttpRequest
@@ -63,6 +64,19 @@ class VisibleLibrary:
         if not self.rights.allows_viewing(request, entry):
             raise Refusal(Request.NO_SUCH_FLIGHT)
         return entry
+
+    def log_path(self, request: HttpRequest, entry: Entry) -> Path:
+        """Returns the path of the log of a flight.
+
+        Whoever may read all flights may have the log, or any field of it; others only where its owner shares it with
+        those who may see the flight.
+
+        Raises:
+            Refusal: the sender may not have it.
+        """
+        if not entry.log_shared and not self.rights.allows(request, Use.READ):
+            raise Refusal(Request.NO_RIGHT, name=Use.DOWNLOAD)
+        return self.library.log_path(entry)
 
     def search(self, request: HttpRequest, limit: int) -> SearchResult:
         """Searches the flights that the sender of a request may list.

@@ -3,7 +3,7 @@
 import numpy as np
 from pytest import fixture, raises
 
-from mavdem.export.fields import messages_of, samples_of
+from mavdem.export.fields import FieldSamples, extremes_of_intervals, messages_of, samples_of
 from mavdem.ingest.telemetry import Telemetry
 
 
@@ -60,3 +60,14 @@ def test_what_the_log_lacks_is_refused_with_what_it_has(telemetry):
         samples_of(telemetry, "ESC", "rpm")
     with raises(ValueError, match="ESC has no instance 7: there is 0, 1"):
         samples_of(telemetry, "ESC", "RPM", instance=7)
+
+
+def test_no_peak_is_lost_when_samples_are_thinned():
+    time = np.linspace(0, 10, 1001)
+    values = np.sin(time)
+    values[[137, 613]] = 7, -5
+    values[500] = np.nan
+    thinned = extremes_of_intervals(FieldSamples(time, values), 20)
+    assert len(thinned.time) <= 40 and (np.diff(thinned.time) > 0).all()
+    assert {(time[137], 7.0), (time[613], -5.0)} <= set(zip(*thinned, strict=True))
+    assert not len(extremes_of_intervals(FieldSamples(time[:1], values[500:501]), 20).time)

@@ -147,12 +147,7 @@ def read_dataflash(path: PathName) -> Log:
         Unreadable: The file cannot be opened, or has no message of a flight.
     """
     source = os.fspath(path)
-    content = file_content(path)
-    if is_dataflash_text(content[:RECOGNITION_BYTES]):
-        recording = read_text(content[:])
-        content = b""
-    else:
-        recording = read_binary(content)
+    content, recording = _recording(path)
     vehicle = _vehicle(recording, source, content)
     return log_of_vehicles(
         (vehicle,),
@@ -160,6 +155,44 @@ def read_dataflash(path: PathName) -> Log:
         bytes_skipped=recording.bytes_skipped,
         counts=recording.counts,
     )
+
+
+def all_tables(path: PathName) -> Tables:
+    """Reads all messages of a DataFlash log under its own names, with all fields that have one number per message.
+
+    Args:
+        path: A log that ``read_dataflash`` can read.
+
+    Returns:
+        Columns by name of the message, with ``time`` (s) and ``boot``; without messages that have no stamps.
+    """
+    content, recording = _recording(path)
+    recording = _without_old_blocks(recording, _logged_messages(recording), content).recording
+    logged = {name: usable_fields(recording.decode(name)) for name in recording.counts}
+    tables, _ = _on_boot_clock(logged, _log_clock(logged))
+    return tables
+
+
+class _Content(NamedTuple):
+    """A file, and what it holds."""
+
+    content: FileContent
+    """Its bytes; none of a text log."""
+
+    recording: DataflashRecording
+    """The log, whose messages are not decoded yet."""
+
+
+def _recording(path: PathName) -> _Content:
+    """Finds the messages of a DataFlash log, binary or text.
+
+    Raises:
+        Unreadable: The file cannot be opened.
+    """
+    content = file_content(path)
+    if is_dataflash_text(content[:RECOGNITION_BYTES]):
+        return _Content(b"", read_text(content[:]))
+    return _Content(content, read_binary(content))
 
 
 def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -> Telemetry:

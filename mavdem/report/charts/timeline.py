@@ -75,6 +75,9 @@ class Timeline(NamedTuple):
     wind_charts: Charts = ()
     """Wind speed, wind direction and wind torque, those that are known."""
 
+    boot: int = 0
+    """The boot of the autopilot, from 0, on whose clock the times are."""
+
     @property
     def overview(self) -> Charts:
         """The strip of flight modes, then the charts of flight and wind, all with events and training intervals."""
@@ -147,6 +150,7 @@ def timeline_of_history(history: TimeHistory) -> Timeline:
         events=history.events,
         position=history.position,
         wind_charts=wind_charts,
+        boot=history.segment.boot,
     )
 
 

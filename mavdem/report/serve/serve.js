@@ -286,4 +286,123 @@
     } catch (error) { showRecordingProblem(error); }
     button.disabled = false;
   });
+
+  // Any field of the log: a list that is searched, and a plot of each field that is chosen below the others. What is
+  // plotted stands in the address, so that a link shows it too.
+  const fieldsPart = $("fields"), plots = document.documentElement.charts, column = document.querySelector("#flight .charts .column");
+  const vehicle = new URL(location).searchParams.get("vehicle") ?? "";
+  const fieldColours = ["#1f7ad6", "#12997a", "#b5852a", "#9461d1", "#c2477f"];
+  const fieldPlots = new Map();
+  let listedMessages = null, usedColours = 0;
+  const fieldName = ({ message, field, instance }) => `${message}${instance == null ? "" : `[${instance}]`}.${field}`;
+  const keepPlotsInAddress = () => {
+    const address = new URL(location);
+    address.searchParams.delete("plot");
+    for (const { wanted } of fieldPlots.values()) address.searchParams.append("plot", [wanted.message, wanted.instance ?? "", wanted.field].join("~"));
+    history.replaceState(null, "", address);
+  };
+  const fetchSamples = (wanted, [start, end]) => {
+    const query = new URLSearchParams({ message: wanted.message, field: wanted.field, boot: fieldsPart.dataset.boot, start, end, vehicle });
+    if (wanted.instance != null) query.set("instance", wanted.instance);
+    return callApi("GET", `/api/flights/${id}/samples?${query}`);
+  };
+  const plotField = async wanted => {
+    const name = fieldName(wanted), status = $("fieldstatus");
+    if (fieldPlots.has(name)) { fieldPlots.get(name).figure.scrollIntoView({ block: "nearest" }); return; }
+    status.textContent = `Reading ${name} …`;
+    try {
+      const group = plots.groups.flight, samples = await fetchSamples(wanted, group.whole);
+      if (fieldPlots.has(name)) return;
+      if (samples.values.every(value => value == null)) { status.textContent = `${name} has no values in this flight.`; return; }
+      const chart = plots.add(column, name, fieldColours[usedColours++ % fieldColours.length], samples.time, samples.values);
+      const close = element("button", "×", chart.header, "plain close");
+      Object.assign(close, { type: "button", title: "Remove this plot" }).setAttribute("aria-label", `Remove the plot of ${name}`);
+      close.addEventListener("click", () => { chart.remove(); fieldPlots.delete(name); keepPlotsInAddress(); showFields(); });
+      fieldPlots.set(name, { ...chart, wanted, isThinned: samples.is_thinned, span: String(group.whole) });
+      status.textContent = `${name}: ${samples.count} samples, below the other plots.`;
+      keepPlotsInAddress();
+      showFields();
+    } catch (error) { status.textContent = error.message; }
+  };
+  // A zoomed plot that was thinned gets the samples of what is shown.
+  let zoomTimer;
+  document.documentElement.addEventListener("zoomed", ({ detail: group }) => {
+    if (group !== plots?.groups.flight) return;
+    clearTimeout(zoomTimer);
+    zoomTimer = setTimeout(async () => {
+      for (const plot of fieldPlots.values()) {
+        const span = String(group.span);
+        if (!plot.isThinned || plot.span === span) continue;
+        plot.span = span;
+        try {
+          const samples = await fetchSamples(plot.wanted, group.span);
+          if (plot.span === span && samples.time.length) plot.replace(samples.time, samples.values);
+        } catch { /* What is shown stays. */ }
+      }
+    }, 250);
+  });
+  const MAX_SHOWN_FIELDS = 60;
+  // Without a search the messages are listed, of which one is chosen; with one the fields that have all its words.
+  const showFields = () => {
+    if (!listedMessages) return;
+    const list = $("fieldlist"), words = $("fieldsearch").value.toLowerCase().split(/\s+/).filter(Boolean);
+    list.replaceChildren();
+    const add = (text, note, action, isPressed) => {
+      const button = element("button", text, element("li", "", list));
+      button.type = "button";
+      if (note) element("span", note, button, "soft");
+      if (isPressed != null) button.setAttribute("aria-pressed", isPressed);
+      button.addEventListener("click", action);
+    };
+    if (!words.length) {
+      for (const message of listedMessages) {
+        add(message.shown, `${message.fields.length} fields`, () => { $("fieldsearch").value = `${message.shown}.`; showFields(); $("fieldsearch").focus(); });
+      }
+      return;
+    }
+    let found = 0;
+    for (const message of listedMessages) {
+      for (const instance of message.instances.length > 1 ? message.instances : [null]) for (const field of message.fields) {
+        const name = fieldName({ message: message.shown, field, instance }), searched = `${name} ${message.message}.${field}`.toLowerCase();
+        if (!words.every(word => searched.includes(word)) && !(words.length === 1 && `${message.shown}.${field}`.toLowerCase().startsWith(words[0]))) continue;
+        if (++found > MAX_SHOWN_FIELDS) continue;
+        add(name, message.rate ? `${Number(message.rate.toPrecision(2))} Hz` : "", () => plotField({ message: message.shown, field, instance }), fieldPlots.has(name));
+      }
+    }
+    if (found > MAX_SHOWN_FIELDS) element("li", `and ${found - MAX_SHOWN_FIELDS} more: add a word`, list, "soft");
+    if (!found) element("li", "No field has all these words.", list, "soft");
+  };
+  const listFields = async () => {
+    if (listedMessages) return;
+    const status = $("fieldstatus");
+    status.textContent = "Reading the log …";
+    try {
+      const { messages } = await callApi("GET", `/api/flights/${id}/fields?${new URLSearchParams({ vehicle })}`);
+      listedMessages = messages.map(message => ({ ...message, shown: message.name_in_source.split("/")[0] }));
+      // Of messages that the log calls by one name, each is called as MAVLink calls it.
+      const counts = new Map();
+      for (const { shown } of listedMessages) counts.set(shown, (counts.get(shown) ?? 0) + 1);
+      for (const message of listedMessages) if (counts.get(message.shown) > 1) message.shown = message.message;
+      listedMessages.sort((a, b) => a.shown.localeCompare(b.shown));
+      status.textContent = `${messages.length} messages. Choose a field, and it is plotted with the others.`;
+      showFields();
+    } catch (error) { status.textContent = error.message; }
+  };
+  if (fieldsPart && plots && column && $("bar")) {
+    const summary = fieldsPart.firstElementChild, label = element("label", "Search ", null), input = element("input", "", label);
+    Object.assign(input, { id: "fieldsearch", type: "search", placeholder: "words of message and field", autocomplete: "off" });
+    const status = element("p", "", null, "soft"), list = element("ul", "", null, "fieldlist");
+    Object.assign(status, { id: "fieldstatus" }).setAttribute("role", "status");
+    list.id = "fieldlist";
+    fieldsPart.replaceChildren(summary, label, status, list);
+    input.addEventListener("input", showFields);
+    fieldsPart.addEventListener("toggle", () => { if (fieldsPart.open) listFields(); });
+    const plotted = new URL(location).searchParams.getAll("plot").map(text => text.split("~")).filter(parts => parts.length === 3);
+    const plotThose = async () => {
+      for (const [message, instance, field] of plotted) await plotField({ message, field, instance: instance ? Number(instance) : null });
+    };
+    if (plotted.length) {
+      if (plots.groups.flight) plotThose(); else document.documentElement.addEventListener("drawn", plotThose, { once: true });
+    }
+  }
 })();

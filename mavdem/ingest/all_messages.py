@@ -1,0 +1,57 @@
+"""All messages of a log under the log's own names, for plots of any field: mavdem uses few of them otherwise."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from mavdem.files import PathName
+from mavdem.ingest.formats import detect_format
+from mavdem.ingest.telemetry import Fields, Tables, Telemetry, concatenated_columns, selected_rows
+from mavdem.log_formats import Format
+
+INSTANCE = "instance"
+"""Column that says which of several instances of a topic a message is of; MAVLink's definitions call it so too."""
+
+
+# Damaged files hold numbers that overflow or are NaN, which plots leave out.
+@np.errstate(all="ignore")
+def with_all_messages(telemetry: Telemetry, path: PathName) -> Telemetry:
+    """Returns a vehicle with all messages of its log, and all their fields.
+
+    DataFlash and ULog, of which only what mavdem uses is translated to MAVLink, are read again, under their own names
+    and in their own units. Other formats are read as a whole at once.
+
+    Args:
+        telemetry: the vehicle, as ``read_log`` returns it.
+        path: its log.
+    """
+    _, log_format = detect_format(path)
+    if log_format is Format.DATAFLASH:
+        from mavdem.ingest.dataflash.log import all_tables
+
+        return replace(telemetry, messages=all_tables(path), source_names={})
+    if log_format is Format.ULOG:
+        from mavdem.ingest.ulog import all_topics
+
+        return replace(telemetry, messages=_joined_instances(all_topics(path)), source_names={})
+    return telemetry
+
+
+def _joined_instances(topics: dict[str, dict[int, Fields]]) -> Tables:
+    """Returns the columns of each topic, those of several instances as one table in the order of time.
+
+    Args:
+        topics: Columns with ``time`` by topic and by number of the instance.
+    """
+    tables = {}
+    for name, columns_by_instance in topics.items():
+        parts = []
+        for number, columns in columns_by_instance.items():
+            count = len(columns["time"])
+            part = columns | {"boot": np.zeros(count, np.int64)}
+            if len(columns_by_instance) > 1:
+                part[INSTANCE] = np.full(count, number)
+            parts.append(part)
+        joined = concatenated_columns(parts)
+        tables[name] = selected_rows(joined, np.argsort(joined["time"], kind="stable"))
+    return tables
