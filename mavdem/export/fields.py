@@ -183,7 +183,7 @@ def _instance_column(columns: Columns) -> str:
         if name not in columns or columns[name].dtype.kind not in "iu":
             continue
         numbers = columns[name]
-        if len(numbers) and 0 <= numbers.min() and numbers.max() <= MAX_INSTANCE:
+        if len(numbers) and numbers.min() >= 0 and numbers.max() <= MAX_INSTANCE:
             return name
     return ""
 
