@@ -19,7 +19,12 @@ from typing import Any, Protocol, TypeVar
 
 from mavdem.facts import Fact
 from mavdem.facts.model import Workers
-from mavdem.processes import TERMINATION_SIGNALS, lower_priority
+from mavdem.processes import (
+    TERMINATION_SIGNALS,
+    lower_priority,
+    resume_process,
+    suspend_process,
+)
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -205,11 +210,34 @@ def process_pool(workers: int) -> Iterator[ProcessPool]:
 
 
 class LearningProcess(Executor):
-    """An executor with one process of low priority; if the process is killed, the next job runs in a new one."""
+    """An executor with one process of low priority; if the process is killed, the next job runs in a new one.
+
+    Attributes:
+        is_suspended: whether the process is stopped for a while.
+    """
 
     def __init__(self) -> None:
+        self.is_suspended = False
         self._exits = ExitStack()
         self._start()
+
+    def suspend(self, is_suspended: bool) -> None:
+        """Stops the process, or lets it go on, in the middle of whatever it computes.
+
+        Low priority alone does not keep a process from taking the time of a small computer: where a quota limits all
+        processes together, it takes part of what the samples need. If this process is killed meanwhile, the kernel
+        ends the stopped one with SIGHUP.
+
+        Args:
+            is_suspended: whether it is to be stopped.
+        """
+        if is_suspended == self.is_suspended:
+            return
+        self.is_suspended = is_suspended
+        change = suspend_process if is_suspended else resume_process
+        for process in self._pool.processes:
+            if process.pid is not None:
+                change(process.pid)
 
     def submit(self, job: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Runs a job in the process, and in a new process where the last one has been killed.
@@ -237,6 +265,7 @@ class LearningProcess(Executor):
     def _start(self) -> None:
         """Ends the process, if there is one, and starts a new one."""
         self._exits.close()
+        self.is_suspended = False
         self._pool = self._exits.enter_context(process_pool(1))
         self._pool.submit(_prepare_learning)
 

@@ -26,6 +26,12 @@ POSTPONING_DELAYS = {
 First fits wait, then pictures, then estimates, so that motors and messages are always judged in time.
 """
 
+SUSPENSION_DELAY = 0.1
+"""Delay of the analysis from which on the process that learns is stopped, until it is below ``STEP_SECONDS``, s.
+
+It is a fifth of the first delay above: a fit that runs takes longer, and no task has to be put off.
+"""
+
 BEHIND_DELAY = POSTPONING_DELAYS[Task.REFITS]
 """Delay of the analysis from which on the computer is reported to be too slow, s."""
 
@@ -36,11 +42,13 @@ class Backlog:
     Attributes:
         postponed: the tasks that are put off now.
         longest_delay: the longest time that frames have waited, s.
+        suspends_learning: whether the process that learns is to be stopped, so that the analysis has its time.
     """
 
     def __init__(self) -> None:
         self.postponed = set[Task]()
         self.longest_delay = 0.0
+        self.suspends_learning = False
         self._batches: deque[FrameBatch] = deque()
         # When the analysis was last too late, s of the monotonic clock; None while it keeps up.
         self._behind_time: float | None = None
@@ -104,6 +112,10 @@ class Backlog:
             if delay >= limit:
                 postponed.add(task)
         self.postponed = postponed
+        if delay >= SUSPENSION_DELAY:
+            self.suspends_learning = True
+        elif delay < STEP_SECONDS:
+            self.suspends_learning = False
         self.longest_delay = max(self.longest_delay, delay)
         if delay >= BEHIND_DELAY:
             is_new = self._behind_time is None

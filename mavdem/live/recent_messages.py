@@ -1,5 +1,6 @@
 """The latest slow messages of one boot of a vehicle, as the columns in which a log holds them."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from math import inf
 
@@ -25,11 +26,13 @@ class RecentMessages:
     Attributes:
         boot: number of the boot.
         rows: time, s of the boot clock, and values of each message, by name.
+        changes: number of messages so far with other values than the one before, by name.
     """
 
     def __init__(self, boot: int = 0) -> None:
         self.boot = boot
         self.rows: dict[str, list[tuple[float, Numbers]]] = {}
+        self.changes = Counter[str]()
 
     def add(self, name: str, time: float, values: Numbers) -> None:
         """Adds a message; of more than ``MAX_ROWS`` with its name, old ones are thinned out.
@@ -43,9 +46,15 @@ class RecentMessages:
             values: of its ``MESSAGE_FIELDS``, in their order.
         """
         rows = self.rows.setdefault(name, [])
+        if not rows or rows[-1][1] != values:
+            self.changes[name] += 1
         rows.append((time, values))
         if len(rows) > MAX_ROWS:
             self.rows[name] = _thinned_out(name, rows)
+
+    def names_since(self, start_time: float) -> set[str]:
+        """Returns the names of the messages that have come since ``start_time``, s of the boot clock."""
+        return {name for name, rows in self.rows.items() if rows[-1][0] >= start_time}
 
     def columns(self, names: Iterable[str], start_time: float = -inf) -> dict[str, Columns]:
         """Returns messages as the columns of a log, which the functions that judge logs take.

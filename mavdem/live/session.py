@@ -8,6 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 
 from mavdem.dem import Estimate, Learned, Settings
+from mavdem.dem.parallel import LearningProcess
 from mavdem.facts import Fact, Level
 from mavdem.facts.loops import Gains
 from mavdem.facts.session import Missing, Session, Spent, Task
@@ -78,6 +79,7 @@ class LiveSession:
         self.stream = stream
         self.gain_adviser = gain_adviser
         self._report_status = report_status
+        self._executor = executor
         # The parts, in the order in which later ones need earlier ones.
         self._presentation = Presentation(open_display, report_fact, stream.motor_alarms)
         self.history = self._presentation.history
@@ -134,17 +136,20 @@ class LiveSession:
             self.judging.update(now, self._learning, self.stream, is_busy=fits_wait)
             self.report_gain_advice()
             self._status_time = now
-            self._update_status(now)
-            self._milestones.update(self._learning, self.status, self.stream.now)
+            status = self._update_status(now)
+            self._milestones.update(self._learning, status, self.stream.now)
 
     def _postpone_tasks(self) -> None:
         """Puts off the tasks that a computer which falls behind the link can do without, before any analysis.
 
         ``Backlog.update`` decides by the delay which tasks these are: pictures, new fits, and in the end estimates. It
         also says when this computer begins to be too slow, and when it keeps up again, which is reported. Then the
-        latest latencies are forgotten, since they are of the time before.
+        latest latencies are forgotten, since they are of the time before. Before any task is put off, the process that
+        learns is stopped for a moment.
         """
         fact = self.backlog.update(self.link.dropped_datagrams)
+        if isinstance(self._executor, LearningProcess):
+            self._executor.suspend(self.backlog.suspends_learning)
         postponed = self.backlog.postponed
         self._presentation.pause(Task.PLOTS in postponed)
         self._learning.set_load(
@@ -230,7 +235,7 @@ class LiveSession:
         if self.gain_adviser is not None:
             self.gain_adviser.is_due = self._learning.has_settled
 
-    def _update_status(self, now: float) -> None:
+    def _update_status(self, now: float) -> SessionStatus:
         """Reports the status, once in ``STATUS_PERIOD``, and an obstacle to learning that is new or over.
 
         In flight it also displays the latest sample where there are no rows yet: a display must not stay empty while
@@ -238,6 +243,9 @@ class LiveSession:
 
         Args:
             now: s of the monotonic clock.
+
+        Returns:
+            The status.
         """
         status = self.status
         if Task.ESTIMATES not in self.backlog.postponed:
@@ -255,6 +263,7 @@ class LiveSession:
         # With a backlog the account is kept by ``_analyse``, as of the arrival of what is analysed.
         if not self.backlog:
             self._report.account_for(now)
+        return status
 
     @property
     def status(self) -> SessionStatus:
@@ -268,9 +277,13 @@ class LiveSession:
     def final_model(self) -> Learned:
         """Returns the last model before the last landing; in flight, one of the latest samples.
 
+        Nothing is analysed any more, so that the process that learns goes on.
+
         Raises:
             NotLearnable: there is none.
         """
+        if isinstance(self._executor, LearningProcess):
+            self._executor.suspend(False)
         return self._learning.final_model(self.stream.parameters)
 
     def judge_final_model(self, model: Learned | None) -> Learned | None:

@@ -240,9 +240,9 @@ class VehicleReview:
         self._motion = rows.recent_motion()
 
     def _begin_watchdog_review(self, _: RowBuilder) -> None:
-        """Reports what the autopilot has reported since the last review, and queues the rest of the watchdog's review.
+        """Reports what the autopilot has reported since the last search, and queues the rest of the watchdog's review.
 
-        Battery and vibration are judged in flight only.
+        Battery and vibration are judged in flight only, and by thorough reviews.
         """
         assert self._telemetry is not None
         now = self._review_time
@@ -250,7 +250,7 @@ class VehicleReview:
         settled_start = self.phase.settled_start(now)
         for fact in self.watchdog.begin_review(now, self._telemetry, is_flying, settled_start):
             self._report(fact)
-        if is_flying:
+        if is_flying and self.watchdog.is_thorough:
             self._pending_parts.append(self._review_lights)
         self._pending_parts.append(self._finish_watchdog_review)
 

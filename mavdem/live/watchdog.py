@@ -57,8 +57,18 @@ Healthy vehicles that yaw or climb reach about half of it.
 CALM_SECONDS = 10.0
 """Time without what an alarm is about, after which it is over, s: a choice."""
 
-LATE_REPORT_SECONDS = 1.0
-"""How long before the latest review a report may be dated that is new in this one, s: a choice."""
+LATE_REPORT_SECONDS = 2.0
+"""How long before the latest search for reports one may be dated that is new in this one, s: a choice."""
+
+THOROUGH_PERIOD = 0.8
+"""Least time between two thorough reviews, s of the boot clock: every second review is one.
+
+A thorough review takes twice the time of another. What it judges comes in messages of 1 to 2 Hz.
+"""
+
+URGENT_MESSAGES = ("STATUSTEXT", "HEARTBEAT", "EXTENDED_SYS_STATE")
+"""Messages whose changes are reported by the next review, thorough or not: warnings in words, modes and failsafes, and
+whether the vehicle is on the ground."""
 
 
 @dataclass
@@ -78,8 +88,8 @@ class _Review:
     phase_start: float
     """Since when the vehicle flies, or is on the ground, s."""
 
-    recent_signals: Signals
-    """Signals of the last minute."""
+    recent_signals: Signals | None
+    """Signals of the last minute; None where the review neither is thorough nor has an urgent message to judge."""
 
     facts: dict[Watched, Fact] = field(default_factory=dict)
     """What was found so far, good or bad, by what is watched."""
@@ -89,9 +99,11 @@ class Watchdog:
     """Watches one boot of one vehicle for oscillation, motors at their limits, vibration, low battery and warnings.
 
     A review has up to three parts, so that no message waits for all of it: ``begin_review``, in flight
-    ``review_lights``, and ``finish_review``.
+    ``review_lights``, and ``finish_review``. Reports of the autopilot, battery and vibration are judged by thorough
+    reviews only, every second one.
 
     Attributes:
+        is_thorough: whether the latest review is thorough.
         active: what is wrong as of the last review, by what is watched.
         watch_facts: since when each thing is watched, or why it is not.
         worst_lights: the worst fact found so far, by light.
@@ -99,17 +111,23 @@ class Watchdog:
 
     def __init__(self, recent: RecentMessages) -> None:
         """Begins without a review; ``recent`` has the messages of the boot."""
+        self.is_thorough = False
         self.active: dict[Watched, Fact] = {}
         self.watch_facts: dict[Watched, Fact] = {}
         self.worst_lights: dict[str, Fact] = {}
         self._recent = recent
         # Time, s, and MAV_LANDED_STATE at the beginning and the end of each phase.
         self._states: list[tuple[float, int]] = []
-        # Reports of the autopilot that the last review found, by ``_identity``.
+        # Reports of the autopilot that the last search found, by ``_identity``.
         self._reported = set[tuple[object, ...]]()
         # When the reason of each alarm was seen last, and the time of the last review, s of the boot clock.
         self._last_seen: dict[Watched, float] = {}
         self._review_time = -inf
+        # Times of the latest thorough review and of the latest search for reports, s of the boot clock, and the number
+        # of changes of urgent messages until then.
+        self._thorough_time = -inf
+        self._report_time = -inf
+        self._change_count = 0
         # The review that has begun; None between reviews.
         self._review: _Review | None = None
 
@@ -141,8 +159,15 @@ class Watchdog:
         if not self._states or former_state != state:
             self._states.append((self._review_time, former_state))
             self._states.append((now, state))
+        self.is_thorough = now - self._thorough_time >= THOROUGH_PERIOD
+        if self.is_thorough:
+            self._thorough_time = now
         settled = None if settled_start is None else [(settled_start, now)]
-        recent_signals = self._signals(vehicle, now, now - MEMORY_SECONDS, settled)
+        recent_signals = None
+        change_count = sum(self._recent.changes[name] for name in URGENT_MESSAGES)
+        if self.is_thorough or change_count > self._change_count:
+            recent_signals = self._signals(vehicle, now, now - MEMORY_SECONDS, settled)
+        self._change_count = change_count
         self._review = _Review(
             now,
             vehicle,
@@ -151,16 +176,21 @@ class Watchdog:
             phase_start=self._states[-1][0],
             recent_signals=recent_signals,
         )
-        return self._new_reports(recent_signals)
+        if recent_signals is None:
+            return []
+        reports = self._new_reports(recent_signals)
+        self._report_time = now
+        return reports
 
     def review_lights(self) -> None:
         """Judges battery and, in settled flight, vibration, by the functions that judge a log.
 
         The battery is judged by all messages of the boot, vibration by those of the last minute. The review must have
-        begun; what is found is added to its facts.
+        begun, and be thorough; what is found is added to its facts.
         """
         review = self._review
         assert review is not None
+        assert review.recent_signals is not None
         all_signals = self._signals(review.vehicle, review.now, -inf)
         condition = Condition(duration=review.now - review.phase_start)
         review.facts[Watched.BATTERY] = power_light(live_evidence(all_signals, condition))
@@ -215,10 +245,10 @@ class Watchdog:
         )
 
     def _new_reports(self, signals: Signals) -> list[Fact]:
-        """Returns what the autopilot has reported since the last review.
+        """Returns what the autopilot has reported since the last search for reports.
 
-        ``reported_events`` finds the reports of the last minute, most of which earlier reviews found, too. New are
-        those that the last review did not find and whose time is not long past: a report may also reappear when what
+        ``reported_events`` finds the reports of the last minute, most of which earlier searches found, too. New are
+        those that the last search did not find and whose time is not long past: a report may also reappear when what
         overlapped it leaves the minute.
 
         Args:
@@ -229,7 +259,7 @@ class Watchdog:
         self._reported = {_identity(fact) for fact in facts}
         reports = []
         for fact in facts:
-            is_late = (fact.time or 0.0) <= self._review_time - LATE_REPORT_SECONDS
+            is_late = (fact.time or 0.0) <= self._report_time - LATE_REPORT_SECONDS
             # A stream has no beginning of its own, and a restart is reported by the boot clock.
             is_of_the_log = fact.code is Reported.RESTARTED or fact.figures.get("is_begun")
             if _identity(fact) not in former and not is_late and not is_of_the_log:
@@ -344,7 +374,7 @@ class Watchdog:
             obstacles[Watched.OSCILLATION] = Fact(
                 Watch.MESSAGE_MISSING, name=motion.motors.message, rate=motion.rate
             )
-        received = set(self._recent.columns(STATUS_MESSAGES, now - MEMORY_SECONDS))
+        received = self._recent.names_since(now - MEMORY_SECONDS)
         # One of these messages is enough; the first is named where all are missing.
         needed_messages = {
             Watched.VIBRATION: ("VIBRATION",),

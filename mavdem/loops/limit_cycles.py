@@ -157,8 +157,16 @@ def detect_starting_limit_cycle(
     Returns:
         The limit cycle; ``None`` where there is none.
     """
+    upper_limits, lower_limits = samples_at_limits(
+        motors.scale.fraction(motors.outputs), motors.scale
+    )
+    limit_times = motors.time[(upper_limits | lower_limits).any(axis=1)]
+    latest_limit_time = limit_times.max(initial=-np.inf)
     cycles = list[Oscillation]()
     for window_seconds in STARTING_WINDOWS:
+        # Without a motor at a limit no cycle would count. The one window more covers what resampling spreads.
+        if latest_limit_time < now - (STARTING_SPAN + 1) * window_seconds:
+            continue
         segment = Segment(boot, max(start_time, now - STARTING_SPAN * window_seconds), now)
         min_duration = STARTING_DURATION * window_seconds
         for axis, tilt in tilts.items():

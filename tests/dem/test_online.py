@@ -121,9 +121,24 @@ def test_of_many_samples_it_learns_less_often(monkeypatch):
     tracker = FreeEnergyMonitor.from_model(mavdem.learn(WINDY[:300], COMPLETE), 3.0)
     learns = Mock(return_value=tracker)
     monkeypatch.setattr(learner, "_learn_and_monitor", learns)
-    monkeypatch.setattr(learner, "FULL_RATE_SAMPLES", 400)
     flown(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:1400])
-    assert [len(call.args[0]) for call in learns.call_args_list] == [200, 400, 600, 900, 1350]
+    assert [len(call.args[0]) for call in learns.call_args_list] == [200, 400, 800]
+    learns.reset_mock()
+    monkeypatch.setattr(learner, "FULL_RATE_SAMPLES", 100)
+    flown(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:1400])
+    assert [len(call.args[0]) for call in learns.call_args_list] == [200, 600]
+
+
+@mark.slow
+def test_unusual_samples_do_not_shorten_the_pause_between_fits_of_many_samples(monkeypatch):
+    tracker = FreeEnergyMonitor.from_model(mavdem.learn(WINDY[:300], COMPLETE), 3.0)
+    learns = Mock(return_value=tracker)
+    monkeypatch.setattr(learner, "_learn_and_monitor", learns)
+    monkeypatch.setattr(learner, "FULL_RATE_SAMPLES", 100)
+    monkeypatch.setattr(AnomalyMarks, "add", Mock(return_value=True))
+    flown(OnlineLearner(COMPLETE, dt=WINDY.dt), WINDY[:1400])
+    # After 200 samples the pause is 400 samples, after 600 it is 1200.
+    assert [len(call.args[0]) for call in learns.call_args_list] == [200, 600]
 
 
 def test_while_the_first_learning_runs_samples_are_not_too_few():

@@ -29,6 +29,17 @@ def test_a_process_that_is_killed_is_replaced():
         os.kill(second, 0)
 
 
+def test_a_suspended_process_goes_on_where_it_was():
+    with LearningProcess() as executor:
+        executor.submit(os.getpid).result()
+        executor.suspend(True)
+        waiting = executor.submit(os.getpid)
+        with raises(TimeoutError):
+            waiting.result(timeout=0.3)
+        executor.suspend(False)
+        assert waiting.result(timeout=60) != os.getpid()
+
+
 def test_pools_that_are_started_at_once_know_their_own_processes():
     def pids(_):
         with process_pool(1) as executor:

@@ -52,18 +52,24 @@ MEMORY_BLOCK_SECONDS = 0.1
 """Length of the blocks in which samples are remembered and forgotten, s; a choice."""
 
 LEARNING_SECONDS = 2.0
-"""Length of the samples before the first call of ``learn``, and least time between two calls, s; a choice."""
+"""Length of the samples before the first call of ``learn``, and least time between two calls in flight, s; a choice.
 
-NEW_SAMPLE_SHARE = 0.5
+After a landing the last samples before it are learned from at once.
+"""
+
+NEW_SAMPLE_SHARE = 1.0
 """Samples since the last call of ``learn``, as a share of those it had, with which it is called again; a choice.
 
-Predictions do not depend on it: they come from a forecaster of its own, which learns from every block.
+Samples double from call to call, until the memory is full and each call has new samples only. Half as many new samples
+would cost nearly twice the processor time. Predictions do not depend on it: they come from a forecaster of its own,
+which learns from every block.
 """
 
 FULL_RATE_SAMPLES = 2000
 """Most samples in the memory with which ``learn`` may be called every ``LEARNING_SECONDS``.
 
-A call with as many takes up to a tenth of that time. With more samples, the calls are as many times farther apart.
+A call with as many takes up to a tenth of that time. With more samples, the calls are as many times farther apart, also
+after an unusual sample.
 """
 
 DEFAULT_HORIZONS = (1, 5, 10, 25, 50)
@@ -194,6 +200,8 @@ class OnlineLearner:
         # Number of samples before the first fit and after a failed one; number from which on the next fit is due.
         self._samples_before_fit = max(round(LEARNING_SECONDS / dt), 2 * MIN_SAMPLES)
         self._next_fit_sample = self._samples_before_fit
+        # Number of samples from which on an unusual sample may call for a fit: the least pause after the last one.
+        self._pause_end_sample = 0
         # The fit that the executor computes; the result of the last one.
         self._pending_fit: Future[FreeEnergyMonitor] | None = None
         self._monitor: FreeEnergyMonitor | None = None
@@ -433,9 +441,11 @@ class OnlineLearner:
         is_marked = self._anomaly_marks.add(surprise)
         if is_marked:
             self._latest_mark = SurpriseMark(sample.time, self._cause_of_mark(monitor.learned))
-            # The vehicle may have changed: it is learned again as soon as some samples show how it moves now.
+            # The vehicle may have changed: it is learned again as soon as some samples show how it moves now, and the
+            # pause after the last fit is over.
             after_mark = self._sample_count + round(LEARNING_SECONDS / self._dt)
-            self._next_fit_sample = min(self._next_fit_sample, after_mark)
+            earliest_sample = max(after_mark, self._pause_end_sample)
+            self._next_fit_sample = min(self._next_fit_sample, earliest_sample)
         # The free energy belongs to the centre of the embedding window, which ends with this sample.
         window = monitor.learned.settings.window
         samples_since_center = window - 1 - window // 2
@@ -486,10 +496,10 @@ class OnlineLearner:
             return
         record = self._memory.record()
         end_time = self._memory.blocks[-1].end_time
-        least_pause = LEARNING_SECONDS / self._dt * max(len(record) / FULL_RATE_SAMPLES, 1.0)
-        self._next_fit_sample = self._sample_count + round(
-            max(least_pause, NEW_SAMPLE_SHARE * len(record))
-        )
+        least_pause = round(LEARNING_SECONDS / self._dt * max(len(record) / FULL_RATE_SAMPLES, 1.0))
+        self._pause_end_sample = self._sample_count + least_pause
+        new_samples = round(NEW_SAMPLE_SHARE * len(record))
+        self._next_fit_sample = self._sample_count + max(least_pause, new_samples)
         if self._executor is None:
             self._adopt(lambda: _learn_and_monitor(record, self._settings, end_time))
             return

@@ -1,0 +1,24 @@
+"""The queue of frames: what it puts off, and when the process that learns is stopped."""
+
+from mavdem.live.backlog import STEP_SECONDS, SUSPENSION_DELAY, Backlog
+from mavdem.live.intake import FrameBatch
+
+
+def test_learning_is_suspended_until_the_analysis_has_caught_up(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.live.clock.monotonic", lambda: now[0])
+    backlog = Backlog()
+    suspended = []
+    for delay in (
+        0.5 * SUSPENSION_DELAY,
+        1.1 * SUSPENSION_DELAY,
+        2 * STEP_SECONDS,
+        0.5 * STEP_SECONDS,
+    ):
+        now[0] += 10.0
+        backlog.add([FrameBatch(now[0] - delay, 0.0, [])])
+        backlog.update(0)
+        suspended.append(backlog.suspends_learning)
+        backlog.pop_simultaneous()
+    assert suspended == [False, True, True, False]
+    assert not backlog.postponed
