@@ -75,9 +75,11 @@ def learned_pictures():
     """What the pictures of a learned flight show."""
     assert main(["fly", "iris_identification_wind", "--out", "flight.tlog"]) == 0
     assert main(["learn", "flight.tlog", "--rrd"]) == 0
+    sample_log = ROOT / "logs" / "first_flight_ardupilot.tlog"
+    assert main(["review", str(sample_log), "--out", "sample"]) == 0
     return {
         "dashboard": recording_words("flight/flight.rrd"),
-        "browser": page_words(Path("flight/report.html")),
+        "browser": page_words(Path("sample/report.html")),
     }
 
 
