@@ -97,7 +97,7 @@ class LogPosterior(NamedTuple):
     """Log posterior density of the gray-box model's parameters; an ``Objective`` for Fisher scoring.
 
     The level of each window's prediction errors is maximised over, so that a window of N errors contributes
-    −N/2 · ln(mean square) to the log likelihood.
+    −N/2 · ln(mean square) to the log likelihood. No delay is below 0: a point with such a delay is first moved to 0.
     """
 
     model: GrayBoxModel
@@ -108,13 +108,36 @@ class LogPosterior(NamedTuple):
 
     def value(self, at: Array) -> float:
         """Returns the log posterior density of θ = ``at`` (k,), up to a constant; NaN where there is none."""
+        at = self.model.bounded(at)
         value = self._log_prior(at)
         for errors, _ in self.innovations(at[None]):
             value += _log_likelihood(errors[0])
         return value
 
     def expand(self, at: Array) -> QuadraticExpansion:
+        """Returns the expansion of :meth:`full_expansion` about θ = ``at`` (k,), by which the search takes its next step.
+
+        Where the delay is 0 and the density would rise below, the delay stays (active-set method: Nocedal and Wright,
+        Numerical Optimization, 2nd ed., sec. 16.5). Otherwise each step would move the other parameters as if the
+        delay fell with them.
+        """
+        expansion = self.full_expansion(at)
+        index = self.model.delay_index
+        if expansion.point[index] > 0 or expansion.gradient[index] >= 0:
+            return expansion
+        gradient = expansion.gradient.copy()
+        gradient[index] = 0.0
+        curvature = expansion.curvature.copy()
+        delay_curvature = curvature[index, index]
+        curvature[index] = 0.0
+        curvature[:, index] = 0.0
+        curvature[index, index] = delay_curvature
+        return expansion._replace(gradient=gradient, curvature=curvature)
+
+    def full_expansion(self, at: Array) -> QuadraticExpansion:
         """Returns the log posterior about θ = ``at`` (k,) to second order, with the Fisher information as curvature.
+
+        At a delay of 0 the derivatives are those of delays above.
 
         Prediction errors are differentiated by forward differences in all parameters, evaluated in one batch. With
         errors e, scaled to a mean square of 1 in each window, and their slopes J by the parameters, the likelihood adds
@@ -123,6 +146,7 @@ class LogPosterior(NamedTuple):
         Raises:
             numpy.linalg.LinAlgError: the log posterior or its curvature is not finite.
         """
+        at = self.model.bounded(at)
         mean, sd = self.model.prior
         steps = FINITE_DIFFERENCE_STEP * np.maximum(MIN_PARAMETER_SCALE, abs(at))
         value = self._log_prior(at)
@@ -179,10 +203,9 @@ def fit_gray_box(
 ) -> GrayBoxFit:
     """Fits the gray-box model to windows of a flight by damped Fisher scoring.
 
-    The result is the maximum of the posterior, and its curvature there. Below a delay of 0 the likelihood no longer
-    depends on the delay. A fit may end just below, where rounding has put it; then it is expanded at 0, whose curvature
-    is that of delays above, as it is for a fit that ended there. The level of each window, by how much its errors are
-    larger or smaller than the model's, is found last.
+    The result is the maximum of the posterior over delays of at least 0, and its curvature there; at a delay of 0 that
+    is the curvature of delays above. The level of each window, by how much its errors are larger or smaller than the
+    model's, is found last.
 
     Args:
         model: the model.
@@ -205,8 +228,8 @@ def fit_gray_box(
     max_steps = MAX_STEPS if first.predicted_gain >= min_gain else 0
     trace, _ = gauss_newton(objective, first, damping, max_steps)
     last = trace[-1]
-    if last.point[model.delay_index] < 0:
-        last = objective.expand(model.bounded(last.point))
+    if last.point[model.delay_index] == 0:
+        last = objective.full_expansion(last.point)
     levels = []
     for errors, variance in objective.innovations(last.point[None]):
         levels.append(np.sqrt(np.mean(errors[0] ** 2, axis=1) / variance))

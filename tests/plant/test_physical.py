@@ -14,6 +14,7 @@ from simulated import DAMPING, DT, LAG, MOTORS, in_closed_loop
 
 import mavdem
 from mavdem import Flight, Settings
+from mavdem.confidence import STRONG_EVIDENCE_NATS
 from mavdem.dem.record import Record
 from mavdem.facts import Level
 from mavdem.facts.identifiability import Status
@@ -122,17 +123,33 @@ def test_errors_after_steps_are_those_at_the_changed_parameters():
     assert_allclose(model.innovations_after_steps(theta, sd / 5, windows), errors, atol=1e-12)
 
 
-def test_a_fit_that_ends_just_below_no_delay_has_the_curvature_of_delays():
+def test_a_fit_without_delay_has_the_curvature_of_delays():
     """The likelihood is flat below, and rounding must not choose on which side of the kink it is differentiated."""
     model, windows = refined_model()
     below, _ = model.prior
     below[model.delay_index] = -1e-9
     at_start = fit_gray_box(model, windows, below, min_gain=np.inf)
     assert at_start.theta[model.delay_index] == 0.0
-    expected = LogPosterior(model, windows).expand(at_start.theta)
+    expected = LogPosterior(model, windows).full_expansion(at_start.theta)
     assert_array_equal(at_start.curvature, expected.curvature)
     # The likelihood speaks on the delay, more than its prior does.
     assert at_start.curvature[model.delay_index, model.delay_index] > 2 / DELAY_PRIOR.sd**2
+
+
+def test_a_fit_to_commands_logged_late_converges_at_no_delay():
+    """Commands that act before they are logged pull the delay below 0; the other parameters reach their maximum."""
+    flight = in_closed_loop(2, steering=1.0, samples=900)
+    deviations = np.roll(flight.inputs - flight.inputs.mean(axis=0), 2, axis=0)
+    inputs = deviations.reshape(3, 300, -1)
+    rate = flight.outputs[:, 1].reshape(3, -1)
+    windows = FlightWindows.from_samples(inputs, rate, np.zeros_like(inputs), DT)
+    model, start = initial_model(windows, np.sign(MOTORS))
+    fit = fit_gray_box(model, windows, start)
+    assert fit.theta[model.delay_index] == 0.0
+    objective = LogPosterior(model, windows)
+    assert objective.full_expansion(fit.theta).gradient[model.delay_index] < 0
+    # The last step of a converged fit gains next to nothing, and so would one more: far less than evidence of a model.
+    assert objective.expand(fit.theta).predicted_gain < STRONG_EVIDENCE_NATS / 30
 
 
 @mark.slow
