@@ -115,9 +115,9 @@ class LogPosterior(NamedTuple):
         return value
 
     def expand(self, at: Array) -> QuadraticExpansion:
-        """Returns the expansion about θ = ``at`` (k,) by which the search takes its next step: :meth:`full_expansion`,
-        but that a delay may stay at 0.
+        """Returns the expansion about θ = ``at`` (k,) by which the search takes its next step.
 
+        It is that of :meth:`full_expansion`, except at the bound of the delay.
         Where the delay is 0 and the density would rise below, the delay stays (active-set method: Nocedal and Wright,
         Numerical Optimization, 2nd ed., sec. 16.5). Otherwise each step would move the other parameters as if the
         delay fell with them.
