@@ -150,6 +150,7 @@ class Pages:
             return HTMLResponse(render_server_page("flight", **values))
         if values["may_read"] and not vehicle:
             values["trouble"] = self._visible.rows_with_trouble([entry]).get(entry.id)
+            values["previous"] = self._visible.previous_flight(entry)
         has_recording = RECORDING_FILE in entry.file_names
         can_open = self._open_recording is not None and has_recording and values["may_read"]
         with refuse_missing_file():

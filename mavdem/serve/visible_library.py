@@ -12,7 +12,7 @@ from starlette.requests import Request as HttpRequest
 from mavdem.containers import JsonValues, group_by
 from mavdem.documents.library import Flight, Recordings
 from mavdem.errors import Refusal
-from mavdem.facts.serve import Order, Request, Sharing, Use
+from mavdem.facts.serve import Order, Request, Sharing, Stage, Use
 from mavdem.fleet.flights import worst_row
 from mavdem.fleet.row import FlightRow
 from mavdem.report.fleet import TROUBLED_HEALTHS
@@ -24,6 +24,9 @@ from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import query_number
 from mavdem.serve.rights import Rights
 from mavdem.serve.search import search_condition
+
+UNNAMED_VEHICLE = "unknown"
+"""Name under which logs are listed whose vehicle has no name."""
 
 MAX_SEARCH_LETTERS = 500
 """Letters of a search that are used; further ones are ignored."""
@@ -95,6 +98,20 @@ class VisibleLibrary:
             where = f"sharing = '{Sharing.PUBLIC}' and {where}"
         entries, total = self.library.find(where, values, limit, offset, order)
         return SearchResult(entries, total, query, order, offset)
+
+    def previous_flight(self, entry: Entry) -> Entry | None:
+        """Returns the flight of the same vehicle before this one, by date; None where none is known.
+
+        Args:
+            entry: a flight. One without a date, or of a vehicle without a name, has none before it.
+        """
+        if not entry.date or entry.vehicle in ("", UNNAMED_VEHICLE):
+            return None
+        # Copies of the log have the same date: only an earlier one is another flight.
+        where = "vehicle = ? and stage = ? and digest != '' and date != '' and date < ?"
+        values = [entry.vehicle, Stage.DONE, entry.date]
+        entries, _ = self.library.find(where, values, 1, order=Order.FLIGHT)
+        return entries[0] if entries else None
 
     def rows_with_trouble(self, entries: Sequence[Entry]) -> dict[str, FlightRow]:
         """Finds the flights whose motors differ from those of the other flights of their vehicle: a fault or a drift.

@@ -653,3 +653,13 @@ def test_only_a_wrong_cookie_is_removed(guarded, monkeypatch):
     # An upload to an earlier address does not sign out.
     refused = guarded.upload(("a.ulg", log("One.")), path="/guess/upload", Cookie=mine)
     assert refused.status == 401 and "Set-Cookie" not in refused.headers
+
+
+def test_a_page_names_the_flight_before_whose_parameters_it_is_compared_with(served):
+    ids = [served.add(f"{name}.ulg", name) for name in ("first", "second", "undated")]
+    for id, date in zip(ids, ("2026-11-20T10:00:00", "2026-11-21T10:00:00", ""), strict=True):
+        served.library.change(id, date=date)
+    first, second, undated = (served.get(f"/f/{id}").text for id in ids)
+    assert f'data-previous="{ids[0]}" data-previous-name="first.ulg"' in second
+    assert "data-previous=" not in first
+    assert "data-previous=" not in undated

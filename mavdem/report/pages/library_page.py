@@ -21,6 +21,7 @@ from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.files import load_adjacent_toml
 from mavdem.fleet.flights import AxisRows
+from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS
 from mavdem.report.blocks import Block
 from mavdem.report.charts.chart import MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.timeline import timeline_of_history
@@ -132,7 +133,8 @@ def with_bar(page: str, **values: Any) -> str:
         page: HTML of the flight's page.
         **values: what the template of the bar uses, by name.
     """
-    bar = render_server_page("bar", **values)
+    pattern = AUTOPILOT_SET_PARAMETERS.pattern
+    bar = render_server_page("bar", self_set_parameters=pattern, **values)
     return with_fleet_remark(without_policy(page, **values), bar)
 
 

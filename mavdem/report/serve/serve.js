@@ -405,4 +405,54 @@
       if (plots.groups.flight) plotThose(); else document.documentElement.addEventListener("drawn", plotThose, { once: true });
     }
   }
+
+  // Parameters that differ from the vehicle's flight before are marked when somebody looks at them: its page has them all.
+  const parameters = $("parameters-table"), bar = $("bar")?.dataset ?? {};
+  const valuesOf = table => new Map([...table?.tBodies[0].rows ?? []].map(row => [row.cells[0].textContent, row.cells[1].textContent]));
+  const markParameters = async () => {
+    const status = $("parameterstatus"), flight = `${bar.previousName} (${bar.previousDate})`;
+    try {
+      const response = await fetch(`/f/${bar.previous}`, { headers });
+      if (!response.ok) throw new Error(`The flight before, ${flight}, cannot be read.`);
+      const page = new DOMParser().parseFromString(await response.text(), "text/html"), before = valuesOf(page.getElementById("parameters-table"));
+      if (!before.size) throw new Error(`The flight before, ${flight}, lists no parameters.`);
+      const selfSet = new RegExp(bar.selfSet);
+      let set = 0, learned = 0;
+      for (const row of parameters.tBodies[0].rows) {
+        const [name, value, remark] = [...row.cells].map(cell => cell.textContent);
+        if (before.get(name) === value) continue;
+        const isLearned = selfSet.test(name), text = before.has(name) ? `last flight ${before.get(name)}` : "not in the last flight";
+        if (isLearned) learned += 1; else set += 1;
+        row.cells[2].textContent = [remark, isLearned ? `${text}, set by the autopilot` : text].filter(Boolean).join("; ");
+        if (!isLearned) row.cells[2].className = "watch";
+        row.dataset.differs = isLearned ? "learned" : "set";
+      }
+      const now = valuesOf(parameters), gone = [...before.keys()].filter(name => !now.has(name));
+      const count = set === 0 ? "No setting differs" : set === 1 ? "1 setting differs" : `${set} settings differ`, listed = gone.length > 5 ? `${gone.slice(0, 5).join(", ")}, …` : gone.join(", ");
+      status.textContent = `${count} from the last flight, ${flight}${learned ? `; of what the autopilot sets by itself ${learned} do` : ""}.${gone.length ? ` Not here any more: ${listed} (${gone.length}).` : ""}`;
+      if (!set && !learned) return;
+      const button = element("button", "Show those alone", null, "plain");
+      button.type = "button";
+      button.setAttribute("aria-pressed", "false");
+      button.addEventListener("click", () => {
+        const isAlone = button.getAttribute("aria-pressed") !== "true";
+        button.setAttribute("aria-pressed", isAlone);
+        button.textContent = isAlone ? "Show all" : "Show those alone";
+        for (const row of parameters.tBodies[0].rows) row.classList.toggle("hidden", isAlone && !row.dataset.differs);
+      });
+      status.append(" ", button);
+    } catch (error) { status.textContent = error.message; }
+  };
+  if (parameters && bar.previous) {
+    const part = parameters.closest("details"), status = element("p", "", null, "soft");
+    Object.assign(status, { id: "parameterstatus" }).setAttribute("role", "status");
+    parameters.parentElement.before(status);
+    const mark = () => {
+      if (!part.open || status.textContent) return;
+      status.textContent = `Comparing with the last flight, ${bar.previousName} …`;
+      markParameters();
+    };
+    part.addEventListener("toggle", mark);
+    mark();
+  }
 })();
