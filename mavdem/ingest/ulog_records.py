@@ -12,6 +12,7 @@ import re
 import struct
 from array import array
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -72,19 +73,42 @@ class RecordLoss(NamedTuple):
     """Sum of the times, s, between the last record before each place and the first one behind it."""
 
 
-class SoundRecords(NamedTuple):
-    """A ULog file without its damaged places."""
+@dataclass(frozen=True)
+class SoundRecords:
+    """The records of a ULog file without its damaged places. The file itself is not copied."""
 
     content: FileContent
-    """The file; if nothing was to be left out, the very one that was given."""
+    """The file."""
+    parts: Sequence[slice]
+    """The parts of it that are kept, ascending; the first one is the header of the file."""
+    flags: bytes
+    """The record of flags, which may follow the header, without offsets of appended data; empty where there is none."""
     loss: RecordLoss
     """What was lost by damage."""
     offsets: Offsets
-    """Where the records begin in ``content``, ascending, without the record of flags that may come first."""
+    """Where the records begin in ``content``, ascending, without the record of flags."""
     topics: Mapping[int, TopicLayout]
     """Layout of the data records of each subscription, by its number, in the order of the file."""
     instances: Mapping[int, int]
     """Number of the topic's instance that each subscription follows, by the subscription's number."""
+
+    @property
+    def file_header(self) -> bytes:
+        """The header of the file, and the flags."""
+        return self.content[self.parts[0]] + self.flags
+
+    def sound_file(self) -> FileContent:
+        """Returns a file with the records that are kept; ``content`` itself where nothing was left out.
+
+        The record with the flags is written anew: offsets of appended data in it would be wrong where records before
+        them were left out.
+        """
+        first_record = FILE_HEADER_BYTES + len(self.flags)
+        is_whole = list(self.parts[1:]) == [slice(first_record, len(self.content))]
+        if is_whole and self.flags == self.content[FILE_HEADER_BYTES:first_record]:
+            return self.content
+        pieces = [self.content[part] for part in self.parts[1:]]
+        return b"".join([self.file_header, *pieces])
 
 
 def sound_records(content: FileContent) -> SoundRecords:
@@ -104,9 +128,11 @@ def sound_records(content: FileContent) -> SoundRecords:
     scan.run()
     definitions = scan.definitions
     return SoundRecords(
-        scan.sound_content(),
+        content,
+        scan.kept_parts,
+        scan.flags_without_offsets(),
         scan.loss,
-        scan.sound_offsets(),
+        np.array(scan.offsets, dtype=np.int64),
         definitions.topics,
         definitions.instances,
     )
@@ -118,6 +144,8 @@ class _RecordScan:
     Attributes:
         content: The file.
         loss: What was lost by damage so far.
+        kept_parts: Parts of the file that are kept; the first one is the header of the file.
+        offsets: Offsets of the records that are kept: 64-bit numbers, of which a long log has millions.
         definitions: The definitions that were read so far.
     """
 
@@ -129,10 +157,8 @@ class _RecordScan:
         """
         self.content = content
         self.loss = RecordLoss()
-        # Parts of the file that are kept, each from a first byte to the one behind the last.
-        self._kept: list[slice] = [slice(0, FILE_HEADER_BYTES)]
-        # Offsets in the file of the records that are kept: 64-bit numbers, of which a long log has millions.
-        self._offsets = array("q")
+        self.kept_parts: list[slice] = [slice(0, FILE_HEADER_BYTES)]
+        self.offsets = array("q")
         self.definitions = RecordDefinitions(content)
         self._data_runs = RecordRuns(content, self.definitions.possible_data_records)
         self._flags = b""
@@ -148,33 +174,6 @@ class _RecordScan:
         for end in [*self._appended_offsets(start), len(self.content)]:
             self._run_part(start, end)
             start = end
-
-    def sound_content(self) -> FileContent:
-        """Returns a file with the records that are kept; the same bytes as ``content`` where nothing was left out.
-
-        The record with the flags, which follows the header of the file, is written anew: offsets of appended data in it
-        would be wrong where records before them were left out.
-        """
-        flags = self._flags_without_offsets()
-        first_record = FILE_HEADER_BYTES + len(flags)
-        is_whole = self._kept[1:] == [slice(first_record, len(self.content))]
-        if is_whole and flags == self._flags:
-            return self.content
-        pieces = [self.content[part] for part in self._kept]
-        # The first piece is the header of the file, which the flags follow.
-        pieces.insert(1, flags)
-        return b"".join(pieces)
-
-    def sound_offsets(self) -> Offsets:
-        """Returns where the records that are kept begin in ``sound_content()``, ascending."""
-        offsets = np.array(self._offsets, dtype=np.int64)
-        kept_starts = np.array([part.start for part in self._kept])
-        kept_stops = np.array([part.stop for part in self._kept])
-        # The flags lie between the first two parts, and are written anew with the same length.
-        omitted_bytes = np.zeros(len(self._kept), dtype=np.int64)
-        omitted_bytes[1:] = np.cumsum(kept_starts[1:] - kept_stops[:-1]) - len(self._flags)
-        part = np.searchsorted(kept_starts, offsets, side="right") - 1
-        return offsets - omitted_bytes[part]
 
     def _appended_offsets(self, first_record: int) -> list[int]:
         """Returns where data was appended to the file, as after a crash of the system, ascending.
@@ -199,7 +198,7 @@ class _RecordScan:
             return offsets
         return []
 
-    def _flags_without_offsets(self) -> bytes:
+    def flags_without_offsets(self) -> bytes:
         """Returns the flags record without its offsets of appended data; empty where the file has no flags.
 
         It is for a file in which the appended data directly follows the rest, so that readers need no offsets.
@@ -222,7 +221,7 @@ class _RecordScan:
             end: Offset at which the part ends, or another one was appended.
         """
         content = self.content
-        offsets = self._offsets
+        offsets = self.offsets
         # The present run of sound records: its first byte, and the number of records before it.
         run_start = position = start
         records_before_run = len(offsets)
@@ -254,13 +253,13 @@ class _RecordScan:
                 self._add_loss(0, omitted.stop - omitted.start, 0.0)
             while len(offsets) > records_before_run and offsets[-1] >= omitted.start:
                 offsets.pop()
-            self._kept.append(slice(run_start, omitted.start))
+            self.kept_parts.append(slice(run_start, omitted.start))
             run_start = position = omitted.stop
             records_before_run = len(offsets)
         if position > end and len(offsets) > records_before_run:
             # The last record is cut off.
             position = offsets.pop()
-        self._kept.append(slice(run_start, position))
+        self.kept_parts.append(slice(run_start, position))
 
     def _is_chain(self, position: int, end: int, *, may_begin_unknown: bool = False) -> bool:
         """Returns whether ``RECORDS_OF_CHAIN`` records from an offset on fit the definitions, or all up to the end.

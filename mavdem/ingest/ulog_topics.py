@@ -139,8 +139,7 @@ def _other_content(records: SoundRecords, other_offsets: Offsets, data_offsets: 
         data_offsets: Where the N data records begin, ascending.
     """
     content = records.content
-    first_offset = int(records.offsets[0]) if len(records.offsets) else len(content)
-    pieces = [content[:first_offset]]
+    pieces = [records.file_header]
     data_before = np.searchsorted(data_offsets, other_offsets)
     for offset, data_count in zip(other_offsets.tolist(), data_before.tolist(), strict=True):
         record = _record_at(content, offset)

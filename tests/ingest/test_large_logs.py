@@ -7,6 +7,7 @@ import numpy as np
 from mavdem.ingest import byte_rows, contents
 from mavdem.ingest.byte_rows import mapping_of
 from mavdem.ingest.contents import mapped_bytes
+from mavdem.ingest.mavlink import frame_columns
 from mavdem.ingest.tlog import read_tlog
 from tests.ingest.mavlink_streams import flight, heartbeat, tlog
 
@@ -57,3 +58,16 @@ def test_a_column_is_known_before_it_is_decoded(tmp_path):
     assert "airspeed" not in attitude
     assert attitude["pitch"] is attitude["pitch"]
     assert not attitude["pitch"].flags.writeable
+
+
+def test_a_mapped_log_keeps_the_latest_columns_only(tmp_path, monkeypatch):
+    monkeypatch.setattr(contents, "MIN_MAPPED_BYTES", 1)
+    monkeypatch.setattr(frame_columns, "MAX_BYTES_OF_MAPPED_COLUMNS", 10_000)
+    attitude = read_tlog(flight_log(tmp_path)).vehicles[0].messages["ATTITUDE"]
+    roll = attitude["roll"]
+    assert attitude["roll"] is roll
+    # Each column takes 4,000 bytes, so that the first of four is forgotten.
+    for name in ("pitch", "yaw", "rollspeed"):
+        attitude[name]
+    assert attitude["roll"] is not roll
+    np.testing.assert_array_equal(attitude["roll"], roll)

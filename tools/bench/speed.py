@@ -12,13 +12,14 @@ import os
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from functools import partial
+from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from timeit import repeat
 
 import click
+import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
@@ -29,6 +30,7 @@ from mavdem.errors import Unreadable
 from mavdem.fleet.flights import best_tier
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.ingest import read_log
+from mavdem.report.blocks import Table, markdown
 from mavdem.report.pages.flight_page import flight_page
 
 # What processes have used is measured by the means of POSIX.
@@ -75,30 +77,85 @@ READERS = {".tlog": recv_match, ".bin": recv_match, ".ulg": ulog, ".mcap": mcap}
 """The usual library of each format."""
 
 
+DAMAGE_SPACING = 100_000
+"""Number of bytes between the damaged places of a damaged copy: a choice, some hundreds of messages."""
+
+DAMAGED_BYTES = 64
+"""Number of bytes that are overwritten at each place: a choice, one or two messages."""
+
+MEMORY_PROGRAM = """
+import sys, mavdem.ingest.ulog, mavdem.ingest.dataflash.log, mavdem.ingest.mcap.log
+from mavdem.ingest import read_log
+def peak_kibibytes():
+    with open("/proc/self/status") as status:
+        return next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))
+before = peak_kibibytes()
+log = read_log(sys.argv[1])
+print(1024 * (peak_kibibytes() - before))
+"""
+"""Program that reads a log and prints by how many bytes the process grew at most."""
+
+
 def read(logs: tuple[Path, ...]) -> None:
-    """How fast a log is read, beside the usual library of its format: the fastest of three runs.
+    """How fast a log is read, beside the usual library of its format: the fastest of three runs by turns; a table.
 
     Ours decodes attitude, motor outputs and the roll demand of each vehicle, and the times of every message. The
     libraries: pymavlink, of .bin with the message types that ours reads; pyulog with all topics; mcap with all messages
-    in file order, undecoded.
+    in file order, undecoded. Each log is also read with damaged places, behind which a reader must find messages again.
+    Memory is what the process grows by when it reads the log.
     """
     rows = []
-    for path in logs:
-        size = path.stat().st_size / 1e6
-        for reader in (ours, READERS[path.suffix.lower()]):
-            count = reader(str(path))
-            runs = repeat(partial(reader, str(path)), number=1, repeat=3)
-            seconds = min(runs)
-            rows.append(
-                {
-                    "file": path.name,
-                    "by": reader.__name__,
-                    "s": seconds,
-                    "MB/s": size / seconds,
-                    "messages/s": count / seconds,
-                }
-            )
-    show(pd.DataFrame(rows))
+    with TemporaryDirectory() as folder:
+        for path in logs:
+            damaged_path = Path(folder, f"damaged_{path.name}")
+            damaged_path.write_bytes(damaged_copy(path.read_bytes()))
+            for log in (path, damaged_path):
+                rows.append(reading_costs(log))
+    header = ["log", "MB", "MB/s", "library, MB/s", "ratio", "memory / size"]
+    print(markdown([Table(header, rows)]))
+
+
+def damaged_copy(content: bytes) -> bytes:
+    """Returns a log with random bytes at places that are ``DAMAGE_SPACING`` apart."""
+    generator = np.random.default_rng(0)
+    damaged = bytearray(content)
+    for start in range(DAMAGE_SPACING, len(content) - DAMAGED_BYTES, DAMAGE_SPACING):
+        damaged[start : start + DAMAGED_BYTES] = generator.bytes(DAMAGED_BYTES)
+    return bytes(damaged)
+
+
+def reading_costs(path: Path) -> list[str]:
+    """Returns a row of the table of ``read`` for a log."""
+    library = READERS[path.suffix.lower()]
+    seconds_of_readers: dict[str, list[float]] = {"mavdem": [], "library": []}
+    for _ in range(3):
+        for name, reader in (("mavdem", ours), ("library", library)):
+            began = time.process_time()
+            # Of a damaged file a library may raise anything, and prints much.
+            with suppress(Exception), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+                reader(str(path))
+                seconds_of_readers[name].append(time.process_time() - began)
+    megabytes = path.stat().st_size / 1e6
+    rates = {
+        name: megabytes / min(seconds) if seconds else float("nan")
+        for name, seconds in seconds_of_readers.items()
+    }
+    growth = subprocess.run(
+        [sys.executable, "-c", MEMORY_PROGRAM, str(path)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    ratio = rates["mavdem"] / rates["library"]
+    memory_ratio = int(growth.stdout) / path.stat().st_size
+    return [
+        path.name,
+        f"{megabytes:.1f}",
+        f"{rates['mavdem']:.0f}",
+        f"{rates['library']:.1f}",
+        f"{ratio:.1f}",
+        f"{memory_ratio:.1f}",
+    ]
 
 
 def fleet(logs: tuple[Path, ...]) -> None:

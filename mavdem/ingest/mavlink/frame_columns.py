@@ -1,22 +1,63 @@
 """The columns of one MAVLink message, each of which is decoded when it is asked for the first time."""
 
+from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.byte_rows import Bytes
+from mavdem.ingest.byte_rows import Bytes, mapping_of
 from mavdem.ingest.mavlink.clocks import BootTimes
 from mavdem.ingest.mavlink.definitions import MessageDefinition, decoded_field
 from mavdem.ingest.telemetry import Fields
+
+MAX_BYTES_OF_MAPPED_COLUMNS = 1 << 25
+"""Number of bytes of the decoded columns of a mapped recording that are kept: a choice.
+
+They are those that one function asks for of hours of flight. All columns of such a log would take as much as the file.
+"""
+
+
+class DecodedColumns:
+    """The decoded columns of a recording: all of one in memory, the latest ones of a mapped file.
+
+    Of a mapped file memory is scarce, while a column of hours is decoded again within a tenth of a second.
+    """
+
+    def __init__(self, data: Bytes) -> None:
+        """Begins without a column.
+
+        Args:
+            data: The recording (B,).
+        """
+        is_mapped = mapping_of(data) is not None
+        self._max_bytes = MAX_BYTES_OF_MAPPED_COLUMNS if is_mapped else np.inf
+        self._bytes = 0
+        # By message and field, in the order in which they were asked for last.
+        self._columns: OrderedDict[tuple[str, str], NDArray[Any]] = OrderedDict()
+
+    def column(self, message: str, name: str) -> NDArray[Any] | None:
+        """Returns the column of a field if it is kept."""
+        column = self._columns.get((message, name))
+        if column is not None:
+            self._columns.move_to_end((message, name))
+        return column
+
+    def keep(self, message: str, name: str, column: NDArray[Any]) -> None:
+        """Keeps the column of a field, and forgets those that nobody has asked for the longest."""
+        self._columns[message, name] = column
+        self._bytes += column.nbytes
+        while self._bytes > self._max_bytes and len(self._columns) > 1:
+            _, forgotten = self._columns.popitem(last=False)
+            self._bytes -= forgotten.nbytes
 
 
 class FrameColumns(Mapping[str, NDArray[Any]]):
     """The columns of one message by field name, with ``time`` and ``boot``; read-only, and decoded on demand.
 
     A log has hundreds of fields, of which a review needs some dozens. So the recording stays where it is, in memory or
-    as a mapped file, and a column is decoded from it when it is asked for. It is kept from then on.
+    as a mapped file, and a column is decoded from it when it is asked for. It is then kept in ``DecodedColumns``.
     """
 
     def __init__(
@@ -25,6 +66,7 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
         starts: NDArray[np.integer],
         definition: MessageDefinition,
         boot_times: BootTimes,
+        decoded: DecodedColumns | None = None,
     ) -> None:
         """Decodes nothing yet.
 
@@ -33,25 +75,31 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
             starts: Offset (n,) of the frame of each message.
             definition: The definition of the message.
             boot_times: When each was sent, on the boot clock.
+            decoded: The columns of all messages that were decoded; own ones unless given.
         """
         self._data = data
         self._starts = starts
         self._definition = definition
         self._names = tuple(dict.fromkeys((*definition.fields, "time", "boot")))
-        # The columns that were asked for; ``time`` and ``boot`` are no fields of the message.
-        self._columns: Fields = {"time": boot_times.time, "boot": boot_times.boot}
-        for column in self._columns.values():
+        self._decoded = decoded or DecodedColumns(data)
+        # ``time`` and ``boot`` are no fields of the message.
+        self._clock_columns: Fields = {"time": boot_times.time, "boot": boot_times.boot}
+        for column in self._clock_columns.values():
             column.setflags(write=False)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Returns a column (n,), or (n, k) of an array field, and decodes it if nobody has asked for it before."""
-        if name not in self._columns:
+        """Returns a column (n,), or (n, k) of an array field, and decodes it unless it is kept."""
+        if name in self._clock_columns:
+            return self._clock_columns[name]
+        message = self._definition.name
+        column = self._decoded.column(message, name)
+        if column is None:
             if name not in self._names:
                 raise KeyError(name)
             column = decoded_field(self._data, self._starts, self._definition, name)
             column.setflags(write=False)
-            self._columns[name] = column
-        return self._columns[name]
+            self._decoded.keep(message, name, column)
+        return column
 
     def __contains__(self, name: object) -> bool:
         """Returns whether there is such a column, without decoding it."""

@@ -34,7 +34,7 @@ from mavdem.ingest.mavlink.definitions import (
     enum_name,
     latest_parameters,
 )
-from mavdem.ingest.mavlink.frame_columns import FrameColumns
+from mavdem.ingest.mavlink.frame_columns import DecodedColumns, FrameColumns
 from mavdem.ingest.mavlink.framing import (
     CHECKSUM_MATCHES,
     MESSAGE_UNKNOWN,
@@ -450,6 +450,7 @@ def _messages(
         repairs = repair_facts(Repair.OTHER_CLOCK_LEFT_OUT, count=count, duration=duration)
     boot_times, clock_repairs = boot_clock(message_stamps)
     tables = {}
+    decoded = DecodedColumns(stream.data)
     for stamps in message_stamps:
         times = boot_times[stamps.message]
         starts = stamps.positions
@@ -458,7 +459,7 @@ def _messages(
             starts = starts[order]
             times = BootTimes(times.time[order], times.boot[order])
         definition = definitions_by_name()[stamps.message]
-        tables[stamps.message] = FrameColumns(stream.data, starts, definition, times)
+        tables[stamps.message] = FrameColumns(stream.data, starts, definition, times, decoded)
     return tables, repairs + clock_repairs
 
 
