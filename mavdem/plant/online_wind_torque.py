@@ -121,7 +121,8 @@ class WindTorqueSmoother(NamedTuple):
             component.size**2 for component in parameters.components if component.time < self.dt
         )
         omission_variance = unresolved_variance + (OmissionErrors.wind * parameters.wind) ** 2
-        variance = error_ratio * (smoothed.variance + omission_variance)
+        smoother_variance = self.rate_filter.smoothed_variance(len(rate), self.plant.wind_output)
+        variance = error_ratio * (smoother_variance + omission_variance)
 
         # The commands after the first-order lag of the motors. State 1 is the torque of the motors per inertia, which
         # approaches the commanded one at the rate ``torque_change``, rad/s³.

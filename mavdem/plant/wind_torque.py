@@ -42,7 +42,7 @@ from mavdem.plant.parameters import (
     wind_torque_density,
 )
 from mavdem.plant.power_density import power_density
-from mavdem.plant.sampled_plant import sampled_plant
+from mavdem.plant.sampled_plant import SampledPlant, sampled_plant
 from mavdem.plant.windows import rate_column
 
 STEP_EDGE_SECONDS = 2.0
@@ -118,16 +118,6 @@ class WindTorque(ImmutableResult):
     left_out: float = 0.0
 
 
-class _SmoothedTorque(NamedTuple):
-    """Smoothed wind torque of all segments."""
-
-    torque: Array
-    """Course of the wind torque (T,), with the mean, rad/s²."""
-
-    variance: Array
-    """Variance of the smoother's error (T,), (rad/s²)²."""
-
-
 class _TorqueErrors(NamedTuple):
     """Errors of a course of wind torque by the uncertainty of the physical parameters."""
 
@@ -165,10 +155,11 @@ def estimate_wind_torque(
     theta = parameter_vector(physical)
 
     def torque_at(theta: Array) -> Array:
-        return _smoothed_torque(theta, physical, record, column).torque
+        return _smoothed_torque(theta, physical, record, column)
 
     with one_thread():
-        torque, smoother_variance = _smoothed_torque(theta, physical, record, column)
+        torque = torque_at(theta)
+        smoother_variance = _smoother_variance(physical, record)
         gradient = parameter_gradient(torque_at, theta, torque)
 
     is_wind = np.ones(len(torque), bool) if has_weak_motor is None else ~has_weak_motor
@@ -388,29 +379,24 @@ def _smoothed_torque(
     physical: Physical,
     record: Record,
     column: int,
-) -> _SmoothedTorque:
-    """Smooths the wind torque in all segments, for given physical parameters.
+) -> Array:
+    """Smooths the wind torque in all segments (T,), rad/s², with the mean, for given physical parameters.
 
     The derivatives by the parameters are computed by calling this with changed ones.
 
     Args:
         theta: effects, damping, lag and delay (r + 3,), in the place of those of ``physical``.
         physical: the other parameters: components of the wind torque, noise and refinements.
-        record: inputs and outputs.
+        record: inputs and outputs, with the segments one after the other.
         column: column of the rate in the outputs.
-
-    Returns:
-        Course and variance of the wind torque, with the segments one after the other.
     """
     effect = theta[EFFECTS]
     damping, lag, delay = theta[DYNAMICS].tolist()
-    jump_lead = physical.refinements.get(Refinement.JUMPS, 0.0)
-    plant = sampled_plant(damping, lag, physical.components, record.dt, jump_lead)
+    plant = _sampled_plant(damping, lag, physical, record)
     rate_filter = plant.rate_filter(physical.noise)
     trim = record.inputs.mean(axis=0)
     trim_torque = torque_balanced_by_trim(effect, trim, record.effect_directions)
     torques = []
-    variances = []
     for inputs, outputs in record.segments:
         rate = outputs[:, column]
         commanded = (inputs - trim) @ effect
@@ -420,8 +406,28 @@ def _smoothed_torque(
             rate_filter, commanded + constant, delay / record.dt, rate
         )
         torques.append(smoothed.mean + constant + trim_torque)
-        variances.append(smoothed.variance)
-    return _SmoothedTorque(np.concatenate(torques), np.concatenate(variances))
+    return np.concatenate(torques)
+
+
+def _smoother_variance(physical: Physical, record: Record) -> Array:
+    """Returns the variance of the smoother's error in all segments (T,), (rad/s²)².
+
+    Args:
+        physical: physical parameters, which are taken for exact here.
+        record: inputs and outputs.
+    """
+    plant = _sampled_plant(physical.damping, physical.lag, physical, record)
+    rate_filter = plant.rate_filter(physical.noise)
+    variances = []
+    for inputs, _ in record.segments:
+        variances.append(rate_filter.smoothed_variance(len(inputs), plant.wind_output))
+    return np.concatenate(variances)
+
+
+def _sampled_plant(damping: float, lag: float, physical: Physical, record: Record) -> SampledPlant:
+    """Returns the discretised plant with these damping, 1/s, and motor lag, s, and all else of ``physical``."""
+    jump_lead = physical.refinements.get(Refinement.JUMPS, 0.0)
+    return sampled_plant(damping, lag, physical.components, record.dt, jump_lead)
 
 
 def mean_external_torque(

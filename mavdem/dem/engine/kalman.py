@@ -98,9 +98,6 @@ class SmoothedSignal(NamedTuple):
     mean: Array
     """(T,) mean, given all samples of the segment."""
 
-    variance: Array
-    """(T,) variance, given all samples of the segment."""
-
     states: Array
     """(T, n) state of the filter: predicted from the samples before each one."""
 
@@ -156,7 +153,7 @@ class SteadyStateFilter(NamedTuple):
             signal: (n,) weights h of the states in the signal.
 
         Returns:
-            Mean and variance of the signal at each sample, given all samples, and the states of the filter.
+            Mean of the signal at each sample, given all samples, and the states of the filter.
         """
         filter_forcing = forcing + measurements[:-1, None] * self.K
         predicted = np.vstack(
@@ -168,18 +165,26 @@ class SteadyStateFilter(NamedTuple):
         backward_states = linear_recursion(self.L.T, backward_forcing[1:], backward_forcing[0])
         r = np.vstack([backward_forcing[0], backward_states])[::-1]
         P_h = self.P @ signal
+        return SmoothedSignal(mean=predicted @ signal + r @ P_h, states=predicted)
+
+    @may_overflow
+    def smoothed_variance(self, samples: int, signal: Array) -> Array:
+        """Returns the variance of a smoothed signal at each sample of a segment (T,), whatever was measured there.
+
+        Args:
+            samples: number T of samples of the segment.
+            signal: (n,) weights h of the states in the signal.
+        """
         # The covariance of the signal with the innovation k samples later is the first entry of Lᵏ P h. Every
         # innovation at or after a sample reduces the variance of the signal at that sample by the square of that
         # covariance, divided by the variance F of the innovation. The first sample has the most innovations after it,
         # the last sample has only its own: hence the cumulative sum, reversed.
-        later_covariances = linear_recursion(self.L, np.zeros_like(forcing), P_h)[:, 0]
+        P_h = self.P @ signal
+        no_forcing = np.zeros((samples - 1, len(signal)))
+        later_covariances = linear_recursion(self.L, no_forcing, P_h)[:, 0]
         innovation_covariances = np.append(P_h[0], later_covariances)
         variance_reduction = np.cumsum(innovation_covariances**2)[::-1] / self.F
-        return SmoothedSignal(
-            mean=predicted @ signal + r @ P_h,
-            variance=signal @ P_h - variance_reduction,
-            states=predicted,
-        )
+        return np.asarray(signal @ P_h - variance_reduction)
 
 
 class SmoothingResult(NamedTuple):

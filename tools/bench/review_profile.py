@@ -1,0 +1,174 @@
+#!/usr/bin/env python
+"""Where the processor time of ``mavdem LOG`` goes; prints a table of its stages, also of an earlier version beside it.
+
+Usage: tools/bench/review_profile.py LOG [--before CHECKOUT]
+
+A stage has the processor time of its functions without that of other stages within them. The functions are wrapped in a
+process of their own, so that the same stages can be measured in another checkout; a function that is missing there
+counts to the stage that calls its code.
+"""
+
+import functools
+import importlib
+import json
+import os
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import click
+
+IMPORTS = "importing the modules"
+REST = "the rest"
+STAGES = {
+    "reading the log": ["cli.sources:read_sources"],
+    "wind in m/s": ["wind_velocity.from_log:wind_evidence"],
+    "motors, events, ending": [
+        "assessment.axis.analysis:_analysis_without_model",
+        "assessment.reported:reported_events",
+        "assessment.motion:motion_events",
+        "assessment.ending:ending_of",
+    ],
+    "model, held-out windows": ["assessment.axis.analysis:_train_and_test"],
+    "physical parameters of the axes": ["assessment.axis.figures:physical_parameters"],
+    "wind torque": ["plant.wind_torque:estimate_wind_torque"],
+    "loops, lights": ["assessment.axis.loops:loops_of_axes", "assessment.judgement:judge"],
+    "measured responses": ["assessment.axis.responses:responses_of"],
+    "advice on gains": ["assessment.axis.tuning:tuned"],
+    "trial of the gains": ["assessment.axis.twin:try_gains"],
+    "page": ["report.pages.flight_page:review_page"],
+    "document": ["documents.review:review_document", "cli.output:json_text"],
+    "flight.rrd, flight.mcap": [
+        "results:write_dashboard",
+        "export.mcap_channels:write_channels",
+    ],
+}
+"""Functions of each stage, as module of mavdem and name."""
+
+MEASURED_LOG = "MAVDEM_MEASURED_LOG"
+"""Environment variable with the log that a process is to measure; it is set by this program for itself."""
+
+
+class StageClock:
+    """Adds up the processor time of stages, of which one may interrupt another."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = defaultdict(float)
+        self._running = [REST]
+        self._last_change = time.process_time()
+
+    def measured(self, stage: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Returns a function that adds its time to a stage."""
+
+        @functools.wraps(function)
+        def measured_function(*arguments: Any, **keywords: Any) -> Any:
+            self._change()
+            self._running.append(stage)
+            try:
+                return function(*arguments, **keywords)
+            finally:
+                self._change()
+                self._running.pop()
+
+        return measured_function
+
+    def _change(self) -> None:
+        """Adds the time since the last change to the stage that has run since."""
+        now = time.process_time()
+        self.seconds[self._running[-1]] += now - self._last_change
+        self._last_change = now
+
+    def stop(self) -> None:
+        """Adds the time of the stage that runs now."""
+        self._change()
+
+
+def measure(log: str) -> dict[str, float]:
+    """Reviews a log in this process, and returns the processor seconds of each stage."""
+    from mavdem.cli.commands import main
+
+    functions = {}
+    for stage, paths in STAGES.items():
+        for path in paths:
+            module_name, function_name = path.split(":")
+            module = importlib.import_module(f"mavdem.{module_name}")
+            function = getattr(module, function_name, None)
+            if function is not None:
+                functions[function] = stage
+    import_seconds = time.process_time()
+    clock = StageClock()
+    for function, stage in functions.items():
+        measured = clock.measured(stage, function)
+        # Modules that have imported the function have a name of their own for it.
+        for name, module in list(sys.modules.items()):
+            if name.startswith("mavdem") and getattr(module, function.__name__, None) is function:
+                setattr(module, function.__name__, measured)
+    with TemporaryDirectory() as folder:
+        main(["review", log, "--out", folder])
+    clock.stop()
+    return {IMPORTS: import_seconds, **clock.seconds}
+
+
+def stage_seconds(log: Path, checkout: Path) -> dict[str, float]:
+    """Measures the stages with the code of a checkout, in a process of their own."""
+    with TemporaryDirectory() as folder:
+        result = Path(folder) / "stages.json"
+        environment = {"PYTHONPATH": str(checkout), MEASURED_LOG: str(log), "RESULT": str(result)}
+        subprocess.run(
+            [sys.executable, str(Path(__file__).resolve())],
+            cwd=checkout,
+            env=os.environ | environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            check=True,
+        )
+        seconds: dict[str, float] = json.loads(result.read_text("utf-8"))
+        return seconds
+
+
+@click.command(help=__doc__)
+@click.argument("log", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option(
+    "--before",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="An earlier checkout to compare with.",
+)
+def main(log: Path, before: Path | None) -> None:
+    """Prints the processor seconds of each stage, and its share of the whole.
+
+    Args:
+        log: the log to review.
+        before: another checkout of the repository.
+    """
+    checkouts = {"now": Path(__file__).resolve().parents[2]}
+    if before is not None:
+        checkouts = {"before": before.resolve(), **checkouts}
+    measurements = {}
+    for name, checkout in checkouts.items():
+        # The first run compiles modules and templates.
+        stage_seconds(log.resolve(), checkout)
+        measurements[name] = stage_seconds(log.resolve(), checkout)
+    titles = [f"{name}, s|share" for name in checkouts]
+    print("|stage|" + "|".join(titles) + "|")
+    print("|---|" + "---:|---:|" * len(checkouts))
+    for stage in (IMPORTS, *STAGES, REST):
+        cells = []
+        for seconds in measurements.values():
+            share = seconds.get(stage, 0.0) / sum(seconds.values())
+            cells.append(f"{seconds.get(stage, 0.0):.2f}|{100 * share:.0f} %")
+        print(f"|{stage}|" + "|".join(cells) + "|")
+    totals = [f"{sum(seconds.values()):.2f}|" for seconds in measurements.values()]
+    print("|all|" + "|".join(totals) + "|")
+
+
+if __name__ == "__main__":
+    if MEASURED_LOG in os.environ:
+        stages = measure(os.environ[MEASURED_LOG])
+        Path(os.environ["RESULT"]).write_text(json.dumps(stages), "utf-8")
+    else:
+        main()
