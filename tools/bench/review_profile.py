@@ -92,7 +92,7 @@ def measure(log: str) -> dict[str, float]:
     """Reviews a log in this process, and returns the processor seconds of each stage."""
     from mavdem.cli.commands import main
 
-    functions = {}
+    functions = dict[Callable[..., Any], str]()
     for stage, paths in STAGES.items():
         for path in paths:
             module_name, function_name = path.split(":")
