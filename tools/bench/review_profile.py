@@ -92,22 +92,23 @@ def measure(log: str) -> dict[str, float]:
     """Reviews a log in this process, and returns the processor seconds of each stage."""
     from mavdem.cli.commands import main
 
-    functions = dict[Callable[..., Any], str]()
+    functions = []
     for stage, paths in STAGES.items():
         for path in paths:
             module_name, function_name = path.split(":")
             module = importlib.import_module(f"mavdem.{module_name}")
-            function = getattr(module, function_name, None)
-            if function is not None:
-                functions[function] = stage
+            if hasattr(module, function_name):
+                functions.append((stage, function_name, getattr(module, function_name)))
     import_seconds = time.process_time()
     clock = StageClock()
-    for function, stage in functions.items():
+    for stage, function_name, function in functions:
         measured = clock.measured(stage, function)
         # Modules that have imported the function have a name of their own for it.
-        for name, module in list(sys.modules.items()):
-            if name.startswith("mavdem") and getattr(module, function.__name__, None) is function:
-                setattr(module, function.__name__, measured)
+        for name, importing_module in list(sys.modules.items()):
+            if not name.startswith("mavdem"):
+                continue
+            if getattr(importing_module, function_name, None) is function:
+                setattr(importing_module, function_name, measured)
     with TemporaryDirectory() as folder:
         main(["review", log, "--out", folder])
     clock.stop()
