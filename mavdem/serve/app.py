@@ -202,14 +202,16 @@ class Server:
 
         The cause is a defect of the program, or a file in the library's folder that was damaged.
         """
-        return self._answer_to_refusal(
-            request, Fact(Request.ANSWER_FAILED, because=type(error).__name__)
-        )
+        fact = Fact(Request.ANSWER_FAILED, because=type(error).__name__)
+        response = self._answer_to_refusal(request, fact)
+        response.headers.update(_response_headers())
+        return response
 
     def _answer_to_refusal(self, request: HttpRequest, fact: Fact) -> Response:
         """Returns the answer with the reason of a refusal: JSON for programs, a page for browsers.
 
-        The path of the URL decides which of the two it is. The page for a missing right asks for the token.
+        The path of the URL decides which of the two it is. The page for a missing right asks for the token. Whoever
+        calls this adds the headers of every answer.
 
         Args:
             request: the request that was refused.
@@ -218,9 +220,7 @@ class Server:
         # All codes but those of requests come from reading a file that is no log (415: unsupported media type).
         default_status = 400 if isinstance(fact.code, Request) else 415
         status = STATUS_BY_REFUSAL.get(fact.code, default_status)
-        headers = dict(_response_headers())
-        if status == 503:
-            headers |= RETRY_HEADERS
+        headers = RETRY_HEADERS if status == 503 else None
         # The path is taken from the scope: request.url raises an error if the header Host is no valid address.
         path = request.scope["path"]
         if path.startswith("/api/") or path.endswith("/upload"):
