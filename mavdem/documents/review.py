@@ -15,6 +15,7 @@ from mavdem.facts import Fact
 from mavdem.units import (
     Hertz,
     Number,
+    ParameterValue,
     PowerDensityInStatedUnit,
     Seconds,
 )
@@ -169,6 +170,17 @@ class Axis(Document):
     """the fault of its loops, and as remedy what to do about it; null without a flight"""
 
 
+class ChangedDefault(Document):
+    """A parameter whose value is not the default, where the log has defaults."""
+
+    name: str
+    """of the parameter"""
+    value: ParameterValue
+    """at the end of the log"""
+    default: ParameterValue
+    """of the firmware for this vehicle; of PX4, that of the airframe where the log has it"""
+
+
 class Review(Document):
     """`--json` of review, and report.json."""
 
@@ -202,6 +214,8 @@ class Review(Document):
     """gyro and accelerometer, before filters and behind them, demand and D term"""
     noise: Noise
     """what is said of the spectra"""
+    changed_defaults: list[ChangedDefault]
+    """parameters that are not the default, by name; empty where the log has no defaults"""
     files: dict[str, str]
     """the files written, by name"""
 
@@ -232,8 +246,20 @@ def review_document(assessment: Assessment) -> JsonValues:
         "model": None if assessment.model is None else report_document(assessment),
         "spectra": spectrum_documents,
         "noise": {"facts": assessment.noise.facts},
+        "changed_defaults": _changed_defaults(assessment),
         "files": {},
     }
+
+
+def _changed_defaults(assessment: Assessment) -> list[JsonValues]:
+    """Returns the values of the documents ``ChangedDefault`` of the vehicle that was assessed, by name."""
+    if assessment.evidence is None:
+        return []
+    telemetry = assessment.evidence.signals.telemetry
+    return [
+        {"name": name, "value": telemetry.parameters[name], "default": default}
+        for name, default in sorted(telemetry.changed_defaults.items())
+    ]
 
 
 def _axis_values(assessment: Assessment) -> JsonValues:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import nan
+from math import isclose, nan
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,9 @@ A choice: a tenth fewer messages is less harm than the disadvantages of the othe
 MAX_GAP_SECONDS = 0.1
 """Longest silence, s, across which signals are interpolated: half a period of 5 Hz, at which roll still moves."""
 
+FLOAT32_TOLERANCE = 1e-6
+"""Relative difference of two values that are the same 32-bit float, whose steps are 1.2e-7, after printing."""
+
 MAX_FIELDS = 2000
 """Largest number of numbers in one message that is decoded.
 
@@ -72,6 +75,8 @@ class Telemetry(ImmutableResult):
         board: the number of the autopilot's board, which no other has, in hexadecimal; empty where the log has none.
         hardware: the kind of board, as its firmware calls it ("PX4_FMU_V5"); empty where the log has none.
         initial_parameters: the first values of those parameters that changed, by name.
+        default_parameters: the firmware's defaults for this vehicle, by name, of those parameters whose default the log
+            gives; empty where it gives none.
     """
 
     system: int
@@ -89,10 +94,24 @@ class Telemetry(ImmutableResult):
     board: str = ""
     hardware: str = ""
     initial_parameters: Parameters = field(default_factory=dict)
+    default_parameters: Parameters = field(default_factory=dict)
 
     def name_in_source(self, message: str) -> str:
         """Returns the name of a message in the source: DataFlash's "RCOU" for "SERVO_OUTPUT_RAW"."""
         return self.source_names.get(message, message)
+
+    @property
+    def changed_defaults(self) -> Parameters:
+        """The defaults of those parameters whose last value is another one, by name.
+
+        Values that agree as 32-bit floats, as autopilots store them, are the same.
+        """
+        changed = {}
+        for name, default in self.default_parameters.items():
+            value = self.parameters.get(name, default)
+            if not isclose(value, default, rel_tol=FLOAT32_TOLERANCE):
+                changed[name] = default
+        return changed
 
 
 MAX_USUAL_STEP_RATIO = 3.0

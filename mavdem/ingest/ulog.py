@@ -46,6 +46,12 @@ MAGIC = FORMAT_SIGNATURES[Format.ULOG].first_bytes
 DEFAULT_ID = 1
 """PX4's default of the parameters MAV_SYS_ID and MAV_COMP_ID."""
 
+FIRMWARE_DEFAULT = 0
+"""pyulog's number of the firmware's defaults: the bit that marks them in ULog's message Q."""
+
+AIRFRAME_DEFAULT = 1
+"""pyulog's number of the defaults of the chosen airframe."""
+
 MAX_ID = 255
 """Largest MAVLink id."""
 
@@ -112,6 +118,7 @@ def read_ulog(path: PathName) -> Log:
         repairs=(*_file_repairs(log, loss, outlier_count), *attitude_notes),
         translated_from="ULog",
         initial_parameters=initial_parameters,
+        default_parameters=_default_parameters(log),
         source_names=translation.topic_names,
         firmware=_firmware(information),
         dropouts=len(log.dropouts),
@@ -223,6 +230,23 @@ def _parameter_settings(
         if isinstance(value, int | float):
             changed.append(ParameterSetting(stamp, name, float(value)))
     return initial, changed
+
+
+def _default_parameters(log: ULog) -> dict[str, float]:
+    """Returns the defaults of parameters by name: those of the chosen airframe or, without any, those of the firmware.
+
+    PX4 logs the defaults of those parameters alone that have another value. What the airframe sets is no change of the
+    user, so that the firmware's own default does not count where the log has the airframe's.
+    """
+    if not log.has_default_parameters:
+        return {}
+    logged = log.get_default_parameters(AIRFRAME_DEFAULT)
+    defaults = logged or log.get_default_parameters(FIRMWARE_DEFAULT)
+    return {
+        name: float(value)
+        for name, value in defaults.items()
+        if isinstance(value, int | float) and isfinite(value)
+    }
 
 
 def _topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple[Topics, int]:

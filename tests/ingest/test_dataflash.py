@@ -321,6 +321,9 @@ def test_the_firmware_and_what_the_logger_lost_are_known(tmp_path):
     changed = made.message("PARM", 20_050_000, "SYSID_THISMAV", 8.0, 1.0)
     vehicle = vehicle_in(tmp_path, *made.flight([20.0, 20.1]), *lost, changed)
     assert vehicle.initial_parameters == {"SYSID_THISMAV": 7.0} and vehicle.system == 8
+    # FRAME_CLASS is 1, its default 0.
+    assert vehicle.default_parameters == {"SYSID_THISMAV": 1.0, "FRAME_CLASS": 0.0}
+    assert vehicle.changed_defaults == {"SYSID_THISMAV": 1.0, "FRAME_CLASS": 0.0}
     assert (vehicle.firmware, vehicle.dropouts) == ("ArduCopter V4.5.7 (2a3dc4b7)", 8)
     assert {Repair.LOGGER_WITHOUT_ROOM: 8}.items() <= counts(vehicle).items()
 

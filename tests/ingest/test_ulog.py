@@ -260,6 +260,24 @@ def test_parameters_are_the_last_that_were_set(tmp_path):
     assert vehicle.initial_parameters == {"GAIN": 0.5}
 
 
+def test_defaults_are_those_of_the_airframe_where_the_log_has_any(tmp_path):
+    def default(kinds, name, value):
+        """ULog's message Q: a bit for the firmware, another for the airframe, and the default as a parameter."""
+        text = parameter(name, value, "float")[3:]
+        return message("Q", bytes([kinds]) + text)
+
+    initial = parameter("GAIN", 0.5, "float") + parameter("LIMIT", 3.0, "float")
+    firmware = default(1, "GAIN", 0.25) + default(1, "LIMIT", 1.0)
+    hover = flight(TIMES[:9])
+    flags = message("B", b"\1" + bytes(39))
+    vehicle = vehicle_in(tmp_path, *hover, first=flags, parameters=initial + firmware)
+    assert vehicle.changed_defaults == {"GAIN": 0.25, "LIMIT": 1.0}
+    airframe = default(2, "GAIN", 0.125)
+    parameters = initial + firmware + airframe
+    vehicle = vehicle_in(tmp_path, *hover, first=flags, parameters=parameters)
+    assert vehicle.changed_defaults == {"GAIN": 0.125}
+
+
 def test_damaged_levels_of_texts_and_stamps_of_another_type_are_left_out(tmp_path):
     texts = [message("L", struct.pack("<BQ", level, 21_000_000) + b"odd") for level in (3, 51, 255)]
     topic = b"vehicle_torque_setpoint:"

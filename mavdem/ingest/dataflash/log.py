@@ -264,6 +264,7 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
         initial_parameters={
             name: value for name, value in first_values.items() if value != parameters[name]
         },
+        default_parameters=_default_parameters(logged["PARM"].columns),
     )
 
 
@@ -517,6 +518,15 @@ def _parameter_settings(logged: Columns) -> list[tuple[str, float]]:
     names = field_texts(logged, "Name")
     values = logged.get("Value", np.zeros(0)).astype(float).tolist()
     return [(name, value) for name, value in zip(names, values, strict=False) if isfinite(value)]
+
+
+def _default_parameters(logged: Columns) -> dict[str, float]:
+    """Returns the default of each parameter by name, where PARM has it, as newer firmware logs it."""
+    names = field_texts(logged, "Name")
+    defaults = logged.get("Default", np.zeros(0)).astype(float).tolist()
+    return {
+        name: default for name, default in zip(names, defaults, strict=False) if isfinite(default)
+    }
 
 
 def _mav_type(texts: Sequence[str], parameters: Parameters) -> str:

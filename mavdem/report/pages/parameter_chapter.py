@@ -9,6 +9,7 @@ from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Rated, Table
 from mavdem.report.pages.page import Chapter
+from mavdem.report.templates import render_section
 
 AXIS_IN_PARAMETER = re.compile(r"RLL|ROLL|PITCH|PIT|YAW")
 """The part of a parameter's name that says its axis, in ArduPilot and PX4; its first letter names the axis."""
@@ -44,18 +45,31 @@ def parameters_chapter(telemetry: Telemetry, is_full: bool) -> Chapter:
     for part in (rows[:half], rows[half:]):
         if part:
             blocks.append(Table(["parameter", *AXIS_COLUMNS.values()], part))
+    count = sum(not AUTOPILOT_SET_PARAMETERS.search(name) for name in telemetry.changed_defaults)
+    if is_full and count:
+        total = len(telemetry.parameters)
+        blocks += render_section("parameter_defaults", count=count, total=total)
     searchable = _all_parameters(telemetry) if is_full and telemetry.parameters else None
     return Chapter("Parameters", blocks, searchable=searchable)
 
 
 def _all_parameters(telemetry: Telemetry) -> Table:
-    """Returns all parameters with their values at the end of the log; those that changed in flight are marked."""
+    """Returns all parameters with their values at the end of the log.
+
+    Those that changed in flight are marked, and those that are not the default, where the log has defaults.
+    """
     rows: list[list[str]] = []
+    defaults = telemetry.changed_defaults
     for name, value in sorted(telemetry.parameters.items()):
         row: list[str] = [name, f"{value:.7g}", ""]
+        is_default_known = name in defaults and not AUTOPILOT_SET_PARAMETERS.search(name)
+        remark = f"not the default, {defaults[name]:.7g}" if is_default_known else ""
         if name in telemetry.initial_parameters:
             before = f"{telemetry.initial_parameters[name]:.7g}"
-            row[2] = Rated(f"changed in flight, from {before}", Level.WATCH)
+            remark = "; ".join(filter(None, [f"changed in flight, from {before}", remark]))
+            row[2] = Rated(remark, Level.WATCH)
+        else:
+            row[2] = remark
         rows.append(row)
     return Table(["parameter", "value", "remark"], rows, words=True)
 
