@@ -147,18 +147,19 @@ def track_command(
     else:
         reader = WorkerPool(jobs or available_workers(), limits, rows_of_log)
     tracked = _track_with_progress(out, logs, reader, baseline)
-    rows = read_brief_rows(out)
-    counts = summary(rows)
-    differences: BaselineDifferences = {}
-    if tracked.healthy:
-        latest = latest_flights(rows, tracked.healthy)
-        latest_rows = read_rows_of_logs(out, {flight[0].file for flight in latest.values()})
-        differences = baseline_differences(latest_rows, tracked.healthy)
     blocks_by_vehicle: BlocksByVehicle = {}
-    for vehicle, (latest_flight, difference) in differences.items():
-        blocks_by_vehicle[vehicle] = baseline_blocks(latest_flight, difference)
     full_rows = partial(read_rows, out)
-    with open_store(out) as store:
+    # Rows are read and pages updated by them while no other run judges a vehicle: else an older remark might stay.
+    with open_store(out) as store, store.judgement_lock():
+        rows = read_brief_rows(out)
+        counts = summary(rows)
+        differences: BaselineDifferences = {}
+        if tracked.healthy:
+            latest = latest_flights(rows, tracked.healthy)
+            latest_rows = read_rows_of_logs(out, {flight[0].file for flight in latest.values()})
+            differences = baseline_differences(latest_rows, tracked.healthy)
+        for vehicle, (latest_flight, difference) in differences.items():
+            blocks_by_vehicle[vehicle] = baseline_blocks(latest_flight, difference)
         for given_name in given_names:
             _store_name(store, rows, given_name)
         names = read_names(store.db)

@@ -14,6 +14,9 @@ from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN, FlightRow, FlightRows
 HEALTHS = tuple(MotorHealth)
 """Health of the motors, the worst first."""
 
+HEALTH_RANKS: dict[str, int] = {health: rank for rank, health in enumerate(HEALTHS)}
+"""Rank of each health, 0 for the worst."""
+
 AXIS_ORDER = (*AXES, "")
 """Order of the axes of a flight; a row without an axis comes last."""
 
@@ -66,7 +69,7 @@ def worst_health(flight: AxisRows) -> str:
 
 def worst_row(flight: AxisRows) -> FlightRow:
     """Returns the row of the axis with the worst health, the first of equal ones."""
-    return min(flight, key=lambda row: HEALTHS.index(row.health))
+    return min(flight, key=lambda row: HEALTH_RANKS[row.health])
 
 
 def best_tier(flight: AxisRows) -> str:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, cached_property
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from mavdem.containers import JsonValues, Names, Numbers
@@ -319,7 +319,7 @@ class FlightRow:
         """Whether the row is of a flight: one with figures, or one without any whose assessment is bad."""
         return self.is_read or self.headline_level == Level.BAD
 
-    @property
+    @cached_property
     def order(self) -> tuple[str, str, str, int, int, str]:
         """The key that rows are sorted by: vehicle, file and key of the log, system, component and axis.
 
@@ -368,19 +368,20 @@ class FlightRow:
         row = object.__new__(FlightRow)
         columns = vars(row)
         for name, value in values.items():
-            if isinstance(value, list):
-                columns[name] = tuple(value)
-            elif isinstance(value, str):
+            value_type = type(value)
+            if value_type is str:
                 # Many rows share a text, such as a level or the firmware, which is kept once.
                 columns[name] = sys.intern(value)
+            elif value_type is list:
+                columns[name] = tuple(value)
             elif value is not None:
                 columns[name] = value
-        if row.positions:
-            columns["positions"] = tuple(tuple(arms) for arms in row.positions)
-        if row.date is not None:
-            columns["date"] = column_value(row.date, datetime)
+        if "positions" in columns:
+            columns["positions"] = tuple(tuple(arms) for arms in columns["positions"])
+        if "date" in columns:
+            columns["date"] = column_value(columns["date"], datetime)
         for name in PHYSICAL_COLUMNS:
-            if getattr(row, f"{name}_status") == NOT_IDENTIFIABLE:
+            if columns.get(f"{name}_status") == NOT_IDENTIFIABLE:
                 columns.pop(name, None)
                 columns.pop(f"{name}_interval", None)
         return row

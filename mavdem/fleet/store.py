@@ -43,6 +43,9 @@ TABLE = Path("flights", "flights.parquet")
 TABLE_LOCK = ".flights.lock"
 """Name of the file that is locked while the table is written; outside the table's folder, all of which is read."""
 
+JUDGEMENT_LOCK = ".pages.lock"
+"""Name of the file that is locked while vehicles are judged, and while pages say how their flights were judged."""
+
 ROWS_PER_GROUP = 2_000
 """Rows of a group in the Parquet file, which are in memory at a time: 8 MB as JSON. Readers that look for a vehicle
 skip whole groups, by the least and the greatest name in each."""
@@ -619,7 +622,7 @@ class Store:
         """
         healthy = self.healthy
         baseline = hashlib.sha256(repr(healthy).encode()).hexdigest()
-        with self.transaction():
+        with self.judgement_lock(), self.transaction():
             self._update_names()
             query = """select distinct vehicle from flights where file is not null and judged is not ?
                 order by vehicle"""
@@ -660,6 +663,14 @@ class Store:
             )
         self.db.execute("insert into unpublished (vehicle) values (?)", [vehicle])
         self.db.execute("insert or ignore into outdated_pages values (?)", [vehicle])
+
+    def judgement_lock(self) -> FileLock:
+        """Returns a lock within whose block no other run judges a vehicle, so that what pages say stays true.
+
+        Without it a run could write pages by the rows that it has read, and mark them as updated, while another run
+        judges the same vehicle anew.
+        """
+        return FileLock(self.folder / JUDGEMENT_LOCK)
 
     def outdated_vehicles(self) -> set[str]:
         """Returns the names of vehicles that were judged anew since their pages were last marked as updated."""
@@ -760,7 +771,10 @@ def row_of_json(text: str, file: str | None = None) -> FlightRow:
         sqlite3.DatabaseError: the text is no row.
     """
     try:
-        values = {name: value for name, value in json.loads(text).items() if name in COLUMNS}
+        values = json.loads(text)
+        # Most rows are of this version, and need no search for columns of others.
+        if not values.keys() <= COLUMNS:
+            values = {name: value for name, value in values.items() if name in COLUMNS}
         if file is not None:
             values["file"] = file
         return FlightRow.from_stored(values)

@@ -207,6 +207,18 @@ def test_another_run_may_write_while_the_table_is_written(tmp_path, monkeypatch)
     assert table_of(tmp_path)
 
 
+def test_no_run_judges_a_vehicle_while_another_updates_pages_by_its_rows(tmp_path):
+    fleet_of(tmp_path, [FULL])
+    newer = replace(FULL, file="b.bin", key="b-1")
+    with open_store(tmp_path) as first_run, ThreadPoolExecutor(1) as thread:
+        with first_run.judgement_lock():
+            second_run = thread.submit(fleet_of, tmp_path, [FULL, newer])
+            assert second_run not in wait([second_run], timeout=0.2).done
+            first_run.mark_pages_updated(first_run.outdated_vehicles())
+        second_run.result(timeout=60)
+        assert first_run.outdated_vehicles() == {FULL.vehicle}
+
+
 def test_a_changed_vehicle_takes_the_place_of_its_rows_in_the_table(tmp_path):
     rows = [replace(FULL, file=f"{name}.bin", key=f"{name}-1", vehicle=name) for name in "cab"]
     fleet_of(tmp_path, rows)

@@ -22,10 +22,10 @@ from threading import Thread
 from typing import NamedTuple
 
 import click
-import pandas as pd
 import psutil
 
 from mavdem.ingest import read_log
+from mavdem.report.blocks import Table, markdown
 
 # Shares of a core and of memory are measured by the means of Linux.
 assert sys.platform == "linux"
@@ -295,7 +295,7 @@ def main(rates: tuple[float, ...], share: float, python: str, checkout: Path) ->
     load = os.getloadavg()[0]
     rows = []
     if share >= 1:
-        print(f"One core, no limit; load before {load:.1f}.")
+        print(f"One core, no limit; load before: {load:.1f}.")
         for rate in rates:
             rows.append(row_of(live_run(rate, python, checkout, core, None), rate))
     else:
@@ -311,9 +311,14 @@ def main(rates: tuple[float, ...], share: float, python: str, checkout: Path) ->
                 with load_beside(core, share):
                     for rate in rates:
                         rows.append(row_of(live_run(rate, python, checkout, core, None), rate))
-    for row in rows:
-        print(pd.Series(row).to_string(float_format="{:,.3g}".format))
-        print()
+    header = list(rows[0])
+    cells = [[_cell(value) for value in row.values()] for row in rows]
+    print("\n" + markdown([Table(header, cells)]))
+
+
+def _cell(value: object) -> str:
+    """Returns a figure of the table with three digits that count."""
+    return f"{value:,.3g}" if isinstance(value, float) else str(value)
 
 
 if __name__ == "__main__":
