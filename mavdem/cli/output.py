@@ -1,8 +1,6 @@
 """Results and errors that a command prints: a JSON document, or sentences and tables; and the progress bar."""
 
 import json
-import os
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
@@ -11,13 +9,17 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from mavdem.cli.streams import STDERR, escape_unprintable, print_to_stderr, print_to_stdout
+from mavdem.cli.streams import (
+    STDERR,
+    escape_unprintable,
+    has_known_width,
+    print_to_stderr,
+    print_to_stdout,
+    text_columns,
+)
 from mavdem.cli.tables import terminal_tables
 from mavdem.facts import Fact
 from mavdem.report.blocks import SCREEN_LINES, Block, Blocks, Sentence
-
-REDIRECTED_WIDTH = 120
-"""Width of tables in characters, where standard output is a file or a pipe and not a terminal."""
 
 
 def json_text(document: Any, name: str | None = None) -> str:
@@ -115,20 +117,17 @@ def print_screen(
 def _block_lines(block: Block, one_line_rows: bool = False) -> list[str]:
     """Returns the lines of a sentence or a table, laid out for standard output.
 
-    On a terminal they wrap at its width, and elsewhere at that of the environment variable COLUMNS. Where that is not
-    set, a sentence is one line, so that programs can search for it, and tables are ``REDIRECTED_WIDTH`` wide.
+    They wrap at the width of standard output; in files and pipes, which have none, a sentence is one line.
 
     Args:
         block: The sentence or table.
         one_line_rows: Whether the texts of a table of text are shortened, so that each row takes one line.
     """
-    is_wrapped = sys.stdout.isatty() or "COLUMNS" in os.environ
-    width = None if is_wrapped else REDIRECTED_WIDTH
-    console = Console(width=width, highlight=False, markup=False, emoji=False)
+    console = Console(width=text_columns(), highlight=False, markup=False, emoji=False)
     with console.capture() as captured:
         if isinstance(block, Sentence):
             sentence = f"{block.lead} {block.text}".strip()
-            console.print(escape_unprintable(sentence), soft_wrap=not is_wrapped)
+            console.print(escape_unprintable(sentence), soft_wrap=not has_known_width())
         else:
             for table in terminal_tables(block, console.width, one_line_rows and block.words):
                 console.print(table)

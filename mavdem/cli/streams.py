@@ -16,7 +16,7 @@ STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)
 
 
 DEFAULT_COLUMNS = 80
-"""Characters of a line where nothing says how wide the terminal is."""
+"""Characters of a line of a terminal that does not say how wide it is."""
 
 MIN_COLUMNS, MAX_COLUMNS = 40, 120
 """Narrowest and widest line of a screen: below, words no longer fit, and longer lines are hard to read; a choice."""
@@ -43,11 +43,22 @@ def prepare_streams() -> None:
     warnings.showwarning = lambda message, *_, **__: print_to_stderr(f"mavdem: warning: {message}")
 
 
-def text_columns() -> int:
-    """Returns the characters of a line of standard output.
+def has_known_width() -> bool:
+    """Returns whether standard output has a width: that of a terminal, or of the environment variable COLUMNS.
 
-    They are those of the environment variable COLUMNS, else of the terminal; 80 where there is neither.
+    Files and pipes have none. Sentences are one line there, so that programs can search for them.
     """
+    return sys.stdout.isatty() or "COLUMNS" in os.environ
+
+
+def text_columns() -> int:
+    """Returns the characters of a line of standard output, by which all commands lay out screens and tables.
+
+    They are those of the environment variable COLUMNS, else of the terminal, between the narrowest and the widest line
+    of a screen; the widest where there is neither.
+    """
+    if not has_known_width():
+        return MAX_COLUMNS
     width = shutil.get_terminal_size((DEFAULT_COLUMNS, 0)).columns
     return min(max(width, MIN_COLUMNS), MAX_COLUMNS)
 

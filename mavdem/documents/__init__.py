@@ -33,7 +33,7 @@ class Published(NamedTuple):
 
 
 DOCUMENTS = {
-    "review": Published("review.Review", 12, "report.json of review, and `--json` of review"),
+    "review": Published("review.Review", 13, "report.json of review, and `--json` of review"),
     "learn": Published("flight.LearnReport", 10, "report.json, and `--json` of learn and open"),
     "info": Published("inventory.Inventory", 6, "`--json` of info"),
     "wind": Published("wind.Wind", 4, "`--json` of wind"),

@@ -49,6 +49,8 @@ class Response(Document):
     """frequency up to which the flight shows it"""
     windows: int
     """windows that it was estimated from"""
+    is_identified: bool
+    """whether the step is that of the identified loop, for a rate that its messages are too slow to show"""
     overshoot: list[Number]
     """largest step less 1, and the ends of its 90 % interval; likewise of what follows"""
     rise_time: list[Seconds]

@@ -39,7 +39,7 @@ from mavdem.units import (
     with_unit,
 )
 
-SCHEMA_VERSION = 10
+SCHEMA_VERSION = 11
 """Version of the columns and of what they mean: logs whose rows have another version are read again."""
 
 UNKNOWN = "unknown"
@@ -211,6 +211,8 @@ class FlightRow:
     """rise time of the axis's measured rate after a step of its setpoint"""
     rate_rise_interval: Seconds = None
     """half width of the 90 % interval of rate_rise"""
+    rate_step_source: OptionalText = None
+    """where rate_overshoot and rate_rise come from: measured, or identified_loop where messages are too slow"""
     loop_verdict: OptionalText = None
     """what is wrong with the axis's loops: nothing_wrong, oscillates, below_goal, follows_badly or unknown"""
     loop_action: OptionalText = None

@@ -220,7 +220,9 @@ def step_columns(response: LoopResponse | None) -> JsonValues:
     """
     if response is None or isinstance(response.measured, Fact):
         return {}
-    columns = {}
+    columns: JsonValues = {
+        "rate_step_source": "identified_loop" if response.measured.is_identified else "measured"
+    }
     figures = {
         "rate_overshoot": response.measured.overshoot,
         "rate_rise": response.measured.rise_time,

@@ -18,7 +18,8 @@ from mavdem.ingest import read_log
 from mavdem.report.review import first_lines, further_lines, review_screen
 
 
-def test_a_log_alone_is_reviewed(here, capsys):
+def test_a_log_alone_is_reviewed(here, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
     assert run(SLOW) == 0
     screen = capsys.readouterr().out.splitlines()
     (following,) = (row for row, line in enumerate(screen) if line.startswith("Next: "))
