@@ -103,7 +103,7 @@ def test_no_module_but_its_own_needs_an_extra(tmp_path):
         "sys.argv[1:] = ['--version']; runpy.run_module('mavdem', run_name='__main__')\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=300
     )
     assert done.returncode == 0 and "version" in done.stdout, done.stderr
     document, _ = json.JSONDecoder().raw_decode(done.stdout)

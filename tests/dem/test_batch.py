@@ -138,7 +138,7 @@ def test_workers_start_no_workers_of_their_own_and_end_with_a_killed_parent(tmp_
         "        os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     ended = subprocess.run(
-        [sys.executable, script], env=PATH, capture_output=True, text=True, timeout=60
+        [sys.executable, script], env=PATH, capture_output=True, text=True, timeout=300
     )
     assert ended.returncode == -signal.SIGKILL and ended.stdout == "1\n"
 
@@ -150,7 +150,7 @@ def test_a_script_that_its_workers_import_anew_starts_no_others(tmp_path):
         "from mavdem.dem.parallel import process_pool\nwith process_pool(1):\n    pass\n"
     )
     words = [sys.executable, script]
-    ended = subprocess.run(words, env=PATH, stderr=subprocess.PIPE, text=True, timeout=60)
+    ended = subprocess.run(words, env=PATH, stderr=subprocess.PIPE, text=True, timeout=300)
     assert str(Fact(Workers.SCRIPT_IMPORTED_BY_WORKER)) in ended.stderr
 
 

@@ -171,7 +171,7 @@ def test_while_another_thread_learns_no_update_waits_for_it():
     flown(online, WINDY[:250])
     with ThreadPoolExecutor(1) as executor, one_thread():
         updates = executor.submit(flown, online, WINDY[250:600])
-        assert len(updates.result(timeout=30)) == 350
+        assert len(updates.result(timeout=300)) == 350
 
 
 @mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")

@@ -18,7 +18,7 @@ def test_pyserial_reads_what_has_come_and_sends():
     with raises(BlockingIOError):
         port.read()
     os.write(controller, b"\xfd\r\n\x00")
-    assert port.wait(1.0) and port.read() == b"\xfd\r\n\x00"
+    assert port.wait(60.0) and port.read() == b"\xfd\r\n\x00"
     port.write(b"\r\n")
     assert os.read(controller, 9) == b"\r\n"
     port.close()

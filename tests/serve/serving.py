@@ -189,7 +189,7 @@ def serving(folder, token="", quota=None, is_eager=True, sample=None, **more):
     thread = threading.Thread(target=running.run)
     thread.start()
     try:
-        assert begun.wait(60)
+        assert begun.wait(300)
         port = running.servers[0].sockets[0].getsockname()[1]
         yield Served(library, work, port)
     finally:

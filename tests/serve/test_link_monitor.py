@@ -111,7 +111,7 @@ def test_what_the_socket_holds_when_the_server_ends_is_recorded(tmp_path, monkey
     port = free_port()
     live = LinkMonitor(f"udpin:127.0.0.1:{port}", library, Mock(), Mock())
     live.start()
-    assert has_begun.wait(60.0)
+    assert has_begun.wait(300.0)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
         for first in range(0, len(FRAMES), 1000):
             vehicle.sendto(FRAMES[first : first + 1000], ("127.0.0.1", port))
