@@ -35,6 +35,7 @@ from mavdem.report.charts.flight_charts import (
     spectrum_chart,
 )
 from mavdem.report.charts.flown_path import flown_path
+from mavdem.report.charts.hardware_charts import hardware_groups
 from mavdem.report.charts.plans import frame_plan, rose_of_wind
 from mavdem.report.charts.timeline import Timeline, live_timeline, timeline_of
 from mavdem.report.condition import air_blocks, log_blocks
@@ -278,7 +279,10 @@ def _flight_chapters(
         yield Chapter("What can be trusted", [trust_table(evidence.trust)], level=level)
     if assessment.instances:
         table = instance_table(assessment.instances, evidence.has_flown)
-        yield Chapter(INSTANCES_TITLE, [table])
+        groups = []
+        if is_full and timeline is not None:
+            groups = hardware_groups(evidence, timeline)
+        yield Chapter(INSTANCES_TITLE, [table], groups)
     yield parameters_chapter(evidence.signals.telemetry, is_full)
 
 
