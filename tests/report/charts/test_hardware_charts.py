@@ -33,7 +33,10 @@ def test_speeds_compasses_and_reported_quantities_are_drawn_in_plain_units():
     telemetry = changed(
         telemetry, "SCALED_IMU", **columns(TIME, xmag=300.0, ymag=0.0, zmag=400.0, temperature=0)
     )
-    power = columns(TIME, current_battery=np.where(TIME < TIME[20], -1, 1250), load=305)
+    current = np.full(len(TIME), 1250)
+    # The first values are not known.
+    current[:20] = -1
+    power = columns(TIME, current_battery=current, load=305)
     telemetry = changed(telemetry, "SYS_STATUS", **power)
     charts, timeline = charts_by_title(telemetry)
     assert [line.name for line in charts["Motor speeds"].lines] == ["ESC 1", "ESC 2"]
