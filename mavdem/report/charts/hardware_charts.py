@@ -104,6 +104,8 @@ def _compass_chart(evidence: Evidence, timeline: Timeline) -> Chart:
     if not lines or history is None or history.motors is None:
         return chart
     outputs = history.motors.outputs
+    if outputs is None:
+        return chart
     mean = outputs.values.mean(axis=1)
     command = Line("motors", MEASURED, outputs.time, mean, is_on_right_axis=True)
     return chart._replace(lines=(*lines, command), right_axis=Axis("motors (%)"))
