@@ -135,6 +135,10 @@ def track_command(
     """
     for name in logs:
         refuse_link(name)
+    for given_name in given_names:
+        # Reading may take hours, so that this is checked before.
+        if "=" not in given_name:
+            raise click.BadParameter(f"'{given_name}' has no = before a name.", param_hint="--name")
     if scheduler is not None and jobs:
         raise click.BadParameter(
             "it is of this machine; with --scheduler the cluster has its own.",
@@ -222,21 +226,21 @@ def _store_name(store: Store, rows: FlightRows, given_name: str) -> None:
         given_name: What was typed: a vehicle's name in the table or the file name of a log, "=", and the name.
 
     Raises:
-        click.BadParameter: It has no "=", or the table has no such vehicle and no such log.
+        click.BadParameter: The table has no such vehicle and no such log.
     """
-    subject, separator, typed_name = given_name.partition("=")
+    subject, _, typed_name = given_name.partition("=")
     name = plain_name(typed_name)
     contents = {
         content_hash(row.key) for row in rows if row.key and subject in _file_names(row.file)
     }
     with store.transaction():
-        if separator and subject != UNKNOWN and any(row.vehicle == subject for row in rows):
+        if subject != UNKNOWN and any(row.vehicle == subject for row in rows):
             name_vehicle(store.db, subject, name)
-        elif separator and contents:
+        elif contents:
             for content in contents:
                 name_flight(store.db, content, name)
         else:
-            problem = f"'{given_name}' is no serial number or log of this fleet, with = and a name."
+            problem = f"'{given_name}' begins with no serial number and no log of this fleet."
             raise click.BadParameter(problem, param_hint="--name")
 
 

@@ -58,7 +58,7 @@ def test_names_are_given_kept_and_taken_away(tmp_path, capsys):
     assert "Red &lt;b&gt; quad" in page and "<b> quad" not in page
     assert vehicle in page and '"First"' in page
     assert document_of(capsys, *command, "--name", f"{vehicle}=")["vehicle_names"] == {}
-    assert "no serial number or log" in refused(capsys, 2, *command, "--name", "quad 9=Blue")
+    assert "no serial number and no log" in refused(capsys, 2, *command, "--name", "quad 9=Blue")
 
 
 def test_a_page_says_what_its_row_says_now(tmp_path):
@@ -78,6 +78,7 @@ def test_a_page_says_what_its_row_says_now(tmp_path):
         "x.bin --out x.bin": "x.bin' is a file.",
         "x.bin --out fleet --jobs 2 --scheduler tcp://127.0.0.1:9": "--jobs",
         "x.bin --out fleet --memory-limit 3": "--memory-limit",
+        "x.bin --out fleet --name quad": "has no =",
         "x.bin --out fleet --time-limit nan": "--time-limit",
         "x.bin --out fleet --scheduler tcp://foo:port": "no address",
     }.items(),

@@ -213,7 +213,7 @@ def _vehicle_parts(
 
 
 def _line(flight: AxisRows, names: GivenNames) -> list[str]:
-    """Returns the cells of a flight in the table: of its column, and the name that it was given, if any."""
+    """Returns the cells of a flight in the table, with the name that the flight was given in place of its file's."""
     cells = {header: column.cell(flight) for header, column in COLUMNS.items()}
     cells["flight"] = names.flight(flight[0]) or cells["flight"]
     return [*cells.values()]
