@@ -117,9 +117,11 @@ def control_group(share: float) -> Iterator[Path | None]:
     quota = round(share * period)
     version_2 = CONTROL_GROUPS / "mavdem-bench"
     version_1 = CONTROL_GROUPS / "cpu" / "mavdem-bench"
+    # Ten times the usual weight: the quota is what limits the group, and not what else this machine does.
+    quota_of_period = {"cpu.cfs_period_us": str(period), "cpu.cfs_quota_us": str(quota)}
     limits = (
-        (version_2, {"cpu.max": f"{quota} {period}"}),
-        (version_1, {"cpu.cfs_period_us": str(period), "cpu.cfs_quota_us": str(quota)}),
+        (version_2, {"cpu.max": f"{quota} {period}", "cpu.weight": "1000"}),
+        (version_1, {**quota_of_period, "cpu.shares": "10240"}),
     )
     for folder, values in limits:
         # A folder of control groups has this file; elsewhere a new folder would be an ordinary one.
