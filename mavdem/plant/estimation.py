@@ -18,7 +18,7 @@ from mavdem.dem.record import MIN_MOTORS, Record, TrainingData
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
-from mavdem.facts.model import NoPhysical
+from mavdem.facts.model import NoPhysical, Refinement
 from mavdem.immutable import freeze
 from mavdem.plant.closed_loop.spectra import ComplexArray
 from mavdem.plant.fitting import WIND_SPECTRA, GrayBoxFit, fit_gray_box, initial_model
@@ -39,7 +39,13 @@ from mavdem.plant.parameters import (
     parameter_gradient,
 )
 from mavdem.plant.sampled_plant import WindComponent
-from mavdem.plant.windows import REFINEMENT_CHANNEL, REFINEMENTS, FlightWindows, cut_windows
+from mavdem.plant.windows import (
+    MAX_JUMP_LEAD,
+    REFINEMENT_CHANNEL,
+    REFINEMENTS,
+    FlightWindows,
+    cut_windows,
+)
 from mavdem.unit_errors import suspected_unit_error
 
 MAX_SELECTION_WINDOWS = 10
@@ -143,8 +149,8 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
     """Selects the form of the gray-box model with the largest evidence, on a part of the windows.
 
     The form has two parts: the spectrum of the wind torque, one of ``WIND_SPECTRA``, and any of the ``REFINEMENTS``.
-    Refinements are tried one after the other, and kept where the evidence rises. To save time, one is fitted only if
-    the slope of the posterior predicts a gain of at least ``STRONG_EVIDENCE_NATS``.
+    Refinements are tried one after the other, and kept where they are possible and the evidence rises. To save time,
+    one is fitted only if the slope of the posterior predicts a gain of at least ``STRONG_EVIDENCE_NATS``.
 
     Args:
         windows: all windows of the flight; at most ``MAX_SELECTION_WINDOWS`` of them, evenly spread, are used.
@@ -181,10 +187,18 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
         initial = np.append(best.theta, 0.0)
         with suppress(LinAlgError):
             refined = fit_gray_box(candidate, selected_windows, initial, STRONG_EVIDENCE_NATS)
-            best = max(best, refined, key=lambda fit: fit.evidence)
+            if _is_possible(refined):
+                best = max(best, refined, key=lambda fit: fit.evidence)
 
     logarithms = [_log_estimates(_plant_values(fit.model, fit.theta, windows.dt)) for fit in fits]
     return _SelectedModel(best, np.ptp(logarithms, axis=0))
+
+
+def _is_possible(fit: GrayBoxFit) -> bool:
+    """Returns whether the refinements of a fit are physically possible: jumps come at most ``MAX_JUMP_LEAD`` early."""
+    values = fit.model.refinement_values(fit.theta).tolist()
+    refinements = dict(zip(fit.model.refinements, values, strict=True))
+    return 0 <= refinements.get(Refinement.JUMPS, 0.0) <= MAX_JUMP_LEAD
 
 
 def _plant_values(model: GrayBoxModel, theta: Array, dt: float) -> Array:
@@ -246,6 +260,7 @@ def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) ->
         spectrum_range=dict(zip(PARAMETERS, spectrum_range.tolist(), strict=True)),
         lag=np.exp(theta[model.lag_index]),
         dt=windows.dt,
+        unpredicted_share=windows.unpredicted_share,
     )
     status, reasons = identifiability(figures)
     bias = 0.0
@@ -324,6 +339,7 @@ def with_omission_errors(
     # (L. H. C. Tippett, Biometrika 17, 1925).
     spectrum_variance = np.pi * np.square(spectrum_range / 3)
     common_variance = spectrum_variance[0] + errors.effect**2 + bias**2
+    common_variance += (errors.unpredicted_effect * figures.unpredicted_share) ** 2
     if effect_unknown:
         common_variance += errors.unidentified_effect**2
     covariance[:r, :r] += np.outer(effect, effect) * common_variance
@@ -331,11 +347,13 @@ def with_omission_errors(
     damping_error = errors.damping
     if figures.lag_unresolved:
         damping_error = errors.unresolved_lag_damping
+    lag_variance = spectrum_variance[2] + errors.lag**2
+    lag_variance += (errors.unpredicted_lag * figures.unpredicted_share) ** 2
     separate_variances = [
         *(effect * errors.motor) ** 2,
         damping**2 * spectrum_variance[1] + damping_error**2,
-        lag**2 * (spectrum_variance[2] + errors.lag**2),
-        errors.delay**2,
+        lag**2 * lag_variance,
+        errors.delay**2 + (errors.unpredicted_delay * figures.unpredicted_share) ** 2,
     ]
     return covariance + np.diag(separate_variances)
 

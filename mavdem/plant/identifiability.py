@@ -98,6 +98,20 @@ class OmissionErrors:
     delay = 0.002
     """Error of the delay, s."""
 
+    unpredicted_effect = 0.25
+    """Error common to the effects by commands that nothing predicts, for each unit of their share of the variance.
+
+    Noise of the gyro that a high gain turns into commands lasts for one cycle of the controller, and a log that has
+    only some of the cycles cannot tell. The fit takes such commands to last for a whole step. This figure, and those of
+    lag and delay, were chosen on half of the simulated flights of ``tools/validation/parameter_coverage.py``.
+    """
+
+    unpredicted_lag = 1.0
+    """Relative error of the lag for each unit of that share."""
+
+    unpredicted_delay = 0.02
+    """Error of the delay for each unit of that share, s."""
+
     unidentified_effect = 0.4
     """Error of an effect that is not identifiable, relative to the effect."""
 
@@ -153,6 +167,9 @@ class IdentifiabilityFigures(NamedTuple):
 
     dt: float
     """Time step of the samples, s."""
+
+    unpredicted_share: float = 0.0
+    """Share of the commands' variance that the samples before do not predict."""
 
     @property
     def lag_unresolved(self) -> bool:

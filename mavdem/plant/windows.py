@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.fft import rfft
 
-from mavdem.arrays import Array, Indices
+from mavdem.arrays import Array, ArrayPair, Indices
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
@@ -55,6 +55,14 @@ JUMPS: by what fraction of a step inputs that jump between two samples did so be
 THRUST_CURVE: the relative change of the effect for one standard deviation of the inputs.
 """
 
+MAX_JUMP_LEAD = 0.5
+"""Largest time by which a jump comes before the middle of a step, as a fraction of the step: it is then at its start.
+
+The least is 0. Commands that answer the sample at the end of a step act later, but they have a channel of their own. A
+fit that asks for late jumps has commands with noise that lasts for less than a step; on simulated flights it took the
+delay for 0 and the lag for too long (docs/evidence/parameters.md).
+"""
+
 
 class FlightWindows(NamedTuple):
     """Fourier transforms of W windows of a flight, of N samples each, at F frequencies; the mean is 0 in each."""
@@ -76,6 +84,9 @@ class FlightWindows(NamedTuple):
 
     unit: float
     """Common standard deviation of the inputs, in the record's unit of them."""
+
+    unpredicted_share: float = 0.0
+    """Share of the inputs' variance that the samples before do not predict, 0 to 1: jumps, and noise of the gyro."""
 
     @classmethod
     def from_samples(
@@ -149,9 +160,12 @@ def cut_windows(record: Record) -> FlightWindows:
     scaled_inputs = deviations / unit
     rate = record.outputs[samples, column]
     responses = responses_to_innovations(scaled_inputs, rate)
+    _, input_innovations = _innovations(scaled_inputs, rate)
+    unpredicted_share = float(np.mean(input_innovations**2) / np.mean(scaled_inputs**2))
     # Thinned samples have a longer time step than the record.
     dt = (samples[0, 1] - samples[0, 0]) * record.dt
-    return FlightWindows.from_samples(scaled_inputs, rate, responses, dt, unit)
+    windows = FlightWindows.from_samples(scaled_inputs, rate, responses, dt, unit)
+    return windows._replace(unpredicted_share=unpredicted_share)
 
 
 def responses_to_innovations(inputs: Array, rate: Array) -> Array:
@@ -169,6 +183,24 @@ def responses_to_innovations(inputs: Array, rate: Array) -> Array:
     Returns:
         The responses (W, N, r), in the unit of the inputs; 0 in the first ``REGRESSION_LAGS`` samples of each window.
     """
+    rate_innovations, input_innovations = _innovations(inputs, rate)
+    gains = rate_innovations @ input_innovations / (rate_innovations @ rate_innovations)
+    immediate_responses = rate_innovations[:, None] * gains
+    responses = np.zeros_like(inputs)
+    responses[:, REGRESSION_LAGS:] = immediate_responses.reshape(len(rate), -1, inputs.shape[2])
+    return responses
+
+
+def _innovations(inputs: Array, rate: Array) -> ArrayPair:
+    """Returns what the ``REGRESSION_LAGS`` samples before do not predict, by linear regression over all windows.
+
+    Args:
+        inputs: inputs (W, N, r) in W windows of N samples.
+        rate: body rate (W, N), rad/s.
+
+    Returns:
+        Innovations of the rate (n,) and of the inputs (n, r), at all n samples that have so many before them.
+    """
     # The rate comes first, the r inputs follow.
     signals = np.concatenate([rate[:, :, None], inputs], axis=2)
     count = rate.shape[1]
@@ -179,13 +211,7 @@ def responses_to_innovations(inputs: Array, rate: Array) -> Array:
     past = past.reshape(-1, past.shape[2])
     present = signals[:, REGRESSION_LAGS:].reshape(-1, signals.shape[2])
     innovations = present - past @ np.linalg.lstsq(past, present)[0]
-    rate_innovations = innovations[:, 0]
-    input_innovations = innovations[:, 1:]
-    gains = rate_innovations @ input_innovations / (rate_innovations @ rate_innovations)
-    immediate_responses = rate_innovations[:, None] * gains
-    responses = np.zeros_like(inputs)
-    responses[:, REGRESSION_LAGS:] = immediate_responses.reshape(len(rate), -1, inputs.shape[2])
-    return responses
+    return innovations[:, 0], innovations[:, 1:]
 
 
 def rate_column(record: Record) -> int:

@@ -32,9 +32,10 @@ from mavdem.plant.sampled_plant import (
     WindComponent,
     delayed_inputs,
     gaussian_kernel_noise,
+    with_early_jumps,
 )
 from mavdem.plant.simulation import simulate_response
-from mavdem.plant.windows import FlightWindows, responses_to_innovations
+from mavdem.plant.windows import FlightWindows, cut_windows, responses_to_innovations
 
 
 @mark.parametrize(
@@ -355,6 +356,49 @@ def test_what_the_model_leaves_out_adds_its_variances():
     assert_allclose(covariance[:2, :2], np.outer(values[:2], values[:2]) * relative)
     others = [errors.damping**2, (0.05 * errors.lag) ** 2, errors.delay**2]
     assert_allclose(covariance[2:, 2:], np.diag(others))
+
+
+def test_commands_that_nothing_predicts_widen_the_intervals():
+    """Of 10 % of the commands' variance nobody knows how long they last: added to all that the model leaves out."""
+    values = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
+    figures = limits.IdentifiabilityFigures(0.1, 0.1, {}, {}, lag=0.05, dt=0.01)
+
+    def variances(share):
+        covariance = with_omission_errors(
+            np.zeros((5, 5)),
+            values,
+            np.full(2, 0.5),
+            np.zeros(3),
+            0.0,
+            False,
+            figures._replace(unpredicted_share=share),
+        )
+        return covariance.diagonal()
+
+    errors = limits.OmissionErrors
+    error = 0.1 * np.array([errors.unpredicted_effect, errors.unpredicted_lag])
+    expected = [*(values[:2] * error[0]) ** 2, 0.0, (0.05 * error[1]) ** 2]
+    expected.append((0.1 * errors.unpredicted_delay) ** 2)
+    assert_allclose(variances(0.1) - variances(0.0), expected, atol=1e-15)
+
+
+def test_noise_of_commands_is_what_nothing_predicts():
+    flight = in_closed_loop(0, steering=1.0, samples=700)
+    noise = 30 * default_rng(1).standard_normal(flight.inputs.shape)
+    noisy = Record.from_flights(replace(flight, inputs=flight.inputs + noise))
+    plain_share = cut_windows(Record.from_flights(flight)).unpredicted_share
+    noise_share = np.mean(noise**2) / (np.mean(noise**2) + flight.inputs.var(axis=0).mean())
+    # A part of the noise stays unpredicted beside what was so before.
+    assert plain_share + noise_share / 2 < cut_windows(noisy).unpredicted_share < 1
+
+
+@mark.parametrize("lead, possible", [(0.6, False), (-0.3, True)], ids=["late", "early"])
+def test_jumps_may_come_early_in_a_step_and_not_late(lead, possible):
+    """The log has the jumps earlier or later than the vehicle: the fit must move them back."""
+    flight = in_closed_loop(0, steering=1.0, wind=0.2)
+    logged = with_early_jumps(flight.inputs[None], lead)[0]
+    found = physical(replace(flight, inputs=logged, effect_directions=np.sign(MOTORS)))
+    assert (Refinement.JUMPS in found.refinements) is possible
 
 
 def test_uncertain_parameters_widen_it_to_first_order():

@@ -1,0 +1,188 @@
+#!/usr/bin/env python
+"""Counts how often the 90 % intervals of physical parameters hold the truth of simulated flights, hot loops included.
+
+A loop is hot where its gains are several times those that suit the vehicle. The noise of the gyro then moves the
+motors from one cycle of the controller to the next, more quickly than a log has samples. Each scenario of
+``SCENARIOS`` is flown with each multiple of the rate loop's gain, and with several seeds of wind and noise.
+
+The flights are split into two halves by a hash of their names. What is chosen is chosen on half A; half B only tests.
+
+Usage: tools/validation/parameter_coverage.py [--seeds N] [--jobs N]
+"""
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+import pandas as pd
+from flights import Values, command, evaluate_flights, print_table
+from physical import true_values
+
+from mavdem import read_flight
+from mavdem.errors import NotLearnable
+from mavdem.experiments.paper.flights import write_log
+from mavdem.facts.identifiability import Status
+from mavdem.plant import NotIdentifiable, Physical, physical
+from sitl_scenarios.files import load as load_scenario
+from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.simulation import fly
+
+SCENARIOS = (
+    "iris_identification",
+    "iris_identification_wind",
+    "iris_multisine",
+    "iris_sticks",
+    "ardupilot_steps",
+    "first_flight_ardupilot",
+)
+"""Scenarios that are flown: a vehicle that is steered, in calm air and in wind, under both autopilots."""
+
+GAINS = (1.0, 3.0, 5.0)
+"""Multiples of the rate loop's gain that suits the vehicle; at 5 the loop has little margin, and is still stable."""
+
+FLIGHT_SECONDS = 45.0
+"""Duration of each flight, s."""
+
+FIRST_SEED = 11
+"""Seed of the first flight of each kind."""
+
+
+class Case(NamedTuple):
+    """A simulated flight whose parameters are estimated."""
+
+    scenario: str
+    """Name of the scenario."""
+
+    gain: float
+    """Multiple of the rate loop's gain that suits the vehicle."""
+
+    seed: int
+    """Seed of wind and noise."""
+
+    @property
+    def half(self) -> str:
+        """Half of the flights that this one belongs to, "A" or "B", by a hash of its name."""
+        name = f"{self.scenario} {self.gain:g} {self.seed}"
+        return "AB"[hashlib.sha256(name.encode()).digest()[0] % 2]
+
+    def flown_scenario(self) -> Scenario:
+        """Returns the scenario with this gain and seed, shortened to ``FLIGHT_SECONDS``."""
+        scenario = load_scenario(self.scenario)
+        vehicle = scenario.vehicle.model_copy(update={"rate_gain": self.gain})
+        changes = {"vehicle": vehicle, "seed": self.seed, "duration": FLIGHT_SECONDS}
+        return scenario.model_copy(update=changes)
+
+
+def cases(seeds: int) -> Iterator[Case]:
+    """Yields all flights: each scenario with each gain and each of ``seeds`` seeds."""
+    for name in SCENARIOS:
+        for gain in GAINS:
+            for number in range(seeds):
+                yield Case(name, gain, FIRST_SEED + number)
+
+
+def interval_rows(plant: Physical, truths: Values, true_delay: float) -> list[Values]:
+    """Compares all parameters of a flight with their truth.
+
+    Args:
+        plant: the estimate.
+        truths: "effect" of each motor (r,), "damping" and "lag", as from :func:`physical.true_values`.
+        true_delay: delay from the motion to the motors' output, s.
+
+    Returns:
+        A row for each motor's effect, for damping, lag and delay: name of the parameter, status, relative error, and
+        whether the 90 % interval holds the truth.
+    """
+    half_widths = plant.interval()
+    motors = len(plant.effect)
+    names = [*["effect"] * motors, "damping", "lag", "delay"]
+    estimates = [*plant.effect, plant.damping, plant.lag, plant.delay]
+    true_parameters = [*truths["effect"], truths["damping"], truths["lag"], true_delay]
+    widths = [*half_widths.effect, half_widths.damping, half_widths.lag, half_widths.delay]
+    rows = []
+    for name, estimate, true_value, width in zip(
+        names, estimates, true_parameters, widths, strict=True
+    ):
+        # The delay is identified together with the lag, and has no status of its own.
+        status = plant.status["lag" if name == "delay" else name]
+        row = {"parameter": name, "status": status, "error": estimate / true_value - 1}
+        row["inside"] = abs(estimate - true_value) <= width
+        rows.append(row)
+    return rows
+
+
+def evaluate_case(case: Case) -> list[Values]:
+    """Simulates a flight, and compares its parameters of roll with the truth; see :func:`interval_rows`."""
+    scenario = case.flown_scenario()
+    try:
+        # A vehicle that tumbles is a ValueError.
+        motion = fly(scenario)
+        with TemporaryDirectory() as folder:
+            log = Path(folder) / "flight.tlog"
+            write_log(log, scenario, motion)
+            flight = read_flight(log)
+    except (NotLearnable, ValueError) as reason:
+        click.echo(f"{case}: refused: {reason}", err=True)
+        return []
+    plant = physical(flight)
+    if isinstance(plant, NotIdentifiable):
+        click.echo(f"{case}: refused: {plant.reason}", err=True)
+        return []
+    # The motors' output is held for one cycle: half of it on average.
+    true_delay = scenario.sensors.delay + scenario.cycle / 2
+    truths = true_values(motion, scenario, flight)
+    rows = interval_rows(plant, truths, true_delay)
+    return [{"half": case.half, **case._asdict(), **row} for row in rows]
+
+
+def coverage(rows: Any) -> str:
+    """Returns how many intervals of reported parameters hold the truth, as "12/13".
+
+    Args:
+        rows: rows of :func:`evaluate_case`.
+    """
+    reported = rows[rows["status"] == Status.REPORTED]
+    return f"{reported['inside'].sum()}/{len(reported)}"
+
+
+def table_row(rows: Any) -> pd.Series:
+    """Returns the row of a table for intervals of one parameter: coverage in both halves, of reported and biased.
+
+    Args:
+        rows: rows of :func:`evaluate_case`.
+    """
+    reported = rows[rows["status"] == Status.REPORTED]
+    biased = rows[rows["status"] == Status.BIASED]
+    worst = max(reported["error"], key=abs, default=np.nan)
+    cells = {
+        "inside, half A": coverage(rows[rows["half"] == "A"]),
+        "inside, half B": coverage(rows[rows["half"] == "B"]),
+        "worst error": "–" if np.isnan(worst) else f"{worst:+.0%}",
+        "inside, where biased": f"{biased['inside'].sum()}/{len(biased)}",
+        "withheld": (rows["status"] == Status.NOT_IDENTIFIABLE).sum(),
+    }
+    return pd.Series(cells)
+
+
+@command(__doc__, seeds=2)
+def main(seeds: int, jobs: int) -> None:
+    """Prints one table: coverage by gain and parameter.
+
+    Args:
+        seeds: number of flights of each scenario with each gain.
+        jobs: number of processes.
+    """
+    rows = evaluate_flights(evaluate_case, cases(seeds), jobs)
+    flights = rows[["scenario", "gain", "seed"]].drop_duplicates()
+    lines = rows.groupby(["gain", "parameter"], sort=False).apply(table_row)
+    total = rows.assign(gain="all", parameter="all").groupby(["gain", "parameter"])
+    table = pd.concat([lines, total.apply(table_row)]).reset_index()
+    print_table(f"**Intervals that hold the truth**, {len(flights)} flights", table)
+
+
+if __name__ == "__main__":
+    main()
