@@ -11,6 +11,7 @@ class EstimatorLight(Code):
     SPARE_DOUBTED = "spare_doubted"
     FIX_POOR = "fix_poor"
     GPS_GLITCHED = "gps_glitched"
+    GPS_DOUBTED = "gps_doubted"
     COMPASS_DISTURBED = "compass_disturbed"
     ACCELEROMETER_WRONG = "accelerometer_wrong"
     ESTIMATOR_UNMEASURED = "estimator_unmeasured"

@@ -81,7 +81,7 @@ GLITCHING = 831 | 1 << 15
 
 
 @pytest.mark.parametrize(
-    ("receiver", "parameters", "jumps"),
+    ("receiver", "parameters", "is_flagged"),
     [
         ({"fix_type": 3, "satellites_visible": 9}, {}, True),
         ({"fix_type": 1, "satellites_visible": 3}, {}, False),
@@ -89,7 +89,7 @@ GLITCHING = 831 | 1 << 15
         (None, {}, True),
     ],
 )
-def test_a_position_jumps_only_with_a_position_fix(receiver, parameters, jumps):
+def test_gps_is_doubted_only_with_a_position_fix(receiver, parameters, is_flagged):
     telemetry = HOVER.telemetry(20.0, 20.0, parameters=parameters)
     ratios = dict.fromkeys(
         ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance"), 0.1
@@ -103,9 +103,9 @@ def test_a_position_jumps_only_with_a_position_fix(receiver, parameters, jumps):
         fields = {name: np.full(len(TIME), value) for name, value in receiver.items()}
         telemetry = changed(telemetry, "GPS_RAW_INT", **columns(TIME, **fields))
     fact = estimator_light(evidence(telemetry))
-    assert (fact.code is EstimatorLight.GPS_GLITCHED) == jumps
+    assert (fact.code is EstimatorLight.GPS_DOUBTED) == is_flagged
     reports = [event.code for event in reported_events(Signals(telemetry))]
-    assert (Reported.GPS_JUMPED in reports) == jumps
+    assert (Reported.GPS_JUMPED in reports) == is_flagged
 
 
 MOTION = "TimeUS,C,VN,VE,VD,PN,PE,PD"

@@ -209,7 +209,7 @@ IDLE = dict.fromkeys(INNOVATION_FIELDS["EKF_STATUS_REPORT"], 0.0)
             "bad",
         ),
         (filtered(velocity=(2 * BEYOND, 2.0)), EstimatorLight.FILTER_DOUBTED, "bad"),
-        (filtered(flags=831 | 1 << 15), EstimatorLight.GPS_GLITCHED, "watch"),
+        (filtered(flags=831 | 1 << 15), EstimatorLight.GPS_DOUBTED, "watch"),
         (HOVER.telemetry(20.0, 20.0), EstimatorLight.ESTIMATOR_UNMEASURED, "unknown"),
         (measured("EKF_STATUS_REPORT", **IDLE), EstimatorLight.ESTIMATOR_UNMEASURED, "unknown"),
     ],
@@ -219,7 +219,7 @@ def test_levels_of_the_filter(telemetry, code, level):
     assert (fact.code, fact.level) == (code, level)
     if level == "bad":
         assert fact.figures["name"] == "velocity" and fact.time == approx(30.2)
-    if code is EstimatorLight.GPS_GLITCHED:
+    if code is EstimatorLight.GPS_DOUBTED:
         assert fact.figures["duration"] == approx(2.8, abs=0.3)
     is_beyond = level == "good" and fact.figures["ratio"] > 1
     if is_beyond:

@@ -7,9 +7,10 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.gps_jumps import position_jumps
 from mavdem.assessment.limits import worst_fact
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
-from mavdem.dataset.intervals import intersection, longest_true_duration
+from mavdem.dataset.intervals import intersection, longest_true_duration, true_intervals
 from mavdem.dataset.position_fix import (
     FIX_3D,
     RECEIVER_MESSAGES,
@@ -37,7 +38,7 @@ INNOVATIONS = tuple(EstimatorRatio)
 """The innovations that are judged, in the order of the columns of :func:`innovation_ratios`."""
 
 GLITCH_COLUMN = len(INNOVATIONS)
-"""Index of the column of :func:`innovation_ratios` that says whether the GPS position jumped, after the ratios."""
+"""Index of the column of :func:`innovation_ratios` with the filter's flag for a glitch of GPS, after the ratios."""
 
 INNOVATION_FIELDS = {
     "EKF_STATUS_REPORT": (
@@ -54,7 +55,7 @@ GLITCH_FLAGS = {
     "EKF_STATUS_REPORT": mavlink_constant("EKF_GPS_GLITCHING"),
     "ESTIMATOR_STATUS": mavlink_constant("ESTIMATOR_GPS_GLITCH"),
 }
-"""Bits of the ``flags`` of these messages that report a jump of the GPS position."""
+"""Bits of the ``flags`` of these messages by which the filter says that it does not agree with GPS ("glitch")."""
 
 INNOVATION_LIMIT = 1.0
 """Innovation ratio at which the filters of PX4 and ArduPilot reject a measurement."""
@@ -288,26 +289,46 @@ def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _glitches(evidence: Evidence) -> Iterator[Fact]:
-    """Yields a fact for each flight in which the filter reported that the GPS position jumped (a "glitch").
+    """Yields a fact for each flight in which the filter flagged GPS (a "glitch"), by whether its position jumped.
 
-    The filter's flag counts only while a receiver has a position fix: without one, there is no position to jump.
+    The flag counts only while a receiver has a position fix: without one, there is no position to jump. It says that
+    the filter does not agree with GPS. That the position jumped is said where the receiver's positions show it.
+    Without a jump the flag must last for ``FAILSAFE_SECONDS``, as an innovation must.
 
     Args:
         evidence: what the log shows of the vehicle.
 
     Yields:
-        Facts with the time of the first jump, s since boot, and as ``duration`` the longest time, s, that the flag was
-        set without a break.
+        Facts with the time of the first jump or flag, s since boot, and as ``duration`` the longest time, s, that the
+        flag was set without a break. A jump has its ``distance``, m.
     """
     telemetry = evidence.signals.telemetry
+    jumps = position_jumps(telemetry)
     for flight in evidence.in_flight(innovation_ratios(telemetry)):
-        has_fix = has_position_fix(telemetry, int(flight.boot[0]), flight.time)
+        boot = int(flight.boot[0])
+        has_fix = has_position_fix(telemetry, boot, flight.time)
         is_glitching = (flight.values[:, GLITCH_COLUMN] > 0) & has_fix
-        if is_glitching.any():
+        # Only jumps in flight count, also where the flag is set at its beginning or end.
+        flagged = np.clip(
+            true_intervals(flight.time, is_glitching), flight.time[0], flight.time[-1]
+        ).tolist()
+        distances = [jumps.largest_in(boot, (start, end)) for start, end in flagged]
+        largest_jump = max((distance for distance in distances if distance), default=None)
+        duration = longest_true_duration(flight.time, is_glitching)
+        if largest_jump is not None:
+            start, _ = flagged[distances.index(largest_jump)]
             yield Fact(
                 EstimatorLight.GPS_GLITCHED,
+                time=start,
+                duration=duration,
+                distance=largest_jump,
+            )
+        elif duration >= FAILSAFE_SECONDS:
+            yield Fact(
+                EstimatorLight.GPS_DOUBTED,
                 time=flight.time[is_glitching.argmax()],
-                duration=longest_true_duration(flight.time, is_glitching),
+                duration=duration,
+                is_recorded=jumps.is_recorded,
             )
 
 
@@ -321,8 +342,8 @@ def innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
         telemetry: messages of the vehicle.
 
     Returns:
-        Samples (N, 5): the ratios of the ``INNOVATIONS``, 0 where one is not known, and whether the GPS position
-        jumped, 0 or 1. None if no message has them, or if they are all 0: then the filter does not run.
+        Samples (N, 5): the ratios of the ``INNOVATIONS``, 0 where one is not known, and the filter's flag for a glitch
+        of GPS, 0 or 1. None if no message has them, or if they are all 0: then the filter does not run.
     """
     for message, fields in INNOVATION_FIELDS.items():
         columns = telemetry.messages.get(message, {})

@@ -1,0 +1,123 @@
+"""Jumps of the GPS position: fixes that are further apart than the motion before and after them explains.
+
+An estimator's flag for a "glitch" of GPS is no jump of the position. PX4 sets it for any innovation of GPS beyond its
+limit, that of the vertical velocity too (``Ekf::get_ekf_soln_status``), and ArduPilot while the receiver's accuracy is
+poor (``NavEKF3_core::calcGpsGoodForFlight``). So the positions themselves are looked at.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from mavdem.arrays import Array
+from mavdem.confidence import Interval
+from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_fix_by_row
+from mavdem.dataset.signals import EARTH_RADIUS, global_positions
+from mavdem.dataset.time_series import TimeSeries, clean_series
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import wrapped_angle
+
+MIN_JUMP = 2.5
+"""Distance, m, that a jump has at least: where the filters of PX4 and ArduPilot reject a position.
+
+Both accept five standard deviations of 0.5 m by default (EKF2_GPS_P_GATE and EKF2_GPS_P_NOISE, EK3_POS_I_GATE and
+EK3_POSNE_M_NSE).
+"""
+
+MAX_FIX_STEP = 2.0
+"""Time, s, between two fixes above which a jump is not told from a manoeuvre; receivers send at 1 Hz or more."""
+
+NEIGHBOURING_STEPS = 5
+"""Number of steps whose median velocity is that of the vehicle: a jump there and back makes two of them wrong."""
+
+FLAG_DELAY = 2.0
+"""Time, s, by which an estimator's flag may come after the jump: links send its status at 1 Hz or slower; a choice."""
+
+
+@dataclass(frozen=True)
+class PositionJumps:
+    """The jumps of the position that the satellite receivers of one vehicle measured."""
+
+    is_recorded: bool
+    """Whether any receiver's positions were recorded."""
+    time: Array
+    """(N,) when each jump ended, s since boot."""
+    boot: Array
+    """(N,) number of the boot of each jump."""
+    distance: Array
+    """(N,) how far the position jumped beyond the motion of the vehicle, m."""
+
+    def largest_in(self, boot: int, interval: Interval) -> float | None:
+        """Returns the largest jump, m, in an interval of a boot or up to ``FLAG_DELAY`` before it; None without one.
+
+        Args:
+            boot: number of the boot.
+            interval: start and end, s since boot.
+        """
+        start, end = interval
+        is_inside = (self.time >= start - FLAG_DELAY) & (self.time <= end)
+        rows = (self.boot == boot) & is_inside
+        return float(self.distance[rows].max()) if rows.any() else None
+
+
+def position_jumps(telemetry: Telemetry) -> PositionJumps:
+    """Finds the jumps in the positions of all satellite receivers of a vehicle.
+
+    Args:
+        telemetry: messages of the vehicle.
+    """
+    jumps = [np.zeros((0, 3))]
+    is_recorded = False
+    for message in RECEIVER_MESSAGES:
+        positions = _receiver_positions(telemetry, message)
+        if positions is None:
+            continue
+        is_recorded = True
+        jumps += [_jumps_in_boot(positions, int(boot)) for boot in np.unique(positions.boot)]
+    time, boot, distance = np.concatenate(jumps).T
+    return PositionJumps(is_recorded, time, boot, distance)
+
+
+def _receiver_positions(telemetry: Telemetry, message: str) -> TimeSeries | None:
+    """Returns where a receiver was (N, 2), m north and east of its first fix; None where it recorded no position.
+
+    Args:
+        telemetry: messages of the vehicle.
+        message: GPS_RAW_INT or GPS2_RAW.
+    """
+    columns = telemetry.messages.get(message, {})
+    if not all(field in columns for field in ("lat", "lon", "fix_type")):
+        return None
+    degrees, is_fix = global_positions(columns)
+    is_fix &= has_fix_by_row(columns)
+    if not is_fix.any():
+        return None
+    radians = np.radians(degrees)
+    origin = radians[np.argmax(is_fix)]
+    # Wrapping keeps the distance small across the date line too.
+    angles = wrapped_angle(radians - origin)
+    return clean_series(columns, EARTH_RADIUS * angles * [1.0, np.cos(origin[0])], is_fix)
+
+
+def _jumps_in_boot(positions: TimeSeries, boot: int) -> Array:
+    """Returns the jumps (M, 3) of one receiver in one boot: time, s, number of the boot, and distance, m.
+
+    The velocity of a step is compared with the median of its neighbours', so that a vehicle that speeds up or turns
+    does not jump. The way that the vehicle flies in a step is allowed besides: links repeat fixes, and delay them.
+
+    Args:
+        positions: (N, 2) m.
+        boot: number of the boot.
+    """
+    in_boot = positions.select(positions.boot == boot)
+    steps = np.diff(in_boot.time)
+    if not len(steps):
+        return np.zeros((0, 3))
+    velocities = np.diff(in_boot.values, axis=0) / steps[:, None]
+    usual_velocities = median_filter(velocities, size=(NEIGHBOURING_STEPS, 1), mode="nearest")
+    distances = np.linalg.norm(velocities - usual_velocities, axis=1) * steps
+    allowed_steps = np.maximum(steps, np.median(steps))
+    limits = MIN_JUMP + np.linalg.norm(usual_velocities, axis=1) * allowed_steps
+    rows = np.flatnonzero((distances > limits) & (steps <= MAX_FIX_STEP))
+    return np.column_stack([in_boot.time[rows + 1], np.full(len(rows), boot), distances[rows]])
