@@ -46,7 +46,7 @@ class RecentMessages:
             values: of its ``MESSAGE_FIELDS``, in their order.
         """
         rows = self.rows.setdefault(name, [])
-        if not rows or rows[-1][1] != values:
+        if not rows or not _are_equal(rows[-1][1], values):
             self.changes[name] += 1
         rows.append((time, values))
         if len(rows) > MAX_ROWS:
@@ -72,6 +72,11 @@ class RecentMessages:
             if rows:
                 columns[name] = _columns_from(MESSAGE_FIELDS[name], rows, self.boot)
         return columns
+
+
+def _are_equal(values: Numbers, other_values: Numbers) -> bool:
+    """Returns whether two messages of one name have the same values; a field may be an array, as cells' voltages."""
+    return all(map(np.array_equal, values, other_values))
 
 
 def _thinned_out(name: str, rows: Sequence[tuple[float, Numbers]]) -> list[tuple[float, Numbers]]:

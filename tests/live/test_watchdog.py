@@ -332,3 +332,10 @@ def test_no_message_waits_for_more_than_a_part_of_a_review(monkeypatch):
         for _ in rows:
             assert len(worked) == before
     assert len(worked) > 30 and len(set(worked)) == len(worked)
+
+
+def test_messages_with_arrays_are_counted_where_a_value_of_the_array_changes():
+    recent = RecentMessages()
+    for time, cell in enumerate((4100, 4100, 4050)):
+        recent.add("BATTERY_STATUS", float(time), (0, np.array([cell, 4100]), -1, 50, 1))
+    assert recent.changes["BATTERY_STATUS"] == 2
