@@ -14,6 +14,7 @@ class LogLight(Code):
     RECORDED_OTHER_VEHICLE = "recorded_other_vehicle"
     ATTITUDE_NOT_RECORDED = "attitude_not_recorded"
     MOTION_NOT_RECORDED = "motion_not_recorded"
+    DAMAGED = "log_damaged"
     SIMULATED = "simulated"
 
 

@@ -17,6 +17,7 @@ from mavdem.assessment.lights.estimator import (
     estimator_light,
 )
 from mavdem.assessment.lights.log import (
+    MAX_CUT_BYTES,
     MAX_GAP,
     MAX_SIMULATED_RATE_CHANGE,
     log_light,
@@ -37,7 +38,7 @@ from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.facts.log import LogLight, Simulator
 from mavdem.facts.power import PowerLight
-from mavdem.facts.sources import Repair
+from mavdem.facts.sources import Flaw, Repair
 from mavdem.wind_velocity.from_log import wind_evidence
 
 HOVER = Hover()
@@ -358,6 +359,17 @@ def test_the_log_is_judged_by_its_rates_and_gaps():
             assert not fact.remedy
 
 
+def test_the_log_is_judged_by_the_attitude_that_was_recorded():
+    interpolated = Fact(Repair.ATTITUDE_INTERPOLATED, attitude_rate=20.0, rate=50.0)
+    fact = log_light(evidence(replace(HOVER.telemetry(50.0, 50.0), repairs=(interpolated,))))
+    assert fact.code is LogLight.RECORDED_SLOWLY
+    assert "Attitude at 20 Hz, body rates at 50 Hz, commands at 50 Hz" in fact.sentence
+    enough = interpolated.replace(attitude_rate=45.0)
+    fact = log_light(evidence(replace(HOVER.telemetry(50.0, 50.0), repairs=(enough,))))
+    assert fact.code is LogLight.RECORDED_FAST
+    assert "Attitude at 45 Hz, commands at 50 Hz" in fact.sentence
+
+
 @mark.slow
 def test_the_light_of_the_log_states_what_was_lost_by_damage():
     damage = Fact(Repair.ULOG_DAMAGED, Level.WATCH, count=640, places=10, duration=0.25)
@@ -367,6 +379,23 @@ def test_the_light_of_the_log_states_what_was_lost_by_damage():
         damaged = log_light(evidence(replace(telemetry, repairs=(damage,))))
         assert damaged.code is sound.code
         assert str(damaged) == f"Damaged: 640 bytes, 0.25 s lost. {sound}"
+    for repairs, words in (
+        ([Fact(Repair.BYTES_SKIPPED, count=5000, part="message")], "5000 bytes left out"),
+        (
+            [
+                Fact(Repair.FRAMES_LEFT_OUT, count=2, flaw=Flaw.DAMAGE),
+                Fact(Repair.BYTES_SKIPPED, count=400, part="frame"),
+            ],
+            "400 bytes and 2 frames left out",
+        ),
+        ([Fact(Repair.CHUNKS_DAMAGED, count=1, size=900, duration=1.5)], "900 bytes, 1.5 s lost"),
+    ):
+        damaged = log_light(evidence(replace(slow, repairs=tuple(repairs))))
+        assert str(damaged) == f"Damaged: {words}. {log_light(evidence(slow))}"
+    last_message_cut = Fact(Repair.BYTES_SKIPPED, count=MAX_CUT_BYTES, part="message")
+    assert "Damaged" not in str(log_light(evidence(replace(slow, repairs=(last_message_cut,)))))
+    other_dialect = Fact(Repair.FRAMES_LEFT_OUT, count=2, flaw=Flaw.ANOTHER_DIALECT)
+    assert "Damaged" not in str(log_light(evidence(replace(slow, repairs=(other_dialect,)))))
     long_damage = Fact(Repair.ULOG_DAMAGED, Level.WATCH, count=640, places=1, duration=195.4)
     assert "195 s lost" in str(log_light(evidence(replace(slow, repairs=(long_damage,)))))
     assert "195 s of the log" in long_damage.sentence

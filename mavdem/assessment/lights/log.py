@@ -7,16 +7,23 @@ import numpy as np
 from mavdem.assessment.evidence import Evidence
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset import phases
-from mavdem.dataset.attitude import Attitude
+from mavdem.dataset.attitude import Attitude, attitude_from_messages
+from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.rate_advice import rate_advice
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, rate_between_outages
 from mavdem.facts import Fact
 from mavdem.facts.log import LogLight, Simulator
-from mavdem.facts.sources import Repair
+from mavdem.facts.sources import Flaw, Repair
 from mavdem.ingest.telemetry import Telemetry
 
 MAX_GAP = 1.0
 """Time without attitude in flight, s, that is to be watched: longer than a fall from 5 m."""
+
+MAX_CUT_BYTES = 288
+"""Bytes outside of messages up to which a file is cut and not damaged: one whole message is the most a cut leaves.
+
+MAVLink 2's longest frame has 280 bytes and a .tlog's stamp 8; DataFlash's longest message has 255.
+"""
 
 SIH_AIRFRAMES = range(10040, 10050)
 """Values of SYS_AUTOSTART for PX4's own simulators (ROMFS/px4fmu_common/init.d-posix/airframes)."""
@@ -47,11 +54,12 @@ def log_light(evidence: Evidence) -> Fact:
 
     1. If one of them is missing, the motion was not recorded.
     2. If the slower one is below ``MIN_STREAM_RATE``, the log is too slow for a full model. A rate is that between
-       outages, Hz: pauses of the link do not lower it.
+       outages, Hz: pauses of the link do not lower it. Attitude counts as it was logged, and not as it was
+       interpolated to the body rates.
     3. If a gap of the attitude in flight is longer than ``MAX_GAP``, or the logger itself lost messages ("dropouts"),
        the log has gaps.
 
-    Whatever the rates are, the light also states how much of the file was damaged.
+    Whatever the rates are, the light also states how much of the file could not be read.
 
     Args:
         evidence: the signals of the vehicle, its flights, and whether a model can be learned.
@@ -68,7 +76,7 @@ def log_light(evidence: Evidence) -> Fact:
     drive = signals.model_inputs
     if attitude is None or drive is None:
         return Fact(LogLight.MOTION_NOT_RECORDED, because=evidence.learnability.reason)
-    attitude_rate = rate_between_outages(attitude)
+    attitude_rate = _recorded_attitude_rate(signals.telemetry, attitude)
     motor_rate = rate_between_outages(drive)
     longest_gap = _longest_gap(evidence, attitude)
     telemetry = signals.telemetry
@@ -80,6 +88,7 @@ def log_light(evidence: Evidence) -> Fact:
     return Fact(
         code,
         attitude_rate=attitude_rate,
+        rate=rate_between_outages(attitude),
         motor_rate=motor_rate,
         longest_gap=longest_gap,
         dropouts=telemetry.dropouts,
@@ -89,12 +98,53 @@ def log_light(evidence: Evidence) -> Fact:
     )
 
 
-def _damage(telemetry: Telemetry) -> Fact | None:
-    """Returns how much of a damaged ULog could not be read; None for a sound log, and for one of another format."""
+def _recorded_attitude_rate(telemetry: Telemetry, attitude: Attitude) -> float:
+    """Returns how often the attitude itself was recorded, Hz, between outages.
+
+    The attitude that models use has the stamps of the body rates, where those were logged more often: its angles are
+    interpolated between those that were logged (PX4), or integrated from the rates (ArduPilot's PID_TUNING).
+
+    Args:
+        telemetry: messages and repairs of the vehicle.
+        attitude: attitude of an axis, as models use it.
+    """
+    rates = [rate_between_outages(attitude)]
+    sent = attitude_from_messages(telemetry, TILT_AXES[0])
+    if sent is not None:
+        rates.append(rate_between_outages(sent))
     for repair in telemetry.repairs:
+        if repair.code is Repair.ATTITUDE_INTERPOLATED:
+            rates.append(repair.figures["attitude_rate"])
+    return min(rates)
+
+
+def _damage(telemetry: Telemetry) -> Fact | None:
+    """Returns how much of a damaged log, of any format, could not be read; None for a sound one, or one merely cut.
+
+    Args:
+        telemetry: repairs of the file that the vehicle was read from.
+
+    Returns:
+        The fact, with the number of bytes and of damaged frames, and the time, s, that they held, where it is known.
+    """
+    byte_count = 0
+    frame_count = 0
+    duration = 0.0
+    for repair in telemetry.repairs:
+        figures = repair.figures
         if repair.code is Repair.ULOG_DAMAGED:
-            return repair
-    return None
+            byte_count += figures["count"]
+        elif repair.code is Repair.BYTES_SKIPPED and figures["count"] > MAX_CUT_BYTES:
+            byte_count += figures["count"]
+        elif repair.code is Repair.CHUNKS_DAMAGED:
+            byte_count += figures["size"]
+        elif repair.code is Repair.FRAMES_LEFT_OUT and figures["flaw"] == Flaw.DAMAGE:
+            frame_count += figures["count"]
+        if repair.code in (Repair.ULOG_DAMAGED, Repair.CHUNKS_DAMAGED):
+            duration += figures["duration"]
+    if not byte_count and not frame_count:
+        return None
+    return Fact(LogLight.DAMAGED, size=byte_count, frames=frame_count, duration=duration)
 
 
 def _longest_gap(evidence: Evidence, attitude: Attitude) -> float:

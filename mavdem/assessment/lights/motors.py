@@ -9,6 +9,7 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.first_failure import SPENT_THRUST_SHARE
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.motor_speeds import REPORTS_OF_MOTOR
+from mavdem.dataset.motor_outputs import motor_outputs_or_obstacle
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.segments import in_segments, settled_segments
 from mavdem.facts import Code, Fact, Level
@@ -55,15 +56,12 @@ def motors_light(evidence: Evidence) -> Fact:
         # The sentence of this fact differs for outputs that were not recorded, for which there are no names.
         names = _motor_names(evidence)
         not_measured = MotorsLight.MOTORS_NOT_SEEN
-        reason = evidence.learnability.reason
-        # Outputs that were recorded and never change have no names either.
-        is_constant = reason is not None and reason.code is MotorObstacle.MOTORS_CONSTANT
         facts.append(
             Fact(
                 not_measured,
                 names=names,
                 least_duration=MIN_STEADY_SECONDS,
-                because=reason if is_constant and not names else None,
+                because=None if names else _obstacle_of_recorded_outputs(evidence),
             )
         )
     else:
@@ -119,6 +117,21 @@ def _motor_names(evidence: Evidence) -> tuple[str, ...]:
     """Returns the names of the motors; none if their outputs were not recorded."""
     motors = evidence.signals.motors
     return () if motors is None else tuple(motors.geometry.names)
+
+
+def _obstacle_of_recorded_outputs(evidence: Evidence) -> Fact | None:
+    """Returns why outputs that were recorded are not those of motors, such as that none of them ever changes.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+
+    Returns:
+        The obstacle; None where there is none, or the log has no outputs at all.
+    """
+    obstacle = motor_outputs_or_obstacle(evidence.signals.telemetry)
+    if isinstance(obstacle, Fact) and obstacle.code is not MotorObstacle.NO_MOTOR_MESSAGE:
+        return obstacle
+    return None
 
 
 def _events_of_motors(evidence: Evidence) -> list[Fact]:
