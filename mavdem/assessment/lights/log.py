@@ -132,9 +132,7 @@ def _damage(telemetry: Telemetry) -> Fact | None:
     duration = 0.0
     for repair in telemetry.repairs:
         figures = repair.figures
-        if repair.code is Repair.ULOG_DAMAGED:
-            byte_count += figures["count"]
-        elif repair.code is Repair.BYTES_SKIPPED and figures["count"] > MAX_CUT_BYTES:
+        if repair.code is Repair.ULOG_DAMAGED or repair.code is Repair.BYTES_SKIPPED and figures["count"] > MAX_CUT_BYTES:
             byte_count += figures["count"]
         elif repair.code is Repair.CHUNKS_DAMAGED:
             byte_count += figures["size"]
