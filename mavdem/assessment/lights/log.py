@@ -131,18 +131,25 @@ def _damage(telemetry: Telemetry) -> Fact | None:
     frame_count = 0
     duration = 0.0
     for repair in telemetry.repairs:
-        figures = repair.figures
-        if repair.code is Repair.ULOG_DAMAGED or repair.code is Repair.BYTES_SKIPPED and figures["count"] > MAX_CUT_BYTES:
-            byte_count += figures["count"]
-        elif repair.code is Repair.CHUNKS_DAMAGED:
-            byte_count += figures["size"]
-        elif repair.code is Repair.FRAMES_LEFT_OUT and figures["flaw"] == Flaw.DAMAGE:
-            frame_count += figures["count"]
+        byte_count += _unread_bytes(repair)
+        if repair.code is Repair.FRAMES_LEFT_OUT and repair.figures["flaw"] == Flaw.DAMAGE:
+            frame_count += repair.figures["count"]
         if repair.code in (Repair.ULOG_DAMAGED, Repair.CHUNKS_DAMAGED):
-            duration += figures["duration"]
+            duration += repair.figures["duration"]
     if not byte_count and not frame_count:
         return None
     return Fact(LogLight.DAMAGED, size=byte_count, frames=frame_count, duration=duration)
+
+
+def _unread_bytes(repair: Fact) -> int:
+    """Returns how many bytes of a file a repair left out; 0 of those that a mere cut leaves of a message."""
+    if repair.code is Repair.ULOG_DAMAGED:
+        return int(repair.figures["count"])
+    if repair.code is Repair.CHUNKS_DAMAGED:
+        return int(repair.figures["size"])
+    if repair.code is Repair.BYTES_SKIPPED and repair.figures["count"] > MAX_CUT_BYTES:
+        return int(repair.figures["count"])
+    return 0
 
 
 def _longest_gap(evidence: Evidence, attitude: Attitude) -> float:
