@@ -95,6 +95,7 @@ class RateFact(Code):
     RATE_FELL = "rate_fell"
     RATES_CONTESTED = "rates_contested"
     RATES_NOT_RESTORED = "rates_not_restored"
+    VEHICLE_CLOCK_SLOW = "vehicle_clock_slow"
 
 
 class Task(StrEnum):

@@ -47,7 +47,9 @@ class RateNegotiation:
         self._arrival_rates = ArrivalRates()
         self._greeting_time = -inf
 
-    def update(self, now: float, message_time: float, is_busy: bool) -> None:
+    def update(
+        self, now: float, message_time: float, is_busy: bool, clock_speed: float = 1.0
+    ) -> None:
         """Sends what is due: a greeting where one is needed, then requests to the vehicle once it is known.
 
         It is called with each step of the session. Some links (``udpout``) stay silent until they have received
@@ -59,6 +61,7 @@ class RateNegotiation:
             now: until when all that arrived is analysed, s of the monotonic clock.
             message_time: when a message came last, s of that clock.
             is_busy: whether the analysis is late; then messages seem to come as fast as the analysis.
+            clock_speed: seconds of the vehicle's clock in one of this computer's; above 0.
         """
         if self._requested_rate is None or self._intake.is_lost or is_busy:
             self._arrival_rates = ArrivalRates()
@@ -75,7 +78,7 @@ class RateNegotiation:
             self._request = self._request_to(vehicle, self._requested_rate)
         for message in self._stream.drain_replies():
             self._request.take_reply(message)
-        rates = self._arrival_rates.update(now, vehicle.message_counts)
+        rates = self._arrival_rates.update(now, vehicle.message_counts, clock_speed)
         self._intake.send(self._request.frames_due(now, rates, vehicle.parameters))
         for fact in self._request.drain_events():
             self._log(fact)

@@ -98,9 +98,10 @@ the rate again.
 
 
 class ArrivalRates:
-    """Rates of messages over the last ``RATE_WINDOW_SECONDS``, by a clock of this computer.
+    """Rates of messages over the last ``RATE_WINDOW_SECONDS``, by the vehicle's clock.
 
-    The vehicle's clock would not do: it stops when nothing comes.
+    They are counted by a clock of this computer and divided by the speed of the vehicle's clock, since that clock itself
+    stops when no attitude comes.
     """
 
     def __init__(self) -> None:
@@ -108,12 +109,15 @@ class ArrivalRates:
         # Counts of the window, the oldest first: the time, s, and the number of messages until then, by message id.
         self._counts_by_time: deque[tuple[float, dict[int, int]]] = deque()
 
-    def update(self, now: float, counts: Mapping[int, int]) -> dict[int, float] | None:
+    def update(
+        self, now: float, counts: Mapping[int, int], clock_speed: float = 1.0
+    ) -> dict[int, float] | None:
         """Adds the present counts of messages, and returns the rate of each message over the last seconds.
 
         Args:
             now: s of this computer's monotonic clock.
             counts: number of messages that have arrived so far, by message id.
+            clock_speed: seconds of the vehicle's clock in one of this computer's; above 0.
 
         Returns:
             Hz by message id; None while less than ``DECISION_SECONDS`` have been measured.
@@ -130,7 +134,8 @@ class ArrivalRates:
             return None
         rates = {}
         for message_id, message_count in counts.items():
-            rates[message_id] = (message_count - start_counts.get(message_id, 0)) / duration
+            new_messages = message_count - start_counts.get(message_id, 0)
+            rates[message_id] = new_messages / (duration * clock_speed)
         return rates
 
 
@@ -163,8 +168,14 @@ class _MessageInterval:
     request_time: float = -np.inf
     """When it was asked for or set last, s."""
 
+    reachable_rate: float = np.nan
+    """Rate that was accepted last, Hz: the requested one, or a lower one after ``MAX_TRIES`` settings in vain."""
+
     may_have_changed: bool = False
     """Whether the vehicle may have changed it on request."""
+
+    may_be_forgotten: bool = False
+    """Whether the vehicle may have rebooted since the interval was set last, and have forgotten it."""
 
     was_reached: bool = False
     """Whether the message came fast enough after it was set."""
@@ -251,8 +262,8 @@ class RateRequest:
 
         For each message the vehicle's own interval is queried first, at most ``MAX_TRIES`` times, since it is to be
         restored at the end. After that the interval is set where the message comes too slowly. Frames about the same
-        message are at least ``RETRY_SECONDS`` apart. While rates are unknown, only messages that were set before are
-        looked at again, as if they did not come: after a reboot the vehicle has forgotten their intervals.
+        message are at least ``RETRY_SECONDS`` apart. While rates are unknown, only messages whose setting the vehicle
+        may have forgotten in a reboot are set again.
 
         Args:
             now: s of a monotonic clock.
@@ -271,7 +282,7 @@ class RateRequest:
                 if rates is not None:
                     rate = rates.get(interval.message_id, 0.0)
                     frames += self._settings_due(interval, now, rate)
-                elif interval.may_have_changed:
+                elif interval.may_be_forgotten:
                     frames += self._settings_due(interval, now, 0.0)
         return frames
 
@@ -335,6 +346,7 @@ class RateRequest:
             return []
         if interval.set_count == MAX_TRIES:
             # A little less than the present rate is enough from now on, so that this branch is not entered again.
+            interval.reachable_rate = rate
             interval.needed_rate = MIN_RATE_RATIO * rate
             self._report(interval, RateFact.RATE_BELOW_ASKED, rate=rate, needed_rate=interval.rate)
             return []
@@ -344,7 +356,9 @@ class RateRequest:
         # rate of 0 the message was not sent.
         if interval.former_interval is None:
             interval.former_interval = round(MICROSECONDS / rate) if rate else STOPPED
+        interval.reachable_rate = interval.rate
         interval.needed_rate = MIN_RATE_RATIO * interval.rate
+        interval.may_be_forgotten = False
         interval.was_reached = False
         interval.set_count += 1
         interval.may_have_changed = True
@@ -371,7 +385,7 @@ class RateRequest:
         if rate > 0:
             interval.fall_count += 1
         if interval.fall_count <= 1:
-            self._report(interval, RateFact.RATE_FELL, former_rate=interval.rate)
+            self._report(interval, RateFact.RATE_FELL, former_rate=interval.reachable_rate)
         # All messages whose count is at the limit. If this is the only one, it is the first that reached the limit, and
         # the fact has not been reported yet.
         contested_intervals = [
@@ -464,6 +478,7 @@ class RateRequest:
         for interval in self._intervals:
             interval.set_count = 0
             interval.was_reached = False
+            interval.may_be_forgotten = interval.may_have_changed
             interval.request_time = -np.inf
             interval.needed_rate = MIN_RATE_RATIO * interval.rate
 

@@ -14,6 +14,7 @@ from mavdem.facts.loops import Gains
 from mavdem.facts.session import Missing, Session, Spent, Task
 from mavdem.live import clock
 from mavdem.live.backlog import STEP_SECONDS, Backlog, LatencyMeter
+from mavdem.live.clock_speed import ClockSpeed
 from mavdem.live.gain_advice import GainAdviser
 from mavdem.live.intake import LinkIntake
 from mavdem.live.judging import ModelJudging
@@ -91,6 +92,7 @@ class LiveSession:
         self._learning = FlightLearning(stream.axis, settings, executor, prior, log)
         self._milestones = Milestones(stream.axis, log)
         self.judging = ModelJudging(executor, recording_name)
+        self._clock_speed = ClockSpeed(log)
         self._rates = RateNegotiation(
             requested_rate, link.awaits_greeting, self.intake, stream, log
         )
@@ -129,7 +131,14 @@ class LiveSession:
         for fact in self.link.drain_events():
             self._presentation.log(fact)
         now = clock.monotonic()
-        self._rates.update(self.backlog.now, self._silence.message_time, self.backlog.is_late)
+        analysed_time = self.backlog.now
+        self._clock_speed.update(analysed_time, self.stream.now)
+        self._rates.update(
+            analysed_time,
+            self._silence.message_time,
+            self.backlog.is_late,
+            self._clock_speed.speed,
+        )
         if now - self._status_time >= STATUS_PERIOD:
             self._learning.adopt_model_of_landing()
             fits_wait = Task.PHYSICAL_FITS in self.backlog.postponed

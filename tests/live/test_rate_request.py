@@ -12,6 +12,7 @@ from mavdem.facts.session import RateFact
 from mavdem.ingest.mavlink.definitions import FrameSender, pymavlink_messages
 from mavdem.ingest.motors import control_parameters, motor_parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+from mavdem.live.clock_speed import ClockSpeed
 from mavdem.live.link import SILENCE_SECONDS
 from mavdem.live.messages import Message
 from mavdem.live.rate_request import (
@@ -106,6 +107,9 @@ class Vehicle:
         self.sent = []
         self.counts = {0: 0.0}
         self.silent = False
+        self.clock_speed = 1.0
+        self.vehicle_time = 0.0
+        self.measured_speed = ClockSpeed(lambda fact: None)
 
     def run(self, seconds, back_every=0.0):
         """Lets so many seconds go by; another ground station may set its own rates again now and then."""
@@ -114,13 +118,23 @@ class Vehicle:
             if back_every and self.now % back_every < 0.1:
                 self.rates = dict(self.usual)
             for kind, rate in {0: 1.0, **self.rates}.items():
-                self.counts[kind] = self.counts.get(kind, 0.0) + 0.1 * rate * (not self.silent)
+                self.counts[kind] = self.counts.get(kind, 0.0) + self.sent_in_a_step(rate)
             counts = {kind: int(count) for kind, count in self.counts.items()}
-            rates = self.arrivals.update(self.now, counts)
+            self.vehicle_time += 0.1 * self.clock_speed
+            self.measured_speed.update(self.now, self.vehicle_time)
+            rates = self.arrivals.update(self.now, counts, self.measured_speed.speed)
             if not self.silent:
                 for command, kind, interval in said(self.request.frames_due(self.now, rates)):
                     self.sent.append((round(self.now, 1), command, kind))
                     self.answer(command, kind, interval)
+
+    def sent_in_a_step(self, rate):
+        """How many messages of a rate by its own clock come in 0.1 s of this computer's."""
+        return 0.0 if self.silent else 0.1 * self.clock_speed * rate
+
+    def settings(self):
+        """How often an interval was set."""
+        return sum(command == SET_INTERVAL for _, command, _ in self.sent)
 
     def restarts_after(self, silence):
         """It sends nothing for so many seconds; the session notices a long silence."""
@@ -187,6 +201,32 @@ def test_rates_that_another_ground_station_sets_back_are_requested_again():
     vehicle.restarts_after(6.0)
     vehicle.run(1.0)
     assert vehicle.rates[30] == vehicle.rates[36] == 100.0, "a reboot needs no pause"
+
+
+def test_rates_are_by_the_clock_of_a_simulator_that_falls_behind():
+    vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0, _36=4.0)
+    for vehicle.clock_speed in (0.1, 1.0, 0.3):
+        vehicle.run(60.0)
+    assert vehicle.rates == {30: 100.0, 36: 100.0, 83: 50.0, 245: 4.0, 32: 4.0, 74: 4.0}
+    assert vehicle.settings() == 6 and vehicle.request.events == []
+
+
+def test_rates_that_are_not_measured_yet_are_not_requested_again():
+    vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0, _36=4.0)
+    for _ in range(4):
+        vehicle.run(20.0)
+        # This computer was busy, so that the measurement begins anew.
+        vehicle.arrivals = ArrivalRates()
+    assert vehicle.settings() == 6 and vehicle.request.events == []
+
+
+def test_a_rate_that_was_never_reached_is_not_reported_as_lost():
+    request = request_of(100.0, 30)
+    for second in range(60):
+        request.frames_due(float(second), {30: 60.0 if second < 40 else 30.0})
+    below, fall, *_ = request.events
+    assert (below.code, below.figures["rate"]) == (RateFact.RATE_BELOW_ASKED, 60.0)
+    assert (fall.code, fall.figures["former_rate"]) == (RateFact.RATE_FELL, 60.0)
 
 
 @mark.parametrize("autopilot, gains", [("ARDUPILOTMEGA", ARDUPILOT), ("PX4", PX4)])

@@ -1,0 +1,106 @@
+"""How fast the boot clock of a live vehicle runs against the clock of this computer.
+
+A simulator that falls behind real time sends 100 messages in a second of its own clock, and yet a few in a second of
+this computer's clock. All rates of a session are by the vehicle's clock, by which its rows are made.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from math import isnan
+from typing import NamedTuple
+
+from mavdem.facts import Fact
+from mavdem.facts.session import RateFact
+from mavdem.live.samples import DECISION_SECONDS
+
+SPEED_WINDOW_SECONDS = 5.0
+"""Time over which the speed is measured, s of this computer's clock: that over which rates are measured."""
+
+READING_PERIOD = DECISION_SECONDS / 4
+"""Least time, s, between two readings from which a measurement can begin: a quarter of the shortest one, a choice."""
+
+MIN_REAL_TIME_SPEED = 0.8
+"""Speed below which a vehicle's clock is reported as slow: a choice, for links that deliver in bursts."""
+
+SLOW_SECONDS = 10.0
+"""Time for which a clock must be slow before that is reported, s: a delay that grows on a slow link ends earlier."""
+
+
+class _ClockReading(NamedTuple):
+    """The readings of both clocks when the vehicle's clock had just advanced."""
+
+    arrival_time: float
+    """Reading of this computer's clock, s."""
+
+    vehicle_time: float
+    """Reading of the vehicle's boot clock, s."""
+
+
+class ClockSpeed:
+    """Measures the speed of a vehicle's clock, and reports once that it is slow.
+
+    Attributes:
+        speed: seconds of the vehicle's clock in one of this computer's; 1 before it is measured. The last measurement
+            stays while the vehicle's clock does not advance, since then its attitude does not come.
+    """
+
+    def __init__(self, log: Callable[[Fact], None]) -> None:
+        """Begins without a reading.
+
+        Args:
+            log: is called with the fact that the vehicle's clock is slow.
+        """
+        self.speed = 1.0
+        self._log = log
+        # Readings from which a measurement can begin, the oldest first, and the latest reading.
+        self._readings = deque[_ClockReading]()
+        self._latest: _ClockReading | None = None
+        # Since when the clock has been slow, s of this computer's clock; None while it is not.
+        self._slow_since: float | None = None
+        self._is_reported = False
+
+    def update(self, now: float, vehicle_time: float) -> None:
+        """Takes the present reading of both clocks, and measures the speed if the vehicle's clock has advanced.
+
+        After a jump of the vehicle's clock, as at a reboot, the measurement begins anew.
+
+        Args:
+            now: s of this computer's monotonic clock.
+            vehicle_time: latest time of the vehicle's boot clock, s; NaN before any.
+        """
+        latest = self._latest
+        if isnan(vehicle_time) or (latest is not None and vehicle_time == latest.vehicle_time):
+            return
+        if latest is not None:
+            has_jumped = not 0 < vehicle_time - latest.vehicle_time < SPEED_WINDOW_SECONDS
+            if has_jumped:
+                self._readings.clear()
+        latest = _ClockReading(now, vehicle_time)
+        self._latest = latest
+        readings = self._readings
+        if not readings or now - readings[-1].arrival_time >= READING_PERIOD:
+            readings.append(latest)
+        # The window begins with the latest reading that is old enough.
+        while len(readings) > 1 and readings[1].arrival_time <= now - SPEED_WINDOW_SECONDS:
+            readings.popleft()
+        start = readings[0]
+        duration = now - start.arrival_time
+        if duration < DECISION_SECONDS / 2:
+            return
+        self.speed = (vehicle_time - start.vehicle_time) / duration
+        self._report_slow_clock(now)
+
+    def _report_slow_clock(self, now: float) -> None:
+        """Reports, once, that the vehicle's clock has been slow for ``SLOW_SECONDS``.
+
+        Args:
+            now: s of this computer's monotonic clock.
+        """
+        if self.speed >= MIN_REAL_TIME_SPEED:
+            self._slow_since = None
+            return
+        if self._slow_since is None:
+            self._slow_since = now
+        if not self._is_reported and now - self._slow_since >= SLOW_SECONDS:
+            self._is_reported = True
+            self._log(Fact(RateFact.VEHICLE_CLOCK_SLOW, speed=self.speed))
