@@ -100,8 +100,8 @@ the rate again.
 class ArrivalRates:
     """Rates of messages over the last ``RATE_WINDOW_SECONDS``, by the vehicle's clock.
 
-    They are counted by a clock of this computer and divided by the speed of the vehicle's clock, since that clock itself
-    stops when no attitude comes.
+    They are counted by a clock of this computer and divided by the speed of the vehicle's clock, since that clock
+    itself stops when no attitude comes.
     """
 
     def __init__(self) -> None:
