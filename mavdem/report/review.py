@@ -22,6 +22,9 @@ SCREEN_COLUMNS = 80
 RESERVED_LINES = 3
 """Lines of a screen that the review leaves free: for the title, and the progress and the path of the page."""
 
+CLOCK_BEGINS_ANEW = f"{'restart':<20}The autopilot restarted: its clock begins anew."
+"""The row between events of two boots, in the columns of the other rows."""
+
 HARD_SPACE = "\N{NO-BREAK SPACE}"
 """A space at which no line is broken."""
 
@@ -148,9 +151,17 @@ def _wrapped(text: str, columns: int) -> Iterator[str]:
 
 
 def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[str]:
-    """Yields a row for each event that may have lost the vehicle, except the one of the headline."""
+    """Yields a row for each event that may have lost the vehicle, except the one of the headline.
+
+    Where the autopilot restarted between two of them, so that its clock began anew, a row says so.
+    """
+    former_boot = None
     for event in assessment.events:
         if event.is_bad and event.time != assessment.headline.time:
+            boot = event.figures.get("boot", former_boot)
+            if former_boot is not None and boot > former_boot:
+                yield CLOCK_BEGINS_ANEW
+            former_boot = boot
             name = "event" if event.time is None else f"{event.time:.0f} s"
             yield _row(name, event, columns)
 

@@ -11,7 +11,8 @@ from refusals import prose
 
 import mavdem
 from mavdem.assessment.assess import assess
-from mavdem.facts import Level
+from mavdem.facts import Fact, Level
+from mavdem.facts.ending import MotionEvent
 from mavdem.facts.learnability import Reason
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import read_log
@@ -70,6 +71,19 @@ def test_a_screen_in_two_parts_has_the_lines_of_the_whole_screen():
     assert first[:2] == whole[:2]
     assert further[0].startswith("tracking")
     assert further[-1] == whole[-1]
+
+
+def test_a_row_divides_the_alarms_of_two_boots():
+    assessment = assess(read_log(SLOW))
+    stop = Fact(MotionEvent.MOTOR_OFF, Level.BAD, subject="motor 3")
+    alarms = [
+        stop.replace(time=time, boot=boot) for boot, time in ((0, 60.0), (0, 177.9), (1, 18.9))
+    ]
+    judgement = replace(assessment.judgement, lights={})
+    evidence = replace(assessment.evidence, events=tuple(alarms))
+    with_alarms = replace(assessment, judgement=judgement, evidence=evidence)
+    lines = review_screen(with_alarms, columns=200).splitlines()
+    assert [line.split("  ")[0] for line in lines[1:5]] == ["60 s", "178 s", "restart", "19 s"]
 
 
 def test_a_file_that_is_missing_is_no_command(capsys):

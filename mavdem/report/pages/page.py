@@ -120,6 +120,12 @@ class PageEvent(NamedTuple):
         """Whether its time is known."""
         return isfinite(self.event.seconds)
 
+    @property
+    def boot(self) -> int | None:
+        """The boot of the autopilot, from 0, on whose clock its time is; None where that is not known."""
+        boot = self.event.fact.figures.get("boot")
+        return None if boot is None else int(boot)
+
 
 class Head(NamedTuple):
     """The top of a flight's page: level, lights, events, timeline and vehicle."""

@@ -17,7 +17,7 @@ from recorded_flights import FLIGHT
 from mavdem.assessment.assess import assess
 from mavdem.assessment.inventory import inventory
 from mavdem.dataset.signals import Signals
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.session import VehicleFact
@@ -25,7 +25,7 @@ from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
 from mavdem.report.charts.timeline import live_timeline, timeline_of
 from mavdem.report.pages.flight_page import flight_page, log_page
-from mavdem.report.pages.page import render_document
+from mavdem.report.pages.page import Head, PageEvent, render_document
 from mavdem.report.screen import analysis_blocks
 
 UNSEEN = "\N{RIGHT-TO-LEFT OVERRIDE}\a"
@@ -86,6 +86,19 @@ def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back(a
     assert len(text.encode()) < 500_000
     assert '<a href="../index.html">' in text and "Model of pitch" in text
     assert Balanced(text).ids
+
+
+def test_a_line_divides_the_events_of_two_boots():
+    stop = Fact(MotionEvent.MOTOR_OFF, Level.BAD, subject="motor 3")
+    events = [
+        PageEvent(Event(time, stop.replace(time=time, boot=boot)))
+        for boot, time in ((0, 60.0), (0, 177.9), (1, 18.9), (1, 97.9))
+    ]
+    text = render_document("a.tlog", "", [], head=Head(Level.BAD, {}, events))
+    before, after = text.split("The autopilot restarted: its clock begins anew.")
+    assert "177.9 s" in before and "18.9 s" in after
+    one_boot = render_document("a.tlog", "", [], head=Head(Level.BAD, {}, events[:2]))
+    assert "its clock begins anew" not in one_boot
 
 
 @mark.slow
