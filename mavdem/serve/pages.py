@@ -135,17 +135,19 @@ class Pages:
         )
 
     def flight(self, request: HttpRequest) -> Response:
-        """Answers with the page of a flight below a bar with its downloads and settings.
+        """Answers with the page of a flight, below the bar of the library with its downloads and settings.
 
-        While the log is being read, or where it cannot be read, the page says so instead. The query ``vehicle`` chooses
+        While the log is being read, or where it cannot be read, the answer is a page that says so, with the plots that
+        are drawn so far. The query ``vehicle`` chooses
         another vehicle of the log.
         """
         entry = self._visible.entry(request, request.path_params["id"])
         values = self._visible.visitor_values(request) | {"flight": entry}
         vehicle = request.query_params.get("vehicle", "")
         path = self._page_path(entry, vehicle)
-        # The page of a log that `mavdem track` has read may be missing; then the page for unread logs is shown.
-        if entry.stage != Stage.DONE or not (entry.digest or path.is_file()):
+        # A log with a digest is stored here, with its page. One that only `mavdem track` has read may have lost its page.
+        is_stored = bool(entry.digest)
+        if entry.stage != Stage.DONE or not (is_stored or path.is_file()):
             values["first_plots"] = Markup(self._library.first_plots(entry))
             return HTMLResponse(render_server_page("flight", **values))
         if values["may_read"] and not vehicle:
@@ -155,7 +157,7 @@ class Pages:
         can_open = self._open_recording is not None and has_recording and values["may_read"]
         with refuse_missing_file():
             html = path.read_text("utf-8")
-        files = entry.file_names if entry.digest else []
+        files = entry.file_names if is_stored else []
         missing_recordings = RecordingRequests(self._library).missing_names(entry)
         return HTMLResponse(
             with_bar(html, files=files, missing=missing_recordings, can_open=can_open, **values)
@@ -245,13 +247,15 @@ class Pages:
             entry: the flight.
             name: name of the file, or ``log``.
         """
+        # A log with a digest is stored in the library; others lie where `mavdem track` has read them.
+        is_stored = bool(entry.digest)
         if name == "log":
             path = self._visible.log_path(request, entry)
-            if not entry.digest and path.is_file():
-                # A path outside the library may be altered in the index. Whatever it is, only logs are given out.
+            if not is_stored and path.is_file():
+                # Somebody may have altered this path in the index. Whatever it is, only logs are given out.
                 detect_format(path)
             name = entry.name
-        elif entry.digest and name in entry.file_names:
+        elif is_stored and name in entry.file_names:
             path = self._library.results_folder(entry) / name
         else:
             raise Refusal(Request.NO_SUCH_FLIGHT)

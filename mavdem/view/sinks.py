@@ -177,16 +177,19 @@ class RecordingFile(Sink):
             self._cut_to_complete_messages()
 
     def close(self) -> None:
-        """Adds the table of chunks to the file, or cuts it to what could be written completely; see :class:`Sink`."""
+        """Completes the file with Rerun's index of its content, or cuts it after the last complete message.
+
+        A viewer opens a file without the index too, but more slowly. An error leaves the file as it is.
+        """
         with suppress(OSError, subprocess.TimeoutExpired):
-            # Rerun reports a failure while it flushes with a later flush only.
+            # A write that failed now would be reported by Rerun's next write, which does not come.
             was_cut = self._cut_to_complete_messages()
             self.broken = self.broken or was_cut
             if not self.broken:
-                self._add_chunk_table()
+                self._add_index()
 
-    def _add_chunk_table(self) -> None:
-        """Writes the file anew, with the table of its chunks.
+    def _add_index(self) -> None:
+        """Writes the file anew, with the index of its chunks, which Rerun's own program computes.
 
         Raises:
             OSError, subprocess.TimeoutExpired: it could not; the file stays as it is.

@@ -160,10 +160,18 @@ def reading_costs(path: Path) -> list[str]:
 
 
 def fleet(logs: tuple[Path, ...]) -> None:
-    """What logs cost a fleet: CPU seconds for the rows and the page of each, by format and tier, on one core."""
+    """Prints the processor time that each log costs a fleet, for its rows and its page, on one core.
+
+    The table has the number of logs, mean, median and maximum, s, by the format of the log and by its tier: a
+    allows a full model, b slow motion only, c no model.
+
+    Args:
+        logs: paths of the logs. The first is read once before, so that importing libraries does not count.
+    """
     forbid_child_processes()
     threadpool_limits(limits=1, user_api="blas")
-    rows_of_log(logs[0], "", flight_page)  # which loads the libraries
+    # This imports the libraries.
+    rows_of_log(logs[0], "", flight_page)
     rows = []
     for path in logs:
         began = time.process_time()

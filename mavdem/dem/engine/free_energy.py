@@ -191,6 +191,9 @@ class SampleFreeEnergy:
     def terms_of_errors(self, errors: Array, states: Array) -> Array:
         """Computes the terms of F(t) of samples whose prediction errors and states are known.
 
+        Each term is a constant (log determinants, entropies) less half of the squares of its
+        prediction errors, weighted by their precision. The mean-field term is quadratic in the states as well.
+
         Args:
             errors: (T, dim ε̃) prediction errors.
             states: (T, dim X) means of the states.
@@ -198,7 +201,7 @@ class SampleFreeEnergy:
         Returns:
             (T, 10) terms in the order of ``Term``, nats, which sum to F(t).
         """
-        # ε̃ᵀ Π̃ ε̃ by the entries of ε̃, which are then summed by term.
+        # The weights sum ε̃ᵀ Π̃ ε̃ over the entries of ε̃ that belong to each term.
         squares = (errors @ self.error_precision * errors) @ self.error_weights
         squares[:, SAMPLE_TERMS.index(Term.MEAN_FIELD)] += np.sum(
             states @ self.mean_field_curvature * states, axis=1
