@@ -145,7 +145,7 @@ class Pages:
         values = self._visible.visitor_values(request) | {"flight": entry}
         vehicle = request.query_params.get("vehicle", "")
         path = self._page_path(entry, vehicle)
-        # A log with a digest is stored here, with its page. One that only `mavdem track` has read may have lost its page.
+        # A log with a digest is stored here, with its page. One that only `mavdem track` has read may have lost it.
         is_stored = bool(entry.digest)
         if entry.stage != Stage.DONE or not (is_stored or path.is_file()):
             values["first_plots"] = Markup(self._library.first_plots(entry))
