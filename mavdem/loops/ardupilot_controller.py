@@ -208,23 +208,42 @@ def _gyro_notches(parameters: Parameters, prefix: str) -> Iterator[Notch]:
     least_center = max(frequency, MIN_CENTER_PER_BANDWIDTH * bandwidth)
     if least_center <= 0:
         return
-    mode = parameters.get(f"{prefix}MODE", 0.0)
-    reference_throttle = parameters.get(f"{prefix}REF", 0.0)
-    center = least_center
-    if mode == NotchMode.THROTTLE and reference_throttle > 0:
-        hover_throttle = parameters.get("MOT_THST_HOVER", reference_throttle)
-        throttle_ratio = hover_throttle / reference_throttle
-        center *= max(parameters.get(f"{prefix}FM_RAT", 1.0), sqrt(max(throttle_ratio, 0.0)))
-    sources = 1
-    if int(parameters.get(f"{prefix}OPTS", 0.0)) & MULTI_SOURCE_OPTION:
-        if mode == NotchMode.ESC_TELEMETRY:
-            sources = MOTOR_COUNT
-        elif mode == NotchMode.SPECTRUM:
-            sources = SPECTRUM_PEAKS
+    center = least_center * hover_center_ratio(parameters, prefix)
     harmonics = int(parameters.get(f"{prefix}HMNCS", 1.0))
     for notch in _harmonic_notches(center, bandwidth / least_center, attenuation, harmonics):
-        for _ in range(sources):
+        for _ in range(notch_source_count(parameters, prefix)):
             yield notch
+
+
+def hover_center_ratio(parameters: Parameters, prefix: str) -> float:
+    """Returns the centre of a harmonic notch in hover over its parameter ``FREQ``; 1 if it does not follow throttle.
+
+    Args:
+        parameters: parameters of the log, by name.
+        prefix: beginning of the filter's parameters, one of ``GYRO_NOTCH_PREFIXES``.
+    """
+    reference_throttle = parameters.get(f"{prefix}REF", 0.0)
+    if parameters.get(f"{prefix}MODE", 0.0) != NotchMode.THROTTLE or reference_throttle <= 0:
+        return 1.0
+    hover_throttle = parameters.get("MOT_THST_HOVER", reference_throttle)
+    throttle_ratio = hover_throttle / reference_throttle
+    return max(parameters.get(f"{prefix}FM_RAT", 1.0), sqrt(max(throttle_ratio, 0.0)))
+
+
+def notch_source_count(parameters: Parameters, prefix: str) -> int:
+    """Returns how many notches a harmonic notch filter has at each harmonic: one for each source that it follows.
+
+    Args:
+        parameters: parameters of the log, by name.
+        prefix: beginning of the filter's parameters, one of ``GYRO_NOTCH_PREFIXES``.
+    """
+    mode = parameters.get(f"{prefix}MODE", 0.0)
+    if int(parameters.get(f"{prefix}OPTS", 0.0)) & MULTI_SOURCE_OPTION:
+        if mode == NotchMode.ESC_TELEMETRY:
+            return MOTOR_COUNT
+        if mode == NotchMode.SPECTRUM:
+            return SPECTRUM_PEAKS
+    return 1
 
 
 def _pid_notches(parameters: Parameters, name: str) -> Iterator[Notch]:

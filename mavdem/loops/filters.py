@@ -83,11 +83,28 @@ def notch_response(
     for notch in notches:
         if notch.frequency < MAX_NOTCH_FREQUENCY_RATIO * rate:
             ratio = warped / np.tan(np.pi * notch.frequency / rate)
-            damping_term = 1j * ratio * notch.bandwidth / notch.frequency
+            damping_term = 1j * ratio * _inverse_quality(notch, rate)
             center_gain = 10 ** (-notch.attenuation / 20)
             undamped = 1 - ratio**2
             response *= (undamped + center_gain * damping_term) / (undamped + damping_term)
     return response
+
+
+def _inverse_quality(notch: Notch, rate: float) -> float:
+    """Returns the damping 1/Q of a notch's poles, which sets its width.
+
+    ArduPilot computes it from the analog filter, bandwidth over centre. PX4's notch, which has infinite attenuation,
+    warps the bandwidth by itself: its coefficient is α = tan(π bandwidth / rate), where that of the analog filter would
+    be sin(2π centre / rate) / 2Q (``NotchFilter::setParameters``).
+
+    Args:
+        notch: the filter, with its centre below half of the rate.
+        rate: rate at which it runs, Hz.
+    """
+    if not np.isinf(notch.attenuation):
+        return notch.bandwidth / notch.frequency
+    alpha = np.tan(np.pi * min(notch.bandwidth / rate, MAX_NOTCH_FREQUENCY_RATIO))
+    return float(2 * alpha / np.sin(2 * np.pi * notch.frequency / rate))
 
 
 def gyro_delay(controller: Controller) -> float:

@@ -27,6 +27,7 @@ from mavdem.facts.session import Spent
 from mavdem.loops.advice import AdviceByAxis
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.filters import gyro_filters
+from mavdem.loops.resonance import controller_if_known
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, warning
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Group
@@ -42,6 +43,7 @@ from mavdem.report.condition import air_blocks, log_blocks
 from mavdem.report.gain_changes import gain_changes
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
+from mavdem.report.notch_trial import NotchTrial, notch_trial
 from mavdem.report.numbers import display_unit, with_unit
 from mavdem.report.pages.loop_chapters import loops_chapters, responses_chapter
 from mavdem.report.pages.page import (
@@ -150,7 +152,7 @@ def log_page(
         events = _numbered_events(assessment.events)
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
-        chapters = [*_flight_chapters(assessment, timeline, advice, is_full)]
+        chapters = [*_flight_chapters(name, assessment, timeline, advice, is_full)]
         chapters += _model_chapters(assessment)
         if contents is not None:
             chapters.append(Chapter(LOG_TITLE, log_blocks(contents), folded=True))
@@ -250,11 +252,16 @@ def _with_saturations_counted(events: Facts) -> Iterator[Fact]:
 
 
 def _flight_chapters(
-    assessment: Assessment, timeline: Timeline | None, advice: AdviceByAxis, is_full: bool
+    name: str,
+    assessment: Assessment,
+    timeline: Timeline | None,
+    advice: AdviceByAxis,
+    is_full: bool,
 ) -> Iterator[Chapter]:
     """Yields the chapters of what a flight shows without a model; none if the log holds no flight.
 
     Args:
+        name: title of the page.
         assessment: assessment of the log.
         timeline: charts over time; None where the attitude has too few samples.
         advice: gains that are advised by axis, or why there are none; empty without advice.
@@ -268,7 +275,11 @@ def _flight_chapters(
         yield _axes_chapter(assessment, timeline)
     yield responses_chapter(assessment.responses, advised_steps(assessment.responses, advice))
     yield from loops_chapters(assessment, evidence, advice)
-    yield _gyro_chapter(assessment, timeline, is_full)
+    gyro_chapter = _gyro_chapter(assessment, timeline, is_full)
+    if is_full:
+        trial = _notch_trial(name, assessment, evidence)
+        gyro_chapter = gyro_chapter._replace(notch_trial=trial)
+    yield gyro_chapter
     yield _other_sensors_chapter(assessment.noise, timeline, is_full)
     yield _motors_chapter(analysis, evidence, assessment.lights["motors"])
     yield _condition_chapter(analysis)
@@ -327,14 +338,27 @@ def _gyro_chapter(assessment: Assessment, timeline: Timeline | None, is_full: bo
         is_full: whether there are spectrograms, which take much of a page.
     """
     noise = assessment.noise
-    loops = [*assessment.identified_loops.values()]
     blocks: Blocks = [Sentence(str(fact)) for fact in noise.facts]
-    fastest = max(loops, key=lambda loop: loop.crossover, default=None)
+    fastest = _fastest_loop(assessment)
     if fastest is not None:
         filters = gyro_filters(fastest.controller, fastest.crossover)
         blocks += render_section("loop_filters", filters=filters, crossover=fastest.crossover)
     groups = [*_spectrum_groups(noise, GYRO, timeline, is_full, fastest)]
     return Chapter("Spectra", blocks, groups)
+
+
+def _fastest_loop(assessment: Assessment) -> Loop | None:
+    """Returns the identified rate loop with the highest crossover frequency, which filters concern most."""
+    loops = assessment.identified_loops.values()
+    return max(loops, key=lambda loop: loop.crossover, default=None)
+
+
+def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> NotchTrial | None:
+    """Returns the notch filter whose settings the page lets one try; None without a spectrum or a known controller."""
+    signals = evidence.signals
+    controller = controller_if_known(signals.for_axis("roll"))
+    loop = _fastest_loop(assessment)
+    return notch_trial(name, signals.telemetry, assessment.noise, controller, loop)
 
 
 def _other_sensors_chapter(

@@ -33,7 +33,7 @@ from mavdem.report.pages.page import PageEvent, environment, render_page
 POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 """The element of a flight's page with its own policy, which is for a file without a server."""
 
-CHART_SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js", "page.js")
+CHART_SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js", "page.js", "notch.js")
 """The scripts within a page: those that draw its charts, and what else it does."""
 
 MAX_NAME_LENGTH = 19

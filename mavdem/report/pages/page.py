@@ -32,6 +32,7 @@ from mavdem.report.charts.gain_trial import gain_trial_groups
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.gain_changes import GainChanges
 from mavdem.report.loops import compared_loops, tune_blocks
+from mavdem.report.notch_trial import NotchTrial
 from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
 from mavdem.report.screen import conclusion, flight_title, model_screen
@@ -89,6 +90,9 @@ class Chapter(NamedTuple):
 
     searchable: Table | None = None
     """A long table below the rest, with a field to search its rows, which is not printed; None without."""
+
+    notch_trial: NotchTrial | None = None
+    """A notch filter whose settings a reader tries, which is not printed; None without."""
 
     @property
     def anchor(self) -> str:
@@ -196,9 +200,13 @@ def render_document(
         max_points: points that a line of a chart has at most.
     """
     chapters_with_content = [
-        chapter for chapter in chapters if chapter.blocks or chapter.groups or chapter.searchable
+        chapter
+        for chapter in chapters
+        if chapter.blocks or chapter.groups or chapter.searchable or chapter.notch_trial
     ]
-    has_charts = head is not None or any(chapter.groups for chapter in chapters_with_content)
+    has_charts = head is not None or any(
+        chapter.groups or chapter.notch_trial for chapter in chapters_with_content
+    )
     return render_page(
         environment().get_template("document.html"),
         title=title,
