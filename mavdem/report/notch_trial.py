@@ -9,6 +9,7 @@ from pathlib import PurePath
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mavdem.arrays import Array
 from mavdem.assessment.noise_spectra import GYRO, UNFILTERED_GYRO, MeasuredNoise
@@ -216,7 +217,7 @@ def _peak_frequency(noise: MeasuredNoise, spectrum: Spectrum) -> float:
     return float(spectrum.frequency[is_vibration][np.argmax(density[is_vibration])])
 
 
-def _tried_filter(controller: Controller, noise: MeasuredNoise, peak: float) -> _TriedFilter | None:
+def _tried_filter(controller: Controller, noise: MeasuredNoise, peak: float) -> _TriedFilter:
     """Returns the filter as the log has it; if it is off, as the advice would set it, or else at the peak.
 
     Args:
@@ -392,21 +393,20 @@ def _charts(
         ),
     ]
     if has_spectrum:
-        charts.insert(0, _spectrum_chart(tried, spectrum, peak, axis))
+        charts.insert(0, _spectrum_chart(tried, spectrum, peak, highest))
     return Group.side_by_side(charts)
 
 
-def _response(tried: _TriedFilter, frequency: Array) -> Array:
+def _response(tried: _TriedFilter, frequency: Array) -> NDArray[np.complex128]:
     """Returns the response of the notch alone (F,), complex, as the log has it: 1 where it is off there."""
     if not tried.is_on:
         return np.ones(len(frequency), complex)
-    # Beside a pole of the other filters nothing is divided by 0: frequencies of charts are no exact centres.
-    return gyro_response(tried.with_filter, frequency) / gyro_response(
-        tried.without_filter, frequency
-    )
+    # The other filters cancel out, but for exactly the centre of an infinitely deep one.
+    others = gyro_response(tried.without_filter, frequency)
+    return gyro_response(tried.with_filter, frequency) / others
 
 
-def _spectrum_chart(tried: _TriedFilter, spectrum: Spectrum, peak: float, axis: Axis) -> Chart:
+def _spectrum_chart(tried: _TriedFilter, spectrum: Spectrum, peak: float, highest: float) -> Chart:
     """Returns the chart of the gyro's spectrum as measured, behind all other filters, and behind this one too.
 
     The script puts the last line where the sliders have it, and takes the one before for what the notch gets. Behind
@@ -416,10 +416,10 @@ def _spectrum_chart(tried: _TriedFilter, spectrum: Spectrum, peak: float, axis: 
         tried: the filter.
         spectrum: of the gyro before its filters or, with the notch off, behind them.
         peak: frequency of the strongest line, Hz.
-        axis: the horizontal axis.
+        highest: highest frequency of the chart, Hz.
     """
     density = spectrum.mean_density.sum(axis=0)
-    is_shown = (spectrum.frequency >= MIN_FREQUENCY) & (spectrum.frequency <= axis.limits[1])
+    is_shown = (spectrum.frequency >= MIN_FREQUENCY) & (spectrum.frequency <= highest)
     frequency, power = max_decimated(
         spectrum.frequency[is_shown], density[is_shown], RESPONSE_POINTS
     )
@@ -437,7 +437,7 @@ def _spectrum_chart(tried: _TriedFilter, spectrum: Spectrum, peak: float, axis: 
     unit = "(rad/s)²/Hz"
     return Chart(
         "Gyro, power",
-        axis,
+        FREQUENCY._replace(limits=(MIN_FREQUENCY, highest)),
         Axis(f"Gyro, power ({unit})", is_logarithmic=True),
         tuple(line._replace(y=np.maximum(line.y, MIN_DENSITY)) for line in lines),
         marks=(Mark(peak, "peak"),),
