@@ -12,7 +12,7 @@ from math import inf
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.assessment.axis.margins import AxisMargins, margins_of
+from mavdem.assessment.axis.margins import AxisMargins, axes_with_doubtful_loop, margins_of
 from mavdem.assessment.axis.overrides import overrides_of
 from mavdem.assessment.axis.tracking import MODES_WITHOUT_ANGLE_SETPOINT, tracking_of_axes
 from mavdem.assessment.condition import Condition
@@ -103,6 +103,11 @@ class Evidence:
     def margins(self) -> tuple[AxisMargins, ...]:
         """The stability margins of roll, pitch and yaw, without flight in the modes that excite the vehicle."""
         return margins_of(self.signals, self.settled_segments(EXCITATION_MODES), self.loops)
+
+    @property
+    def axes_with_doubtful_loop(self) -> frozenset[str]:
+        """The axes whose loop was identified, and a measured response speaks against it."""
+        return axes_with_doubtful_loop(self.margins, self.loops)
 
     @cached_property
     def tracking(self) -> NamedFacts:

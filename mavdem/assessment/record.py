@@ -116,6 +116,11 @@ class Assessment:
         return {} if self.evidence is None else self.evidence.identified_loops
 
     @property
+    def axes_with_doubtful_loop(self) -> frozenset[str]:
+        """The axes whose identified loop a measured response speaks against."""
+        return frozenset() if self.evidence is None else self.evidence.axes_with_doubtful_loop
+
+    @property
     def margins(self) -> tuple[AxisMargins, ...]:
         """The stability margins of roll, pitch and yaw; empty if no vehicle was judged."""
         return () if self.evidence is None else self.evidence.margins

@@ -24,6 +24,7 @@ class Loops(Code):
     NOT_STEERED = "not_steered"
     MARGIN_UNCERTAIN = "margin_uncertain"
     GAIN_MARGIN_EXTRAPOLATED = "gain_margin_extrapolated"
+    CROSSOVER_FAST = "crossover_fast"
 
 
 class Controllers(Code):

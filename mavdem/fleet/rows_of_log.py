@@ -113,7 +113,10 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     for axis, analysis in assessment.analyses.items():
         report = analysis.report_values | judgement
         loop = assessment.loops[axis]
-        margins = {} if isinstance(loop, NoLoop) else margin_columns(loop)
+        margins: JsonValues = {}
+        # A number in a column is compared with others, and has no room for a doubt about it.
+        if not isinstance(loop, NoLoop) and axis not in assessment.axes_with_doubtful_loop:
+            margins = margin_columns(loop)
         response = assessment.responses.get(axis, {}).get("rate")
         margins |= step_columns(response)
         decision = decision_columns(assessment.loop_decisions.get(axis))

@@ -90,8 +90,11 @@ class Milestones:
             now: s of the boot clock.
         """
         margins = status.overall_judgement.lights.get(Light.MARGINS)
-        if margins is not None and margins.code is not MarginsLight.LOOP_MARGINS:
-            margins = None
+        if margins is not None:
+            is_of_loop = margins.code is MarginsLight.LOOP_MARGINS
+            # Figures that the measured response contradicts are not reported.
+            if not is_of_loop or margins.figures["because"] is not None:
+                margins = None
         wind = status.mean_wind
         self._log(
             Fact(

@@ -40,6 +40,11 @@ DELAY_SEED = 32
 """Seed of the draws of a delay that the flight leaves open."""
 SAMPLING_DELAY_DEVIATION = 0.25
 """Standard deviation of a delay, in time steps of the stream: events between two samples have no exact time."""
+MAX_CROSSOVER_FRACTION = 0.15
+"""Highest crossover, as a fraction of the log's rate, up to which delay and time constant are known well enough.
+
+At this fraction a period of the crossover has seven samples. A choice.
+"""
 BUTTERWORTH_AT_HALF_CUTOFF = np.polyval([1.0, np.sqrt(2.0), 1.0], 0.5j)
 """Denominator s² + √2 s + 1 of a second-order Butterworth filter at half of its cut-off frequency, s = 0.5 j.
 
@@ -112,10 +117,11 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
 
 
 def _cautions(loop: Loop) -> list[Fact]:
-    """Returns cautions about a biased plant and about a gain margin at frequencies that the record does not show.
+    """Returns cautions about a biased plant, frequencies that the record does not show, and a fast crossover.
 
     A record shows frequencies up to its Nyquist frequency, half of the sampling rate. Beyond, the loop is a model's
-    extrapolation.
+    extrapolation, which a gain margin there gets a caution for. Delay and time constant are not known well where the
+    crossover is near the rate of the record.
 
     Args:
         loop: rate and attitude loop of the estimated plant and of draws.
@@ -145,6 +151,8 @@ def _cautions(loop: Loop) -> list[Fact]:
         nearest = np.argmin(np.abs(rate.response[0] - crossing))
         if rate.frequency[nearest] >= nyquist_frequency:
             cautions.append(Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
+    if rate.crossover * record.dt > MAX_CROSSOVER_FRACTION:
+        cautions.append(Fact(Loops.CROSSOVER_FAST, crossover=rate.crossover, rate=1 / record.dt))
     return cautions
 
 

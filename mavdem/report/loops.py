@@ -1,6 +1,6 @@
 """Control loops in sentences and tables: margins with their intervals, ratings, and advised gains."""
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -44,12 +44,6 @@ LOOP_FIGURES = {
 ADVICE_TO_TUNE = (LoopActions.LOAD_ADVISED_GAINS, LoopActions.RAISE_AS_ADVISED)
 """What to do about loops by running ``mavdem tune``, which the report of that command does not repeat."""
 
-MAX_CROSSOVER_FRACTION = 0.15
-"""Highest crossover, as a fraction of the log's rate, up to which delay and time constant are known well enough.
-
-At this fraction a period of the crossover has seven samples. A choice.
-"""
-
 
 def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
     """Returns the report of ``mavdem tune``: for each axis its rating and advice, margins, and the gains to set.
@@ -65,12 +59,14 @@ def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
     given_remedies = _texts_of_next_step(tuning)
     for axis, advice in tuning.axes.items():
         decision = tuning.judgement.loop_decisions.get(axis)
+        is_doubtful = axis in tuning.doubtful_axes
         if isinstance(advice, Fact):
             conclusion = advice
             facts = [conclusion]
         else:
             conclusion = advice.sentence
-            facts = [*_rating_as_decided(advice, decision), conclusion]
+            rating = [] if is_doubtful else _rating_as_decided(advice, decision)
+            facts = [*rating, conclusion]
         sentences = [str(fact) for fact in facts]
         for remedy in [conclusion.remedy, *_remedies_besides_tuning(decision)]:
             if remedy not in given_remedies and remedy not in " ".join(sentences):
@@ -79,7 +75,7 @@ def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
         blocks.append(Sentence(" ".join(sentences), f"{axis.capitalize()}:"))
         if isinstance(advice, Advice):
             if is_full:
-                blocks += [*_margin_blocks(advice), *gain_blocks(advice)]
+                blocks += [*_margin_blocks(advice, is_doubtful), *gain_blocks(advice)]
             else:
                 # The first two blocks are the table of gains and what they are for.
                 blocks += gain_blocks(advice)[:2]
@@ -152,17 +148,17 @@ def _texts_of_next_step(tuning: Tuning) -> set[str]:
 
 
 def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:
-    """Returns sentences on how far the advised gains can be trusted, for the axes on which gains shall change.
+    """Returns sentences on how far margins and advised gains can be trusted, for the axes with an identified loop.
 
-    They are the cautions about the estimated control loop of an axis, from which its gains were calculated. Axes with
-    the same caution share a sentence.
+    They are the cautions about the identified loop of an axis, which its margins and its gains follow from, whether or
+    not gains change. Axes with the same caution share a sentence.
 
     Args:
         advice_by_axis: by axis, the advice, or a fact why there is none.
     """
     axes_and_cautions = []
     for axis, advice in advice_by_axis.items():
-        if isinstance(advice, Advice) and advice.parameters:
+        if isinstance(advice, Advice):
             for fact in advice.before.cautions:
                 axes_and_cautions.append((axis, fact))
     return [*sentences_by_axes(axes_and_cautions, attrgetter("advised"))]
@@ -176,38 +172,40 @@ def compared_loops(advice: Advice) -> LoopsByAxis:
     return loops
 
 
-def _margin_blocks(advice: Advice) -> Blocks:
+def _margin_blocks(advice: Advice, is_doubtful: bool) -> Blocks:
     """Returns tables of the margins now and as advised, and sentences on filters, measurements and cautions.
 
-    A loop whose crossover is near the rate of the log gets a caution: its delay and time constant are not known well.
+    Args:
+        advice: on the axis, with its loops.
+        is_doubtful: whether a measured response speaks against the identified loop, and so against all its margins.
     """
     loop = advice.before
-    blocks: Blocks = [*margin_tables(compared_loops(advice))]
-    if loop.crossover * loop.record.dt > MAX_CROSSOVER_FRACTION:
-        (too_fast,) = render_section(
-            "loop_too_fast", crossover=loop.crossover, rate=1 / loop.record.dt
-        )
-        blocks.append(caution(too_fast.text))
+    loops = compared_loops(advice)
+    blocks: Blocks = [*margin_tables(loops, doubtful=loops if is_doubtful else ())]
     filters = gyro_filters(loop.controller, loop.crossover)
     blocks += render_section("loop_filters", filters=filters, crossover=loop.crossover)
     blocks += render_section("loop_measured", loop=loop)
     return blocks + [caution(fact) for fact in loop.cautions]
 
 
-def margin_tables(loops: LoopsByAxis) -> Iterator[Table]:
+def margin_tables(loops: LoopsByAxis, doubtful: Container[str] = ()) -> Iterator[Table]:
     """Yields two tables of stability margins: one of the rate loops, then one of the attitude loops around them.
 
     Args:
         loops: the loops to compare, by the header of their column, such as "now" and "advised".
+        doubtful: the headers of the loops that a measured response speaks against. Each of their figures is called
+            doubtful in its own cell, since a figure is often read without the text around the table.
 
     Yields:
         A table with a row for each of ``LOOP_FIGURES`` and a column for each of ``loops``.
     """
     for loop_name in ("rate", "attitude"):
-        open_loops = [getattr(loop, loop_name) for loop in loops.values()]
         rows = [["model of the plant", *[loop.model for loop in loops.values()]]]
         for attribute, figure in LOOP_FIGURES.items():
-            cells = [_figure_text(open_loop, attribute, figure.scale) for open_loop in open_loops]
+            cells = []
+            for header, loop in loops.items():
+                text = _figure_text(getattr(loop, loop_name), attribute, figure.scale)
+                cells.append(f"doubtful: {text}" if header in doubtful else text)
             rows.append([figure.header, *cells])
         yield Table([f"{loop_name} loop (90 % interval)", *loops], rows)
 

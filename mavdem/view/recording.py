@@ -302,7 +302,8 @@ class RecordingTabs:
             parts.append(rrb.Grid(*step_views, grid_columns=2))
         if loops:
             decisions = decision_sentences(self._assessment.loop_decisions)
-            text: Blocks = [*decisions, *margin_tables(loops)]
+            doubtful = self._assessment.axes_with_doubtful_loop
+            text: Blocks = [*decisions, *margin_tables(loops, doubtful)]
             margins = log_text(self._recording, "margins", "Margins", text)
             # The text stands first, since it says what to do.
             parts.append(rrb.Tabs(margins, *sensitivity_views))

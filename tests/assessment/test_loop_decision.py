@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from known_gains import PX4
 from made_up_loop import made_up
+from partial_records import partial_record
 from pytest import mark
 
 from mavdem.assessment.axis.loop_decision import (
@@ -13,15 +14,18 @@ from mavdem.assessment.axis.loop_decision import (
     common_action,
     decide_on_loops,
 )
-from mavdem.assessment.axis.margins import AxisMargins
+from mavdem.assessment.axis.margins import AxisMargins, response_comparison
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending
-from mavdem.facts.loops import Gains, LoopActions, Loops, Responses
+from mavdem.facts.loops import Gains, LoopActions, Loops, Responses, StepResponses
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.loops.advice import gain_reduction_advice
+from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.loops.limit_cycles import Oscillation
 from mavdem.loops.margins import OpenLoop
+from mavdem.loops.measured_response import MeasuredResponse
 from mavdem.loops.resonance import Resonance
+from mavdem.loops.step_response import StepResponse
 
 NOT_STEERED = Fact(Loops.NOT_STEERED, share=0.3)
 FOLLOWS = Fact(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD, axis="roll", angle_error=0.01)
@@ -91,6 +95,62 @@ def test_a_loop_that_meets_the_goal_only_in_many_models_is_flown_first():
     decision = decided(made_up(1.7))
     assert (decision.verdict, decision.doubts) == (LoopVerdict.UNKNOWN, ())
     assert decision.action.code is LoopActions.FLY_DOUBLETS
+
+
+def test_sure_margins_of_a_contradicted_model_are_watched_and_give_no_gains():
+    (sure,) = AxisMargins("roll", made_up(), None, None).facts
+    assert sure.level is Level.GOOD
+    contradiction = Fact(StepResponses.PREDICTION_DOUBTED, subject="roll rate", share=0.4)
+    (fact,) = AxisMargins("roll", made_up(), None, None, contradiction=contradiction).facts
+    assert fact.level is Level.WATCH
+    assert fact.sentence.startswith("Margins in doubt: the roll ")
+    assert fact.sentence.endswith("by a model whose response differs from the flight's.")
+    decision = decided(made_up(), contradiction=contradiction)
+    assert (decision.verdict, decision.doubts) == (LoopVerdict.UNKNOWN, (contradiction,))
+    assert decision.action.code is LoopActions.FLY_DOUBLETS
+    # What was measured of the tracking needs no model.
+    overshooting = decided(made_up(), OVERSHOOTS, contradiction=contradiction)
+    assert overshooting.verdict is LoopVerdict.FOLLOWS_BADLY
+
+
+def test_the_margin_goal_is_met_if_95_percent_of_the_models_have_it():
+    levels = {}
+    for factor in (1.0, 1.7, 2.5):
+        loop = made_up(factor)
+        (fact,) = AxisMargins("roll", loop, None, None).facts
+        has_goal = loop.share_meeting(MARGIN_TARGETS["default"]) >= 0.95
+        assert fact.is_good is has_goal
+        levels[factor] = fact.level
+    assert (levels[1.0], levels[1.7]) == (Level.GOOD, Level.WATCH)
+
+
+@mark.parametrize(
+    "reason, caution, is_contradicted",
+    [
+        (Fact(Responses.RESPONSE_UNEXPLAINED, rate=0.5), (), True),
+        (Fact(Responses.RESPONSE_LIMITED, share=0.2), (), False),
+        (None, (Fact(Loops.PARAMETERS_CHANGED, changes=()),), False),
+    ],
+)
+def test_a_response_at_limits_or_of_other_gains_contradicts_no_loop(
+    reason, caution, is_contradicted
+):
+    measured = None
+    if reason is not None:
+        measured = MeasuredResponse((0.3, 0.5), 0.0, 0.0, 1.0, reason)
+    loop = replace(made_up(), measured=measured, cautions=caution)
+    frequency, closed = loop.rate.frequency, loop.rate.closed[0]
+    flown = partial_record(
+        StepResponse,
+        axis="roll",
+        loop="rate",
+        frequency=frequency,
+        response=0.5 * closed,
+        gain_half=0 * frequency + 0.01,
+        max_frequency=30.0,
+    )
+    comparison = response_comparison(flown, loop, frequency, closed)
+    assert (comparison is not None) is is_contradicted
 
 
 def test_a_loop_that_the_flight_refutes_gives_no_gains():

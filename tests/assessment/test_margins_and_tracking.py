@@ -136,6 +136,8 @@ def test_a_limit_cycle_goes_before_all():
     assert (light.code, light.level) == (MarginsLight.OSCILLATES, "bad")
     assert light.figures["because"].code is Gains.LOWER_GAINS
     assert light.sentence.startswith("Pitch and roll oscillate: pitch at 5 Hz, by 40 °/s; roll")
+    # Wrong motors make a vehicle tumble; 5 Hz are those of gains.
+    assert "Lower" in light.remedy and "frame type" not in light.remedy
     light = tracking_light(oscillating(following(0.1)))
     assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, "watch")
 

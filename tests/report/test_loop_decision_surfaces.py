@@ -44,7 +44,7 @@ from mavdem.loops.resonance import Resonance
 from mavdem.plant import Physical
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.timeline import timeline_of
-from mavdem.report.loops import ADVICE_TO_TUNE, tune_blocks
+from mavdem.report.loops import ADVICE_TO_TUNE, margin_tables, tune_blocks
 from mavdem.report.pages.flight_page import review_page
 from mavdem.report.pages.page import tune_page
 from mavdem.report.review import review_screen
@@ -369,3 +369,22 @@ def test_no_goal_is_met_by_an_axis_that_does_not_follow(assessments, tunings, tm
     for surface, text in said.items():
         assert "goal met: the roll" not in text, surface
     assert "Enough margin, but the axis does not follow its setpoint" in said["tune"]
+
+
+def test_a_doubtful_loop_is_called_so_in_each_cell():
+    (rate, _) = margin_tables({"roll": loop("roll", 1.0), "pitch": loop("pitch", 1.0)}, {"pitch"})
+    for label, roll_cell, pitch_cell in rate.rows[1:]:
+        assert not roll_cell.startswith("doubtful: "), label
+        assert pitch_cell.startswith("doubtful: "), label
+
+
+@mark.slow
+def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
+    fast = Fact(Loops.CROSSOVER_FAST, crossover=17.0, rate=100.0)
+    tuning = tunings["below the goal"]
+    roll = tuning.axes["roll"]
+    roll = replace(roll, before=replace(roll.before, cautions=(fast,)))
+    tuning = tuning._replace(axes={"roll": roll})
+    for is_full in (False, True):
+        report = " ".join(texts(tune_blocks(tuning, is_full)))
+        assert report.count(fast.advised) == 1, is_full

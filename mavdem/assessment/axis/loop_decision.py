@@ -174,7 +174,8 @@ def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
 
     1. A signal that was injected into the loop measures them without a model.
     2. The loop that was identified from the flight has them by its model. They are below the goal if those of the
-       estimate are, and may be if those of the estimate are not, but those of too many other models that fit are.
+       estimate are. They may be if those of too many other models that fit are, or if the measured response contradicts
+       the model. With such a contradiction, no gains are computed from the loop.
     3. The response to the setpoint shows a resonance, which a loop with enough margin has not.
 
     So the identified loop decides alone where it is below the goal. Where it is not, a resonance refutes it.
@@ -194,10 +195,13 @@ def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
     resonance = facts_by_code.get(MarginsLight.RESONATES)
     if resonance is not None:
         return _decision_by_measurement(observations, resonance)
-    if loop_fact is not None and loop_fact.warns:
+    # How the axis follows its setpoint was measured too, and needs no model.
+    is_explained_by_tracking = margins.contradiction is not None and observations.tracking.warns
+    if loop_fact is not None and loop_fact.warns and not is_explained_by_tracking:
         action = _advice_to_fly_doublets(margins.axis, loop_fact)
         reason = loop_fact.replace(action=action)
-        return LoopDecision(margins.axis, LoopVerdict.UNKNOWN, reason, action)
+        doubts = () if margins.contradiction is None else (margins.contradiction,)
+        return LoopDecision(margins.axis, LoopVerdict.UNKNOWN, reason, action, doubts)
     return None
 
 

@@ -1,16 +1,17 @@
 """Stability margins of an axis: those of its identified loop, or else resonances that the log shows."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
 
+from mavdem.arrays import Array
 from mavdem.confidence import CONFIDENCE_LEVEL
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.segments import Segments, recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.loops import Loops, Responses
+from mavdem.facts.loops import Loops, Responses, StepResponses
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.axis_loops import (
     MARGIN_TARGETS,
@@ -20,7 +21,7 @@ from mavdem.loops.axis_loops import (
     margin_ratios,
 )
 from mavdem.loops.injected_signal import injected_loop
-from mavdem.loops.margins import OpenLoop
+from mavdem.loops.margins import Complex, OpenLoop
 from mavdem.loops.measured_response import MIN_RESPONSE_FIT
 from mavdem.loops.resonance import (
     MAX_LOOP_FREQUENCY,
@@ -28,6 +29,7 @@ from mavdem.loops.resonance import (
     setpoint_resonance,
     spectral_resonance,
 )
+from mavdem.loops.step_response import StepResponse, rate_step_response
 
 LEAST_MARGINS = MARGIN_TARGETS["sharp"]
 """The smallest margins that are advised: a loop that surely has less is bad."""
@@ -57,6 +59,14 @@ class AxisMargins:
     """A peak of the rate's spectrum that the motors share; None without one."""
     injected: OpenLoop | None = None
     """The rate loop measured by an injected signal, without a model of the vehicle; None without a test."""
+    contradiction: Fact | None = None
+    """That the measured response of the rate differs from the one that the loop predicts; None if it does not, or that
+    is not known."""
+
+    @property
+    def is_loop_doubtful(self) -> bool:
+        """Whether a measured response speaks against the identified loop, so that its margins must not be trusted."""
+        return not isinstance(self.loop, Loop) or self.contradiction is not None
 
     @cached_property
     def facts(self) -> Facts:
@@ -70,7 +80,7 @@ class AxisMargins:
         if self.injected is not None:
             facts.append(_injected_fact(self.axis, self.injected))
         elif isinstance(self.loop, Loop):
-            facts.append(_loop_fact(self.loop))
+            facts.append(_loop_fact(self.loop, self.contradiction))
         elif self.peak is not None:
             fact = _peak_fact(MarginsLight.RATE_STANDS_OUT, None, self.peak)
             if isinstance(self.loop, Fact) and self.loop.code in SETPOINT_WAS_LOGGED:
@@ -98,16 +108,92 @@ def margins_of(
     margins = []
     for axis in AXES:
         axis_signals = signals.for_axis(axis)
+        loop = _confirmed_loop(axis, loops)
         margins.append(
             AxisMargins(
                 axis,
-                _confirmed_loop(axis, loops),
+                loop,
                 setpoint_resonance(axis_signals, segments),
                 spectral_resonance(axis_signals, segments),
                 injected_loop(axis_signals, recorded_spans(axis_signals)),
+                _contradiction(loop, axis_signals, segments),
             )
         )
     return tuple(margins)
+
+
+def axes_with_doubtful_loop(
+    margins: Iterable[AxisMargins], loops: Mapping[str, Loop | Fact]
+) -> frozenset[str]:
+    """Returns the axes whose loop was identified, and a measured response speaks against it.
+
+    Args:
+        margins: what is known of the stability margins of each axis.
+        loops: the identified loop of each axis, or why it is not known.
+    """
+    identified = identified_loops(loops)
+    return frozenset(
+        axis_margins.axis
+        for axis_margins in margins
+        if axis_margins.axis in identified and axis_margins.is_loop_doubtful
+    )
+
+
+def _contradiction(loop: Loop | Fact | None, signals: Signals, segments: Segments) -> Fact | None:
+    """Returns the fact that the measured response of the rate differs from the one that a loop predicts.
+
+    It is sought where the comparison over all frequencies (:attr:`Loop.agrees`) could not decide.
+
+    Args:
+        loop: the identified loop of the axis, or why it is not known.
+        signals: signals of the vehicle, for the axis.
+        segments: of settled flight in which responses are measured.
+
+    Returns:
+        The fact; None where the two agree, or cannot be compared.
+    """
+    # An unstable loop predicts no response.
+    if not isinstance(loop, Loop) or loop.agrees is not None or not loop.rate.stable[0]:
+        return None
+    measured = rate_step_response(signals, segments, loop)
+    if isinstance(measured, Fact):
+        return None
+    comparison = response_comparison(measured, loop, loop.rate.frequency, loop.rate.closed[0])
+    if comparison is None or comparison.code is not StepResponses.PREDICTION_DOUBTED:
+        return None
+    return comparison
+
+
+def response_comparison(
+    measured: StepResponse, loop: Loop, frequency: Array, closed_loop: Complex
+) -> Fact | None:
+    """Returns the fact that a measured and a predicted response agree, or which of the two is doubtful.
+
+    Lights and pages must not call the loops of an axis right in one place and wrong in another. Where it is known
+    already whether the measured rate follows the loop over all frequencies (:attr:`Loop.agrees`), that comparison
+    counts. This one, of the gain |T| at some frequencies, is then left out if it says the opposite.
+
+    A difference is no reason to doubt the loop either where a motor was at a limit too often, since the rate does not
+    answer as a linear loop does there, or where gains changed in flight, since the measured response mixes two loops.
+
+    Args:
+        measured: the measured response.
+        loop: the identified loops of the axis.
+        frequency: (F,) frequencies of the prediction, Hz.
+        closed_loop: (F,) predicted frequency response of the closed loop.
+
+    Returns:
+        The fact; None where it says nothing about the loop.
+    """
+    comparison = measured.comparison(frequency, closed_loop)
+    if loop.agrees is not None:
+        return comparison if comparison.is_good == loop.agrees else None
+    if comparison.is_good:
+        return comparison
+    reason = loop.measured.reason if loop.measured is not None else None
+    is_limited = reason is not None and reason.code is Responses.RESPONSE_LIMITED
+    has_changed = any(caution.code is Loops.PARAMETERS_CHANGED for caution in loop.cautions)
+    return None if is_limited or has_changed else comparison
 
 
 def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact | None:
@@ -140,28 +226,31 @@ def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact 
     return loop
 
 
-def _loop_fact(loop: Loop) -> Fact:
+def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
     """Judges the stability margins of an identified loop, as a fact.
 
-    They are compared with the usual margins and with the least ones to fly with. The confidence is the share of the
-    posterior samples of the plant whose margins meet the least ones. The level is good if the estimate meets the usual
-    margins, so that its rating is not bad, and the confidence is at least ``CONFIDENCE_LEVEL``. It is bad if the
-    confidence is at most 1 minus that, and else to be watched.
+    The goal is met, and the level good, if 95 % of the plants that agree with the flight have the usual margins, as in
+    :func:`mavdem.loops.axis_loops.margin_rating`: then the lower end of the 90 % interval has them. The margins are
+    those of the thrust of the flight; that they also hold with 20 % more or less is asked of advised gains only.
+
+    A measured response that contradicts the model leaves the level at most "watch", however sure the model is of its
+    margins: its draws do not contain the error that the measurement shows.
+
+    The level is bad if at most 10 % of the plants have the least margins to fly with, and else to be watched.
 
     Args:
         loop: the identified loop.
+        contradiction: that the measured response differs from the predicted one; None if nothing shows that.
 
     Returns:
-        A fact with the figures of the rating (:func:`mavdem.loops.axis_loops.margin_rating`), its axis, and whether the
-        estimate of the plant is biased.
+        A fact with the figures of the rating, its axis, whether the estimate of the plant is biased, and the
+        contradiction as ``because``.
     """
     rating = margin_rating(loop)
-    # The share of plants, drawn from the estimate and its errors, that have at least these margins.
-    confidence = loop.share_meeting(LEAST_MARGINS)
     level = Level.WATCH
-    if confidence >= CONFIDENCE_LEVEL and not rating.is_bad:
+    if rating.is_good and contradiction is None:
         level = Level.GOOD
-    elif confidence <= 1 - CONFIDENCE_LEVEL:
+    elif loop.share_meeting(LEAST_MARGINS) <= 1 - CONFIDENCE_LEVEL:
         level = Level.BAD
     return Fact(
         MarginsLight.LOOP_MARGINS,
@@ -170,6 +259,7 @@ def _loop_fact(loop: Loop) -> Fact:
         axis=loop.axis,
         rating=rating.level,
         is_biased=loop.plant.bias < 0,
+        because=contradiction,
         **rating.figures,
     )
 

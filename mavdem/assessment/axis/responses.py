@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
+from mavdem.assessment.axis.margins import response_comparison
 from mavdem.assessment.evidence import EXCITATION_MODES, Evidence
 from mavdem.dataset.axes import AXES
 from mavdem.facts import Fact, Facts
@@ -176,29 +177,5 @@ def _compared_response(
         measured=measured,
         predicted_step=step_from_frequency_response(frequency, closed_loop, measured.time),
         predicted_gain=np.interp(measured.frequency, frequency, abs(closed_loop)),
-        compared=_comparison(measured, loop, frequency, closed_loop),
+        compared=response_comparison(measured, loop, frequency, closed_loop),
     )
-
-
-def _comparison(
-    measured: StepResponse, loop: Loop, frequency: Array, closed_loop: Complex
-) -> Fact | None:
-    """Returns the fact that a measured and a predicted response agree, or which of the two is doubtful.
-
-    A page must not call the loops of an axis right in one place and wrong in another. Where it is known already whether
-    the measured rate follows the loop over all frequencies (:attr:`Loop.agrees`), that comparison counts. This one, of
-    the gain |T| at some frequencies, is then left out if it says the opposite.
-
-    Args:
-        measured: the measured response.
-        loop: the identified loops of the axis.
-        frequency: (F,) frequencies of the prediction, Hz.
-        closed_loop: (F,) predicted frequency response of the closed loop.
-
-    Returns:
-        The fact; None where it would contradict :attr:`Loop.agrees`.
-    """
-    comparison = measured.comparison(frequency, closed_loop)
-    if loop.agrees is not None and comparison.is_good != loop.agrees:
-        return None
-    return comparison

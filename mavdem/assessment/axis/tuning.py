@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from mavdem.assessment.axis.margins import axes_with_doubtful_loop
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, repairs_before_tuning
 from mavdem.assessment.record import Assessment
@@ -44,6 +45,8 @@ class Tuning(NamedTuple):
     """The notch filter to set, or why there is none; None if it was not asked for."""
     judgement: Judgement
     """The judgement of the flight. Its next step is to load the gains, unless something else is bad."""
+    doubtful_axes: frozenset[str] = frozenset()
+    """The axes whose measured response contradicts the identified loop, so that its margins must not be trusted."""
 
     @property
     def refusal(self) -> Fact | None:
@@ -153,7 +156,16 @@ def tuned(
         next_step = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
         judgement = replace(judgement, next_step=next_step)
     set_notch = notch_parameters if parameters else {}
-    return freeze(Tuning(advice_by_axis, advice_on_loops, parameters, set_notch, notch, judgement))
+    tuning = Tuning(
+        advice_by_axis,
+        advice_on_loops,
+        parameters,
+        set_notch,
+        notch,
+        judgement,
+        axes_with_doubtful_loop(assessment.margins, evidence.loops),
+    )
+    return freeze(tuning)
 
 
 def _advice_on_loop(

@@ -147,7 +147,7 @@ def loops_chapters(
     loops_by_axis: dict[str, Mapping[str, Loop]] = {
         axis: {"now": loop} for axis, loop in loops.items()
     }
-    figures: Blocks = [*margin_tables(loops)]
+    figures: Blocks = [*margin_tables(loops, doubtful=evidence.axes_with_doubtful_loop)]
     for axis, axis_advice in advice.items():
         # Why an axis has no gains is in the decision on it.
         if isinstance(axis_advice, Advice) and not axis_advice.refusals:
