@@ -34,7 +34,7 @@ from mavdem.live.link import Link
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
-from mavdem.live.session_status import STATUS_PERIOD
+from mavdem.live.session_status import STATUS_PERIOD, SessionStatus
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.templates import as_clause, headline
 
@@ -208,14 +208,14 @@ def live_command(
             code = EXIT_DONE if is_model_kept else EXIT_ERROR
         executor.shutdown()
         judged_model = session.judge_final_model(learned)
-        session.report_gain_advice(is_at_end=True)
-        status = replace(
-            status,
-            findings=session.judging.findings,
-            model_judgement=session.judging.judgement,
-        )
-        dashboard.report(status)
+        # What is known is reported before the gains, which may take a minute.
+        status = _with_final_judgement(status, session)
+        session.report_end(status, judged_model)
         print_to_stderr(headline(status.overall_judgement.headline))
+        session.report_gain_advice(is_at_end=True)
+        # Gains are what to do next.
+        status = _with_final_judgement(status, session)
+        dashboard.report(status)
         resources.close()
         if dashboard.is_recording_empty:
             print_to_stderr(f"There was nothing to show, so {rrd} was not written.")
@@ -356,6 +356,20 @@ def _final_model(session: LiveSession, session_end: ExitStack) -> Learned | None
     except ValueError as error:
         print_to_stderr(f"There is no model: {as_clause(error)}.")
         return None
+
+
+def _with_final_judgement(status: SessionStatus, session: LiveSession) -> SessionStatus:
+    """Returns the status at the end of a session with the judgement of its final model.
+
+    Args:
+        status: The status when its analysis ended.
+        session: The session, whose final model is judged.
+    """
+    return replace(
+        status,
+        findings=session.judging.findings,
+        model_judgement=session.judging.judgement,
+    )
 
 
 def _write_text(path: Path | None, text: str, subject: str) -> bool:

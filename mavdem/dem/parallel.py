@@ -216,8 +216,14 @@ class LearningProcess(Executor):
         is_suspended: whether the process is stopped for a while.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, niceness: int = LOW_PRIORITY) -> None:
+        """Starts the process.
+
+        Args:
+            niceness: its priority: 0 is normal, 19 the lowest.
+        """
         self.is_suspended = False
+        self._niceness = niceness
         self._exits = ExitStack()
         self._start()
 
@@ -267,7 +273,7 @@ class LearningProcess(Executor):
         self._exits.close()
         self.is_suspended = False
         self._pool = self._exits.enter_context(process_pool(1))
-        self._pool.submit(_prepare_learning)
+        self._pool.submit(_prepare_learning, self._niceness)
 
 
 @contextmanager
@@ -328,14 +334,18 @@ def _initialize_worker(stop_pipe: Pollable) -> None:
     Thread(target=_exit_with_parent, daemon=True).start()
 
 
-def _prepare_learning() -> None:
-    """Gives a worker low priority, and leaves its end to its parent.
+def _prepare_learning(niceness: int) -> None:
+    """Gives a worker its priority, and leaves its end to its parent.
 
     SIGTERM to the whole process group, as a service manager sends it, would else end the worker before its parent has
     learned the final model.
+
+    Args:
+        niceness: the priority, 0 to 19; with 0 the worker keeps that of its parent.
     """
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    lower_priority(LOW_PRIORITY)
+    if niceness > 0:
+        lower_priority(niceness)
 
 
 def _exit_with_parent() -> None:

@@ -71,6 +71,7 @@ class Gains(Code):
     TWIN_FLIES = "twin_flies"
     GAINS_WRITTEN = "gains_written"
     ADVICE_WAITS = "advice_waits"
+    ADVICE_AWAITED = "advice_awaited"
     ADVICE_FAILED = "advice_failed"
 
 

@@ -103,4 +103,4 @@ class ClockSpeed:
             self._slow_since = now
         if not self._is_reported and now - self._slow_since >= SLOW_SECONDS:
             self._is_reported = True
-            self._log(Fact(RateFact.VEHICLE_CLOCK_SLOW, speed=self.speed))
+            self._log(Fact(RateFact.VEHICLE_CLOCK_SLOW, clock_speed=self.speed))

@@ -1,7 +1,7 @@
 """Gains advised after a landing: those of ``mavdem tune`` on the recording of the session, in files beside it.
 
-They are computed in a process of its own with low priority, which begins when the vehicle has landed and ends with its
-advice. Nothing is sent to the vehicle.
+They are computed in a process of its own, which begins when the vehicle has landed, or at the end of the session, and
+ends with its advice. Nothing is sent to the vehicle.
 """
 
 from collections.abc import Callable
@@ -14,14 +14,18 @@ from mavdem.assessment.axis import Options
 from mavdem.assessment.axis.tuning import Tuning, tuned
 from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.dataset.axes import AXES
+from mavdem.dem.parallel import LOW_PRIORITY
 from mavdem.errors import Refusal
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import Gains
 from mavdem.ingest import read_log
 from mavdem.loops.advice import Advice
 
-MAX_WAIT_SECONDS = 30.0
-"""Time that the end of a session waits for advice, s: a choice; whoever stands beside a vehicle waits for no more."""
+MAX_WAIT_SECONDS = 60.0
+"""Time that the end of a session waits for advice, s, which the user is told: a choice.
+
+All else that is known has been reported by then. Advice takes some seconds on a free core.
+"""
 
 
 class GainAdviser:
@@ -32,12 +36,12 @@ class GainAdviser:
         is_due: whether the vehicle has landed since the latest advice began.
     """
 
-    def __init__(self, recording: Path, start_executor: Callable[[], Executor]) -> None:
+    def __init__(self, recording: Path, start_executor: Callable[[int], Executor]) -> None:
         """Begins without advice.
 
         Args:
             recording: the file that the session records into.
-            start_executor: starts the process that computes advice.
+            start_executor: starts the process that computes advice, with a niceness: 0 for normal priority.
         """
         self.facts: Facts = ()
         self.is_due = False
@@ -45,6 +49,11 @@ class GainAdviser:
         self._start_executor = start_executor
         self._process = ExitStack()
         self._pending: Future[Facts] | None = None
+
+    @property
+    def is_awaited(self) -> bool:
+        """Whether advice is due or being computed."""
+        return self.is_due or self._pending is not None
 
     def update(self, vehicle: str, is_busy: bool, is_at_end: bool) -> Facts:
         """Begins to compute advice that is due, and returns advice that is ready; it is called once a second.
@@ -62,7 +71,8 @@ class GainAdviser:
         if self.is_due:
             if is_busy and not is_at_end:
                 return (Fact(Gains.ADVICE_WAITS),)
-            self._begin(vehicle)
+            # At the end no sample waits for a core any more, and on a busy computer low priority would take too long.
+            self._begin(vehicle, niceness=0 if is_at_end else LOW_PRIORITY)
         if self._pending is None:
             return ()
         # In flight nothing waits for the other process; only the end of a session does.
@@ -72,17 +82,18 @@ class GainAdviser:
         self.close()
         return self.facts
 
-    def _begin(self, vehicle: str) -> None:
+    def _begin(self, vehicle: str, niceness: int) -> None:
         """Starts the computation of advice in a new process; it is no longer due.
 
         Advice that is still being computed is given up: it lacks the latest flight.
 
         Args:
             vehicle: "system:component".
+            niceness: priority of the process, 0 for normal.
         """
         self.is_due = False
         self.close()
-        executor = self._process.enter_context(self._start_executor())
+        executor = self._process.enter_context(self._start_executor(niceness))
         self._pending = executor.submit(advise_gains, self._recording, vehicle)
 
     def _result(self, pending: Future[Facts]) -> Facts:
@@ -91,7 +102,14 @@ class GainAdviser:
             return pending.result(MAX_WAIT_SECONDS)
         except Exception as error:
             # Whatever fails in the other process, or takes too long, must not end the session.
-            return (Fact(Gains.ADVICE_FAILED, error=error, path=str(self._recording)),)
+            return (
+                Fact(
+                    Gains.ADVICE_FAILED,
+                    error=error,
+                    duration=MAX_WAIT_SECONDS,
+                    path=str(self._recording),
+                ),
+            )
 
     def close(self) -> None:
         """Ends the process, even if it is still computing advice."""

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mavdem.dem import Learned
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
@@ -72,23 +73,50 @@ class Milestones:
         physical = _latest_physical(learning)
         if physical is not None and physical.identifiable and not self._has_parameters:
             self._has_parameters = True
-            self._log(
-                Fact(Session.PARAMETERS_KNOWN, axis=self._axis, **_parameter_figures(learning))
-            )
+            figures = _parameter_figures(learning, physical)
+            self._log(Fact(Session.PARAMETERS_KNOWN, axis=self._axis, **figures))
         has_landed = self._was_flying and not status.is_flying
         self._was_flying = status.is_flying
-        if has_landed and learning.learned_rows > self._reported_rows:
-            self._reported_rows = learning.learned_rows
-            self._report_landing(learning, status, now)
+        if has_landed:
+            self._report_flight(learning, status, now, physical)
 
-    def _report_landing(self, learning: FlightLearning, status: SessionStatus, now: float) -> None:
-        """Reports what the flight has shown: physical parameters, margins, wind, and how late estimates came.
+    def report_end(
+        self, learning: FlightLearning, status: SessionStatus, now: float, model: Learned | None
+    ) -> None:
+        """Reports at the end of the session what its flight has shown, unless that was reported at its landing.
 
         Args:
             learning: has the latest estimates.
+            status: of the session, with the judgement of the final model and the wind.
+            now: s of the boot clock.
+            model: the final model, whose parameters are fitted where there was no time for that in flight; None
+                without one.
+        """
+        physical = _latest_physical(learning)
+        if physical is None and model is not None:
+            physical = model.physical
+        self._report_flight(learning, status, now, physical)
+
+    def _report_flight(
+        self,
+        learning: FlightLearning,
+        status: SessionStatus,
+        now: float,
+        physical: Physical | None,
+    ) -> None:
+        """Reports what the flight has shown: physical parameters, margins, wind, and how late estimates came.
+
+        Nothing is reported if no row has been learned from since the last report.
+
+        Args:
+            learning: counts the rows that were learned from, and has the unit of the inputs.
             status: of the session, with the judgement of the model and the wind.
             now: s of the boot clock.
+            physical: the latest physical parameters; None without any.
         """
+        if learning.learned_rows <= self._reported_rows:
+            return
+        self._reported_rows = learning.learned_rows
         margins = status.overall_judgement.lights.get(Light.MARGINS)
         if margins is not None:
             is_of_loop = margins.code is MarginsLight.LOOP_MARGINS
@@ -101,11 +129,13 @@ class Milestones:
                 Session.FLIGHT_LEARNED,
                 clock=now,
                 axis=self._axis,
+                is_flying=status.is_flying,
+                is_fitted=physical is not None,
                 phase_margin=None if margins is None else margins.figures["phase_margin"],
                 gain_margin=None if margins is None else margins.figures["gain_margin"],
                 because=() if wind is None else wind.facts,
                 delay=status.latency.longest if isfinite(status.latency.longest) else None,
-                **_parameter_figures(learning),
+                **_parameter_figures(learning, physical),
             )
         )
 
@@ -115,11 +145,12 @@ def _latest_physical(learning: FlightLearning) -> Physical | None:
     return None if learning.estimate is None else learning.estimate.physical
 
 
-def _parameter_figures(learning: FlightLearning) -> dict[str, Any]:
+def _parameter_figures(learning: FlightLearning, physical: Physical | None) -> dict[str, Any]:
     """Returns the physical parameters as figures of a fact, each with the half width of its 90 % interval.
 
     Args:
-        learning: has the latest estimates, and the unit of the inputs.
+        learning: has the unit of the inputs.
+        physical: the physical parameters; None without any.
 
     Returns:
         Mean effect of the motors, rad/s² per unit of input, and rate damping, 1/s; None for what is not identifiable.
@@ -133,7 +164,6 @@ def _parameter_figures(learning: FlightLearning) -> dict[str, Any]:
     }
     if learning.row_format is not None and learning.row_format.input_units:
         figures["input_unit"] = learning.row_format.input_units[0]
-    physical = _latest_physical(learning)
     if physical is None:
         return figures
     effect, effect_error = physical.mean_effect()

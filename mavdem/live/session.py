@@ -15,7 +15,7 @@ from mavdem.facts.session import Missing, Session, Spent, Task
 from mavdem.live import clock
 from mavdem.live.backlog import STEP_SECONDS, Backlog, LatencyMeter
 from mavdem.live.clock_speed import ClockSpeed
-from mavdem.live.gain_advice import GainAdviser
+from mavdem.live.gain_advice import MAX_WAIT_SECONDS, GainAdviser
 from mavdem.live.intake import LinkIntake
 from mavdem.live.judging import ModelJudging
 from mavdem.live.learning import FlightLearning
@@ -300,6 +300,15 @@ class LiveSession:
         alarms = tuple(self.stream.motor_alarms.latest)
         return self.judging.judge_final_model(model, self._learning.row_format, alarms)
 
+    def report_end(self, status: SessionStatus, model: Learned | None) -> None:
+        """Reports what the flight has shown, unless that was reported at its landing.
+
+        Args:
+            status: of the session, with the judgement of the final model.
+            model: the final model; None without one.
+        """
+        self._milestones.report_end(self._learning, status, self.stream.now, model)
+
     def report_gain_advice(self, is_at_end: bool = False) -> None:
         """Has gains advised where that is due, and reports advice that is ready.
 
@@ -308,7 +317,7 @@ class LiveSession:
 
         Args:
             is_at_end: whether the session ends. Then a settled flight without a landing gets advice, too, and the call
-                waits until the advice is ready.
+                waits until the advice is ready, for ``MAX_WAIT_SECONDS`` at most, which it reports first.
         """
         adviser = self.gain_adviser
         vehicle = self.stream.followed_vehicle
@@ -316,6 +325,8 @@ class LiveSession:
             return
         if is_at_end and self._learning.has_settled and not self._learning.has_landed:
             adviser.is_due = True
+        if is_at_end and adviser.is_awaited:
+            self._presentation.log(Fact(Gains.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))
         for fact in adviser.update(vehicle.name, self.backlog.is_late, is_at_end):
             self._presentation.log(fact)
         if adviser.facts and adviser.facts[-1].code is Gains.GAINS_WRITTEN:

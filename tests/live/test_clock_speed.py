@@ -25,6 +25,8 @@ def test_the_speed_is_measured_and_a_slow_clock_is_reported_once(speed):
     clock_speed, facts = measured(now, 30.0 + speed * now)
     assert clock_speed.speed == approx(speed)
     assert [fact.code for fact in facts] == [RateFact.VEHICLE_CLOCK_SLOW] * (speed < 0.8)
+    for fact in facts:
+        assert f"runs at {speed} times the speed" in fact.sentence
 
 
 def test_bursts_of_a_link_do_not_make_the_clock_slow():

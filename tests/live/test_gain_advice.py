@@ -8,6 +8,7 @@ from recorded_flights import SLOW
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis.twin import predicted_errors
+from mavdem.dem.parallel import LOW_PRIORITY
 from mavdem.facts.loops import Gains, Twins
 from mavdem.ingest import read_log
 from mavdem.live.gain_advice import GainAdviser, advise_gains
@@ -22,7 +23,7 @@ stream = { autopilot = "ardupilot", rates = { ATTITUDE_TARGET = 100.0 } }
 """
 
 
-def at_once():
+def at_once(niceness):
     """An executor that runs a job when its result is asked for."""
     made = lambda job, *given: Mock(**{"result.side_effect": lambda _: job(*given)})  # noqa: E731
     executor = MagicMock(submit=made)
@@ -79,7 +80,15 @@ def test_a_busy_computer_advises_later_and_says_so(tmp_path, monkeypatch):
     assert not adviser._start_executor.called
     monkeypatch.setattr("mavdem.live.gain_advice.advise_gains", lambda *_: ("gains",))
     assert adviser.update("1:1", False, False) == ("gains",)
-    assert adviser.update("1:1", False, True) == ()
+    assert adviser.update("1:1", False, True) == () and not adviser.is_awaited
+
+
+def test_only_at_the_end_advice_has_the_priority_of_other_programs(tmp_path):
+    adviser = adviser_of(tmp_path)
+    for is_at_end in (False, True):
+        adviser.is_due = True
+        adviser.update("1:1", False, is_at_end)
+    assert [call.args for call in adviser._start_executor.mock_calls] == [(LOW_PRIORITY,), (0,)]
 
 
 @mark.parametrize("error", [TimeoutError(), OSError(28, "No space left on device")])
@@ -88,5 +97,6 @@ def test_advice_that_fails_costs_nothing_else(tmp_path, monkeypatch, error):
     adviser = adviser_of(tmp_path)
     adviser.is_due = True
     (failed,) = adviser.update("1:1", True, True)
-    assert failed.code is Gains.ADVICE_FAILED and str(error) in failed.sentence
+    reason = str(error) or "within 60 s"
+    assert failed.code is Gains.ADVICE_FAILED and reason in failed.sentence
     assert failed.remedy == f"Run `mavdem tune {tmp_path}/flight.tlog --axis all`."

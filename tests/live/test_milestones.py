@@ -4,7 +4,9 @@ from unittest.mock import Mock
 
 import numpy as np
 from partial_records import partial_record
+from pytest import mark
 
+from mavdem.dem import Learned
 from mavdem.dem.online.estimate import Estimate
 from mavdem.dem.online.learner import OnlineLearner
 from mavdem.dem.settings import Settings
@@ -53,4 +55,20 @@ def test_a_landing_reports_what_the_flight_has_shown():
     assert [fact.code for fact in facts] == [Session.PARAMETERS_KNOWN, Session.FLIGHT_LEARNED]
     sentence = str(facts[1])
     assert sentence.startswith("Landed at 40 s. Roll: control effectiveness 2.86")
+    milestones.report_end(learning, status, 41.0, None)
+    assert len(facts) == 2, "a flight is reported once"
     assert "margins not known. Mean wind not known. Estimates at most 20 ms late." in sentence
+
+
+@mark.parametrize(
+    "model, effectiveness",
+    [
+        (None, "control effectiveness not known, rate damping not known"),
+        (partial_record(Learned, physical=PHYSICAL), "control effectiveness 2.86"),
+    ],
+)
+def test_an_end_in_flight_reports_what_is_known(model, effectiveness):
+    facts = []
+    milestones = Milestones("roll", facts.append)
+    milestones.report_end(learning_with(), SessionStatus(is_flying=True), 40.0, model)
+    assert str(facts[0]).startswith(f"Ended in flight at 40 s. Roll: {effectiveness}")
