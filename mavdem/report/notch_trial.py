@@ -26,7 +26,7 @@ from mavdem.loops.ardupilot_controller import (
 )
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.controllers import Controller
-from mavdem.loops.filters import MAX_NOTCH_FREQUENCY_RATIO, gyro_response
+from mavdem.loops.filters import MAX_NOTCH_FREQUENCY_RATIO, gyro_response, notch_response
 from mavdem.loops.resonance import MAX_LOOP_FREQUENCY
 from mavdem.report.charts.chart import FREQUENCY, Axis, Chart, Group, Line, LineStyle, Mark
 from mavdem.report.gain_changes import READERS
@@ -401,9 +401,9 @@ def _response(tried: _TriedFilter, frequency: Array) -> NDArray[np.complex128]:
     """Returns the response of the notch alone (F,), complex, as the log has it: 1 where it is off there."""
     if not tried.is_on:
         return np.ones(len(frequency), complex)
-    # The other filters cancel out, but for exactly the centre of an infinitely deep one.
-    others = gyro_response(tried.without_filter, frequency)
-    return gyro_response(tried.with_filter, frequency) / others
+    # The controller lists the notches of this filter first.
+    count = len(tried.with_filter.notches) - len(tried.without_filter.notches)
+    return notch_response(tried.with_filter.notches[:count], tried.with_filter.gyro_rate, frequency)
 
 
 def _spectrum_chart(tried: _TriedFilter, spectrum: Spectrum, peak: float, highest: float) -> Chart:

@@ -93,6 +93,17 @@ def test_a_spectrum_behind_the_filter_is_not_drawn_with_another_one():
     assert trial_of(ARDUPILOT, highest=30.0) is None
 
 
+def test_a_second_notch_stays_as_it_is_and_is_not_drawn_as_this_one():
+    second = {"IMU_GYRO_NF1_FRQ": 60.0, "IMU_GYRO_NF1_BW": 20.0}
+    both = PX4 | second | {"IMU_GYRO_NF0_FRQ": 90.0, "IMU_GYRO_NF0_BW": 30.0}
+    (spectrum_chart,), (gain_chart,), _ = trial_of(both, autopilot="PX4").charts.columns
+    line = gain_chart.lines[0]
+    expected = 20 * np.log10(abs(px4_biquad(90.0, 30.0, 8000.0, line.x)))
+    assert_allclose(line.y, np.maximum(expected, -60.0), atol=1e-6)
+    _, without, with_notch = spectrum_chart.lines
+    assert without.y[without.x == 60.0] < 1e-9 and with_notch.y[with_notch.x == 90.0] < 1e-9
+
+
 TRIED = """(async (moves, frequencies) => {
 for (const part of document.querySelectorAll("details")) part.open = true;
 const form = document.querySelector("form.notch"), charts = () => document.documentElement.charts.groups.notch?.charts;
