@@ -97,19 +97,21 @@ def test_a_loop_that_meets_the_goal_only_in_many_models_is_flown_first():
     assert decision.action.code is LoopActions.FLY_DOUBLETS
 
 
-def test_sure_margins_of_a_contradicted_model_are_watched_and_give_no_gains():
-    (sure,) = AxisMargins("roll", made_up(), None, None).facts
-    assert sure.level is Level.GOOD
+@mark.parametrize("factor, level", [(1.0, Level.GOOD), (4.0, Level.BAD)])
+def test_sure_margins_of_a_contradicted_model_are_watched_and_give_no_gains(factor, level):
+    loop = made_up(factor)
+    (sure,) = AxisMargins("roll", loop, None, None).facts
+    assert sure.level is level
     contradiction = Fact(StepResponses.PREDICTION_DOUBTED, subject="roll rate", share=0.4)
-    (fact,) = AxisMargins("roll", made_up(), None, None, contradiction=contradiction).facts
+    (fact,) = AxisMargins("roll", loop, None, None, contradiction=contradiction).facts
     assert fact.level is Level.WATCH
     assert fact.sentence.startswith("Margins in doubt: the roll ")
     assert fact.sentence.endswith("by a model whose response differs from the flight's.")
-    decision = decided(made_up(), contradiction=contradiction)
+    decision = decided(loop, contradiction=contradiction)
     assert (decision.verdict, decision.doubts) == (LoopVerdict.UNKNOWN, (contradiction,))
     assert decision.action.code is LoopActions.FLY_DOUBLETS
     # What was measured of the tracking needs no model.
-    overshooting = decided(made_up(), OVERSHOOTS, contradiction=contradiction)
+    overshooting = decided(loop, OVERSHOOTS, contradiction=contradiction)
     assert overshooting.verdict is LoopVerdict.FOLLOWS_BADLY
 
 

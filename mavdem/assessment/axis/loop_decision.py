@@ -190,7 +190,7 @@ def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
         return _decision_by_measurement(observations, injected)
     loop_fact = facts_by_code.get(MarginsLight.LOOP_MARGINS)
     if isinstance(margins.loop, Loop) and loop_fact is not None:
-        if margin_rating(margins.loop).is_bad:
+        if margins.contradiction is None and margin_rating(margins.loop).is_bad:
             return _decision_by_identified_loop(observations, margins.loop, loop_fact)
     resonance = facts_by_code.get(MarginsLight.RESONATES)
     if resonance is not None:

@@ -233,10 +233,10 @@ def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
     :func:`mavdem.loops.axis_loops.margin_rating`: then the lower end of the 90 % interval has them. The margins are
     those of the thrust of the flight; that they also hold with 20 % more or less is asked of advised gains only.
 
-    A measured response that contradicts the model leaves the level at most "watch", however sure the model is of its
-    margins: its draws do not contain the error that the measurement shows.
+    A measured response that contradicts the model makes the level "watch", however sure the model is of its margins,
+    good or bad: its draws do not contain the error that the measurement shows.
 
-    The level is bad if at most 10 % of the plants have the least margins to fly with, and else to be watched.
+    Otherwise the level is bad if at most 10 % of the plants have the least margins to fly with, and else "watch".
 
     Args:
         loop: the identified loop.
@@ -248,10 +248,11 @@ def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
     """
     rating = margin_rating(loop)
     level = Level.WATCH
-    if rating.is_good and contradiction is None:
-        level = Level.GOOD
-    elif loop.share_meeting(LEAST_MARGINS) <= 1 - CONFIDENCE_LEVEL:
-        level = Level.BAD
+    if contradiction is None:
+        if rating.is_good:
+            level = Level.GOOD
+        elif loop.share_meeting(LEAST_MARGINS) <= 1 - CONFIDENCE_LEVEL:
+            level = Level.BAD
     return Fact(
         MarginsLight.LOOP_MARGINS,
         level,
