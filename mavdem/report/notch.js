@@ -7,6 +7,10 @@
   const settings = { ...model.parameters };
   let on = model.wasOn;
 
+  // Where the first harmonic is, in Hz: not at the parameter's value where it follows the throttle or is too wide.
+  const leastCentre = () => Math.max(settings[names.centre], model.leastCentrePerWidth * settings[names.width]);
+  const fundamental = () => model.isArduPilot ? leastCentre() * model.hoverRatio : settings[names.centre];
+
   // The notches in series: centre in Hz, damping 1/Q of the poles, and gain at the centre.
   const notches = () => {
     if (!on) return [];
@@ -17,11 +21,11 @@
       const alpha = Math.tan(Math.PI * Math.min(width / model.rate, model.maxRatio));
       return [{ centre, damping: 2 * alpha / Math.sin(2 * Math.PI * centre / model.rate), gain: 0 }];
     }
-    const least = Math.max(centre, model.leastCentrePerWidth * width), half = width / least / 2;
+    const half = width / leastCentre() / 2;
     const damping = half * (2 - half) / (1 - half), gain = 10 ** (-settings[names.depth] / 20), all = [];
     if (!(settings[names.depth] > 0)) return [];
     for (let multiple = 1; multiple <= model.mostHarmonics; multiple++) {
-      const place = multiple * least * model.hoverRatio;
+      const place = multiple * fundamental();
       if (!(settings[names.harmonics] >> (multiple - 1) & 1) || place >= model.maxRatio * model.rate) continue;
       for (let source = 0; source < model.sources; source++) all.push({ centre: place, damping, gain });
     }
@@ -75,8 +79,9 @@
       slider.setAttribute("aria-valuetext", text);
     }
     const all = notches(), { phase } = response(all, model.crossover), gain = decibels(response(all, model.peak).gain);
+    const moved = all.length && Math.abs(fundamental() - settings[names.centre]) >= 0.5;
     const deepest = gain <= decibels(0) ? "at least " : "";
-    form.querySelector(".effects").textContent = `At the peak of ${shown(model.peak, 0)} Hz it takes ${deepest}${shown(-gain)} dB. `
+    form.querySelector(".effects").textContent = (moved ? `Its centre is at ${shown(fundamental(), 0)} Hz. ` : "") + `At the peak of ${shown(model.peak, 0)} Hz it takes ${deepest}${shown(-gain)} dB. `
       + `${model.place} ${shown(model.crossover)} Hz it costs ${shown(-phase)}° of phase`
       + (model.wasOn ? `; as logged, ${shown(-before)}°.` : ".");
     form.querySelectorAll("a.button").forEach((link, i) => {

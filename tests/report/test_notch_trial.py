@@ -109,7 +109,7 @@ for (const part of document.querySelectorAll("details")) part.open = true;
 const form = document.querySelector("form.notch"), charts = () => document.documentElement.charts.groups.notch?.charts;
 while (charts()?.length !== 3) await new Promise(done => setTimeout(done, 20));
 const drawn = () => charts().map(chart => chart.data_.lines.at(-1).y.filter((_, i) => i % 20 === 0));
-const logged = drawn(), flat = form.querySelector(".effects").textContent;
+const logged = drawn(), first = form.querySelector(".effects").textContent;
 const input = (one, type) => one.dispatchEvent(new Event(type, { bubbles: true }));
 for (const [name, value] of Object.entries(moves)) {
   const one = form.elements[name];
@@ -122,7 +122,7 @@ const labels = [...form.querySelectorAll("input")].every(one => one.labels.lengt
 const links = [...form.querySelectorAll("a.button")].map(one => [one.download, one.href]);
 form.elements.on.click();
 const off = form.querySelector("a.button").href;
-return [logged, found, labels, links, off, form.querySelector(".effects").textContent];
+return [logged, first, found, labels, links, off, form.querySelector(".effects").textContent];
 })"""
 
 
@@ -148,8 +148,10 @@ def test_a_browser_computes_the_autopilots_biquads_and_writes_them_as_parameters
     static = trial_of(PX4 | {"IMU_GYRO_NF0_FRQ": 0.0}, autopilot="PX4")
     with browsing(tmp_path / "profile") as tab:
         moves = {"INS_HNTCH_FREQ": 80, "INS_HNTCH_BW": 60, "INS_HNTCH_ATT": 20}
-        logged, found, is_labelled, links, off, effects = tried(tab, harmonic, moves, tmp_path)
-        _, found_static, _, static_links, static_off, _ = tried(
+        logged, first, found, is_labelled, links, off, effects = tried(
+            tab, harmonic, moves, tmp_path
+        )
+        _, _, found_static, _, static_links, static_off, _ = tried(
             tab, static, {"IMU_GYRO_NF0_FRQ": 90, "IMU_GYRO_NF0_BW": 30}, tmp_path
         )
     # The centre follows the throttle: in hover it is √2 times that of the parameter.
@@ -166,6 +168,7 @@ def test_a_browser_computes_the_autopilots_biquads_and_writes_them_as_parameters
     # What was drawn at first is what the library computes of the log's parameters.
     for values, (chart,) in zip(logged, harmonic.charts.columns, strict=True):
         assert values == approx(chart.lines[-1].y[::20], rel=2e-3, abs=2e-2)
+    assert "Its centre is at 117 Hz." in first
     assert is_labelled and "takes 0.0 dB" in effects and "as logged" in effects
     for name, address in links:
         values = parameters_at(address, tmp_path / name)
