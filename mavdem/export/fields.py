@@ -83,7 +83,10 @@ def messages_of(telemetry: Telemetry) -> list[MessageFields]:
 def samples_of(
     telemetry: Telemetry, message: str, field: str, instance: int | None = None, boot: int = 0
 ) -> FieldSamples:
-    """Returns all samples of one field.
+    """Returns all samples of one field in the order of time.
+
+    Messages may come late, and streams of several sensors may be joined one after another: a plot needs ascending
+    times. Only the columns of time, boot, instance and the field itself are read.
 
     Args:
         telemetry: What the vehicle sent.
@@ -106,7 +109,10 @@ def samples_of(
             there = ", ".join(map(str, instances)) or "none"
             raise ValueError(f"{message} has no instance {instance}: there is {there}")
         rows &= columns[_instance_column(columns)] == instance
-    return FieldSamples(time=columns["time"][rows], values=fields[field][rows])
+    time = columns["time"][rows]
+    values = fields[field][rows].astype(float)
+    order = np.argsort(time, kind="stable")
+    return FieldSamples(time=time[order], values=values[order])
 
 
 def samples_between(samples: FieldSamples, start: float, end: float) -> FieldSamples:
@@ -155,14 +161,15 @@ def _columns_of(telemetry: Telemetry, message: str) -> Columns:
     """
     if message in telemetry.messages:
         return telemetry.messages[message]
-    for name, columns in telemetry.messages.items():
+    # Only the names are compared: the columns of a message may have to be read from a file.
+    for name in telemetry.messages:
         if message in telemetry.name_in_source(name).split("/"):
-            return columns
+            return telemetry.messages[name]
     raise ValueError(f"the log has no {message}: it has {', '.join(sorted(telemetry.messages))}")
 
 
 def _numeric_fields(columns: Columns) -> dict[str, Array]:
-    """Returns the numeric fields of a message as columns (N,) of float64, an array's elements each by itself."""
+    """Returns the numeric fields of a message as views (N,) of its columns, an array's elements each by itself."""
     fields: dict[str, Array] = {}
     for key, values in columns.items():
         # Some keys are members of an enumeration of strings; their own text is the field's name.
@@ -170,10 +177,10 @@ def _numeric_fields(columns: Columns) -> dict[str, Array]:
         if name in CLOCK_COLUMNS or values.dtype.kind not in "biuf":
             continue
         if values.ndim == 1:
-            fields[name] = values.astype(float)
+            fields[name] = values
         else:
             for index in range(values.shape[1]):
-                fields[f"{name}[{index}]"] = values[:, index].astype(float)
+                fields[f"{name}[{index}]"] = values[:, index]
     return fields
 
 

@@ -1,5 +1,8 @@
 """Any field of a log: its messages, fields and instances, and the samples of one of them."""
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 from pytest import fixture, raises
 
@@ -51,6 +54,43 @@ def test_samples_are_those_of_one_instance_and_boot(telemetry):
     np.testing.assert_array_equal(first_esc.values, [100, 110])
     after_reboot = samples_of(telemetry, "AHR2", "q[1]", boot=1)
     assert (after_reboot.time.tolist(), after_reboot.values.tolist()) == ([0.2], [1.0])
+
+
+def test_samples_ascend_in_time_where_messages_came_late(telemetry):
+    late = dict(telemetry.messages["ESC"])
+    late["time"] = np.array([1.0, 3.0, 2.0, 2.0])
+    late["RPM"] = np.array([100, 200, 110, 120])
+    samples = samples_of(replace(telemetry, messages={"ESC": late}), "ESC", "RPM")
+    assert samples.time.tolist() == [1, 2, 2, 3]
+    assert samples.values.tolist() == [100, 110, 120, 200]
+    thinned = extremes_of_intervals(samples, 1)
+    assert thinned.time.tolist() == [1, 3] and thinned.values.tolist() == [100, 200]
+
+
+def test_no_other_message_is_read_for_one_by_its_name_in_the_log(telemetry):
+    class CountedMessages(Mapping):
+        """Messages that note which of them were read."""
+
+        names_of_read = []
+
+        def __getitem__(self, name):
+            self.names_of_read.append(name)
+            return telemetry.messages[name]
+
+        def __contains__(self, name):
+            return name in telemetry.messages
+
+        def __iter__(self):
+            return iter(telemetry.messages)
+
+        def __len__(self):
+            return len(telemetry.messages)
+
+    counted = replace(telemetry, messages=CountedMessages())
+    samples_of(counted, "AHR2", "q[0]")
+    with raises(ValueError, match="the log has no NONE"):
+        samples_of(counted, "NONE", "q[0]")
+    assert CountedMessages.names_of_read == ["ATTITUDE_QUATERNION"]
 
 
 def test_what_the_log_lacks_is_refused_with_what_it_has(telemetry):
