@@ -14,6 +14,7 @@ from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
 from mavdem.report.blocks import SCREEN_LINES, Sentence, shortened
+from mavdem.report.lights import lights_with_reason_once
 from mavdem.report.templates import headline, render_section
 
 SCREEN_COLUMNS = 80
@@ -40,7 +41,7 @@ def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
         assessment: what is reviewed.
         columns: characters of a line.
     """
-    lights = _light_lines(assessment.lights, columns)
+    lights = _light_lines(lights_with_reason_once(assessment.lights), columns)
     title_line = _title_line(review_title(assessment), columns)
     return "\n".join([title_line, *lights, *_last_lines(assessment, len(lights), columns)])
 
@@ -57,7 +58,7 @@ def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
     """
     evidence = findings.evidence
     title = vehicle_title(evidence.log, evidence.signals, findings.analysis)
-    lights = _light_lines(findings.lights, columns)
+    lights = _light_lines(lights_with_reason_once(findings.lights), columns)
     return "\n".join([_title_line(title, columns), *lights])
 
 
@@ -71,11 +72,14 @@ def further_lines(
         findings: what of it has been shown.
         columns: characters of a line.
     """
+    first_lights = lights_with_reason_once(findings.lights)
     further_lights = {
-        name: fact for name, fact in assessment.lights.items() if name not in findings.lights
+        name: fact
+        for name, fact in lights_with_reason_once(assessment.lights).items()
+        if name not in first_lights
     }
     lights = _light_lines(further_lights, columns)
-    light_count = len(lights) + len(_light_lines(findings.lights, columns))
+    light_count = len(lights) + len(_light_lines(first_lights, columns))
     return "\n".join([*lights, *_last_lines(assessment, light_count, columns)])
 
 

@@ -21,7 +21,7 @@ from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event
-from mavdem.facts.lights import Light
+from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import Gains, LoopActions
 from mavdem.facts.session import Spent
 from mavdem.loops.advice import AdviceByAxis
@@ -43,6 +43,7 @@ from mavdem.report.condition import air_blocks, log_blocks
 from mavdem.report.gain_changes import gain_changes
 from mavdem.report.instances import instance_table
 from mavdem.report.labels import Labels
+from mavdem.report.lights import lights_with_reason_once
 from mavdem.report.notch_trial import NotchTrial, notch_trial
 from mavdem.report.numbers import display_unit, with_unit
 from mavdem.report.pages.loop_chapters import loops_chapters, responses_chapter
@@ -159,7 +160,7 @@ def log_page(
         chapters = [*_opened_where_not_good(chapters, assessment.lights)]
         head = Head(
             assessment.headline.level,
-            assessment.lights,
+            lights_with_reason_once(assessment.lights),
             events,
             timeline,
             assessment.analysis,
@@ -314,7 +315,9 @@ def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
         light: the fact of the light "tracking".
         axes: by axis, a fact whose figures are the errors and the delay, each with its unit.
     """
-    yield Sentence(str(light), "Tracking:")
+    # That only multirotors are judged stands beside the lights.
+    if light.code is not Unjudged.MULTIROTORS_ONLY:
+        yield Sentence(str(light), "Tracking:")
     rows = []
     for axis, fact in axes.items():
         cells = []
@@ -437,7 +440,10 @@ def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
 
     The rose needs both speed and direction. Of a simulated flight the estimates are compared with its truth here.
     """
-    blocks = air_blocks(assessment)
+    blocks: Blocks = []
+    # That only multirotors are judged stands beside the lights.
+    if assessment.lights["wind"].code is not Unjudged.MULTIROTORS_ONLY:
+        blocks += air_blocks(assessment)
     if analysis.learned is not None:
         blocks += torque_blocks(analysis.learned)
     if analysis.truth:

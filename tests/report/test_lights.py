@@ -1,0 +1,28 @@
+"""Lights as page and screen show them."""
+
+from mavdem.facts import Fact, Level
+from mavdem.facts.lights import Unjudged
+from mavdem.facts.power import PowerLight
+from mavdem.report.lights import lights_with_reason_once
+
+ONLY_MULTIROTORS = Fact(Unjudged.MULTIROTORS_ONLY, kind="SUBMARINE")
+SOUND = Fact(PowerLight.SUPPLY_HELD, voltage=5.0)
+
+
+def test_that_only_multirotors_are_judged_is_stated_once():
+    lights = {
+        "motors": ONLY_MULTIROTORS,
+        "power": SOUND,
+        "tracking": ONLY_MULTIROTORS,
+        "wind": ONLY_MULTIROTORS,
+    }
+    shown = lights_with_reason_once(lights)
+    assert list(shown) == list(lights)
+    assert (shown["motors"], shown["power"]) == (ONLY_MULTIROTORS, SOUND)
+    for name in ("tracking", "wind"):
+        assert (shown[name].sentence, shown[name].level) == ("Not judged.", Level.UNKNOWN)
+
+
+def test_lights_of_a_multirotor_are_shown_as_they_are():
+    lights = {"motors": SOUND, "tracking": SOUND}
+    assert lights_with_reason_once(lights) == lights
