@@ -152,8 +152,19 @@ def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], No
     Yields:
         A function to call with the fraction that is done, from 0 to 1.
     """
+    with progress_bar(title, measured) as show:
+        yield lambda fraction: show(fraction, title)
+
+
+@contextmanager
+def progress_bar(title: str, measured: bool = True) -> Iterator[Callable[[float, str], None]]:
+    """Shows a progress bar whose title changes; the arguments are those of :func:`progress`.
+
+    Yields:
+        A function to call with the fraction that is done, from 0 to 1, and the title.
+    """
     if not STDERR.is_terminal:
-        yield lambda fraction: None
+        yield lambda fraction, title: None
         return
     with Progress(
         TextColumn("{task.description}", markup=False),
@@ -163,4 +174,6 @@ def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], No
         transient=True,
     ) as bar:
         task = bar.add_task(escape_unprintable(title), total=1.0 if measured else None)
-        yield lambda fraction: bar.update(task, completed=fraction)
+        yield lambda fraction, title: bar.update(
+            task, completed=fraction, description=escape_unprintable(title)
+        )

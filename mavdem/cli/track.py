@@ -7,9 +7,9 @@ import click
 
 from mavdem.cli.exit_codes import EXIT_ERROR, EXIT_UNSUPPORTED
 from mavdem.cli.options import NumberRange, jobs_option, json_option
-from mavdem.cli.output import print_blocks, print_json, progress
+from mavdem.cli.output import print_blocks, print_json, progress, progress_bar
 from mavdem.cli.sources import refuse_link
-from mavdem.cli.streams import print_to_stderr, print_to_stdout
+from mavdem.cli.streams import STDERR, print_to_stderr, print_to_stdout
 from mavdem.containers import Names
 from mavdem.dem.parallel import available_workers
 from mavdem.documents.fleet import track_document
@@ -32,7 +32,7 @@ from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import Store, open_store, read_brief_rows, read_rows, read_rows_of_logs
 from mavdem.fleet.tracking import TrackedLogs, track
-from mavdem.fleet.workers import JobLimits, WorkerPool
+from mavdem.fleet.workers import JobLimits, JobOutcome, WorkerPool
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.fleet import fleet_blocks
@@ -154,7 +154,11 @@ def track_command(
     blocks_by_vehicle: BlocksByVehicle = {}
     full_rows = partial(read_rows, out)
     # Rows are read and pages updated by them while no other run judges a vehicle: else an older remark might stay.
-    with open_store(out) as store, store.judgement_lock():
+    with (
+        progress("Writing pages", measured=False),
+        open_store(out) as store,
+        store.judgement_lock(),
+    ):
         rows = read_brief_rows(out)
         counts = summary(rows)
         differences: BaselineDifferences = {}
@@ -189,7 +193,9 @@ def track_command(
 def _track_with_progress(
     folder: Path, logs: Names, reader: Cluster | WorkerPool, baseline: Names
 ) -> TrackedLogs:
-    """Brings the table of a fleet up to date with logs, and shows a progress bar on standard error.
+    """Brings the table of a fleet up to date with logs, and shows on standard error how far it is.
+
+    That is a progress bar on a terminal, otherwise a line for each log.
 
     Args:
         folder: Folder of the fleet.
@@ -204,17 +210,37 @@ def _track_with_progress(
         Which logs there are, how many of them were read now, the healthy flights and the problems.
     """
     try:
-        with progress("Reading logs") as show_fraction:
+        with progress_bar("Looking for logs") as show:
 
-            def show_log_count(read_logs: int, all_logs: int) -> None:
+            def show_log(done: int, count: int, outcome: JobOutcome | None) -> None:
+                if done < count:
+                    title = f"{done} of {counted(count, 'new log')} read"
+                else:
+                    title = "Comparing flights"
                 # All logs may be known already: then there is none to read.
-                show_fraction(read_logs / max(all_logs, 1))
+                show(done / max(count, 1), title)
+                if STDERR.is_terminal:
+                    return
+                if outcome is not None:
+                    print_to_stderr(f"{done} of {count}: {_outcome_line(outcome)}")
+                elif count:
+                    print_to_stderr(f"Reading {counted(count, 'new log')} …")
 
-            return track(folder, logs, reader, baseline, flight_page, progress=show_log_count)
+            return track(folder, logs, reader, baseline, flight_page, progress=show_log)
     except KeyboardInterrupt:
         # Each log is stored as soon as it was read, so nothing is lost.
         print_to_stderr("What was read is kept: the same command continues.")
         raise
+
+
+def _outcome_line(outcome: JobOutcome) -> str:
+    """Returns what became of a log in one line: its path, how long its reading took, and why it has no flight."""
+    line = f"{outcome.path}, {outcome.seconds:.1f} s"
+    if outcome.ended == "known":
+        return f"{line}: its content is known"
+    if any(row.has_flight for row in outcome.rows):
+        return line
+    return f"{line}: {outcome.rows[0].status}"
 
 
 def _store_name(store: Store, rows: FlightRows, given_name: str) -> None:

@@ -22,7 +22,7 @@ from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import LogSource, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, open_store, read_rows
-from mavdem.fleet.workers import Job, MakePage, WorkerPool
+from mavdem.fleet.workers import Job, JobOutcome, MakePage, WorkerPool
 from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.balance import BalanceFigures
 from mavdem.motors.health import assess_motor_health
@@ -39,8 +39,9 @@ ASSESSMENT_COLUMNS = ("health", "fault_probability", "change_probability", "susp
 COMPARISON_COLUMNS = ("health_reason", "health_code", "residual_mean")
 """Further columns that compare a flight with the other flights of its vehicle."""
 
-Progress = Callable[[int, int], None]
-"""Called with the number of logs that are done, and the number of logs that are to be read."""
+Progress = Callable[[int, int, JobOutcome | None], None]
+"""Called with the number of logs that are done, the number of logs that are to be read, and the outcome of the log that
+was done last; None before the first."""
 
 FlightKey = tuple[object, ...]
 """What the rows of one flight have in common: log, vehicle, system and component."""
@@ -273,7 +274,7 @@ def _read_new_logs(
         logs: the logs, read or not.
         reader: the processes that read logs, with their limits.
         page: makes the page of a flight; None for no pages.
-        progress: called with the number of logs that are done and the number of all to be read.
+        progress: called before the first log, and after each one.
 
     Returns:
         The number of logs that were read, and a fact for each known log that cannot be read now.
@@ -285,7 +286,7 @@ def _read_new_logs(
     sources = {log.path: log for log in new_logs}
     unread = []
     jobs = (Job(log.path, store.keys_of_size(log, reader.limits), page) for log in new_logs)
-    progress(0, len(new_logs))
+    progress(0, len(new_logs), None)
     with closing(reader.outcomes(jobs)) as outcomes:
         for done, outcome in enumerate(outcomes, 1):
             source = sources[outcome.path]
@@ -294,5 +295,5 @@ def _read_new_logs(
                 unread.append(Fact(Reading.LOG_KEPT, path=source.path, because=reason))
             else:
                 store.add(source, outcome, reader.limits)
-            progress(done, len(new_logs))
+            progress(done, len(new_logs), outcome)
     return len(new_logs), unread

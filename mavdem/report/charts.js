@@ -29,6 +29,18 @@
       for (let digit = 1; digit < 10; digit++) splits.push(digit * 10 ** power);
     return splits.filter(value => value >= min && value <= max);
   };
+  // The rules of the page's style for print and for some screens, by their media.
+  const mediaRules = [...document.styleSheets].flatMap(sheet => [...sheet.cssRules]).filter(rule => rule instanceof CSSMediaRule).map(rule => ({ media: rule.media, text: rule.media.mediaText }));
+  // While a page is laid out for paper, the screen has the style of print: plots are drawn before the paper has a width,
+  // and canvases keep the size that they were drawn with.
+  const layOut = isForPaper => {
+    root.classList.toggle("printing", isForPaper);
+    for (const { media, text } of mediaRules) {
+      if (text === "print") media.mediaText = isForPaper ? "all" : text;
+      if (text.startsWith("screen and")) media.mediaText = isForPaper ? "not all" : text;
+    }
+    repaint();
+  };
   const font = () => `${root.classList.contains("printing") ? 9 : 11}px system-ui, sans-serif`, root = document.documentElement;
 
   const unpack = (packed, log) => {
@@ -166,8 +178,8 @@
 
   const height = (figure, data) => {
     if (!data.lines.length) return 26;
-    const usualHeight = figure.dataset.flat != null ? 104 : root.classList.contains("printing") ? 125 : 190, bare = figure.dataset.bare != null;
-    return Math.round(usualHeight * (root.classList.contains("printing") ? 0.52 : 1)) + (bare ? 0 : 34);
+    const isFlat = figure.dataset.flat != null, isBare = figure.dataset.bare != null, isForPaper = root.classList.contains("printing");
+    return (isForPaper ? (isFlat ? 60 : 95) : (isFlat ? 104 : 190)) + (isBare ? 0 : 34);
   };
 
   const draw = figure => {
@@ -191,7 +203,7 @@
     }
     const grid = { stroke: () => colour("--line"), width: 1 }, noLabels = (_, splits) => splits.map(() => "");
     const space = () => root.classList.contains("printing") ? 10 : figure.dataset.flat != null ? 16 : 30;
-    const width = (_, texts) => Math.max(50, ...(texts ?? []).filter(text => text?.length > 6).map(text => 14 + 7.2 * text.length));
+    const width = (_, texts) => Math.max(50, ...(texts ?? []).filter(text => text?.length > 5).map(text => 14 + 7.2 * text.length));
     const base = { stroke: () => colour("--ink"), font: font(), grid, ticks: grid, labelFont: font(), labelSize: 16, labelGap: 0 };
     const shown = axis => axis.names.length
       ? { splits: () => axis.names.map((_, i) => i), values: (_, splits) => splits.map(i => axis.names[i]) }
@@ -324,7 +336,7 @@
       fit(figure); // a page that is printed at once has not been drawn yet
       const chart = charts.get(figure);
       if (!chart) continue; // it is folded away
-      for (const axis of chart.axes) axis.font[0] = font().replace(/\d+/, size => size * devicePixelRatio);
+      for (const axis of chart.axes) for (const one of [axis.font, axis.labelFont]) one[0] = font().replace(/\d+/, size => size * devicePixelRatio);
       fit(figure, true);
       chart.redraw(false, true);
     }
@@ -338,8 +350,8 @@
   }));
   for (const figure of figures) observer.observe(figure);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.forEach(chart => chart.redraw(false, true)));
-  addEventListener("beforeprint", () => { root.classList.add("printing"); repaint(); });
-  addEventListener("afterprint", () => { root.classList.remove("printing"); repaint(); });
+  addEventListener("beforeprint", () => layOut(true));
+  addEventListener("afterprint", () => layOut(false));
   // Adds a chart of the flight below the others: the figure, which "replace" gives other points and "remove" takes away.
   const add = (column, label, colour, times, values) => {
     const { x, marks, spans } = groups.flight.charts[0].data_, isStrip = !groups.flight.charts[0].data_.lines.length;

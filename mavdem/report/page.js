@@ -1,5 +1,5 @@
 // What a page does besides its charts: the map and the line of words that follow their cursor, events that move the
-// plots, parts that open where a link leads to them and for print, and the search of tables.
+// plots, parts that open where a link leads to them and for print, contents that fold, and the search of tables.
 (() => {
   const root = document.documentElement, { groups, zoom, setCursor, unpack, digits } = root.charts;
   const flight = () => groups.flight;
@@ -103,10 +103,19 @@
     for (const row of document.getElementById(search.dataset.table).tBodies[0].rows) row.hidden = !words.every(word => row.textContent.toLowerCase().includes(word));
   });
 
+  // On a phone the list of contents is closed until it is wanted, and after it was used.
+  const contents = document.querySelector(".contents > details"), phone = matchMedia("(max-width: 600px)");
+  const foldContents = () => { if (contents) contents.open = !phone.matches; };
+  phone.addEventListener("change", foldContents);
+  contents?.addEventListener("click", event => event.target.closest("a") && foldContents());
+  foldContents();
+
+  // On paper is what is open, every chapter that is not good, and all events; what only serves a screen stays closed, and
+  // a list that is fetched as it opens is not fetched.
   let closedParts = [];
   addEventListener("beforeprint", () => {
-    closedParts = parts.filter(part => !part.open);
+    closedParts = parts.filter(part => !part.open && part.matches(".chapter > :has(> summary > :is(.watch, .bad, .unknown)), #vehicle > details, .events"));
     for (const part of closedParts) part.open = true;
-  });
+  }, true); // before the charts are drawn for paper
   addEventListener("afterprint", () => { for (const part of closedParts) part.open = false; });
 })();

@@ -1,5 +1,6 @@
 """``mavdem track``: a fleet in one command, its answers, and how it refuses."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -21,7 +22,12 @@ def test_a_fleet_in_one_command(tmp_path, capsys):
     damaged = flights / "damaged.ulg"
     damaged.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(99))
     out = tmp_path / "fleet"
-    found = document_of(capsys, "track", flights, "--out", out, "--jobs", "1")
+    assert run("track", flights, "--out", out, "--jobs", "1", "--json") == 0
+    printed = capsys.readouterr()
+    found = json.loads(printed.out)
+    first, *lines = printed.err.splitlines()
+    assert first == "Reading 2 new logs …"
+    assert lines[0].startswith("1 of 2: ") and lines[1].startswith("2 of 2: ")
     assert {"logs": 2, "read": 2, "flights": 1, "tiers": {"c": 1}}.items() <= found.items()
     assert [Path(one["file"]).name for one in found["failed"]] == ["damaged.ulg"]
     # At the top of the file the import would take every worker of the tests half a second.

@@ -210,7 +210,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
     track(tmp_path / "here", tmp_path / "logs")
     killed = []
 
-    def kill_one(done, of):
+    def kill_one(done, of, outcome):
         if done and not killed:
             killed.append(two_workers.workers[0].pid)
             os.kill(killed[0], signal.SIGKILL)

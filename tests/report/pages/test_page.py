@@ -189,21 +189,54 @@ def test_an_event_moves_the_plots_and_back_the_cursor_reads_them_and_a_link_open
     assert re.match(r"\d+\.\d s", now) and is_opened
 
 
-DRAWN = """[...document.querySelectorAll("figure.chart")].filter(chart => chart.clientWidth)
-.map(chart => chart.querySelector(".uplot") !== null)"""
+ON_PAPER = """(() => {
+dispatchEvent(new Event("beforeprint"));
+const box = element => element.getBoundingClientRect();
+const figures = [...document.querySelectorAll("figure.chart")].filter(figure => figure.checkVisibility());
+const misfits = figures.filter(figure => {
+  const canvas = figure.querySelector("canvas");
+  return !canvas || Math.abs(box(canvas).width - box(figure).width) > 1;
+});
+const paperWidth = 190 / 25.4 * 96;
+const beyondPaper = figures.filter(figure => box(figure).right > paperWidth + 1).length;
+const chapters = [...document.querySelectorAll(".chapter > details")];
+const notGood = chapters.filter(part => part.querySelector("summary .watch, summary .bad, summary .unknown"));
+const result = {
+  charts: figures.length, misfits: misfits.length, beyondPaper,
+  paper: getComputedStyle(document.documentElement).getPropertyValue("--card").trim(),
+  allThatIsNotGood: notGood.length && notGood.every(part => part.open),
+  fields: document.getElementById("fields").open,
+  menu: getComputedStyle(document.querySelector(".contents")).display,
+};
+dispatchEvent(new Event("afterprint"));
+return { ...result, screen: getComputedStyle(document.querySelector(".contents")).display };
+})()"""
 
 
 @mark.slow
-def test_a_page_with_all_chapters_is_small_and_prints_whole_on_five_sheets(flight, tmp_path):
+def test_a_page_is_laid_out_anew_for_light_paper_and_prints_on_five_sheets(flight, tmp_path):
     assert len(flight.encode()) < 700_000
     (tmp_path / "page.html").write_text(flight)
     with browsing(tmp_path / "profile") as tab:
+        tab.size(1280, dark=True)
         tab.open((tmp_path / "page.html").as_uri())
         # It has its charts too where it is printed before any was on a screen.
         printed = b64decode(tab.command("Page.printToPDF")["data"])
-        drawn = tab.run(DRAWN)
-    assert drawn and all(drawn)
+        tab.until("document.documentElement.charts.groups.flight")
+        on_paper = tab.run(ON_PAPER)
+        tab.size(390)
+        tab.until("!document.querySelector('.contents > details').open")
     assert len(re.findall(rb"/Type\s*/Page\b", printed)) <= 5
+    assert on_paper.pop("charts") > 10
+    assert on_paper == {
+        "misfits": 0,
+        "beyondPaper": 0,
+        "paper": "#ffffff",
+        "allThatIsNotGood": True,
+        "fields": False,
+        "menu": "none",
+        "screen": "block",
+    }
 
 
 def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():
