@@ -53,22 +53,6 @@ def resource_use(process_id: int) -> ResourceUse:
     return ResourceUse(0.0, 0.0)
 
 
-def suspend_process(process_id: int) -> None:
-    """Stops a process of this machine until :func:`resume_process`; one that has ended is left alone."""
-    import psutil
-
-    with suppress(psutil.Error):
-        psutil.Process(process_id).suspend()
-
-
-def resume_process(process_id: int) -> None:
-    """Lets a process go on that :func:`suspend_process` has stopped; one that has ended is left alone."""
-    import psutil
-
-    with suppress(psutil.Error):
-        psutil.Process(process_id).resume()
-
-
 def peak_megabytes() -> float:
     """Returns the largest memory that this process has had, MiB."""
     if sys.platform == "win32":

@@ -3,28 +3,26 @@
 Worker processes end with their work, also when a signal ends this process, or when this process is killed.
 """
 
+import _thread
 import os
 import signal
 import sys
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from itertools import chain, islice
 from multiprocessing import active_children, current_process, get_context, parent_process
+from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from threading import Lock, Thread, current_thread, main_thread
 from typing import Any, Protocol, TypeVar
 
 from mavdem.facts import Fact
 from mavdem.facts.model import Workers
-from mavdem.processes import (
-    TERMINATION_SIGNALS,
-    lower_priority,
-    resume_process,
-    suspend_process,
-)
+from mavdem.processes import TERMINATION_SIGNALS, lower_priority
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -46,11 +44,20 @@ JOBS_AHEAD = 256
 LOW_PRIORITY = 10
 """Niceness, 0 to 19, of a process that learns while samples arrive: the samples do not wait for a core."""
 
+PAUSE_SIGNAL = signal.SIGINT
+"""Signal whose handler pauses the process that learns. A worker takes no Ctrl-C itself, so that it is free for this."""
+
+PAUSE_CHECK_INTERVAL = 0.05
+"""s between two looks of a paused process at whether it may go on: learning, which takes seconds, waits no longer."""
+
 _pool_start_lock = Lock()
 """Held while a pool starts, so that the processes that appear meanwhile are its own."""
 
 _child_processes_forbidden = False
 """Whether this process starts no workers, because it is one of several that share the cores."""
+
+_is_paused = False
+"""In the process that learns: whether it waits, so that the analysis of a stream has its time."""
 
 _stop_pipe: Pollable | None = None
 """In a worker: the end of a pipe that becomes readable when its results are no longer wanted."""
@@ -164,7 +171,7 @@ class ProcessPool(ProcessPoolExecutor):
 
 
 @contextmanager
-def process_pool(workers: int) -> Iterator[ProcessPool]:
+def process_pool(workers: int, prepare: Callable[[], None] | None = None) -> Iterator[ProcessPool]:
     """Starts worker processes for a block, and waits for their end when the block is left.
 
     The processes are started afresh ("spawn"), since a fork of a process with threads may wait for ever for a lock that
@@ -172,6 +179,7 @@ def process_pool(workers: int) -> Iterator[ProcessPool]:
 
     Args:
         workers: Number of processes.
+        prepare: Called in the main thread of each process before its first job, while signals are still blocked.
 
     Yields:
         An executor whose processes have started.
@@ -188,7 +196,7 @@ def process_pool(workers: int) -> Iterator[ProcessPool]:
     # a signal interrupt the start of a process.
     with blocked_signals(*TERMINATION_SIGNALS):
         executor = ProcessPool(
-            workers, context, initializer=_initialize_worker, initargs=(stop_pipe,)
+            workers, context, initializer=_initialize_worker, initargs=(stop_pipe, prepare)
         )
     try:
         with blocked_signals(*TERMINATION_SIGNALS), _pool_start_lock:
@@ -213,7 +221,7 @@ class LearningProcess(Executor):
     """An executor with one process of low priority; if the process is killed, the next job runs in a new one.
 
     Attributes:
-        is_suspended: whether the process is stopped for a while.
+        is_suspended: whether the process is paused.
     """
 
     def __init__(self, niceness: int = LOW_PRIORITY) -> None:
@@ -228,22 +236,21 @@ class LearningProcess(Executor):
         self._start()
 
     def suspend(self, is_suspended: bool) -> None:
-        """Stops the process, or lets it go on, in the middle of whatever it computes.
+        """Pauses the process within some milliseconds, or lets it go on, in the middle of whatever it computes.
 
         Low priority alone does not keep a process from taking the time of a small computer: where a quota limits all
-        processes together, it takes part of what the samples need. If this process is killed meanwhile, the kernel
-        ends the stopped one with SIGHUP.
+        processes together, it takes part of what the samples need. The process pauses itself
+        (:func:`_prepare_learning`) and is not stopped by the system: so it still ends when this process is killed.
 
         Args:
-            is_suspended: whether it is to be stopped.
+            is_suspended: whether it is to be paused.
         """
         if is_suspended == self.is_suspended:
             return
         self.is_suspended = is_suspended
-        change = suspend_process if is_suspended else resume_process
-        for process in self._pool.processes:
-            if process.pid is not None:
-                change(process.pid)
+        # A process that has been killed needs no pause.
+        with suppress(OSError):
+            self._pause_sender.send(is_suspended)
 
     def submit(self, job: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Runs a job in the process, and in a new process where the last one has been killed.
@@ -272,8 +279,12 @@ class LearningProcess(Executor):
         """Ends the process, if there is one, and starts a new one."""
         self._exits.close()
         self.is_suspended = False
-        self._pool = self._exits.enter_context(process_pool(1))
-        self._pool.submit(_prepare_learning, self._niceness)
+        pause_receiver, self._pause_sender = get_context("spawn").Pipe(duplex=False)
+        self._exits.enter_context(self._pause_sender)
+        # The process has an end of its own once it has started.
+        with pause_receiver:
+            prepare = partial(_prepare_learning, self._niceness, pause_receiver)
+            self._pool = self._exits.enter_context(process_pool(1, prepare))
 
 
 @contextmanager
@@ -315,11 +326,12 @@ def _is_importing_main() -> bool:
     return getattr(current_process(), "_inheriting", False)
 
 
-def _initialize_worker(stop_pipe: Pollable) -> None:
+def _initialize_worker(stop_pipe: Pollable, prepare: Callable[[], None] | None) -> None:
     """Prepares a worker process: it ends with its parent, and can be told to stop.
 
     Args:
         stop_pipe: Receiving end of a pipe that becomes readable when the results are no longer wanted.
+        prepare: What else is to be done before the first job.
     """
     global _stop_pipe
     _stop_pipe = stop_pipe
@@ -327,25 +339,54 @@ def _initialize_worker(stop_pipe: Pollable) -> None:
         # Ctrl-C reaches all processes of a console. The parent decides what it means.
         for number in TERMINATION_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
-    else:
+    # This thread is first, since the worker may be paused as soon as it is prepared.
+    Thread(target=_exit_with_parent, daemon=True).start()
+    if prepare is not None:
+        prepare()
+    if sys.platform != "win32":
         # The signal was blocked while the process started. A worker alone may be ended, and a broken pool ends its
         # others with this signal.
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
-    Thread(target=_exit_with_parent, daemon=True).start()
 
 
-def _prepare_learning(niceness: int) -> None:
-    """Gives a worker its priority, and leaves its end to its parent.
+def _prepare_learning(niceness: int, pause_receiver: "Connection[Any, Any]") -> None:
+    """Gives a worker its priority, lets its parent pause it, and leaves its end to its parent.
 
     SIGTERM to the whole process group, as a service manager sends it, would else end the worker before its parent has
     learned the final model.
 
     Args:
         niceness: the priority, 0 to 19; with 0 the worker keeps that of its parent.
+        pause_receiver: Receiving end of a pipe that brings whether to pause.
     """
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    signal.signal(PAUSE_SIGNAL, _wait_while_paused)
+    # This thread starts before the priority is lowered: on Linux it thus keeps the normal one, and pauses at once.
+    Thread(target=_receive_pauses, args=(pause_receiver,), daemon=True).start()
     if niceness > 0:
         lower_priority(niceness)
+
+
+def _receive_pauses(pause_receiver: "Connection[Any, Any]") -> None:
+    """Pauses the main thread, which learns, and lets it go on, as the parent process asks for it.
+
+    A signal's handler runs in the main thread between any two of its instructions, on every operating system. No signal
+    is sent: Python only calls the handler.
+    """
+    global _is_paused
+    # The pipe ends with the parent.
+    with suppress(EOFError, OSError):
+        while True:
+            _is_paused = pause_receiver.recv()
+            if _is_paused:
+                _thread.interrupt_main(PAUSE_SIGNAL)
+
+
+def _wait_while_paused(*_: object) -> None:
+    """Handler of ``PAUSE_SIGNAL``: keeps the main thread from computing as long as the process is paused."""
+    # A lock or an event could be held by this very thread, where a second pause comes while the first one ends.
+    while _is_paused:
+        time.sleep(PAUSE_CHECK_INTERVAL)
 
 
 def _exit_with_parent() -> None:

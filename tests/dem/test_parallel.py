@@ -2,12 +2,15 @@
 
 import os
 import signal
+import sys
 import time
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from subprocess import PIPE, run
 
 from pytest import mark, raises
 
 from mavdem.dem.parallel import LOW_PRIORITY, LearningProcess, process_pool
+from mavdem.processes import resource_use
 
 pytestmark = mark.slow
 
@@ -29,15 +32,37 @@ def test_a_process_that_is_killed_is_replaced():
         os.kill(second, 0)
 
 
-def test_a_suspended_process_goes_on_where_it_was():
+def test_a_suspended_process_takes_no_time_and_goes_on_where_it_was():
     with LearningProcess() as executor:
-        executor.submit(os.getpid).result()
+        pid = executor.submit(os.getpid).result()
+        counting = executor.submit(exec, "for _ in range(3_000_000): pass")
         executor.suspend(True)
+        # The process pauses soon, not at once.
+        time.sleep(0.3)
+        before = resource_use(pid).processor_seconds
         waiting = executor.submit(os.getpid)
         with raises(TimeoutError):
-            waiting.result(timeout=0.3)
+            waiting.result(timeout=0.5)
+        assert resource_use(pid).processor_seconds - before < 0.1
         executor.suspend(False)
-        assert waiting.result(timeout=300) != os.getpid()
+        counting.result(timeout=300)
+        assert waiting.result(timeout=300) == pid
+
+
+def test_a_suspended_process_ends_when_its_parent_is_killed():
+    script = (
+        "import os, signal, time\nfrom mavdem.dem.parallel import LearningProcess\n"
+        "learner = LearningProcess()\n"
+        "learner.submit(exec, 'while True: pass')\n"
+        "learner.suspend(True)\n"
+        "time.sleep(0.3)\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    # In a session of its own, as a service is, no terminal ends the processes that are left. All of them have the
+    # output, so that this waits for their end.
+    command = [sys.executable, "-c", script]
+    ended = run(command, stdout=PIPE, start_new_session=True, timeout=60)
+    assert ended.returncode == -signal.SIGKILL
 
 
 def test_pools_that_are_started_at_once_know_their_own_processes():
