@@ -54,8 +54,8 @@ def log_light(evidence: Evidence) -> Fact:
 
     1. If one of them is missing, the motion was not recorded.
     2. If the slower one is below ``MIN_STREAM_RATE``, the log is too slow for a full model. A rate is that between
-       outages, Hz: pauses of the link do not lower it. Attitude counts as it was logged, and not as it was
-       interpolated to the body rates.
+       outages, Hz: pauses of the link do not lower it. Attitude that was logged more slowly than the body rates follows
+       from them in between, so the body rates count; the light states both.
     3. If a gap of the attitude in flight is longer than ``MAX_GAP``, or the logger itself lost messages ("dropouts"),
        the log has gaps.
 
@@ -76,19 +76,19 @@ def log_light(evidence: Evidence) -> Fact:
     drive = signals.model_inputs
     if attitude is None or drive is None:
         return Fact(LogLight.MOTION_NOT_RECORDED, because=evidence.learnability.reason)
-    attitude_rate = _recorded_attitude_rate(signals.telemetry, attitude)
+    rate = rate_between_outages(attitude)
     motor_rate = rate_between_outages(drive)
     longest_gap = _longest_gap(evidence, attitude)
     telemetry = signals.telemetry
     code = LogLight.RECORDED_FAST
-    if min(attitude_rate, motor_rate) < MIN_STREAM_RATE:
+    if min(rate, motor_rate) < MIN_STREAM_RATE:
         code = LogLight.RECORDED_SLOWLY
     elif longest_gap > MAX_GAP or telemetry.dropouts:
         code = LogLight.RECORDED_WITH_GAPS
     return Fact(
         code,
-        attitude_rate=attitude_rate,
-        rate=rate_between_outages(attitude),
+        attitude_rate=_recorded_attitude_rate(telemetry, attitude),
+        rate=rate,
         motor_rate=motor_rate,
         longest_gap=longest_gap,
         dropouts=telemetry.dropouts,
