@@ -13,6 +13,8 @@ class Reading(Code):
     READER_DIED = "reader_died"
     READING_FAILED = "reading_failed"
     LOG_UNREACHABLE = "log_unreachable"
+    FIELDS_TOO_MANY = "fields_too_many"
+    COLUMNS_TOO_LARGE = "columns_too_large"
     RECORDINGS_NOT_WRITTEN = "recordings_not_written"
     LOG_KEPT = "log_kept"
     NO_PLAIN_FILE = "no_plain_file"

@@ -29,7 +29,7 @@ from mavdem.errors import Refusal
 from mavdem.export.fields import extremes_of_intervals, samples_between
 from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
 from mavdem.report.pages.library_page import interface_words
-from mavdem.results import RECORDING_FILE
+from mavdem.results import RECORDING_FILE, REPORT_FILE
 from mavdem.serve.field_store import FieldRequest, FieldStore
 from mavdem.serve.index import COLUMNS, Entry
 from mavdem.serve.openapi import openapi
@@ -226,7 +226,10 @@ class Api:
     def delete_flight(self, request: HttpRequest) -> Response:
         """Deletes a flight with its log and results; the answer has no body."""
         self._rights.require(request, Use.WRITE)
-        self._library.delete(request.path_params["id"])
+        id = request.path_params["id"]
+        log = self._library.log_path(self._library.entry(id))
+        self._library.delete(id)
+        self._fields.remove(log)
         return Response(status_code=204)
 
     def recordings(self, request: HttpRequest) -> Response:
@@ -244,7 +247,8 @@ class Api:
     def fields(self, request: HttpRequest) -> Response:
         """Answers with the messages of a flight's log, their fields and instances, all of which can be plotted."""
         entry, log = self._log_of_fields(request)
-        messages = self._fields.messages(log, request.query_params.get("vehicle", ""))
+        vehicle = request.query_params.get("vehicle", "")
+        messages = self._fields.messages(log, vehicle, self._document_of_page(entry))
         return _json(LogFields.model_validate({"id": entry.id, "messages": messages}))
 
     def samples(self, request: HttpRequest) -> Response:
@@ -252,7 +256,7 @@ class Api:
 
         More samples than twice ``points`` are thinned to the extremes of intervals, so that no peak is lost.
         """
-        _, log = self._log_of_fields(request)
+        entry, log = self._log_of_fields(request)
         query = request.query_params
         wanted = FieldRequest(
             message=query.get("message", ""),
@@ -265,7 +269,8 @@ class Api:
         end = query_decimal(request, "end", inf)
         intervals = query_number(request, "points", FIELD_INTERVALS)
         intervals = min(max(intervals, 1), MAX_FIELD_INTERVALS)
-        samples = samples_between(self._fields.samples(log, wanted), start, end)
+        all_samples = self._fields.samples(log, wanted, self._document_of_page(entry))
+        samples = samples_between(all_samples, start, end)
         is_thinned = len(samples.time) > 2 * intervals
         shown = extremes_of_intervals(samples, intervals) if is_thinned else samples
         values = [value if isfinite(value) else None for value in shown.values.tolist()]
@@ -292,6 +297,10 @@ class Api:
         if not log.is_file():
             raise Refusal(Request.NO_SUCH_FLIGHT)
         return entry, log
+
+    def _document_of_page(self, entry: Entry) -> Path | None:
+        """Returns the path of the document that was written with a flight's page; None for a log without results."""
+        return self._library.results_folder(entry) / REPORT_FILE if entry.digest else None
 
     def open_viewer(self, request: HttpRequest) -> Response:
         """Opens the recording of a flight in a viewer on this machine, and answers with the viewer's address.

@@ -1,11 +1,19 @@
 """Fields of a log that a server plots: listed, thinned, and refused where the log has none, or may not be seen."""
 
+import os
+import tempfile
+import threading
+from shutil import copy
+
 import pytest
 from recorded_flights import FLIGHT
 from serving import TOKEN, serving
 
+from mavdem.errors import Refusal
 from mavdem.fleet.workers import outcome_of
-from mavdem.serve.field_store import FieldStore
+from mavdem.serve import stored_columns
+from mavdem.serve.field_store import FOLDER_PREFIX, SERVER_FILE, FieldRequest, FieldStore
+from mavdem.serve.stored_files import register_server
 
 
 class ReaderInThisProcess:
@@ -13,9 +21,14 @@ class ReaderInThisProcess:
 
     def __init__(self):
         self.logs = 0
+        self.may_read = threading.Event()
+        self.may_read.set()
+        self.has_begun = threading.Event()
 
     def read(self, job, limits, read):
         self.logs += 1
+        self.has_begun.set()
+        self.may_read.wait(10)
         return outcome_of(job, read)
 
     def stop(self):
@@ -31,6 +44,23 @@ def reader():
 def served(tmp_path, reader):
     with serving(tmp_path, fields=FieldStore(reader=reader)) as server:
         yield server
+
+
+@pytest.fixture
+def store(tmp_path, reader, monkeypatch):
+    """A store whose columns lie in the folder of the test."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    store = FieldStore(reader=reader)
+    yield store
+    store.stop()
+
+
+def column_files(folder):
+    """The files of columns of all servers whose temporary files are in a folder."""
+    return list(folder.glob(f"{FOLDER_PREFIX}*/*/{stored_columns.COLUMNS_FILE}"))
+
+
+ROLL = FieldRequest("ATTITUDE", "roll")
 
 
 def flight_with_log(server, content, headline="One."):
@@ -85,3 +115,67 @@ def test_fields_need_the_right_to_the_log(tmp_path, reader):
         assert server.get(path).status == 200
         assert server.get(f"{path}/fields").refusal == (401, "no_right")
     assert reader.logs == 0
+
+
+def test_a_log_that_was_read_is_plotted_while_another_is_read(tmp_path, store, reader):
+    first, second = copy(FLIGHT, tmp_path / "1.tlog"), copy(FLIGHT, tmp_path / "2.tlog")
+    count = len(store.samples(first, ROLL).time)
+    reader.may_read.clear()
+    reader.has_begun.clear()
+    other = threading.Thread(target=store.messages, args=(second,))
+    other.start()
+    assert reader.has_begun.wait(10)
+    assert len(store.samples(first, ROLL).time) == count
+    assert other.is_alive()
+    # The log is deleted while it is read: its columns go when the request that waits for them is answered.
+    store.remove(second)
+    reader.may_read.set()
+    other.join()
+    assert len(column_files(tmp_path)) == 1
+
+
+def test_a_changed_log_is_read_anew_and_a_deleted_one_leaves_nothing(tmp_path, store, reader):
+    log = copy(FLIGHT, tmp_path / "flight.tlog")
+    store.messages(log)
+    os.utime(log, (0, 0))
+    store.messages(log)
+    assert reader.logs == 2
+    store.remove(log)
+    assert not column_files(tmp_path)
+
+
+def test_the_columns_of_a_flight_go_with_it(tmp_path, reader, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with serving(tmp_path / "library", fields=FieldStore(reader=reader)) as server:
+        flight = flight_with_log(server, FLIGHT.read_bytes())
+        server.get(f"{flight}/fields")
+        assert len(column_files(tmp_path)) == 1
+        server.ask("DELETE", flight)
+        assert not column_files(tmp_path)
+
+
+def test_too_many_fields_or_bytes_are_refused_after_one_reading(
+    tmp_path, store, reader, monkeypatch
+):
+    monkeypatch.setattr(stored_columns, "MAX_FIELDS", 3)
+    many = copy(FLIGHT, tmp_path / "many.tlog")
+    for _ in range(2):
+        with pytest.raises(Refusal, match="fields are plotted of logs with at most 3"):
+            store.messages(many)
+    assert reader.logs == 1
+    monkeypatch.undo()
+    monkeypatch.setattr(stored_columns, "MAX_COLUMN_BYTES", 1 << 10)
+    with pytest.raises(Refusal, match="the limit for plotting them"):
+        store.messages(copy(FLIGHT, tmp_path / "large.tlog"))
+    assert not column_files(tmp_path)
+
+
+def test_columns_of_killed_servers_are_removed_and_those_of_others_stay(tmp_path, store):
+    killed, alive = tmp_path / f"{FOLDER_PREFIX}1", tmp_path / f"{FOLDER_PREFIX}2"
+    for folder in (killed, alive):
+        folder.mkdir()
+    (killed / SERVER_FILE).touch()
+    lock = register_server(alive / SERVER_FILE)
+    store.messages(copy(FLIGHT, tmp_path / "flight.tlog"))
+    assert not killed.exists() and alive.exists()
+    lock.release()
