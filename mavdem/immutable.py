@@ -5,16 +5,16 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
-PLAIN_TYPES = frozenset({bool, int, float, complex, str, bytes, type(None)})
-"""Types of values that cannot be changed. Types derived from these do not count: NumPy's numbers are some of them."""
-
 ValueType = TypeVar("ValueType")
 Key = TypeVar("Key")
 Value = TypeVar("Value")
 
 
 IMMUTABLE_TYPES = frozenset({bool, bytes, complex, float, int, str, type(None)})
-"""Types of values that cannot be changed and contain nothing: most values are of these."""
+"""Types of values that cannot be changed and contain nothing: most values are of these.
+
+Types derived from these do not count: NumPy's numbers are some of them.
+"""
 
 
 class ReadOnlyDict(dict[Key, Value]):
@@ -50,7 +50,7 @@ def freeze(value: ValueType) -> ValueType:
     if type(value) in IMMUTABLE_TYPES:
         return value
     frozen: Any = value
-    if type(value) in PLAIN_TYPES or isinstance(value, ImmutableResult):
+    if isinstance(value, ImmutableResult):
         # The values of an immutable result were frozen when it was made.
         pass
     elif isinstance(value, np.ndarray):

@@ -620,9 +620,10 @@ class Store:
         Args:
             assess: judges all rows of a vehicle.
         """
-        healthy = self.healthy
-        baseline = hashlib.sha256(repr(healthy).encode()).hexdigest()
         with self.judgement_lock(), self.transaction():
+            # Another run may have set the baseline while this one waited for the lock.
+            healthy = self.healthy
+            baseline = hashlib.sha256(repr(healthy).encode()).hexdigest()
             self._update_names()
             query = """select distinct vehicle from flights where file is not null and judged is not ?
                 order by vehicle"""

@@ -21,10 +21,11 @@ class CompiledTemplates(FileSystemBytecodeCache):
     """Compiled templates in files, one for each template, which are used as long as its text stays the same."""
 
     def __init__(self) -> None:
-        """Names the files by the versions of mavdem and Python: another version compiles a text differently."""
+        """Names the files by the versions that compile a text, each differently: of mavdem, Jinja and Python."""
         python_version = "".join(COMPILED_MODULE.suffixes[:-1])
         folder = COMPILED_MODULE.parent / "templates"
-        super().__init__(str(folder), f"%s.{version('mavdem')}{python_version}")
+        versions = f"{version('mavdem')}.jinja-{version('jinja2')}{python_version}"
+        super().__init__(str(folder), f"%s.{versions}")
 
     def load_bytecode(self, bucket: Bucket) -> None:
         """Loads a compiled template; where its file cannot be read, the template is compiled again."""

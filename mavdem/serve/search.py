@@ -116,12 +116,18 @@ def _comparison(name: str, operator: str, value: str) -> SqlCondition | None:
                 (f'$."{name}"', number),
             )
     if column == "vehicle":
-        is_named = f"{column} {operator} ? collate nocase"
-        has_given_name = f"{VEHICLE_NAME_SQL} {operator} ? collate nocase"
+        is_named = _text_comparison(column, operator)
+        has_given_name = _text_comparison(VEHICLE_NAME_SQL, operator)
         return SqlCondition(f"(({is_named})or({has_given_name}))", (value, value))
     if column in TEXT_COLUMNS:
-        return SqlCondition(f"{column} {operator} ? collate nocase", (value,))
+        return SqlCondition(_text_comparison(column, operator), (value,))
     return None
+
+
+def _text_comparison(expression: str, operator: str) -> str:
+    """Returns the SQL that compares a text with a value regardless of case; it holds for no entry without the text."""
+    # An empty text is less than every other one, but NULL is neither less nor more.
+    return f"nullif({expression},'') {operator} ? collate nocase"
 
 
 def _contains(expression: str, text: str) -> SqlCondition:

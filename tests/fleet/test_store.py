@@ -219,6 +219,27 @@ def test_no_run_judges_a_vehicle_while_another_updates_pages_by_its_rows(tmp_pat
         assert first_run.outdated_vehicles() == {FULL.vehicle}
 
 
+def test_a_run_that_waits_judges_by_the_baseline_that_was_set_meanwhile(tmp_path):
+    fleet_of(tmp_path, [FULL])
+    baselines = []
+
+    def assess(rows, healthy_rows):
+        baselines.append(healthy_rows)
+        return rows
+
+    def judge():
+        with open_store(tmp_path) as second_run:
+            second_run.publish(assess)
+
+    with open_store(tmp_path) as first_run, ThreadPoolExecutor(1) as thread:
+        with first_run.judgement_lock():
+            judging = thread.submit(judge)
+            assert judging not in wait([judging], timeout=0.2).done
+            first_run.healthy = [FULL]
+        judging.result(timeout=60)
+    assert baselines == [[FULL]]
+
+
 def test_a_changed_vehicle_takes_the_place_of_its_rows_in_the_table(tmp_path):
     rows = [replace(FULL, file=f"{name}.bin", key=f"{name}-1", vehicle=name) for name in "cab"]
     fleet_of(tmp_path, rows)

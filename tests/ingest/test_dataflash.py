@@ -13,6 +13,7 @@ from recorded_flights import shared
 from mavdem.dataset.phases import armed_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.facts.sources import Repair
+from mavdem.ingest.dataflash.binary import read_binary
 from mavdem.ingest.dataflash.log import read_dataflash
 from mavdem.ingest.vocabulary import Injection
 
@@ -245,6 +246,14 @@ def test_what_is_wrong_costs_itself_only(tmp_path, case, repairs):
     assert found.keys() == repairs.keys()
     if not lost:
         assert found == repairs
+
+
+def test_markers_between_two_stretches_of_a_log_count(monkeypatch):
+    content = other_id(made.message("EV", 5, 5), 200) * 50
+    expected = read_binary(content).undefined_messages
+    assert expected == 50
+    monkeypatch.setattr("mavdem.ingest.dataflash.binary.MARKER_SEARCH_BYTES", 1)
+    assert read_binary(content).undefined_messages == expected
 
 
 @mark.parametrize(

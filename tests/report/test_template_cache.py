@@ -1,5 +1,7 @@
 """Compiled templates: kept while their text stays the same, and not where Python keeps no compiled modules."""
 
+from importlib.metadata import version
+
 from jinja2 import DictLoader, Environment
 
 from mavdem.report.template_cache import CompiledTemplates
@@ -20,6 +22,7 @@ def test_a_template_is_kept_compiled_until_its_text_changes(tmp_path, monkeypatc
     monkeypatch.setattr("sys.dont_write_bytecode", False)
     assert compiled_templates(folder, "{{ name }} good") == ("roll good", 1)
     (kept,) = folder.iterdir()
+    assert f"jinja-{version('jinja2')}" in kept.name
     before = kept.read_bytes()
     assert compiled_templates(folder, "{{ name }} good") == ("roll good", 1)
     assert kept.read_bytes() == before

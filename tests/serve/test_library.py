@@ -182,6 +182,9 @@ def test_a_fleet_is_shown_as_it_is(tmp_path):
     assert total == 3 and {entry.name for entry in entries} == {"a.bin", "b.bin", "c.bin"}
     (one,), _ = library.find(*search_condition("vehicle:b"), 100)
     assert [row.vehicle for row in library.flight_rows([one])] == ["b"]
+    (least,), _ = library.find(*search_condition("vehicle<b"), 100)
+    assert least.name == "a.bin", "a vehicle without a given name is compared by its own"
+    assert library.find(*search_condition("date<2100"), 100)[1] == 0, "no log has a date"
     library.delete(one.id)
     library.add_fleet_logs()
     assert library.find(*ALL, 100)[1] == 2 and len(read_rows(tmp_path)) == 2

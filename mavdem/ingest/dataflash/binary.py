@@ -251,7 +251,17 @@ def read_binary(content: FileContent) -> DataflashRecording:
 def _marker_count(data: Bytes) -> int:
     """Returns how often the marker of a message occurs in a log (B,)."""
     first_byte, second_byte = MARKER
-    return int(np.count_nonzero((data[:-1] == first_byte) & (data[1:] == second_byte)))
+    count = 0
+    for begin in range(0, len(data), MARKER_SEARCH_BYTES):
+        # The second byte of a marker may be the first of the next stretch.
+        stretch = data[begin : begin + MARKER_SEARCH_BYTES + 1]
+        markers = (stretch[:-1] == first_byte) & (stretch[1:] == second_byte)
+        count += int(np.count_nonzero(markers))
+    return count
+
+
+MARKER_SEARCH_BYTES = 1 << 20
+"""Bytes that are searched for markers at once: a log may be as large as the memory that is free."""
 
 
 DEFINITION_START = re.compile(
