@@ -146,3 +146,29 @@ def test_pages_fit_a_telephone_and_are_used_by_keyboard(tmp_path):
         page.run("document.querySelector('#flights a.name').focus()")
         page.press("Enter", 13)
         page.until("location.pathname.startsWith('/f/')")
+
+
+COUNT_REQUESTS = """(async () => {
+  const wait = milliseconds => new Promise(resolve => setTimeout(resolve, milliseconds)), ask = fetch;
+  let requests = 0;
+  window.fetch = (...given) => { requests += 1; return ask(...given); };
+  for (let event = 0; event < 10; event += 1) { dispatchEvent(new Event("pointerover")); await wait(50); }
+  const after_events = requests;
+  await wait(1200);
+  return requests - after_events;
+})()"""
+"""The requests in 1.2 s after the pointer moved over a page ten times; the page asks once a second."""
+
+
+def test_a_page_that_waits_for_the_viewer_asks_once_a_second(tmp_path):
+    with (
+        serving(tmp_path / "served", is_eager=False, open_recording=lambda path: "") as server,
+        browsing(tmp_path / "a") as page,
+    ):
+        id = server.add("a.ulg", "With a model.")
+        server.work.run()
+        page.open(f"{server.address}/f/{id}/viewer")
+        page.until("document.getElementById('viewer_problem').textContent")
+        page.command("Emulation.setFocusEmulationEnabled", enabled=True)
+        page.until("document.hasFocus()")
+        assert 1 <= page.run(COUNT_REQUESTS) <= 2

@@ -254,13 +254,19 @@
   });
   // The page around Rerun's viewer: while somebody looks at it, the viewer stays open; one that has ended is started again.
   const viewerFrame = $("viewer"), VIEWER_SECONDS = 30;
+  // One request and one timer at a time, however often the page gets the focus.
+  let viewerTimer = 0, isAskingForViewer = false;
   const keepViewerOpen = async () => {
+    if (isAskingForViewer) return;
+    isAskingForViewer = true;
+    clearTimeout(viewerTimer);
     try {
       const viewer = await callApi("POST", `/api/flights/${viewerFrame.dataset.id}/viewer`);
       if (viewer.address && viewerFrame.getAttribute("src") !== viewer.address) viewerFrame.src = viewer.address;
       $("viewer_problem").textContent = viewer.address ? "" : `${viewer.words} …`;
-      if (!viewer.address) setTimeout(keepViewerOpen, 1000);
+      if (!viewer.address) viewerTimer = setTimeout(keepViewerOpen, 1000);
     } catch (error) { $("viewer_problem").textContent = error.message; }
+    isAskingForViewer = false;
   };
   if (viewerFrame) {
     const keepOpenIfSeen = () => { if (document.visibilityState === "visible" && document.hasFocus()) keepViewerOpen(); };
