@@ -31,6 +31,10 @@ MAX_KEPT_LOGS = 4
 MAX_WAITING_REQUESTS = 8
 """Requests that wait for a log to be read at a time: each takes a thread of the server, which has forty."""
 
+LASTING_ENDINGS = ("read", "time", "memory")
+"""How the reading of a log ended where another attempt would end the same: the log is damaged, or beyond its limits.
+It is not read again while it is kept, since each attempt may take minutes in which no other log is read."""
+
 FOLDER_PREFIX = "mavdem-fields-"
 """Beginning of the name of a server's folder of columns, among the system's temporary files."""
 
@@ -261,7 +265,7 @@ class FieldStore:
             raise Refusal(Request.UPLOADS_TOO_MANY, count=MAX_WAITING_REQUESTS, name=Crowd.FIELDS)
         try:
             with kept.reading:
-                # What a log is stays: one that cannot be read is not tried again.
+                # A log with a problem is not tried again.
                 if kept.columns is None and not kept.problem:
                     with self._reader_lock:
                         self._read(kept, log, document)
@@ -298,7 +302,7 @@ class FieldStore:
         if outcome is None:
             raise _refusal_at_end()
         problem = str(outcome.rows[0].status)
-        if outcome.ended != "read":
+        if outcome.ended not in LASTING_ENDINGS:
             raise Refusal(Request.LOG_NOT_READ, because=problem)
         kept.problem = problem
 
