@@ -22,6 +22,7 @@ from mavdem.fleet.difference import (
 )
 from mavdem.fleet.flights import summary
 from mavdem.fleet.names import (
+    GivenNames,
     content_hash,
     name_flight,
     name_vehicle,
@@ -182,7 +183,7 @@ def track_command(
         blocks_by_name = {
             names.vehicle(vehicle): blocks for vehicle, blocks in blocks_by_vehicle.items()
         }
-        _print_fleet(tracked, names.labelled(rows), blocks_by_name)
+        _print_fleet(tracked, rows, names, blocks_by_name)
         _report_index_and_table(out, index)
     if tracked.problems:
         context.exit(EXIT_ERROR)
@@ -276,13 +277,14 @@ def _file_names(path: str) -> Names:
 
 
 def _print_fleet(
-    tracked: TrackedLogs, rows: FlightRows, blocks_by_vehicle: BlocksByVehicle
+    tracked: TrackedLogs, rows: FlightRows, names: GivenNames, blocks_by_vehicle: BlocksByVehicle
 ) -> None:
     """Prints the number of logs, the table of the fleet's vehicles, and what changed since each one's baseline.
 
     Args:
         tracked: What this run read.
         rows: All rows of the fleet's table.
+        names: Names that were given to vehicles.
         blocks_by_vehicle: Differences from the baseline to the latest flight, by the vehicle's name.
     """
     without_flight = len({row.file for row in rows if not row.has_flight})
@@ -290,7 +292,7 @@ def _print_fleet(
         f"{counted(tracked.logs, 'log')}, {tracked.read} of them read now; {without_flight} in the table without a"
         " flight; copies count once.\n"
     )
-    print_blocks(fleet_blocks(rows))
+    print_blocks(fleet_blocks(rows, names=names))
     for vehicle, blocks in blocks_by_vehicle.items():
         print_blocks([Sentence("", f"{vehicle}:"), *blocks])
 

@@ -26,22 +26,43 @@ class GivenNames:
     flights: Mapping[str, str] = field(default_factory=dict)
     """Name of each named flight, by the hash of its log's content."""
 
+    logged_vehicles: frozenset[str] = frozenset()
+    """What the logs of the fleet call their vehicles, with those that have no other name."""
+
     @cached_property
-    def _ambiguous_names(self) -> set[str]:
-        """Names that several vehicles have."""
-        counts = Counter(self.vehicles.values())
-        return {name for name, count in counts.items() if count > 1}
+    def _labels(self) -> dict[str, str]:
+        """What each named vehicle is called, by what its logs call it; no two vehicles are called the same.
+
+        A name that another vehicle has, or might be called, is followed by what the logs call this one.
+        """
+        possible_labels = Counter({*self.logged_vehicles, *self.vehicles})
+        for vehicle, name in self.vehicles.items():
+            possible_labels.update({name, f"{name} ({vehicle})"} - {vehicle})
+        labels: dict[str, str] = {}
+        used_labels = self.logged_vehicles - self.vehicles.keys()
+        for vehicle, name in sorted(self.vehicles.items()):
+            label = name
+            if possible_labels[name] > 1:
+                label = f"{name} ({vehicle})"
+            # Parentheses in names can make two such labels the same.
+            while label in used_labels:
+                label = f"{label} ({vehicle})"
+            labels[vehicle] = label
+            used_labels |= {label}
+        return labels
 
     def vehicle(self, vehicle: str) -> str:
         """Returns what a vehicle is called: the name that it was given, otherwise what its logs call it.
 
-        A name that several vehicles have is followed by what the logs call this one, so that they stay apart.
+        Vehicles are told apart by what their logs call them; this is only for those who read it.
         """
-        name = self.vehicles.get(vehicle, vehicle)
-        return f"{name} ({vehicle})" if name in self._ambiguous_names else name
+        return self._labels.get(vehicle, vehicle)
 
     def labelled(self, rows: Iterable[FlightRow]) -> FlightRows:
-        """Returns rows to be shown, in which vehicles have the names that they were given."""
+        """Returns rows to be shown, in which vehicles have the names that they were given.
+
+        Rows are grouped by vehicle before: what somebody calls a vehicle says nothing on whether two are the same.
+        """
         labelled_rows = []
         for row in rows:
             if row.vehicle in self.vehicles:
@@ -78,7 +99,8 @@ def read_names(db: sqlite3.Connection) -> GivenNames:
     """Returns all names that were given, from the store of a fleet."""
     vehicles = dict(db.execute("select vehicle, name from vehicle_names").fetchall())
     flights = dict(db.execute("select content, name from flight_names").fetchall())
-    return GivenNames(vehicles, flights)
+    logged = db.execute("select distinct vehicle from flights where file is not null")
+    return GivenNames(vehicles, flights, frozenset(vehicle for (vehicle,) in logged))
 
 
 def name_vehicle(db: sqlite3.Connection, vehicle: str, name: str) -> None:

@@ -10,6 +10,7 @@ from mavdem.facts import Level
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet import flights as fleet_flights
 from mavdem.fleet.flights import HEALTHS, Flights, has_shared_name, worst_health, worst_row
+from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.report.blocks import Blocks, Rated, Table
 from mavdem.report.condition import TIER_WORDS
@@ -66,7 +67,9 @@ class VehicleWords(NamedTuple):
     """What was found in all flights; may be empty."""
 
 
-def fleet_blocks(rows: FlightRows, names_vehicles: bool = True) -> Blocks:
+def fleet_blocks(
+    rows: FlightRows, names_vehicles: bool = True, names: GivenNames = NO_NAMES
+) -> Blocks:
     """Returns the summary of a fleet: a headline, what was flown, and a table of why logs were not used.
 
     Vehicles with a name of their own are counted as such. Flights under a shared or unknown name are counted apart,
@@ -75,6 +78,7 @@ def fleet_blocks(rows: FlightRows, names_vehicles: bool = True) -> Blocks:
     Args:
         rows: rows of all flights and axes, and of logs without a flight.
         names_vehicles: whether the headline names the vehicles that need a look, which a page shows below it.
+        names: names that were given to vehicles.
     """
     vehicles = fleet_flights.vehicles_of(rows)
     shown_vehicles = {
@@ -99,7 +103,7 @@ def fleet_blocks(rows: FlightRows, names_vehicles: bool = True) -> Blocks:
     unjudged = [name for name in distinct_flights if vehicle_health(vehicles[name]) == UNKNOWN]
     summary = render_section(
         "fleet",
-        **_health_summary(shown_vehicles),
+        **_health_summary(shown_vehicles, names),
         vehicles=len(distinct_flights),
         names_vehicles=names_vehicles,
         all_known=len(distinct_flights) == len(shown_vehicles),
@@ -224,13 +228,14 @@ def _latest_reason(flights: Flights) -> str:
     return ""
 
 
-def _health_summary(vehicles: Mapping[str, Flights]) -> dict[str, object]:
+def _health_summary(vehicles: Mapping[str, Flights], names: GivenNames) -> dict[str, object]:
     """Returns the values for the fleet's headline: vehicles that need a look, recovered ones, and healthy ones.
 
     A vehicle has recovered if its motors are healthy now, but had a fault or a drift in an earlier flight.
 
     Args:
-        vehicles: flights of each vehicle, by its name.
+        vehicles: flights of each vehicle, by what its logs call it.
+        names: names that were given to vehicles.
 
     Returns:
         Values by the names that the template uses: "ill", "judged" and "recovered_count" are numbers of vehicles,
@@ -238,7 +243,7 @@ def _health_summary(vehicles: Mapping[str, Flights]) -> dict[str, object]:
     """
     ranked = sorted((urgency(flights), name) for name, flights in vehicles.items())
     urgent = [
-        f"{name} ({as_clause(vehicle_words(vehicles[name]).conclusion)})"
+        f"{names.vehicle(name)} ({as_clause(vehicle_words(vehicles[name]).conclusion)})"
         for (rank, _), name in ranked
         if rank < MAX_URGENT_RANK
     ]
@@ -247,7 +252,7 @@ def _health_summary(vehicles: Mapping[str, Flights]) -> dict[str, object]:
     for name in healthy:
         healths = {worst_health(flight) for flight in vehicles[name]}
         if not healths.isdisjoint(TROUBLED_HEALTHS):
-            recovered.append(name)
+            recovered.append(names.vehicle(name))
     return {
         "ill": len(urgent),
         "named": abbreviated_list(urgent),

@@ -4,9 +4,11 @@ from dataclasses import replace
 from datetime import timedelta
 
 from fleet_rows import WEAK, flight_row
+from pytest import mark
 
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
 from mavdem.fleet.flights import flights_of, summary
+from mavdem.fleet.names import GivenNames
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.report.blocks import plain_text
 from mavdem.report.difference import baseline_blocks, difference_blocks, next_blocks
@@ -30,6 +32,27 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
     assert text.startswith(f"4 of 5 vehicles need a look: {worst} (oscillates)")
     unjudged = plain_text(fleet_blocks([flight_row("quad", 0, health="unknown")]))
     assert unjudged.startswith("No vehicle could be judged yet.")
+
+
+def test_a_name_that_another_vehicle_has_merges_no_vehicles():
+    rows = [flight_row("px4-a", 0, health="drift"), flight_row("px4-b", 1)]
+    names = GivenNames({"px4-a": "px4-b"}, logged_vehicles=frozenset({"px4-a", "px4-b"}))
+    text = plain_text(fleet_blocks(rows, names=names))
+    assert text.startswith("1 of 2 vehicles needs a look: px4-b (px4-a) (drift)")
+    assert "2 flights of 2 vehicles" in text
+
+
+@mark.parametrize(
+    "given, labels",
+    [
+        ({"A": "Red", "C": "Red", "D": "Red (A)"}, ["Red (A)", "B", "Red (C)", "Red (A) (D)"]),
+        ({"A": "B", "B": "A"}, ["B (A)", "A (B)", "C", "D"]),
+        ({"A": "A", "B": "Blue"}, ["A", "Blue", "C", "D"]),
+    ],
+)
+def test_no_two_vehicles_are_called_the_same(given, labels):
+    names = GivenNames(given, logged_vehicles=frozenset("ABCD"))
+    assert [names.vehicle(vehicle) for vehicle in "ABCD"] == labels
 
 
 def test_a_repaired_vehicle_says_that_later_flights_show_nothing():

@@ -74,7 +74,7 @@ def fleet_page(
         full_rows: returns the rows of a vehicle with all columns, for its charts; ``rows`` have them unless given.
         names: names that were given to vehicles and flights.
     """
-    flights = flights_of(names.labelled(rows))
+    flights = flights_of(rows)
     # Flights with a date come first, the newest at the top.
     dated_count = sum(flight[0].date is not None for flight in flights)
     newest_first = [*reversed(flights[:dated_count]), *flights[dated_count:]]
@@ -213,8 +213,9 @@ def _vehicle_parts(
 
 
 def _line(flight: AxisRows, names: GivenNames) -> list[str]:
-    """Returns the cells of a flight in the table, with the name that the flight was given in place of its file's."""
-    cells = {header: column.cell(flight) for header, column in COLUMNS.items()}
+    """Returns the cells of a flight in the table, with the names that the flight and its vehicle were given."""
+    labelled_rows = names.labelled(flight)
+    cells = {header: column.cell(labelled_rows) for header, column in COLUMNS.items()}
     cells["flight"] = names.flight(flight[0]) or cells["flight"]
     return [*cells.values()]
 
