@@ -169,8 +169,14 @@ def track_command(
             differences = baseline_differences(latest_rows, tracked.healthy)
         for vehicle, (latest_flight, difference) in differences.items():
             blocks_by_vehicle[vehicle] = baseline_blocks(latest_flight, difference)
-        for given_name in given_names:
-            _store_name(store, rows, given_name)
+        unknown_name = next(
+            (name for name in given_names if not _is_subject_known(rows, name)), None
+        )
+        # All names are stored, or none.
+        if unknown_name is None:
+            with store.transaction():
+                for given_name in given_names:
+                    _store_name(store, rows, given_name)
         names = read_names(store.db)
         outdated_vehicles = store.outdated_vehicles()
         index = write_fleet_pages(out, rows, blocks_by_vehicle, full_rows, outdated_vehicles, names)
@@ -185,6 +191,10 @@ def track_command(
         }
         _print_fleet(tracked, rows, names, blocks_by_name)
         _report_index_and_table(out, index)
+    if unknown_name is not None:
+        # A serial number may be that of a log which had to be read first. What was read is kept and reported.
+        message = f"'{unknown_name}' begins with no serial number and no log of this fleet; no name was given."
+        raise click.BadParameter(message, param_hint="--name")
     if tracked.problems:
         context.exit(EXIT_ERROR)
     if not counts["flights"]:
@@ -244,31 +254,46 @@ def _outcome_line(outcome: JobOutcome) -> str:
     return f"{line}: {outcome.rows[0].status}"
 
 
+def _is_subject_known(rows: FlightRows, given_name: str) -> bool:
+    """Returns whether a fleet has the vehicle or the log that ``--name`` names.
+
+    Args:
+        rows: All rows of the fleet's table.
+        given_name: What was typed, see :func:`_store_name`.
+    """
+    subject = given_name.partition("=")[0]
+    return _is_vehicle(rows, subject) or bool(_contents_of_log(rows, subject))
+
+
 def _store_name(store: Store, rows: FlightRows, given_name: str) -> None:
     """Gives a name to a vehicle or a flight of a fleet, or takes it away.
 
     Args:
-        store: The open store of the fleet.
+        store: The open store of the fleet, in a transaction.
         rows: All rows of the fleet's table.
         given_name: What was typed: a vehicle's name in the table or the file name of a log, "=", and the name.
-
-    Raises:
-        click.BadParameter: The table has no such vehicle and no such log.
     """
     subject, _, typed_name = given_name.partition("=")
     name = plain_name(typed_name)
-    contents = {
-        content_hash(row.key) for row in rows if row.key and subject in _file_names(row.file)
-    }
-    with store.transaction():
-        if subject != UNKNOWN and any(row.vehicle == subject for row in rows):
-            name_vehicle(store.db, subject, name)
-        elif contents:
-            for content in contents:
-                name_flight(store.db, content, name)
-        else:
-            problem = f"'{given_name}' begins with no serial number and no log of this fleet."
-            raise click.BadParameter(problem, param_hint="--name")
+    if _is_vehicle(rows, subject):
+        name_vehicle(store.db, subject, name)
+        return
+    for content in _contents_of_log(rows, subject):
+        name_flight(store.db, content, name)
+
+
+def _is_vehicle(rows: FlightRows, subject: str) -> bool:
+    """Returns whether the logs of a fleet call a vehicle so."""
+    return subject != UNKNOWN and any(row.vehicle == subject for row in rows)
+
+
+def _contents_of_log(rows: FlightRows, subject: str) -> set[str]:
+    """Returns the hashes of the contents of all logs of a fleet that have this path, URL or file name."""
+    contents = set()
+    for row in rows:
+        if row.key and subject in _file_names(row.file):
+            contents.add(content_hash(row.key))
+    return contents
 
 
 def _file_names(path: str) -> Names:

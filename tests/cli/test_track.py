@@ -64,7 +64,14 @@ def test_names_are_given_kept_and_taken_away(tmp_path, capsys):
     assert "Red &lt;b&gt; quad" in page and "<b> quad" not in page
     assert vehicle in page and '"First"' in page
     assert document_of(capsys, *command, "--name", f"{vehicle}=")["vehicle_names"] == {}
-    assert "no serial number and no log" in refused(capsys, 2, *command, "--name", "quad 9=Blue")
+    # Of several names none is stored where one names nothing, but what was read is kept.
+    (out / "index.html").unlink()
+    names = ("--name", f"{vehicle}=Green", "--name", "quad 9=Blue")
+    assert run(*command, *names) == 2
+    written = capsys.readouterr()
+    assert "'quad 9=Blue' begins with no serial number and no log" in written.err
+    assert written.out.startswith("1 log, 0 of them read now")
+    assert "Green" not in (out / "index.html").read_text()
 
 
 def test_a_page_says_what_its_row_says_now(tmp_path):
