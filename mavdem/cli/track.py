@@ -31,9 +31,18 @@ from mavdem.fleet.names import (
 )
 from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
-from mavdem.fleet.store import Store, open_store, read_brief_rows, read_rows, read_rows_of_logs
+from mavdem.fleet.sources import find_logs
+from mavdem.fleet.store import (
+    Store,
+    is_fleet,
+    open_store,
+    read_brief_rows,
+    read_rows,
+    read_rows_of_logs,
+)
 from mavdem.fleet.tracking import TrackedLogs, track
 from mavdem.fleet.workers import JobLimits, JobOutcome, WorkerPool
+from mavdem.ingest.formats import looks_like_log
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.fleet import fleet_blocks
@@ -145,6 +154,7 @@ def track_command(
             "it is of this machine; with --scheduler the cluster has its own.",
             param_hint="--jobs",
         )
+    _refuse_names_of_other_logs(out, logs, given_names)
     limits = JobLimits(time_limit, memory_limit)
     reader: Cluster | WorkerPool
     if scheduler is not None:
@@ -252,6 +262,32 @@ def _outcome_line(outcome: JobOutcome) -> str:
     if any(row.has_flight for row in outcome.rows):
         return line
     return f"{line}: {outcome.rows[0].status}"
+
+
+def _refuse_names_of_other_logs(folder: Path, logs: Names, given_names: Names) -> None:
+    """Refuses a name for a log that is neither in the fleet nor to be read, before hours of reading.
+
+    Args:
+        folder: Folder of the fleet, which may not exist yet.
+        logs: What stands for the logs to be read.
+        given_names: What was typed, see :func:`_store_name`.
+
+    Raises:
+        click.BadParameter: There is no such log. Which serial numbers there are is known only after the reading.
+    """
+    subjects = [given_name.partition("=")[0] for given_name in given_names]
+    log_names = [subject for subject in subjects if looks_like_log(subject)]
+    if not log_names:
+        return
+    known_names: set[str] = set()
+    for source in find_logs(logs, folder)[0]:
+        known_names.update(_file_names(source.path))
+    if is_fleet(folder):
+        for row in read_brief_rows(folder):
+            known_names.update((*_file_names(row.file), row.vehicle))
+    for name in log_names:
+        if name not in known_names:
+            raise click.BadParameter(f"there is no log {name}.", param_hint="--name")
 
 
 def _is_subject_known(rows: FlightRows, given_name: str) -> bool:

@@ -92,6 +92,7 @@ def test_a_page_says_what_its_row_says_now(tmp_path):
         "x.bin --out fleet --jobs 2 --scheduler tcp://127.0.0.1:9": "--jobs",
         "x.bin --out fleet --memory-limit 3": "--memory-limit",
         "x.bin --out fleet --name quad": "has no =",
+        "x.bin --out fleet --name y.bin=Blue": "there is no log y.bin",
         "x.bin --out fleet --time-limit nan": "--time-limit",
         "x.bin --out fleet --scheduler tcp://foo:port": "no address",
     }.items(),
