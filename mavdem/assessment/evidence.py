@@ -63,9 +63,9 @@ class Evidence:
 
     @property
     def other_vehicle(self) -> Fact | None:
-        """The reason why lights for multirotors only do not judge this vehicle; None for one that may be a multirotor.
+        """Why motors, tracking, margins and wind are not judged: it is no multirotor. None if it may be one.
 
-        What sensors measure and the autopilot reports is judged of every vehicle all the same.
+        Vibration, power, estimator and log are judged of every vehicle.
         """
         kind = self.signals.telemetry.vehicle
         if kind in POSSIBLE_MULTIROTORS:

@@ -443,6 +443,7 @@ class RateRequest:
             is_unknown = interval.former_interval is None and not interval.may_have_changed
             if interval.message_id == message_id and is_unknown:
                 interval.former_interval = microseconds
+                # As if it had never been requested: it is requested next.
                 interval.request_time = -np.inf
 
     def _take_confirmation(self, result: int) -> None:

@@ -141,24 +141,20 @@ class Watchdog:
     ) -> list[Fact]:
         """Begins a review: notes the phase of flight, collects the messages so far, and finds new reports in them.
 
-        Phases are kept as landed states, each with its beginning and end, since that is the form in which the functions
-        that judge a log take them.
+        Every ``THOROUGH_PERIOD`` a review is thorough: all is judged anew. In between only messages that cannot wait
+        are looked at, and only where one of them has changed.
 
         Args:
             now: s of the boot clock.
             vehicle: identity and parameters, without messages.
             is_flying: whether it is airborne and armed.
-            settled_start: since when the flight is settled, s; None where it is not. A touch-down is no vibration.
+            settled_start: since when the flight is settled, s; None where it is not. Vibration is judged of settled
+                flight only, since a touch-down shakes the vehicle too.
 
         Returns:
             What the autopilot has reported since the last review.
         """
-        state = IN_AIR if is_flying else ON_GROUND
-        former_state = self._states[-1][1] if self._states else state
-        # The former state is known to hold until the last review, the new one from now on.
-        if not self._states or former_state != state:
-            self._states.append((self._review_time, former_state))
-            self._states.append((now, state))
+        self._note_landed_state(now, IN_AIR if is_flying else ON_GROUND)
         self.is_thorough = now - self._thorough_time >= THOROUGH_PERIOD
         if self.is_thorough:
             self._thorough_time = now
@@ -181,6 +177,22 @@ class Watchdog:
         reports = self._new_reports(recent_signals)
         self._report_time = now
         return reports
+
+    def _note_landed_state(self, now: float, state: int) -> None:
+        """Notes whether the vehicle flies, where that has changed.
+
+        The states are kept as a log has them, a time and a state each, since the functions that judge a log take them.
+
+        Args:
+            now: s of the boot clock.
+            state: ``IN_AIR`` or ``ON_GROUND``.
+        """
+        former_state = self._states[-1][1] if self._states else state
+        if self._states and former_state == state:
+            return
+        # The former state is known to hold until the last review, the new one from now on.
+        self._states.append((self._review_time, former_state))
+        self._states.append((now, state))
 
     def review_lights(self) -> None:
         """Judges battery and, in settled flight, vibration, by the functions that judge a log.

@@ -222,7 +222,8 @@ def read_binary(content: FileContent) -> DataflashRecording:
         content: The bytes of the file.
 
     Returns:
-        The recording, with the number of messages by name and the function that decodes those of one name.
+        The recording, with the number of messages by name, the function that decodes those of one name, the number of
+        bytes that belong to no message, what was repaired, and the number of messages without a definition.
     """
     scan = _MessageScan(content)
     scan.run()
@@ -243,6 +244,7 @@ def read_binary(content: FileContent) -> DataflashRecording:
     counts = {name: len(starts) for name, starts in starts_of_name.items()}
     skipped = scan.skipped()
     undefined_messages = 0
+    # Where most bytes belong to no message, the definitions of the messages may be lost: their markers are counted.
     if skipped > scan.message_bytes:
         undefined_messages = max(_marker_count(data) - len(starts), 0)
     return DataflashRecording(counts, decode, skipped, scan.repairs, undefined_messages)

@@ -380,9 +380,10 @@ def _notes(flight: AxisRows) -> str:
     if not first_row.has_flight:
         return truncated(first_row.status, MAX_NOTE_LENGTH)
     notes = []
-    # A headline that is not bad is of the log alone, which does not show the trouble that the fleet shows.
-    is_trouble_unseen = first_row.headline_level != Level.BAD
-    if not (worst_health(flight) in TROUBLED_HEALTHS and is_trouble_unseen):
+    # The headline knows this log alone. Where only the comparison with other flights shows trouble, it says that
+    # nothing is wrong, and is left out.
+    is_trouble_of_fleet = worst_health(flight) in TROUBLED_HEALTHS
+    if first_row.headline_level == Level.BAD or not is_trouble_of_fleet:
         notes += [row.headline for row in flight]
     notes += [row.health_reason for row in flight if row.health != MotorHealth.OK]
     for row in flight:
