@@ -34,7 +34,7 @@ def test_every_file_that_is_no_python_is_installed():
         there = {
             path
             for path in (ROOT / package).rglob("*")
-            if path.is_file() and path.suffix not in (".py", ".pyc")
+            if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts
         }
         assert there == {path for pattern in patterns for path in (ROOT / package).glob(pattern)}
 

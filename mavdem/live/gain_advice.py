@@ -22,7 +22,7 @@ from mavdem.ingest import read_log
 from mavdem.loops.advice import Advice
 
 MAX_WAIT_SECONDS = 60.0
-"""Time that the end of a session waits for advice, s, which the user is told: a choice.
+"""Time that the end of a session waits for advice, s, which the user is shown: a choice.
 
 All else that is known has been reported by then. Advice takes some seconds on a free core.
 """

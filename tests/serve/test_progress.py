@@ -15,6 +15,7 @@ from mavdem.facts.serve import Stage
 from mavdem.ingest import read_log
 from mavdem.report.pages.library_page import first_plots
 from mavdem.serve.api import Api
+from mavdem.serve.field_store import FieldStore
 from mavdem.serve.index import Entry, insert_entry, new_id
 from mavdem.serve.library import Library
 from mavdem.serve.reading import ProgressFile
@@ -67,7 +68,7 @@ def test_the_progress_of_many_waiting_logs_takes_little_time(tmp_path):
             insert_entry(db, waiting)
     queries = []
     library.db.set_trace_callback(queries.append)
-    api = Api(VisibleLibrary(library, Rights()), lambda: None, None)
+    api = Api(VisibleLibrary(library, Rights()), lambda: None, None, FieldStore())
     entries, _ = library.find("1", [], 1000)
     progress = api._progress_of_all(entries)
     assert [each.ahead for each in progress.values()] == list(reversed(range(1000)))

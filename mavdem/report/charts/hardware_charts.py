@@ -38,18 +38,19 @@ class ReportedQuantity(NamedTuple):
     """Name of the field."""
     scale: float
     """What the field is multiplied by; MAVLink's definitions have its unit."""
-    unknown: float
-    """Value of the field that stands for "not known"."""
+    unknown: float | None
+    """Value of the field that stands for "not known"; None where the definition has none, so that 0 is a 0."""
 
 
 REPORTED_QUANTITIES = (
     ReportedQuantity("Battery current", "A", "SYS_STATUS", "current_battery", 0.01, -1),
-    ReportedQuantity("Supply of the autopilot", "V", "POWER_STATUS", "Vcc", 0.001, 0),
-    ReportedQuantity("Processor load", "%", "SYS_STATUS", "load", 0.1, 0),
-    ReportedQuantity("Barometer temperature", "°C", "SCALED_PRESSURE", "temperature", 0.01, 0),
+    ReportedQuantity("Supply of the autopilot", "V", "POWER_STATUS", "Vcc", 0.001, None),
+    ReportedQuantity("Processor load", "%", "SYS_STATUS", "load", 0.1, None),
+    ReportedQuantity("Barometer temperature", "°C", "SCALED_PRESSURE", "temperature", 0.01, None),
     ReportedQuantity("IMU temperature", "°C", "SCALED_IMU", "temperature", 0.01, 0),
 )
-"""Fields in MAVLink's units, as https://mavlink.io/en/messages/common.html gives them with their "not known"."""
+"""Fields in MAVLink's units. https://mavlink.io/en/messages/common.html gives the units, and two values that stand for
+"not known": a battery current of -1, and an IMU temperature of 0."""
 
 
 def hardware_groups(evidence: Evidence, timeline: Timeline) -> list[Group]:
@@ -84,8 +85,9 @@ def _hardware_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
         series = recorded_series(signals.telemetry, quantity.message, quantity.field)
         if series is None:
             continue
-        known = _without(series, quantity.unknown)
-        scaled = replace(known, values=quantity.scale * known.values)
+        if quantity.unknown is not None:
+            series = _without(series, quantity.unknown)
+        scaled = replace(series, values=quantity.scale * series.values)
         lines = _lines({quantity.title.lower(): scaled}, timeline)
         yield over_time(quantity.title, quantity.unit, lines)
 

@@ -38,6 +38,9 @@ def test_speeds_compasses_and_reported_quantities_are_drawn_in_plain_units():
     current[:20] = -1
     power = columns(TIME, current_battery=current, load=305)
     telemetry = changed(telemetry, "SYS_STATUS", **power)
+    # At the freezing point: MAVLink has no value for a barometer temperature that is not known.
+    pressure = columns(TIME, press_abs=1000.0, temperature=np.where(np.median(TIME) > TIME, 0, 100))
+    telemetry = changed(telemetry, "SCALED_PRESSURE", **pressure)
     charts, timeline = charts_by_title(telemetry)
     assert [line.name for line in charts["Motor speeds"].lines] == ["ESC 1", "ESC 2"]
     compass, motors = charts["Magnetic field"].lines
@@ -45,6 +48,7 @@ def test_speeds_compasses_and_reported_quantities_are_drawn_in_plain_units():
     assert motors.is_on_right_axis
     np.testing.assert_allclose(charts["Battery current"].lines[0].y, 12.5)
     np.testing.assert_allclose(charts["Processor load"].lines[0].y, 30.5)
+    assert set(charts["Barometer temperature"].lines[0].y) == {0, 1}
     assert charts["Motor speeds"].x.limits == timeline.span
     # 0 stands for an IMU temperature that is not known.
     assert "IMU temperature" not in charts
