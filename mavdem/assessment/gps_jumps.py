@@ -26,7 +26,7 @@ EK3_POSNE_M_NSE).
 """
 
 MAX_FIX_STEP = 2.0
-"""Time, s, between two fixes above which a jump cannot be distinguished from a manoeuvre; receivers send at 1 Hz or more."""
+"""Time, s, between two fixes above which a jump may as well be a manoeuvre; receivers send at 1 Hz or more."""
 
 NEIGHBOURING_STEPS = 5
 """Number of steps whose median velocity is that of the vehicle: a jump there and back makes two of them wrong."""
