@@ -128,7 +128,7 @@ def extremes_of_intervals(samples: FieldSamples, intervals: int) -> FieldSamples
     kept, in the order in which they came.
 
     Args:
-        samples: N samples, in any order of time.
+        samples: N samples, ascending in time.
         intervals: Number of intervals, at least 1.
 
     Returns:
@@ -137,8 +137,6 @@ def extremes_of_intervals(samples: FieldSamples, intervals: int) -> FieldSamples
     """
     is_known = np.isfinite(samples.values) & np.isfinite(samples.time)
     time, values = samples.time[is_known], samples.values[is_known]
-    order = np.argsort(time, kind="stable")
-    time, values = time[order], values[order]
     if not len(time):
         return FieldSamples(time, values)
     edges = np.linspace(time[0], time[-1], intervals + 1)

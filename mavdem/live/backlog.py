@@ -27,7 +27,7 @@ First fits wait, then pictures, then estimates, so that motors and messages are 
 """
 
 SUSPENSION_DELAY = 0.1
-"""Delay of the analysis from which on the process that learns is stopped, until it is below ``STEP_SECONDS``, s.
+"""Delay of the analysis from which on the process that learns is paused, until it is below ``STEP_SECONDS``, s.
 
 It is a fifth of the first delay above: a fit that runs takes longer, and no task has to be put off.
 """
@@ -42,7 +42,7 @@ class Backlog:
     Attributes:
         postponed: the tasks that are put off now.
         longest_delay: the longest time that frames have waited, s.
-        suspends_learning: whether the process that learns is to be stopped, so that the analysis has its time.
+        suspends_learning: whether the process that learns is to be paused, so that the analysis has its time.
     """
 
     def __init__(self) -> None:

@@ -154,7 +154,7 @@ class LiveSession:
         ``Backlog.update`` decides by the delay which tasks these are: pictures, new fits, and in the end estimates. It
         also says when this computer begins to be too slow, and when it keeps up again, which is reported. Then the
         latest latencies are forgotten, since they are of the time before. Before any task is put off, the process that
-        learns is stopped for a moment.
+        learns is paused for a moment.
         """
         fact = self.backlog.update(self.link.dropped_datagrams)
         if isinstance(self._executor, LearningProcess):

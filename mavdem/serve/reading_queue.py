@@ -5,6 +5,7 @@ How long a log takes is estimated from those that were read before: by the logs 
 
 import math
 import statistics
+import sys
 import time
 from bisect import bisect
 from collections.abc import Sequence
@@ -59,7 +60,7 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
     now = time.time()
     query = "select id, size from entries where stage = ? order by received"
     waiting = library.db.execute(query, [Stage.WAITING]).fetchall()
-    reading, _ = library.find("stage = ?", [Stage.READING], len(waiting) + 1000)
+    reading, _ = library.find("stage = ?", [Stage.READING], sys.maxsize)
     # The estimate for each size is made once: a thousand waiting logs are looked at five times a second.
     seconds_by_size = dict[int, float]()
     if len(history) >= MIN_HISTORY:
@@ -113,4 +114,4 @@ def _reading_history(library: Library) -> list[ReadLogSize]:
 
 def _rounded(unix_time: float) -> float:
     """Returns a time rounded up to ``ROUNDING_SECONDS``."""
-    return -(-unix_time // ROUNDING_SECONDS) * ROUNDING_SECONDS
+    return ROUNDING_SECONDS * float(math.ceil(unix_time / ROUNDING_SECONDS))

@@ -7,7 +7,7 @@ import numpy as np
 from mavdem.assessment.evidence import Evidence
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dataset import phases
-from mavdem.dataset.attitude import Attitude, attitude_from_messages
+from mavdem.dataset.attitude import TUNING_MESSAGE, Attitude, attitude_from_messages
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.rate_advice import rate_advice
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, rate_between_outages
@@ -109,9 +109,11 @@ def _recorded_attitude_rate(telemetry: Telemetry, attitude: Attitude) -> float:
         attitude: attitude of an axis, as models use it.
     """
     rates = [rate_between_outages(attitude)]
-    sent = attitude_from_messages(telemetry, TILT_AXES[0])
-    if sent is not None:
-        rates.append(rate_between_outages(sent))
+    # Any other attitude is the one that was sent: hours of flight are not decoded again for its rate.
+    if attitude.message == TUNING_MESSAGE:
+        sent = attitude_from_messages(telemetry, TILT_AXES[0])
+        if sent is not None:
+            rates.append(rate_between_outages(sent))
     for repair in telemetry.repairs:
         if repair.code is Repair.ATTITUDE_INTERPOLATED:
             rates.append(repair.figures["attitude_rate"])

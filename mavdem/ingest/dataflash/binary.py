@@ -31,6 +31,9 @@ from mavdem.log_formats import FORMAT_SIGNATURES, Format
 MARKER = FORMAT_SIGNATURES[Format.DATAFLASH].first_bytes
 """First two bytes of every message (HEAD_BYTE1, HEAD_BYTE2)."""
 
+MARKER_SEARCH_BYTES = 1 << 20
+"""Bytes that are searched for markers at once: a log may be as large as the memory that is free."""
+
 ID_BYTE = len(MARKER)
 """Offset of the message id in a message."""
 
@@ -260,10 +263,6 @@ def _marker_count(data: Bytes) -> int:
         markers = (stretch[:-1] == first_byte) & (stretch[1:] == second_byte)
         count += int(np.count_nonzero(markers))
     return count
-
-
-MARKER_SEARCH_BYTES = 1 << 20
-"""Bytes that are searched for markers at once: a log may be as large as the memory that is free."""
 
 
 DEFINITION_START = re.compile(
