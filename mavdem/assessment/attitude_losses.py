@@ -157,7 +157,7 @@ class _AttitudeLoss(NamedTuple):
 
         Returns:
             A fact with the kind as its code, and the figures ``angle`` (largest error, rad), ``height`` (m above the
-            take-off, at the onset) and ``speed`` (largest sink rate, m/s). It lasts from the onset, or from an earlier
+            take-off, at the onset), ``height_source`` and ``speed`` (largest sink rate, m/s). It lasts from the onset, or from an earlier
             knock, until the end of the loss, s since boot; without an end if the record ended before.
         """
         rows = in_intervals(self.error.time, [(self.start, self.end)])
@@ -188,6 +188,7 @@ class _AttitudeLoss(NamedTuple):
             until=None if self.end == inf else self.end,
             angle=angle,
             height=height,
+            height_source=self.scene.height_source,
             speed=self._sink_rate(code, onset),
             boot=self.scene.boot,
         )

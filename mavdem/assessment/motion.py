@@ -309,6 +309,7 @@ def _end_in_air(
             MotionEvent.LOG_ENDED_IN_AIR,
             time=end_time,
             height=last_height,
+            height_source=scene.height_source,
             boot=boot,
             witnesses=sources,
         )

@@ -181,9 +181,10 @@ def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Arra
     is_off_ground = in_intervals(time, flights)
     for flight in flights:
         take_off, _ = flight
-        height = trusted_height(signals, boot, take_off)
-        if height is None or take_off == -inf:
+        trusted = trusted_height(signals, boot, take_off)
+        if trusted is None or take_off == -inf:
             continue
+        height = trusted.series
         has_risen = in_intervals(height.time, [flight]) & (height.values > MAX_GROUND_HEIGHT)
         lift_off = height.time[has_risen].min(initial=inf)
         is_off_ground &= ~in_intervals(time, [flight]) | (time >= lift_off)

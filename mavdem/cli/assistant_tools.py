@@ -20,8 +20,9 @@ from mavdem.cli.exit_codes import EXIT_DONE, EXIT_UNSUPPORTED
 from mavdem.containers import JsonValues
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.errors import NotLearnable, Unreadable
-from mavdem.export.fields import messages_of, samples_of
+from mavdem.export.fields import FieldSamples, messages_of, samples_of
 from mavdem.ingest import Telemetry, read_log
+from mavdem.ingest.all_messages import with_all_messages
 
 INSTRUCTIONS = """\
 mavdem says what a multirotor's flight log shows: what happened, which of eight lights is bad, stability margins and \
@@ -35,6 +36,13 @@ LARGE_PARTS = ("model", "spectra")
 
 MAX_SAMPLES = 500
 """Most samples of a field in one answer: some ten thousand characters, since an assistant reads numbers as text."""
+
+MAX_LISTED_FIELDS = 2000
+"""Most fields in one list of messages, some forty thousand characters: the largest logs at hand have 1600, and a hostile
+one of a few hundred kilobytes can define half a million."""
+
+MAX_ERROR_CHARACTERS = 2000
+"""Most characters of an error that lists what a log has instead of what was asked for."""
 
 READ_ONLY = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 """What every tool is: it changes nothing, and reaches nothing but the files it is given."""
@@ -96,15 +104,29 @@ def diff(before: str, after: str) -> JsonValues:
     return _command_document("diff", [before, after])
 
 
-def messages(log: str, vehicle: str | None = None) -> JsonValues:
-    """Lists every message of a log with its count, rate, times, numeric fields and instances.
+def messages(log: str, name: str = "", vehicle: str | None = None) -> JsonValues:
+    """Lists every message of a log, as the log calls it, with its count, rate, times, numeric fields and instances.
+
+    A list of more than 2000 fields ends there, and says how many messages it leaves out.
 
     Args:
         log: Path of a flight log.
+        name: Only messages whose name contains this text, such as "gps".
         vehicle: SYSTEM:COMPONENT, where the log has several vehicles.
     """
-    telemetry = _telemetry(log, vehicle)
-    return {"messages": [listed._asdict() for listed in messages_of(telemetry)]}
+    telemetry = with_all_messages(_telemetry(log, vehicle), log)
+    listed: list[JsonValues] = []
+    left_out = 0
+    fields = 0
+    for message in messages_of(telemetry):
+        if name.lower() not in message.message.lower():
+            continue
+        fields += len(message.fields)
+        if fields > MAX_LISTED_FIELDS:
+            left_out += 1
+        else:
+            listed.append(message._asdict())
+    return {"messages": listed, "messages_left_out": left_out}
 
 
 def samples(
@@ -123,7 +145,7 @@ def samples(
 
     Args:
         log: Path of a flight log.
-        message: Name of the message, as `messages` lists it.
+        message: Name of the message, as `messages` lists it, or of the MAVLink message with the same meaning.
         field: Name of the field.
         instance: Which of several equal sensors.
         start: First time, s on the autopilot's boot clock; without it the beginning.
@@ -132,10 +154,7 @@ def samples(
         vehicle: SYSTEM:COMPONENT, where the log has several vehicles.
     """
     telemetry = _telemetry(log, vehicle)
-    try:
-        time, values = samples_of(telemetry, message, field, instance, boot)
-    except ValueError as error:
-        raise ToolError(f"{error}.") from error
+    time, values = _samples(telemetry, log, message, field, instance, boot)
     first = 0 if start is None else int(np.searchsorted(time, start))
     last = len(time) if end is None else int(np.searchsorted(time, end, side="right"))
     is_known = np.isfinite(values[first:last])
@@ -166,6 +185,33 @@ def _telemetry(log: str, vehicle: str | None) -> Telemetry:
         return choose_vehicle(read_log(log).vehicles, vehicle)
     except (Unreadable, NotLearnable) as error:
         raise ToolError(str(error)) from error
+
+
+def _samples(
+    telemetry: Telemetry, log: str, message: str, field: str, instance: int | None, boot: int
+) -> FieldSamples:
+    """Returns all samples of one field, of a message of the log or else of the MAVLink message made of it.
+
+    Args:
+        telemetry: The messages that mavdem translated to MAVLink.
+        log: Path of the log, which has all messages under its own names.
+        message: Name of the message.
+        field: Name of the field.
+        instance: Which of several equal sensors; None for all.
+        boot: After which boot of the autopilot, from 0.
+
+    Raises:
+        ToolError: There is no such message, field or instance; it says which there are.
+    """
+    whole_log = with_all_messages(telemetry, log)
+    source = whole_log if message in whole_log.messages else telemetry
+    if message not in source.messages:
+        names = ", ".join(sorted(whole_log.messages))
+        raise ToolError(f"The log has no {message}: it has {names}"[:MAX_ERROR_CHARACTERS])
+    try:
+        return samples_of(source, message, field, instance, boot)
+    except ValueError as error:
+        raise ToolError(f"{error}."[:MAX_ERROR_CHARACTERS]) from error
 
 
 def _command_document(

@@ -12,6 +12,13 @@ class Side(StrEnum):
     AGAINST = "against"
 
 
+class HeightSource(StrEnum):
+    """What measured a height."""
+
+    BAROMETER = "barometer"
+    ESTIMATE = "estimate"
+
+
 class Witness(Code):
     """What one sensor, or the autopilot, shows of an event."""
 

@@ -7,6 +7,7 @@ barometer does not integrate anything; what it measures wrongly, by wind or its 
 
 from dataclasses import dataclass
 from math import isinf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.facts.witnesses import HeightSource
 from mavdem.witnesses.sensors import barometer_altitude
 
 SLOPE_SECONDS = 2.0
@@ -230,8 +232,17 @@ def _median_difference(
     return float(np.median(abs(estimate - barometer_climb.values)[is_covered]))
 
 
+class TrustedHeight(NamedTuple):
+    """A height above the take-off, and what measured it."""
+
+    series: TimeSeries
+    """Height (N,), m."""
+    source: HeightSource
+    """The barometer, or the autopilot's estimate."""
+
+
 @cached_per_vehicle()
-def trusted_height(signals: Signals, boot: int, take_off: float) -> TimeSeries | None:
+def trusted_height(signals: Signals, boot: int, take_off: float) -> TrustedHeight | None:
     """Returns the height (N,), m, above where the vehicle was at take-off, by a source that can be trusted.
 
     That is the autopilot's estimate, unless a usable barometer contradicts it by more than ``MAX_HEIGHT_DIFFERENCE`` at
@@ -246,16 +257,23 @@ def trusted_height(signals: Signals, boot: int, take_off: float) -> TimeSeries |
     Returns:
         None where neither was recorded.
     """
+    recorded_estimate = series_of_boot(signals.height, boot)
     if isinf(take_off):
-        return series_of_boot(signals.height, boot)
-    estimate = _above_take_off(series_of_boot(signals.height, boot), take_off)
+        if recorded_estimate is None:
+            return None
+        return TrustedHeight(recorded_estimate, HeightSource.ESTIMATE)
+    estimate = _above_take_off(recorded_estimate, take_off)
     barometer = _above_take_off(height_witnesses(signals, boot).barometer, take_off)
-    if estimate is None or barometer is None:
-        return estimate or barometer
+    if barometer is None:
+        return None if estimate is None else TrustedHeight(estimate, HeightSource.ESTIMATE)
+    if estimate is None:
+        return TrustedHeight(barometer, HeightSource.BAROMETER)
     difference = np.interp(barometer.time, estimate.time, estimate.values) - barometer.values
     is_covered = (barometer.time >= estimate.time[0]) & (barometer.time <= estimate.time[-1])
     is_apart = is_covered & (abs(difference) > MAX_HEIGHT_DIFFERENCE)
-    return barometer if is_apart.any() else estimate
+    if is_apart.any():
+        return TrustedHeight(barometer, HeightSource.BAROMETER)
+    return TrustedHeight(estimate, HeightSource.ESTIMATE)
 
 
 def _above_take_off(height: TimeSeries | None, take_off: float) -> TimeSeries | None:

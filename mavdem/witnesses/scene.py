@@ -18,7 +18,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact
-from mavdem.facts.witnesses import Witness
+from mavdem.facts.witnesses import HeightSource, Witness
 from mavdem.witnesses.accelerometer import (
     REST_SECONDS,
     AccelerometerWitness,
@@ -31,6 +31,7 @@ from mavdem.witnesses.height import (
     MEAN_SECONDS,
     SLOPE_SECONDS,
     HeightWitnesses,
+    TrustedHeight,
     trusted_height,
 )
 from mavdem.witnesses.statements import (
@@ -142,9 +143,19 @@ class Scene:
         return float(angle.time[-1])
 
     @cached_property
+    def trusted_height(self) -> TrustedHeight | None:
+        """Height above the take-off by a source that can be trusted; None without any."""
+        return trusted_height(self.signals, self.boot, self.take_off)
+
+    @property
     def height_above_take_off(self) -> TimeSeries | None:
         """Height (N,) above the take-off, m, by a source that can be trusted; None without any."""
-        return trusted_height(self.signals, self.boot, self.take_off)
+        return None if self.trusted_height is None else self.trusted_height.series
+
+    @property
+    def height_source(self) -> HeightSource | None:
+        """What measured the height above the take-off; None without any."""
+        return None if self.trusted_height is None else self.trusted_height.source
 
     def height_at(self, time: float) -> float | None:
         """Returns the height above the take-off at a time, m, by a source that can be trusted; None without any."""

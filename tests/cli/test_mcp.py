@@ -4,6 +4,8 @@ import asyncio
 import json
 import sys
 
+import dataflash_logs
+import numpy as np
 from pytest import fixture, mark
 from recorded_flights import SLOW
 
@@ -11,7 +13,7 @@ pytestmark = mark.slow
 
 
 @fixture(scope="module")
-def answers():
+def answers(tmp_path_factory):
     """What one session with the server gave: the tools by name, and the results of some calls."""
     # At the top of the file the import would take every worker of the tests half a second.
     from mcp import Client, StdioServerParameters
@@ -19,11 +21,21 @@ def answers():
     # This is how an assistant starts the server.
     server = StdioServerParameters(command=sys.executable, args=["-m", "mavdem", "mcp"])
     log = str(SLOW)
+    dataflash = tmp_path_factory.mktemp("logs") / "flight.bin"
+    times = 20 + 0.1 * np.arange(50)
+    # DSF, the logger's own figures, has no message of MAVLink with its meaning.
+    logger = dataflash_logs.message("DSF", 26_000_000, 7)
+    dataflash.write_bytes(dataflash_logs.log(*dataflash_logs.flight(times), logger))
+    dataflash = str(dataflash)
     calls = {
         "messages": ("messages", {"log": log}),
         "roll": ("samples", {"log": log, "message": "ATTITUDE", "field": "roll"}),
         "no field": ("samples", {"log": log, "message": "ATTITUDE", "field": "lift"}),
         "wind": ("wind", {"log": log}),
+        "dataflash messages": ("messages", {"log": dataflash, "name": "ds"}),
+        "dropped blocks": ("samples", {"log": dataflash, "message": "DSF", "field": "Dp"}),
+        "translated": ("samples", {"log": dataflash, "message": "ATTITUDE", "field": "roll"}),
+        "no message": ("samples", {"log": dataflash, "message": "LIFT", "field": "roll"}),
         "no log": ("tune", {"log": "nothing.tlog"}),
         "lights": ("review", {"log": log, "parts": ["lights"]}),
     }
@@ -55,6 +67,15 @@ def test_a_field_is_found_and_summarised(answers):
     assert roll["count"] == attitude["messages"]
     assert roll["minimum"] <= roll["mean"] <= roll["maximum"]
     assert len(roll["values"]) == len(roll["time_s"]) <= 500
+
+
+def test_fields_that_mavdem_does_not_translate_are_offered_too(answers):
+    _, results = answers
+    (logger,) = json.loads(results["dataflash messages"].content[0].text)["messages"]
+    assert (logger["message"], "Dp" in logger["fields"]) == ("DSF", True)
+    assert json.loads(results["dropped blocks"].content[0].text)["values"] == [7.0]
+    assert json.loads(results["translated"].content[0].text)["count"] == 50
+    assert "The log has no LIFT: it has ATT, DSF" in results["no message"].content[0].text
 
 
 def test_commands_answer_with_their_documents_and_reasons(answers):

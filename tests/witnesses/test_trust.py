@@ -113,7 +113,10 @@ def test_a_height_that_ran_away_gives_way_to_the_barometer():
     z = np.where(stamps(made, "LOCAL_POSITION_NED") > 30.0, 3000.0, -height(made))
     signals = Signals(changed(made, "LOCAL_POSITION_NED", z=z), inputs="motors")
     trusted = trusted_height(signals, 0, TAKE_OFF)
-    assert trusted.values.max() == approx(10.0, abs=0.5)
+    assert trusted.source == "barometer"
+    assert trusted.series.values.max() == approx(10.0, abs=0.5)
+    sound = trusted_height(Signals(made, inputs="motors"), 0, TAKE_OFF)
+    assert sound.source == "estimate"
 
 
 @mark.parametrize("gravity, is_sound", [(9.4, True), (8.2, False)])

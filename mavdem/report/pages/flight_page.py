@@ -150,7 +150,7 @@ def log_page(
         changes = gain_changes(name, vehicle, advice, assessment.next_step)
     with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
         timeline = timeline_of(assessment)
-        events = _numbered_events(assessment.events)
+        events = _numbered_events(assessment.events, timeline)
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
         chapters = [*_flight_chapters(name, assessment, timeline, advice, is_full)]
@@ -210,8 +210,13 @@ def _anchors_of_lights(chapters: Sequence[Chapter]) -> dict[str, str]:
     }
 
 
-def _numbered_events(events: Facts) -> list[PageEvent]:
-    """Returns the events of a log as a page lists them; those with a time are numbered."""
+def _numbered_events(events: Facts, timeline: Timeline | None) -> list[PageEvent]:
+    """Returns the events of a log as a page lists them; those with a time are numbered.
+
+    Args:
+        events: of all boots of the autopilot.
+        timeline: charts of one of these boots, on whose clock events of other boots have no place.
+    """
     page_events = []
     number = 0
     for fact in _with_saturations_counted(events):
@@ -219,7 +224,9 @@ def _numbered_events(events: Facts) -> list[PageEvent]:
             page_events.append(PageEvent(Event(nan, fact)))
         else:
             number += 1
-            page_events.append(PageEvent(Event(fact.time, fact), number))
+            boot = fact.figures.get("boot")
+            is_on_clock = timeline is not None and boot in (None, timeline.boot)
+            page_events.append(PageEvent(Event(fact.time, fact), number, is_on_clock))
     return page_events
 
 

@@ -114,6 +114,9 @@ class PageEvent(NamedTuple):
     number: int | None = None
     """Its number in the list and in the charts; None where it has none."""
 
+    is_on_clock_of_charts: bool = True
+    """Whether its time is on the clock of the charts, to which it then links: an event of another boot's is not."""
+
     @property
     def seconds(self) -> float:
         """When it was, s on the clock of the charts; NaN where that is not known."""

@@ -97,6 +97,11 @@ def test_a_line_divides_the_events_of_two_boots():
     text = render_document("a.tlog", "", [], head=Head(Level.BAD, {}, events))
     before, after = text.split("The autopilot restarted: its clock begins anew.")
     assert "177.9 s" in before and "18.9 s" in after
+    # The charts have the clock of the first boot.
+    of_other_boot = events[2]._replace(is_on_clock_of_charts=False)
+    linked = render_document("a.tlog", "", [], head=Head(Level.BAD, {}, [events[0], of_other_boot]))
+    assert 'href="#t=60.00"' in linked and "18.9 s" in linked
+    assert "#t=18.90" not in linked and 'data-at="18.9"' not in linked
     one_boot = render_document("a.tlog", "", [], head=Head(Level.BAD, {}, events[:2]))
     assert "its clock begins anew" not in one_boot
 
