@@ -158,7 +158,7 @@ class _AttitudeLoss(NamedTuple):
         Returns:
             A fact with the kind as its code, and the figures ``angle`` (largest error, rad), ``height`` (m above the
             take-off, at the onset), ``height_source`` and ``speed`` (largest sink rate, m/s). It lasts from the onset,
-            or from an earlier knock, until the end of the loss, s since boot; without an end if the record ended before.
+            or from an earlier knock, until the end of the loss, s since boot; without an end if the record ended first.
         """
         rows = in_intervals(self.error.time, [(self.start, self.end)])
         # The largest error in rad, and whether it was measured against a setpoint throughout.

@@ -85,9 +85,7 @@ def ending_of(
         word=motor_report if adds_to_cause else None,
         mode="" if cause is not None else signals.mode_at(boot, loss_onset(loss) or 0.0),
         witnesses=loss.figures.get("witnesses", ()),
-        **{
-            name: loss.figures.get(name) for name in ("height", "height_source", "speed", "boot")
-        },
+        **{name: loss.figures.get(name) for name in ("height", "height_source", "speed", "boot")},
         **{name: loss.figures[name] for name in ("onset", "is_ground") if name in loss.figures},
     )
 

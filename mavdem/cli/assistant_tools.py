@@ -38,8 +38,8 @@ MAX_SAMPLES = 500
 """Most samples of a field in one answer: some ten thousand characters, since an assistant reads numbers as text."""
 
 MAX_LISTED_FIELDS = 2000
-"""Most fields in one list of messages, some forty thousand characters: the largest logs at hand have 1600. A hostile one
-of a few hundred kilobytes can define half a million."""
+"""Most fields in one list of messages, some forty thousand characters: the largest logs at hand have 1600. A hostile
+one of a few hundred kilobytes can define half a million."""
 
 MAX_ERROR_CHARACTERS = 2000
 """Most characters of an error that lists what a log has instead of what was asked for."""
