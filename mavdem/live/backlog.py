@@ -77,10 +77,10 @@ class Backlog:
         self._batches += batches
 
     def pop_simultaneous(self) -> list[FrameBatch]:
-        """Removes and returns the oldest batches that arrived within ``STEP_SECONDS`` of each other.
+        """Removes and returns the oldest batch, with those that arrived less than ``STEP_SECONDS`` after it.
 
-        They are analysed together, as if they had come at once: with datagrams of one frame each, the work for each
-        batch would else outweigh that for its frames. The backlog must not be empty.
+        They are analysed together, as if they had arrived at once. Some links send each frame in a datagram of its own;
+        the fixed cost of analysing a batch would then exceed the cost of its frames. The backlog must not be empty.
         """
         first_arrival = self._batches[0].arrival_time
         batches = []
@@ -89,7 +89,7 @@ class Backlog:
         return batches
 
     def update(self, dropped_datagrams: int) -> Fact | None:
-        """Decides by the present delay of the analysis which tasks are put off (``POSTPONING_DELAYS``).
+        """Decides by the present delay of the analysis which tasks are postponed (``POSTPONING_DELAYS``).
 
         A task that is put off waits until the delay is half of its limit: with one limit for both, tasks would be
         stopped and resumed all the time. That the computer keeps up again is reported only after ``REPEAT_SECONDS``
@@ -106,10 +106,10 @@ class Backlog:
         delay = now - self.now
         postponed = set()
         for task, limit in POSTPONING_DELAYS.items():
-            # Hysteresis: what is put off is taken up again at half the delay.
-            if task in self.postponed:
-                limit /= 2
-            if delay >= limit:
+            # Hysteresis: a postponed task is resumed only at half of the delay.
+            is_postponed = task in self.postponed
+            threshold = limit / 2 if is_postponed else limit
+            if delay >= threshold:
                 postponed.add(task)
         self.postponed = postponed
         if delay >= SUSPENSION_DELAY:

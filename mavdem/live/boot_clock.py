@@ -118,7 +118,8 @@ class BootClock:
         if has_gone_back and time + message.wrap_period - self.now <= MAX_WRAP_GAP:
             time += message.wrap_period
         if self._has_come_back(message.stamp) or not _continues(time, self.now):
-            # It may be the clock of another boot, which has not wrapped.
+            # The stamp may be of the clock of another boot, which has not wrapped. It is collected until such stamps
+            # prove that; the message is dropped until then.
             time = message.stamp
             stamps = self._stamps_of_new_clock
             if stamps and _continues(time, stamps[-1]):
@@ -149,18 +150,24 @@ class BootClock:
             stamp: the next attitude stamp, s.
         """
         stamps = self._stamps_of_new_clock
-        if len(stamps) < MIN_RESET_STAMPS or stamps[0] > MAX_RESTART_TIME:
+        if len(stamps) < MIN_RESET_STAMPS:
             return False
-        if not (stamps[0] < self.now - MIN_RESET_STEP < stamp) or stamp < stamps[-1]:
+        starts_near_zero = stamps[0] <= MAX_RESTART_TIME
+        crosses_former_clock = stamps[0] < self.now - MIN_RESET_STEP < stamp
+        is_ascending = stamp >= stamps[-1]
+        if not (starts_near_zero and crosses_former_clock and is_ascending):
             return False
         return rises_steadily(np.array([*stamps, stamp]), self.now, self._mean_step)
 
     def _is_new_clock(self, stamps: list[float]) -> bool:
-        """Returns whether stamps show that the clock has changed: the former one goes on no more.
+        """Returns whether successive stamps prove that the clock has changed, and the former one has ended.
 
-        Any stamp of the former clock ends the list, so that one who comes late, or another vehicle, changes nothing.
-        Where the clock jumped ahead, or fell far and near to zero, a few stamps are enough, as after a restart. Else
-        it may be a second link that is late, and they must last for ``MAX_LATE_SECONDS``.
+        A stamp of the former clock empties the list. So delayed messages of the same vehicle, or another vehicle with
+        the same ids, do not fill it while the former clock goes on.
+
+        ``MIN_RESET_STAMPS`` are enough where the clock jumped ahead, or fell far to a time near zero, as in a restart.
+        Otherwise the stamps may come from a second link with a delay. Then they must go on for ``MAX_LATE_SECONDS``,
+        which is longer than any such delay.
 
         Args:
             stamps: times on the new clock, s, that continue each other; at least one.
@@ -171,24 +178,32 @@ class BootClock:
             return True
         first = stamps[0]
         is_restart = first <= MAX_RESTART_TIME and first < self.now - MAX_LATE_SECONDS
-        if is_restart or not first < self.now:
+        # Before the first attitude the clock is NaN, which no number is less than: then any stamps begin it.
+        is_ahead = not first < self.now
+        if is_restart or is_ahead:
             return True
         return stamps[-1] - first >= MAX_LATE_SECONDS
 
     def _restart(self, first_stamp: float) -> None:
-        """Starts the clock anew at ``first_stamp``, s, and reports why.
+        """Starts the clock anew, and reports why: a reboot, a clock that was set back, or a jump ahead.
 
-        Times before and after a clock that goes back are kept apart as those of different boots, whatever the reason.
-        One that goes ahead jumped within the same boot. The very first stamp is neither.
+        After any step back the boot number increases, so that times before and after it are never compared. The step
+        back is a reboot if the new clock begins near zero, or if it read 0 after the last message of the former clock:
+        the vehicle may have booted while nothing was received. A step ahead is a jump within the same boot. The first
+        clock of all is not reported.
+
+        Args:
+            first_stamp: first attitude stamp of the new clock, s.
         """
         former_now = self.now
         self.now = first_stamp
         if first_stamp < former_now:
             self.boot += 1
-            # When the new clock read 0, by the attitude that has just been received.
-            reception_at_boot = self._reception - self._stamps_of_new_clock[-1]
-            earliest_boot = self._reception_at_boot + former_now - MAX_UTC_DIFFERENCE
-            if first_stamp <= MAX_RESTART_TIME or reception_at_boot >= earliest_boot:
+            # Both are times of reception, UNIX s: when the new clock read 0, and when the former one was heard last.
+            boot_time = self._reception - self._stamps_of_new_clock[-1]
+            last_former_reception = self._reception_at_boot + former_now
+            booted_unheard = boot_time >= last_former_reception - MAX_UTC_DIFFERENCE
+            if first_stamp <= MAX_RESTART_TIME or booted_unheard:
                 self._report(Fact(VehicleFact.VEHICLE_REBOOTED, clock=former_now))
             else:
                 self._report(Fact(VehicleFact.CLOCK_WENT_BACK, clock=former_now, time=first_stamp))

@@ -62,7 +62,9 @@ class ClockSpeed:
     def update(self, now: float, vehicle_time: float) -> None:
         """Takes the present reading of both clocks, and measures the speed if the vehicle's clock has advanced.
 
-        After a jump of the vehicle's clock, as at a reboot, the measurement begins anew.
+        The speed is the time that passed on the vehicle's clock over the time that passed on this computer's, between
+        the present reading and one about ``SPEED_WINDOW_SECONDS`` earlier. After a jump of the vehicle's clock, as at a
+        reboot, the measurement begins anew.
 
         Args:
             now: s of this computer's monotonic clock.
@@ -72,7 +74,8 @@ class ClockSpeed:
         if isnan(vehicle_time) or (latest is not None and vehicle_time == latest.vehicle_time):
             return
         if latest is not None:
-            has_jumped = not 0 < vehicle_time - latest.vehicle_time < SPEED_WINDOW_SECONDS
+            step = vehicle_time - latest.vehicle_time
+            has_jumped = step <= 0 or step >= SPEED_WINDOW_SECONDS
             if has_jumped:
                 self._readings.clear()
         latest = _ClockReading(now, vehicle_time)
@@ -85,6 +88,7 @@ class ClockSpeed:
             readings.popleft()
         start = readings[0]
         duration = now - start.arrival_time
+        # The jitter of arrivals would dominate a speed over a shorter time.
         if duration < DECISION_SECONDS / 2:
             return
         self.speed = (vehicle_time - start.vehicle_time) / duration

@@ -176,12 +176,12 @@ class FlightPhase:
         return replace(vehicle, messages=columns)
 
     def _update_settled_start(self, now: float, climb_rate: TimeSeries | None) -> None:
-        """Decides since when the flight is settled: since the climb-out, or since a descent that may be a landing.
+        """Updates the time since which the flight is settled: neither in the climb-out nor possibly in a landing.
 
-        A flight that is not settled yet becomes so when the rules for logs find the end of its climb-out. A settled one
-        is unsettled by a descent: until the vehicle has not sunk for ``TRANSIENT_SECONDS``, it may be landing. Where
-        the autopilot reports that it is in the air, that counts instead of the descent. The start then lies in the
-        future, and ``is_settled`` is false until it has come.
+        A flight becomes settled at the end of its climb-out, which the rules for logs find. A descent may be a landing.
+        So it moves the start of settled flight to ``TRANSIENT_SECONDS`` after the last time when the vehicle sank,
+        which lies in the future; ``is_settled`` is false until then. While the autopilot reports its landed state, that
+        shows a landing, and descents are ignored.
 
         Args:
             now: s of the boot clock.
@@ -195,19 +195,20 @@ class FlightPhase:
                 self._settled_start = level[0]
         elif climb_rate is not None:
             is_sinking = phases.moving_average(climb_rate) <= -MAX_LEVEL_FLIGHT_SPEED
-            # Only what the last review could not judge yet, and what no report of the landed state covers.
+            # The last review has judged everything before it but the last ``AVERAGING_DELAY``; and descents before the
+            # end of the landed state's validity are ignored.
             unjudged_start = max(self._review_time - AVERAGING_DELAY, self._landed_state_end)
             is_new = (climb_rate.time > unjudged_start) & (climb_rate.time <= averaged_end)
             sinking_times = climb_rate.time[is_sinking & is_new]
             if len(sinking_times):
-                settled_again = float(sinking_times[-1]) + TRANSIENT_SECONDS
-                self._settled_start = max(self._settled_start, settled_again)
+                end_of_possible_landing = float(sinking_times[-1]) + TRANSIENT_SECONDS
+                self._settled_start = max(self._settled_start, end_of_possible_landing)
 
     def _update_free_climb_start(self, now: float, climb_rate: TimeSeries | None) -> None:
-        """Decides since when the vehicle flies freely before it is settled: what climbs for long is held by nothing.
+        """Updates the time since which the vehicle is in free flight, before its flight is settled.
 
-        It lets learning begin some seconds earlier than settled flight does. The vehicle counts as free half of
-        ``TRANSIENT_SECONDS`` after it was first seen climbing; a descent makes that void.
+        A vehicle that climbs cannot be held by the ground. So it counts as free from ``TRANSIENT_SECONDS / 2`` after it
+        first climbed, which lets learning begin some seconds before settled flight does. A descent resets this.
 
         Args:
             now: s of the boot clock.
@@ -228,10 +229,10 @@ class FlightPhase:
             self._free_climb_start = min(self._free_climb_start, free_time)
 
     def _withdraw_landing(self, touchdown_time: float) -> None:
-        """Notes that what counted as settled in the ``TRANSIENT_SECONDS`` before a touch-down was a landing.
+        """Notes that the last ``TRANSIENT_SECONDS`` before a touch-down were a landing, not settled flight.
 
-        ``pop_landing_time`` hands it on. Where an earlier landing waits there still, the earlier time stays, so that
-        both are withdrawn.
+        The caller asks for the beginning of the landing by ``pop_landing_time``, and withdraws what was learned since
+        then. If it has not asked since an earlier landing, the earlier time stays, so that both are withdrawn.
 
         Args:
             touchdown_time: s of the boot clock.

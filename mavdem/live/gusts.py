@@ -36,7 +36,10 @@ class ResolvedTorque:
         self._mean_square_band = np.nan
 
     def resolved(self, estimate: Estimate) -> Estimate:
-        """Returns an estimate whose wind torque is NaN if it is smaller than its error; the band stays, and shows why.
+        """Returns the estimate, with NaN for the wind torque where it is smaller than its error.
+
+        The error is the root mean square of the torque's 90 % band over the recent estimates, an exponential moving
+        average. The band stays in the estimate, since it shows why there is no torque.
 
         Args:
             estimate: estimate for the latest sample; estimates must come in order, since their bands are averaged.

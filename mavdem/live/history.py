@@ -105,7 +105,13 @@ class _ErrorSums:
     """Number of predictions."""
 
     def add(self, prediction: _Prediction, outputs: list[float]) -> None:
-        """Adds the errors of a prediction, and of its baseline, whose m measured ``outputs`` have come."""
+        """Adds the errors of a prediction, and of its baseline, to the sums.
+
+        Args:
+            prediction: has m predicted outputs with half widths of their band, and the outputs at the time when it was
+                made: the baseline predicts that they stay.
+            outputs: the m outputs that were measured at the predicted time.
+        """
         for column, measured in enumerate(outputs):
             error = measured - prediction.outputs[column]
             self.squares[column] += error**2
@@ -160,8 +166,9 @@ class LiveHistory:
         if boot != self._boot:
             self._boot = boot
             self.timeline_offset = self.now + GAP_SECONDS - time
-        # Written so that the comparison is true where either side is NaN.
-        if not time + self.timeline_offset <= self.now:
+        # A comparison with NaN is false: a time that is not known yet does not hold up a timeline that begins.
+        has_passed = time + self.timeline_offset <= self.now
+        if not has_passed:
             self.now = time + self.timeline_offset
 
     def add_row(
@@ -198,8 +205,8 @@ class LiveHistory:
             torque_band = estimate.wind_torque_band
         self._row_count += 1
         if self._row_count % self._stride == 0:
-            own_columns = (segment, time, output_values[0], predicted_angle, predicted_band)
-            self._rows.append(array("d", (*own_columns, torque, torque_band, *wind_and_motors)))
+            angle_columns = (segment, time, output_values[0], predicted_angle, predicted_band)
+            self._rows.append(array("d", (*angle_columns, torque, torque_band, *wind_and_motors)))
             # A full history halves its resolution over the whole flight, and keeps it from then on.
             if len(self._rows) > MAX_ROWS:
                 self._rows = self._rows[::2]

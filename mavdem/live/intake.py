@@ -60,11 +60,12 @@ class LinkIntake:
         self._emptied_time = clock.monotonic()
 
     def receive(self, timeout: float) -> list[FrameBatch]:
-        """Receives and records what waits, or waits for something; opens a lost link again.
+        """Receives and records what has arrived, or waits until something arrives; opens a lost link again.
 
         The link stamps arrivals by the wall clock, which recordings need. The analysis needs the monotonic clock, which
-        nobody sets, so that arrivals are converted here. If the wall clock is set meanwhile, the conversion is wrong;
-        it is therefore limited to the time between the last time when nothing waited, and now.
+        nobody sets, so that arrivals are converted here. If the wall clock is set meanwhile, the conversion is wrong.
+        So the result is limited to what is possible: a piece arrived after the link was empty for the last time
+        (``_emptied_time``), and not in the future.
 
         Args:
             timeout: longest time to wait, s.

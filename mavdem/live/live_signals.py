@@ -60,12 +60,12 @@ class RecentMotion(NamedTuple):
 def attitude_from_samples(
     message: str, time: Array, boot: int, angle: Array, body_rate: Array
 ) -> Attitude:
-    """Returns live samples of one axis as the ``Attitude`` that the rules for logs take.
+    """Returns live samples of one axis in the form of a log (``Attitude``), so that the rules for logs judge them.
 
     Samples that cannot be used were dropped before, so that all of them count as used.
 
     Args:
-        message: name of the message that it came with.
+        message: name of the MAVLink message of the samples.
         time: (N,) s of the boot clock.
         boot: number of the boot.
         angle: (N,) rad.

@@ -216,7 +216,15 @@ def parameters_by_name(messages: Iterable[Message], autopilot: str) -> Parameter
         messages: PARAM_VALUEs, at least one.
         autopilot: name of the MAV_AUTOPILOT, which decides how integers are sent as floats.
     """
-    ids, types, values = zip(*(message.values for message in messages), strict=True)
+    ids = []
+    types = []
+    values = []
+    for message in messages:
+        parameter_id, parameter_type, value = message.values
+        ids.append(parameter_id)
+        types.append(parameter_type)
+        values.append(value)
+    # The types that the fields of the message have in a log.
     columns = {
         "param_id": np.array(ids, "S16"),
         "param_type": np.array(types, "u1"),

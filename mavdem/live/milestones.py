@@ -60,10 +60,10 @@ class Milestones:
         )
 
     def update(self, learning: FlightLearning, status: SessionStatus, now: float) -> None:
-        """Reports the first physical parameters with an identifiable effectiveness, and what a flight has shown.
+        """Reports two milestones as they are reached; it is called once in a status period.
 
-        The latter comes at each landing after which more rows have been learned from than before. It is called once in
-        a status period.
+        The first is that physical parameters with an identifiable control effectiveness are known. The second, at each
+        landing, is what the flight has shown, provided that rows were learned from since the last such report.
 
         Args:
             learning: has the latest estimates.

@@ -47,7 +47,7 @@ class PoseTracker:
         self._setpoint_time = -inf
 
     def take_setpoint(self, time: float, setpoint: tuple[float, float]) -> None:
-        """Takes a setpoint of the attitude.
+        """Stores the latest setpoint of the attitude, which the next attitudes are compared with.
 
         Args:
             time: s of the boot clock.

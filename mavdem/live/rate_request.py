@@ -11,9 +11,9 @@ from collections import deque
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
+from math import inf, nan
 from typing import Any
 
-import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Fact
@@ -97,6 +97,10 @@ the rate again.
 """
 
 
+NEVER = -inf
+"""Time of what has not happened yet, s: however long one has to wait after it, that is over."""
+
+
 class ArrivalRates:
     """Rates of messages over the last ``RATE_WINDOW_SECONDS``, by the vehicle's clock.
 
@@ -165,10 +169,10 @@ class _MessageInterval:
     set_count: int = 0
     """Number of times that it was set since the message came fast enough last."""
 
-    request_time: float = -np.inf
+    request_time: float = NEVER
     """When it was asked for or set last, s."""
 
-    reachable_rate: float = np.nan
+    reachable_rate: float = nan
     """Rate that was accepted last, Hz: the requested one, or a lower one after ``MAX_TRIES`` settings in vain."""
 
     may_have_changed: bool = False
@@ -223,10 +227,10 @@ class RateRequest:
         self._vehicle = vehicle
         self._pending_parameters = deque(MAX_TRIES * [name.encode() for name in parameters])
         # When the next parameter may be requested, s.
-        self._next_parameter_time = -np.inf
+        self._next_parameter_time = NEVER
         # When the next interval may be set, s. A confirmation does not name the message that it is about, so that only
         # one setting at a time may await one.
-        self._next_setting_time = -np.inf
+        self._next_setting_time = NEVER
         self._is_restoring = False
         self._intervals: list[_MessageInterval] = []
         for message_id in messages:
@@ -418,7 +422,7 @@ class RateRequest:
         """
         if message.name == "MESSAGE_INTERVAL":
             message_id, microseconds = message.values
-            self._take_former_interval(message_id, microseconds)
+            self._note_former_interval(message_id, microseconds)
             return
         command, result, target_system, target_component = message.values
         is_to_our_system = target_system in (BROADCAST, GROUND_STATION.system)
@@ -427,31 +431,33 @@ class RateRequest:
         if command == SET_INTERVAL and is_to_our_system and is_to_our_component and is_final:
             self._take_confirmation(result)
 
-    def _take_former_interval(self, message_id: int, microseconds: int) -> None:
-        """Takes the vehicle's own interval of a message, which is to be restored at the end.
+    def _note_former_interval(self, message_id: int, microseconds: int) -> None:
+        """Notes the interval at which the vehicle sent a message by itself, so that it can be restored at the end.
 
-        An interval that was set already is no longer the vehicle's own. Once its own is known, the message may be set
-        at once.
+        It is noted once for each message, and only before this program has set an interval of its own. From then on the
+        message's interval may be set at once.
 
         Args:
             message_id: id of the message.
-            microseconds: its interval, or ``STOPPED``. Shorter ones than ``SHORTEST_INTERVAL`` are no real intervals.
+            microseconds: the interval that the vehicle has reported, or ``STOPPED``. Shorter ones than
+                ``SHORTEST_INTERVAL`` are no real intervals, and are ignored.
         """
         if microseconds != STOPPED and microseconds < SHORTEST_INTERVAL:
             return
         for interval in self._intervals:
-            is_unknown = interval.former_interval is None and not interval.may_have_changed
-            if interval.message_id == message_id and is_unknown:
+            # After a setting, the vehicle replies with that setting, not with its own interval.
+            awaits_own_interval = interval.former_interval is None and not interval.may_have_changed
+            if interval.message_id == message_id and awaits_own_interval:
                 interval.former_interval = microseconds
-                # As if it had never been requested: it is requested next.
-                interval.request_time = -np.inf
+                # Nothing is awaited any more, so the next frame about this message need not wait.
+                interval.request_time = NEVER
 
     def _take_confirmation(self, result: int) -> None:
-        """Takes the result of a setting.
+        """Takes the vehicle's result of setting an interval (COMMAND_ACK).
 
         A COMMAND_ACK does not name the message that was set. While rates are requested, one setting at a time is under
-        way, so it is the latest one; when they are restored, replies come in the order of the commands. A message whose
-        setting is refused is left as it is.
+        way, so the result is that of the latest one. When they are restored, results come in the order of the commands.
+        A message whose setting is refused is left as it is.
 
         Args:
             result: a MAV_RESULT.
@@ -461,10 +467,11 @@ class RateRequest:
             if self.unconfirmed:
                 self.unconfirmed.popleft().is_restored = is_accepted
             return
-        self._next_setting_time = -np.inf
+        # The next setting need not wait for this one's confirmation any more.
+        self._next_setting_time = NEVER
         latest_interval = max(self._intervals, key=lambda interval: interval.request_time)
         if not is_accepted and latest_interval.set_count:
-            # Any rate is enough from now on.
+            # A rate of 0 always suffices, so that the message is never set again.
             latest_interval.needed_rate = 0.0
             latest_interval.may_have_changed = False
             self._report(latest_interval, RateFact.RATE_REFUSED, result=result)
@@ -480,7 +487,7 @@ class RateRequest:
             interval.set_count = 0
             interval.was_reached = False
             interval.may_be_forgotten = interval.may_have_changed
-            interval.request_time = -np.inf
+            interval.request_time = NEVER
             interval.needed_rate = MIN_RATE_RATIO * interval.rate
 
     def restoring_frames(self) -> list[bytes]:

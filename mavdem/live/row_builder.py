@@ -87,15 +87,16 @@ class RowBuilder:
     def rates(self, now: float) -> dict[str, float]:
         """Returns the rate of each message of attitude and motor outputs by its name, Hz, the slowest first.
 
-        Where a message comes in several ports, it is the rate of the fastest: the last of equal names stays.
+        A message that comes in several ports has the rate of its fastest port.
 
         Args:
             now: end of the time over which rates are measured, s of the boot clock.
         """
-        rates = sorted(
+        ascending_rates = sorted(
             (stream.recent_rate(now), name) for (name, _), stream in self._streams.items()
         )
-        return {name: rate for rate, name in rates}
+        # Of several ports with the same name, the last and therefore fastest one stays in the dictionary.
+        return {name: rate for rate, name in ascending_rates}
 
     def add_sample(
         self, name: str, port: int, time: float, values: Numbers | None
@@ -196,12 +197,12 @@ class RowBuilder:
             self._grid.end()
 
     def _begin_segment(self, inputs: MotorInputs) -> None:
-        """Notes what the rows of a new segment are, and reports it where they differ from those before.
+        """Sets the format of the rows of a new segment, and reports it if it differs from the one before.
 
-        A segment is a series of rows on one uniform time grid, without a gap. What its rows are, their format, is the
-        time step, s, the messages that they are made of, and the motors whose outputs are their inputs. Most segments
-        have the format of the one before, and the user gets no message. Where the order of the motors is only assumed,
-        that is reported too, since torque directions depend on it.
+        A segment is a series of rows on one uniform time grid, without a gap. The format of its rows is the time step,
+        s, the messages that they are made of, and the motors whose outputs are their inputs. Most segments have the
+        same format as the one before. Where the order of the motors is only assumed, that is reported too, since the
+        directions of their torques depend on it.
 
         Args:
             inputs: the motors whose outputs become the rows' inputs.

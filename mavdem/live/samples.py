@@ -105,9 +105,9 @@ class SampleStream:
         return len(self.time) - bisect_left(self.time, now - DECISION_SECONDS)
 
     def recent_rate(self, now: float) -> float:
-        """Returns the mean rate over the ``DECISION_SECONDS`` before ``now``, gaps included, Hz.
+        """Returns the mean rate of the samples in the ``DECISION_SECONDS`` before ``now``, s of the boot clock, in Hz.
 
-        It is 0 with fewer than two samples.
+        Gaps between samples lower the rate. It is 0 with fewer than two samples.
         """
         count = self.recent_count(now)
         if count < 2:

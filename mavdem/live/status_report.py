@@ -97,7 +97,7 @@ class StatusReport:
         return None if learner is None else learner.obstacle
 
     def account_for(self, now: float) -> dict[Spent, float]:
-        """Counts the session's time since the last call to what it was spent on, by the present state of its parts.
+        """Adds the session's time since the last call to one entry of the time account, by the session's present state.
 
         Args:
             now: until when everything that arrived is analysed, s of the monotonic clock.

@@ -240,9 +240,10 @@ class VehicleReview:
         self._motion = rows.recent_motion()
 
     def _begin_watchdog_review(self, _: RowBuilder) -> None:
-        """Reports what the autopilot has reported since the last search, and queues the rest of the watchdog's review.
+        """Does the part of a review that reports new messages of the autopilot, and queues the watchdog's other parts.
 
-        Battery and vibration are judged in flight only, and by thorough reviews.
+        The watchdog reviews the vehicle without a model. It judges battery and vibration in flight only, and only in
+        its thorough reviews, since that takes longer.
         """
         assert self._telemetry is not None
         now = self._review_time
@@ -259,9 +260,10 @@ class VehicleReview:
         self.watchdog.review_lights()
 
     def _finish_watchdog_review(self, _: RowBuilder) -> None:
-        """Reports alarms by the motion, and notes whether the motors' balance is watched.
+        """Does the last part of a review: reports alarms that begin or end, and why the motors are not watched, if so.
 
-        The balance is tested sample by sample elsewhere (``MotorAlarms``). Here it is only noted why it is not, if so.
+        The balance of the motors is tested with each of their samples (``MotorAlarms``), not by this review. But the
+        user sees in one list what is watched and what is not, which the watchdog keeps.
         """
         for fact in self.watchdog.finish_review(self._motion):
             self._report(fact)

@@ -158,17 +158,20 @@ class Watchdog:
         self.is_thorough = now - self._thorough_time >= THOROUGH_PERIOD
         if self.is_thorough:
             self._thorough_time = now
-        settled = None if settled_start is None else [(settled_start, now)]
-        recent_signals = None
+        settled_intervals = None if settled_start is None else [(settled_start, now)]
+        # How often an urgent message has differed from the one before, in the whole boot.
         change_count = sum(self._recent.changes[name] for name in URGENT_MESSAGES)
-        if self.is_thorough or change_count > self._change_count:
-            recent_signals = self._signals(vehicle, now, now - MEMORY_SECONDS, settled)
+        has_urgent_change = change_count > self._change_count
         self._change_count = change_count
+        # Collecting the messages takes most of the time of a review, so it is done only if something may be found.
+        recent_signals = None
+        if self.is_thorough or has_urgent_change:
+            recent_signals = self._signals(vehicle, now, now - MEMORY_SECONDS, settled_intervals)
         self._review = _Review(
             now,
             vehicle,
             is_flying,
-            has_settled=settled is not None,
+            has_settled=settled_intervals is not None,
             phase_start=self._states[-1][0],
             recent_signals=recent_signals,
         )
@@ -247,34 +250,41 @@ class Watchdog:
         columns = self._recent.columns(STATUS_MESSAGES, start_time)
         # The names of flight modes come once, when a ground station asks for them.
         columns |= self._recent.columns(["AVAILABLE_MODES"])
-        last_state = self._states[-1][1]
-        times, states = zip(*self._states, (now, last_state), strict=True)
-        boots = np.full(len(times), self._recent.boot)
+        # The latest landed state holds until now.
+        _, latest_state = self._states[-1]
+        states = [*self._states, (now, latest_state)]
+        times = np.array([time for time, _ in states])
+        landed_state = TimeSeries(
+            times,
+            boot=np.full(len(times), self._recent.boot),
+            values=np.array([state for _, state in states]),
+        )
         return LiveSignals(
             replace(vehicle, messages=columns),
-            landed_state=TimeSeries(np.array(times), boots, np.array(states)),
+            landed_state=landed_state,
             preset_settled_intervals=settled,
         )
 
     def _new_reports(self, signals: Signals) -> list[Fact]:
         """Returns what the autopilot has reported since the last search for reports.
 
-        ``reported_events`` finds the reports of the last minute, most of which earlier searches found, too. New are
-        those that the last search did not find and whose time is not long past: a report may also reappear when what
-        overlapped it leaves the minute.
+        ``reported_events`` finds all reports of the last minute, most of which earlier searches found, too. A report is
+        new if the last search did not find it and its time is not long past. Without the second condition, an old
+        report would appear as new when a later one that had superseded it leaves the minute.
 
         Args:
             signals: of the last minute.
         """
-        former = self._reported
+        former_identities = self._reported
         facts = reported_events(signals)
         self._reported = {_identity(fact) for fact in facts}
         reports = []
         for fact in facts:
+            is_known = _identity(fact) in former_identities
             is_late = (fact.time or 0.0) <= self._report_time - LATE_REPORT_SECONDS
-            # A stream has no beginning of its own, and a restart is reported by the boot clock.
-            is_of_the_log = fact.code is Reported.RESTARTED or fact.figures.get("is_begun")
-            if _identity(fact) not in former and not is_late and not is_of_the_log:
+            # These facts mean something in a log only: a stream begins anywhere, and ``BootClock`` reports restarts.
+            is_for_logs_only = fact.code is Reported.RESTARTED or fact.figures.get("is_begun")
+            if not is_known and not is_late and not is_for_logs_only:
                 reports.append(fact.replace(height=None))
         return reports
 
@@ -321,9 +331,13 @@ class Watchdog:
     def _changed_alarms(self, review: _Review) -> list[Fact]:
         """Compares the facts of a review with the active alarms, updates these, and returns what changed.
 
-        An alarm begins, or is given anew, where a fact warns that is not active with the same level and code. It is
-        over after the landing, or when its reason has not been seen for ``CALM_SECONDS``: what comes and goes is one
-        alarm. The worst fact of each light is kept for the judgement of the flight.
+        An alarm begins, or is reported again, when a fact warns with another level or code than the active alarm. It
+        ends after the landing, or when its reason has not been found for ``CALM_SECONDS``, so that a condition that
+        comes and goes gives one alarm. The worst fact of each light (motors, vibration, power, …) is kept for the
+        judgement of the whole flight.
+
+        Args:
+            review: the review that ends, with all its facts.
 
         Returns:
             Alarms, with the time of the review, and ends of alarms, with the time at which the reason was seen last;

@@ -243,7 +243,8 @@ class LiveWind:
     def restart(self) -> None:
         """Forgets samples, filter and estimates: another flight begins, or the vehicle's clock begins anew.
 
-        What is known of the drag, and the estimator's flags, stay.
+        What is known of the vehicle's drag, and the flags of the autopilot's estimator, stay. The attributes that it
+        sets are created here, since the constructor calls it, too.
         """
         self.latest: WindEstimate | None = None
         self.mean: WindEstimate | None = None
@@ -263,7 +264,9 @@ class LiveWind:
         self._check_time = -inf
 
     def add_attitude(self, time: float, roll: float, pitch: float, yaw: float) -> None:
-        """Adds an attitude of free flight; one that comes sooner than ``MIN_SAMPLE_STEP`` after the last is left out.
+        """Adds an attitude of free flight, unless it comes sooner than ``MIN_SAMPLE_STEP`` after the last one.
+
+        The wind changes slowly, so that more attitudes would only cost memory and time.
 
         Args:
             time: s of the boot clock.

@@ -224,7 +224,11 @@ class Api:
         return _json(flight)
 
     def delete_flight(self, request: HttpRequest) -> Response:
-        """Deletes a flight with its log and results; the answer has no body."""
+        """Deletes a flight with its log, its results and the columns that were read from it; the answer has no body.
+
+        Raises:
+            Refusal: the sender may not change flights, or there is no such flight.
+        """
         self._rights.require(request, Use.WRITE)
         id = request.path_params["id"]
         log = self._library.log_path(self._library.entry(id))
@@ -252,13 +256,22 @@ class Api:
         return _json(LogFields.model_validate({"id": entry.id, "messages": messages}))
 
     def samples(self, request: HttpRequest) -> Response:
-        """Answers with one field of a flight's log over time.
+        """Answers with one field of a flight's log over time, for a plot.
 
-        More samples than twice ``points`` are thinned to the extremes of intervals, so that no peak is lost.
+        A plot of ``points`` pixels can show a minimum and a maximum for each pixel. If there are more samples than
+        these, the answer has only the minimum and maximum of each of ``points`` intervals, so that no peak is lost.
+
+        Args:
+            request: its query has ``message`` and ``field``; and where wanted ``instance`` (of several equal sensors),
+                ``boot`` (number of the autopilot's boot, from 0), ``vehicle`` (``SYSTEM_COMPONENT``), ``start`` and
+                ``end`` (s), and ``points``.
+
+        Raises:
+            Refusal: the sender may not have the log, it has no such field, or a number of the query is none.
         """
         entry, log = self._log_of_fields(request)
         query = request.query_params
-        wanted = FieldRequest(
+        field_request = FieldRequest(
             message=query.get("message", ""),
             field=query.get("field", ""),
             instance=query_integer(request, "instance"),
@@ -269,19 +282,20 @@ class Api:
         end = query_decimal(request, "end", inf)
         intervals = query_number(request, "points", FIELD_INTERVALS)
         intervals = min(max(intervals, 1), MAX_FIELD_INTERVALS)
-        all_samples = self._fields.samples(log, wanted, self._document_of_page(entry))
+        all_samples = self._fields.samples(log, field_request, self._document_of_page(entry))
         samples = samples_between(all_samples, start, end)
         is_thinned = len(samples.time) > 2 * intervals
-        shown = extremes_of_intervals(samples, intervals) if is_thinned else samples
-        values = [value if isfinite(value) else None for value in shown.values.tolist()]
+        plotted = extremes_of_intervals(samples, intervals) if is_thinned else samples
+        # JSON has no infinity and no NaN.
+        values = [value if isfinite(value) else None for value in plotted.values.tolist()]
         return _json(
             PlottedField(
-                message=wanted.message,
-                field=wanted.field,
-                instance=wanted.instance,
+                message=field_request.message,
+                field=field_request.field,
+                instance=field_request.instance,
                 count=len(samples.time),
                 is_thinned=is_thinned,
-                time=shown.time.tolist(),
+                time=plotted.time.tolist(),
                 values=values,
             )
         )
@@ -305,7 +319,10 @@ class Api:
     def open_viewer(self, request: HttpRequest) -> Response:
         """Opens the recording of a flight in a viewer on this machine, and answers with the viewer's address.
 
-        A recording that does not exist yet is made; meanwhile the answer says how far it is.
+        A recording that does not exist yet is made first; until it is complete, each call answers with its progress.
+
+        Raises:
+            Refusal: the sender may not start programs here, there is no such flight, or it has no recording.
         """
         self._rights.require(request, Use.WRITE)
         entry = self._visible.entry(request, request.path_params["id"])
@@ -415,7 +432,7 @@ class Api:
             entry: the flight.
             places: place in the queue of each log that waits or is read, by its id.
         """
-        # A log that was claimed a moment ago may have none.
+        # A log that a worker claimed after the places were listed is in none of them.
         values: JsonValues = places.get(entry.id, QueuePlace())._asdict()
         if entry.stage != Stage.WAITING and not entry.is_done:
             progress = self._library.progress(entry)

@@ -201,6 +201,10 @@ class Server:
         """Returns the answer after an unexpected error, which Starlette raises again so that it is printed.
 
         The cause is a defect of the program, or a file in the library's folder that was damaged.
+
+        Args:
+            request: the request whose endpoint raised the error.
+            error: the error; only the name of its class is sent, since its text may contain paths of this machine.
         """
         fact = Fact(Request.ANSWER_FAILED, because=type(error).__name__)
         response = self._answer_to_refusal(request, fact)

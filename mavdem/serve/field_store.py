@@ -71,7 +71,7 @@ class FieldRequest(NamedTuple):
 
 
 class LogVersion(NamedTuple):
-    """A log with its content: another file in its place has other columns."""
+    """Identifies a log file with its content: when the file is replaced, its columns must be read again."""
 
     path: Path
     """Path of the log."""
@@ -136,13 +136,16 @@ class FieldStore:
     def messages(
         self, log: Path, vehicle: str = "", document: Path | None = None
     ) -> list[JsonValues]:
-        """Lists the messages of a log with their fields and instances.
+        """Lists the messages of a log with their fields and instances, after reading the log if that is necessary.
 
         Args:
             log: path of the log.
             vehicle: ``SYSTEM_COMPONENT`` of a vehicle of the log; empty for that of the flight's page.
             document: path of the document that was written with the flight's page, which says of which vehicle the page
                 is; None for the first vehicle of the log.
+
+        Returns:
+            A dictionary for each message (``MessageFields``).
 
         Raises:
             Refusal: the log cannot be read, has no such vehicle, or too many requests wait.
@@ -153,12 +156,12 @@ class FieldStore:
     def samples(
         self, log: Path, request: FieldRequest, document: Path | None = None
     ) -> FieldSamples:
-        """Returns all samples of one field.
+        """Returns all samples of one field, after reading the log if that is necessary.
 
         Args:
             log: path of the log.
-            request: the field.
-            document: as for ``messages``.
+            request: the field, with its message, instance, boot and vehicle.
+            document: path of the document that says of which vehicle the flight's page is; None for the first vehicle.
 
         Raises:
             Refusal: the log cannot be read, has no such field, or too many requests wait.
@@ -173,23 +176,27 @@ class FieldStore:
                 raise Refusal(Request.NO_SUCH_FIELD, because=str(error)) from None
 
     def remove(self, log: Path) -> None:
-        """Removes the columns of a log, such as one that is deleted; those in use go when they are not used any more.
+        """Removes the stored columns of a log, such as one that is deleted.
+
+        Columns that another request is using stay on the disk until its use ends (``_release``).
 
         Args:
             log: path of the log.
         """
-        unused = []
+        unused_logs = []
         with self._lock:
             for version in list(self._logs):
-                if version.path == log:
-                    kept = self._logs.pop(version)
-                    if not kept.users:
-                        unused.append(kept)
-        for kept in unused:
-            kept.remove_files()
+                if version.path != log:
+                    continue
+                kept_log = self._logs.pop(version)
+                if not kept_log.users:
+                    unused_logs.append(kept_log)
+        # The disk is slow, and other requests need the lock.
+        for kept_log in unused_logs:
+            kept_log.remove_files()
 
     def stop(self) -> None:
-        """Ends the process, whatever it does, and removes all columns."""
+        """Ends the worker process, even in the middle of a log, and removes the columns of all logs."""
         self._is_stopping.set()
         # A log that is being read is given up within a moment.
         with self._reader_lock:
@@ -201,11 +208,11 @@ class FieldStore:
 
     @contextmanager
     def _columns(self, log: Path, document: Path | None) -> Iterator[StoredLog]:
-        """Yields the columns of a log, which nobody removes meanwhile.
+        """Yields the columns of a log, and counts their use so that no other thread removes them meanwhile.
 
         Args:
             log: path of the log.
-            document: as for ``messages``.
+            document: path of the document that says of which vehicle the flight's page is; None for the first vehicle.
 
         Raises:
             Refusal: the log is not there or cannot be read, or too many requests wait.
@@ -216,47 +223,54 @@ class FieldStore:
             raise Refusal(Request.NO_SUCH_FLIGHT) from None
         version = LogVersion(log, status.st_size, status.st_mtime_ns)
         with self._lock:
-            kept = self._logs.setdefault(version, KeptLog())
+            kept_log = self._logs.setdefault(version, KeptLog())
+            # The logs are in the order of their last use: the first ones are removed first.
             self._logs.move_to_end(version)
-            kept.users += 1
+            kept_log.users += 1
         try:
-            columns = kept.columns
+            columns = kept_log.columns
             if columns is None:
-                columns = self._read_once(kept, log, document)
+                columns = self._read_once(kept_log, log, document)
             yield columns
         finally:
-            self._release(version, kept)
+            self._release(version, kept_log)
 
-    def _release(self, version: LogVersion, kept: KeptLog) -> None:
-        """Ends a use of a log, and removes what is not to be kept: logs that were given up, and the oldest ones.
+    def _release(self, version: LogVersion, kept_log: KeptLog) -> None:
+        """Ends one use of a log's columns, and removes all columns that are not needed any more.
+
+        Nobody needs the columns of a log whose reading was given up, those that :meth:`remove` took out of the store
+        while they were used, and those used longest ago where the store has more than ``MAX_KEPT_LOGS``.
 
         Args:
             version: the log.
-            kept: its columns, which may have been taken out of the store meanwhile.
+            kept_log: its columns.
         """
-        unused = []
+        unused_logs = []
         with self._lock:
-            kept.users -= 1
-            is_given_up = kept.columns is None and not kept.problem
-            if is_given_up and not kept.users and self._logs.get(version) is kept:
+            kept_log.users -= 1
+            is_given_up = kept_log.columns is None and not kept_log.problem
+            if is_given_up and not kept_log.users and self._logs.get(version) is kept_log:
                 del self._logs[version]
-            for old_version, old in list(self._logs.items()):
+            for old_version, old_log in list(self._logs.items()):
                 if len(self._logs) <= MAX_KEPT_LOGS:
                     break
-                if not old.users:
-                    unused.append(self._logs.pop(old_version))
-            if not kept.users and kept not in unused and self._logs.get(version) is not kept:
-                unused.append(kept)
-        for old in unused:
-            old.remove_files()
+                if not old_log.users:
+                    unused_logs.append(self._logs.pop(old_version))
+            # Another log, or none, may be in the store under this version: then the last user removes this one.
+            is_in_store = self._logs.get(version) is kept_log
+            if not kept_log.users and not is_in_store and kept_log not in unused_logs:
+                unused_logs.append(kept_log)
+        # The disk is slow, and other requests need the lock.
+        for unused_log in unused_logs:
+            unused_log.remove_files()
 
-    def _read_once(self, kept: KeptLog, log: Path, document: Path | None) -> StoredLog:
-        """Has a log read, or waits where another request has it read, and returns its columns.
+    def _read_once(self, kept_log: KeptLog, log: Path, document: Path | None) -> StoredLog:
+        """Returns the columns of a log: has the log read, or waits while another request has it read.
 
         Args:
-            kept: the place for its columns.
+            kept_log: gets the columns, or the reason why the log cannot be read.
             log: path of the log.
-            document: as for ``messages``.
+            document: path of the document that says of which vehicle the flight's page is; None for the first vehicle.
 
         Raises:
             Refusal: it cannot be read, the server is ending, or too many requests wait.
@@ -264,47 +278,54 @@ class FieldStore:
         if not self._waiting.acquire(blocking=False):
             raise Refusal(Request.UPLOADS_TOO_MANY, count=MAX_WAITING_REQUESTS, name=Crowd.FIELDS)
         try:
-            with kept.reading:
-                # A log with a problem is not tried again.
-                if kept.columns is None and not kept.problem:
+            with kept_log.reading:
+                # Another request may have had it read while this one waited for the lock. A log that cannot be read
+                # is not tried again.
+                if kept_log.columns is None and not kept_log.problem:
                     with self._reader_lock:
-                        self._read(kept, log, document)
-                if kept.columns is None:
-                    raise Refusal(Request.LOG_NOT_READ, because=kept.problem)
-                return kept.columns
+                        self._read(kept_log, log, document)
+                if kept_log.columns is None:
+                    raise Refusal(Request.LOG_NOT_READ, because=kept_log.problem)
+                return kept_log.columns
         finally:
             self._waiting.release()
 
-    def _read(self, kept: KeptLog, log: Path, document: Path | None) -> None:
-        """Has a log read by the worker process.
+    def _read(self, kept_log: KeptLog, log: Path, document: Path | None) -> None:
+        """Has a log read by the worker process, which writes its columns into a temporary folder.
+
+        A reason that would be the same at the next attempt is stored; any other one is only raised, so that the next
+        request tries again.
 
         Args:
-            kept: gets the columns, or the reason why the log cannot be read.
+            kept_log: gets the columns, or the reason why the log cannot be read.
             log: path of the log.
-            document: as for ``messages``.
+            document: path of the document that says of which vehicle the flight's page is; None for the first vehicle.
 
         Raises:
             Refusal: the log could not be read this time, or the server is ending.
         """
         if self._is_stopping.is_set():
             raise _refusal_at_end()
+        # The folder of all columns of this server is made for the first log that somebody plots.
         if self._parent is None:
             _remove_leftovers()
             self._parent = Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX))
             self._server_lock = register_server(self._parent / SERVER_FILE)
-        kept.folder = Path(tempfile.mkdtemp(dir=self._parent))
-        read = partial(write_columns, kept.folder, document)
+        kept_log.folder = Path(tempfile.mkdtemp(dir=self._parent))
+        read = partial(write_columns, kept_log.folder, document)
         outcome = self._reader.read(Job(str(log)), self._limits, read)
+        # A job that fails has a row with the reason.
         if outcome is not None and outcome.ended == "read" and not outcome.rows:
-            kept.columns = open_columns(kept.folder)
+            kept_log.columns = open_columns(kept_log.folder)
             return
-        shutil.rmtree(kept.folder, ignore_errors=True)
+        shutil.rmtree(kept_log.folder, ignore_errors=True)
+        # A job without an outcome was given up because the server is ending.
         if outcome is None:
             raise _refusal_at_end()
         problem = str(outcome.rows[0].status)
         if outcome.ended not in LASTING_ENDINGS:
             raise Refusal(Request.LOG_NOT_READ, because=problem)
-        kept.problem = problem
+        kept_log.problem = problem
 
 
 def _refusal_at_end() -> Refusal:
@@ -313,9 +334,9 @@ def _refusal_at_end() -> Refusal:
 
 
 def _remove_leftovers() -> None:
-    """Removes the columns of servers that were killed: their files are not locked any more."""
+    """Removes the temporary folders with columns of servers that were killed: nobody holds the lock of their file."""
     for folder in Path(tempfile.gettempdir()).glob(f"{FOLDER_PREFIX}*"):
-        # Other users' folders cannot be opened. One without the file is that of a server which starts right now.
+        # Folders of other users cannot be opened. A folder without the file belongs to a server that is just starting.
         with suppress(OSError):
             server_file = folder / SERVER_FILE
             if server_file.is_file() and not is_locked(server_file):

@@ -276,13 +276,14 @@ class Library:
         """Adds entries of logs that ``mavdem track`` has read, if the SQLite file changed since the last call.
 
         A log is left out if the index has its path, or another path of the same content. SQLite's data version changes
-        with every commit of another connection; comparing it is cheap enough to be done every second.
+        with every commit of another connection; comparing it is cheap enough to be done every second. The version of
+        the last call is kept for each thread, since each thread has a connection of its own.
         """
         (version,) = self.db.execute("pragma data_version").fetchone()
         if version == self._thread_state.fleet_version:
             return
-        # Paths in the index may be relative to the library's folder, those of the fleet are absolute.
-        # They have this system's separator, paths in the index the one of POSIX.
+        # Finds the keys of all logs that the index has. Paths of the fleet's table ``logs`` are absolute and have this
+        # system's separator; paths in the index may be relative to the library's folder and have the one of POSIX.
         indexed_logs = """select logs.log from entries
         join logs on logs.path in (entries.path, ? || replace(entries.path, '/', ?))"""
         query = f"""select row, file from flights where file is not null and log not in ({indexed_logs})
@@ -438,7 +439,13 @@ class Library:
         self.table_is_outdated.set()
 
     def delete(self, id: str) -> None:
-        """Deletes a flight: its entry, log, results and rows. A log outside the library's folder stays on the disk."""
+        """Deletes a flight: its entry, given name, log, results and rows in the fleet's store.
+
+        A log outside the library's folder stays on the disk.
+
+        Raises:
+            Refusal: there is no such flight, or the disk is full.
+        """
         entry = self.entry(id)
         source = source_of(str(self.log_path(entry)))
         with self.transaction() as db:

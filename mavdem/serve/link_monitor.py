@@ -82,7 +82,7 @@ class LinkMonitor:
 
     @property
     def page(self) -> str:
-        """The HTML of the running session, of a few seconds ago.
+        """The HTML page of the running session, which is at most a few seconds old.
 
         Raises:
             Refusal: no session runs any more.
@@ -158,7 +158,12 @@ class LinkMonitor:
         return self._is_stopping.is_set() or self._silent_pages >= MAX_SILENT_PAGES
 
     def _update_page(self, session: LiveSession) -> None:
-        """Makes the page of a session anew, and counts the pages without anything received.
+        """Makes the page of a session anew, and counts the successive pages between which nothing was received.
+
+        The caller ends the session when this count, ``_silent_pages``, shows that the vehicle is gone.
+
+        Args:
+            session: the running session, which records what it receives.
 
         Raises:
             Refusal: the library has no room, so that the session should end while its recording can still be kept.
@@ -188,10 +193,13 @@ def _ignore(_: object) -> None:
 
 
 def _raise_when_recording_ended(fact: Fact) -> None:
-    """Ends the session by an error when its recording cannot be written any more.
+    """Ends the session by an error when its recording cannot be written any more; ignores all other facts.
+
+    Args:
+        fact: what the session reports about its link.
 
     Raises:
-        OSError: the fact says so.
+        OSError: the fact reports the end of the recording.
     """
     if fact.code is LinkFact.STREAM_RECORDING_ENDED:
         raise OSError(fact.figures["error"])

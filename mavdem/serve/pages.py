@@ -138,8 +138,10 @@ class Pages:
         """Answers with the page of a flight, below the bar of the library with its downloads and settings.
 
         While the log is being read, or where it cannot be read, the answer is a page that says so, with the plots that
-        are drawn so far. The query ``vehicle`` chooses
-        another vehicle of the log.
+        are drawn so far. The query ``vehicle`` chooses another vehicle of the log.
+
+        Raises:
+            Refusal: there is no such flight, or the visitor may not see it.
         """
         entry = self._visible.entry(request, request.path_params["id"])
         values = self._visible.visitor_values(request) | {"flight": entry}
@@ -166,7 +168,11 @@ class Pages:
     def viewer(self, request: HttpRequest) -> Response:
         """Answers with the page that shows the recording of a flight in Rerun's viewer, in a frame.
 
-        While somebody looks at the page, it has the viewer kept open, or started again.
+        The page itself has no recording. While it is visible, its script asks the server every half minute to keep the
+        viewer running, or to start it again.
+
+        Raises:
+            Refusal: the visitor may not read, there is no such flight, or it has no recording.
         """
         self._rights.require(request, Use.READ)
         entry = self._visible.entry(request, request.path_params["id"])
@@ -278,6 +284,9 @@ class Pages:
         """Answers with the page of a vehicle: its flights over time, and how the latest differs from the baseline.
 
         The query ``name`` is the vehicle's name. Logs may have several vehicles, so that rows are filtered by it again.
+
+        Raises:
+            Refusal: the visitor may not read, or the library has no flight of such a vehicle.
         """
         self._rights.require(request, Use.READ)
         name = request.query_params.get("name", "")

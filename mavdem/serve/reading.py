@@ -85,11 +85,16 @@ class ProgressFile:
 
     @contextmanager
     def show_step(self, title: str, measured: bool = True) -> Iterator[Callable[[float], None]]:
-        """Writes a step of the stage; a ``mavdem.assessment.axis.analysis.ShowStep``.
+        """Writes into the file which step of the present stage is being done, and how much of it.
+
+        The assessment of a flight calls this for each of its steps (``mavdem.assessment.axis.analysis.ShowStep``).
 
         Args:
             title: the step in words.
-            measured: whether the function that it yields is called with the share of the step that is done.
+            measured: whether the block reports its progress. Without it, no share is shown.
+
+        Yields:
+            A function that takes the share of the step that is done, 0 to 1.
         """
         self._write(step=title, share=0.0 if measured else None)
         yield lambda share: self._write(share=share)
@@ -104,7 +109,8 @@ class ProgressFile:
 def read_stored_log(path: Path) -> Log:
     """Reads a log of the library.
 
-    It is read by its name alone, since results show that: the server's folders are nobody's business.
+    The results show the path by which a log was read. So the log is read by its name alone, from within its folder:
+    visitors of the server need not see the folders of its machine.
 
     Args:
         path: path of the log, ``FOLDER/logs/DIGEST/NAME``.
@@ -181,13 +187,14 @@ def publish_table(path: Path, key: str, page: object) -> LogRows:
 # Damaged messages hold infinite numbers and NaN.
 @np.errstate(all="ignore")
 def _write_first_plots(log: Log, path: Path) -> None:
-    """Writes what a flight did over time, for those who wait: the assessment takes ten times as long as the reading.
+    """Writes plots of a flight over time, which are shown while its assessment is awaited.
 
-    The plots are those of the first vehicle of the log that has any; without one, no file is written.
+    The assessment takes ten times as long as the reading. The plots are those of the first vehicle of the log that has
+    any; without one, no file is written.
 
     Args:
         log: the log.
-        path: the file with this part of a page.
+        path: path of the file with the HTML of the plots.
     """
     for telemetry in log.vehicles:
         signals = Signals(telemetry)
@@ -198,7 +205,11 @@ def _write_first_plots(log: Log, path: Path) -> None:
 
 
 def _assessed_vehicles(log: Log, progress: ProgressFile) -> list[AssessedVehicle]:
-    """Assesses each vehicle of a log and reports the progress.
+    """Assesses the flight of each vehicle of a log and reports the progress.
+
+    Args:
+        log: the log, with at least one vehicle.
+        progress: gets the stages and, as soon as they are known, the sentences and levels of each assessment.
 
     Returns:
         The vehicles, the worst that flew first.

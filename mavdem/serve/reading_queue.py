@@ -51,7 +51,9 @@ class QueuePlace(NamedTuple):
 def queue_places(library: Library) -> dict[str, QueuePlace]:
     """Returns the places of all logs that wait or are being read, by their ids.
 
-    All processes are taken to be busy while logs wait, so that as many logs are read at a time as are read now.
+    The end of a log that is being read follows from the estimated duration of its reading and its beginning. A waiting
+    log begins when the work before it is done. That work is shared by as many processes as read logs now, since all
+    processes are busy while logs wait.
 
     Args:
         library: the library with the logs.
@@ -67,14 +69,12 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
         sizes = {size for _, size in waiting} | {entry.size for entry in reading}
         seconds_by_size = {size: estimated_seconds(size, history) for size in sizes}
     places = dict[str, QueuePlace]()
+    # Processor time of all work that is done before the next waiting log begins, s.
     seconds_before = 0.0
     for entry in reading:
         if entry.size in seconds_by_size:
             begin = float(library.progress(entry).get("started", now))
-            seconds_so_far = max(now - begin, 0.0)
-            remaining = max(
-                seconds_by_size[entry.size] - seconds_so_far, MIN_REMAINING_SHARE * seconds_so_far
-            )
+            remaining = _remaining_seconds(seconds_by_size[entry.size], now - begin)
             seconds_before += remaining
             places[entry.id] = QueuePlace(0, _rounded(now + remaining))
     processes = max(len(reading), 1)
@@ -88,18 +88,34 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
     return places
 
 
-def estimated_seconds(size: int, history: Sequence[ReadLogSize]) -> float:
-    """Estimates how long the reading of a log takes, s.
+def _remaining_seconds(estimate: float, seconds_so_far: float) -> float:
+    """Returns how much longer the reading of a log probably takes, s.
 
-    The estimate is the median over the ``NEIGHBOURS`` logs of the nearest sizes of the duration of each, in proportion
-    to the size.
+    A log that has taken longer than its estimate is expected to go on for ``MIN_REMAINING_SHARE`` of the time so far.
+
+    Args:
+        estimate: estimated duration of the whole reading, s.
+        seconds_so_far: since when it is being read, s; below 0 where the clock was set back.
+    """
+    seconds_so_far = max(seconds_so_far, 0.0)
+    return max(estimate - seconds_so_far, MIN_REMAINING_SHARE * seconds_so_far)
+
+
+def estimated_seconds(size: int, history: Sequence[ReadLogSize]) -> float:
+    """Estimates how long the reading of a log takes, s, from the logs of similar size that were read before.
+
+    Each of the ``NEIGHBOURS`` logs of the nearest sizes gives an estimate: its own duration, scaled in proportion to
+    the size. The median of these estimates is returned.
 
     Args:
         size: size of the log, B.
         history: logs that were read, at least one, in order of size.
     """
+    # The neighbours are centred on the place of this size in the order, but stay within the list.
     place = bisect(history, ReadLogSize(size, math.inf))
-    first = min(max(place - (NEIGHBOURS + 1) // 2, 0), max(len(history) - NEIGHBOURS, 0))
+    centred_first = max(place - (NEIGHBOURS + 1) // 2, 0)
+    last_possible_first = max(len(history) - NEIGHBOURS, 0)
+    first = min(centred_first, last_possible_first)
     neighbours = history[first : first + NEIGHBOURS]
     return statistics.median(log.seconds * size / log.size for log in neighbours)
 

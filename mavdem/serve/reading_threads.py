@@ -111,9 +111,10 @@ class ReadingThreads:
         reader.stop()
 
     def _wait_for_log(self) -> None:
-        """Waits until a log is added, for a second at most.
+        """Waits until a log is added, for ``RETRY_SECONDS`` at most.
 
-        Before, it takes over the logs of servers that have died, and adds those that ``mavdem track`` has read.
+        Before it waits, it does what nothing else announces: it takes over the logs of servers that have died, and
+        adds those that ``mavdem track`` has read.
         """
         if dead_servers(self._library):
             recover(self._library)
@@ -123,6 +124,10 @@ class ReadingThreads:
 
     def _read_log(self, reader: LogReader | Cluster, entry: Entry) -> None:
         """Has a claimed log read, and stores its outcome; without an outcome the server is ending.
+
+        Args:
+            reader: reads the log, within the limits of time and memory.
+            entry: the log, as this thread has claimed it.
 
         Raises:
             Refusal, OSError, sqlite3.Error: the log cannot be read now, and waits again.
@@ -140,6 +145,10 @@ class ReadingThreads:
 
     def _make_recordings(self, reader: LogReader | Cluster, entry: Entry) -> None:
         """Has the recordings of a flight made, and stores the outcome; without an outcome the server is ending.
+
+        Args:
+            reader: runs the work, within the limits of time and memory.
+            entry: the flight, whose recordings this thread has claimed.
 
         Raises:
             Refusal, OSError, sqlite3.Error: they cannot be made now, and wait again.

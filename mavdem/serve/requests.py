@@ -61,7 +61,12 @@ def query_number(request: HttpRequest, name: str, default: int) -> int:
 
 
 def query_decimal(request: HttpRequest, name: str, default: float) -> float:
-    """Returns a number in the query of a URL; the default where there is none.
+    """Returns a number in the query of a URL.
+
+    Args:
+        request: the request with the URL.
+        name: key of the number in the query.
+        default: what is returned where the query does not have this key.
 
     Raises:
         Refusal: what is there is no finite number.

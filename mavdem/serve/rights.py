@@ -58,6 +58,10 @@ class Rights:
 
         The token, or the key for writing, in the header Authorization allows every use. The cookie allows reading
         only, and the key in the path of an upload's address allows uploading only.
+
+        Args:
+            request: the request, whose headers, cookies and path may have a secret.
+            use: what the sender wants to do.
         """
         if self._secret_allows(_bearer_secret(request), Use.WRITE):
             return True
@@ -79,9 +83,9 @@ class Rights:
             Use.READ: request.cookies.get(COOKIE_NAME),
             Use.UPLOAD: request.path_params.get("key"),
         }
-        return any(
-            secret and not self._secret_allows(secret, use) for use, secret in secrets.items()
-        )
+        # A request without a secret guesses nothing.
+        sent_secrets = {use: secret for use, secret in secrets.items() if secret}
+        return not all(self._secret_allows(secret, use) for use, secret in sent_secrets.items())
 
     def has_wrong_cookie(self, request: HTTPConnection) -> bool:
         """Returns whether a request has the cookie of an earlier token, or a made-up one."""
@@ -115,7 +119,8 @@ class Rights:
     def check_origin(self, request: HTTPConnection) -> None:
         """Checks that a request is addressed to this machine, and is not made by a page of another site.
 
-        Requests that only read (GET, HEAD) may come from other sites, since browsers do not show them the answer.
+        The first check prevents DNS rebinding, the second cross-site request forgery. Requests that only read (GET,
+        HEAD) may come from other sites, since browsers do not show them the answer.
 
         Raises:
             Refusal: the request is for another host, or would change something on behalf of another site.

@@ -70,6 +70,9 @@ def search_condition(text: str) -> SqlCondition:
     Args:
         text: words separated by spaces. A word such as ``wind>5`` compares a property; any other word must occur in the
             texts of the entry, as must one that looks like a comparison of an unknown property.
+
+    Returns:
+        The condition on the table ``entries``; all entries meet that of an empty search.
     """
     conditions = [SqlCondition("1")]
     for word in text.split()[:MAX_SEARCH_WORDS]:

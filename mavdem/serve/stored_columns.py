@@ -41,6 +41,10 @@ ALIGNMENT = 8
 """Bytes at whose multiples columns begin: no number is larger, and NumPy is slow with numbers that are not aligned."""
 
 
+NUMERIC_KINDS = "biuf"
+"""Kinds of NumPy's types whose columns are kept: truth values, integers with and without a sign, floating point."""
+
+
 class StoredColumn(NamedTuple):
     """Where a column is in the file."""
 
@@ -110,7 +114,10 @@ class StoredLog(NamedTuple):
 def write_columns(
     folder: Path, document: Path | None, path: Path, key: str, page: object
 ) -> LogRows:
-    """Writes all numeric columns of a log; with the first two given, a ``ReadLog`` function for worker processes.
+    """Reads a log and writes all its numeric columns into one file, and a list of them into another.
+
+    Worker processes run functions of the type ``ReadLog``, which have the last three arguments; the caller fills in the
+    first two (``functools.partial``).
 
     Args:
         folder: the folder that gets the files.
@@ -127,30 +134,37 @@ def write_columns(
         Unreadable: the log cannot be read, or has more fields or bytes than are kept.
     """
     log = read_stored_log(path)
-    first = log.vehicles[0]
+    first_vehicle = log.vehicles[0]
     if document is not None and document.is_file():
-        first = vehicle_of_page(log, document)
-    vehicles = [first, *(vehicle for vehicle in log.vehicles if vehicle is not first)]
-    listed = []
-    fields = 0
+        first_vehicle = vehicle_of_page(log, document)
+    other_vehicles = [vehicle for vehicle in log.vehicles if vehicle is not first_vehicle]
+    stored_vehicles = []
+    field_count = 0
     with Path(folder, COLUMNS_FILE).open("wb") as file:
-        for vehicle in vehicles:
+        for vehicle in [first_vehicle, *other_vehicles]:
             telemetry = with_all_messages(vehicle, path)
             # The columns are counted first: the list of half a million fields takes minutes.
-            fields += sum(_numeric_columns(columns) for columns in telemetry.messages.values())
-            if fields > MAX_FIELDS:
-                raise Unreadable(Fact(Reading.FIELDS_TOO_MANY, count=fields, limit=MAX_FIELDS))
-            listed.append(_written_vehicle(telemetry, file))
-    Path(folder, VEHICLES_FILE).write_text(json.dumps(listed), "utf-8")
+            for columns in telemetry.messages.values():
+                field_count += _numeric_columns(columns)
+            if field_count > MAX_FIELDS:
+                fact = Fact(Reading.FIELDS_TOO_MANY, count=field_count, limit=MAX_FIELDS)
+                raise Unreadable(fact)
+            stored_vehicles.append(_written_vehicle(telemetry, file))
+    Path(folder, VEHICLES_FILE).write_text(json.dumps(stored_vehicles), "utf-8")
     return [], {}
 
 
 def open_columns(folder: Path) -> StoredLog:
-    """Returns the columns of a log from the folder to which ``write_columns`` wrote them."""
+    """Returns the columns of a log from the folder to which ``write_columns`` wrote them.
+
+    Only the list of columns is read. The file with their values is mapped into memory, so that the operating system
+    reads the columns that are used.
+    """
     vehicles = []
     for values in json.loads(Path(folder, VEHICLES_FILE).read_text("utf-8")):
         vehicle = StoredVehicle(*values)
         columns = {}
+        # JSON has lists in the place of the named tuples.
         for message, places in vehicle.columns.items():
             columns[message] = {name: StoredColumn(*place) for name, place in places.items()}
         vehicles.append(vehicle._replace(columns=columns))
@@ -164,17 +178,19 @@ def _numeric_columns(columns: Columns) -> int:
     """Returns the number of numeric columns of a message, each element of an array by itself."""
     count = 0
     for values in columns.values():
-        if values.dtype.kind in "biuf":
+        if values.dtype.kind in NUMERIC_KINDS:
             count += 1 if values.ndim == 1 else values.shape[1]
     return count
 
 
 def _written_vehicle(telemetry: Telemetry, file: BinaryIO) -> StoredVehicle:
-    """Appends the columns of a vehicle to the file, and returns what is listed of it.
+    """Appends the columns of a vehicle to the file of columns, and returns the list of where each of them begins.
+
+    Only numeric columns are written: truth values, integers and floating-point numbers.
 
     Args:
         telemetry: what the vehicle sent.
-        file: the file of columns.
+        file: the file of columns, open for writing.
 
     Raises:
         Unreadable: the columns take more than ``MAX_COLUMN_BYTES``.
@@ -183,13 +199,14 @@ def _written_vehicle(telemetry: Telemetry, file: BinaryIO) -> StoredVehicle:
     for message, columns in telemetry.messages.items():
         places[message] = {}
         for name, values in columns.items():
-            if values.dtype.kind not in "biuf":
+            if values.dtype.kind not in NUMERIC_KINDS:
                 continue
             if file.tell() + values.nbytes > MAX_COLUMN_BYTES:
                 limit = MAX_COLUMN_BYTES >> 20
                 raise Unreadable(Fact(Reading.COLUMNS_TOO_LARGE, memory_limit=limit))
             places[message][name] = StoredColumn(file.tell(), values.dtype.str, values.shape)
             file.write(np.ascontiguousarray(values).data)
+            # Zeros fill the file up to the aligned beginning of the next column.
             file.write(bytes(-file.tell() % ALIGNMENT))
     return StoredVehicle(
         vehicle=f"{telemetry.system}_{telemetry.component}",

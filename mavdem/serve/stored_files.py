@@ -136,12 +136,15 @@ class ServerLock:
 
 
 def register_server(path: Path) -> ServerLock:
-    """Makes the file of a server that starts, which other servers see, and returns the lock that it holds.
+    """Makes the file by which other servers know of a server that starts, and returns the lock that it holds.
 
-    The lock beside the file is taken first: a server without a lock has died, to others.
+    The lock is taken before the file is made: other servers take a file without a lock for that of a dead server.
 
     Args:
-        path: path of the server's file.
+        path: path of the server's file; its lock lies beside it.
+
+    Raises:
+        Timeout: another process holds the lock.
     """
     lock = ServerLock(path)
     lock.acquire()
@@ -150,9 +153,10 @@ def register_server(path: Path) -> ServerLock:
 
 
 def is_locked(path: Path) -> bool:
-    """Returns whether the process of a server lives, which holds its lock.
+    """Returns whether the server of a file is running, since it then holds the lock of that file.
 
-    The operating system releases the lock when the process ends in any way.
+    The operating system releases the lock when the process ends in any way. To find out, the lock is taken, and
+    released at once.
 
     Args:
         path: path of the server's file.

@@ -54,6 +54,11 @@ class RecordingViewer:
     def open(self, recording: Path) -> str:
         """Starts a viewer for a recording, in place of the one for another recording, unless it runs already.
 
+        Either way the time after which an unused viewer ends begins anew.
+
+        Args:
+            recording: path of the recording.
+
         Returns:
             The address of its page.
 
@@ -74,7 +79,14 @@ class RecordingViewer:
             return server.page
 
     def _watch(self, server: WebServer) -> None:
-        """Runs in a thread for each viewer: ends it when nobody uses it any more."""
+        """Runs in a thread for each viewer: ends the viewer when nobody uses it any more.
+
+        A viewer is unused when no browser was connected for ``MAX_SECONDS_WITHOUT_TAB``, or when its page did not ask
+        for it (``open``) for ``MAX_IDLE_SECONDS``. The thread ends with its viewer, or when another replaces it.
+
+        Args:
+            server: the process of the viewer.
+        """
         while server.process.poll() is None:
             time.sleep(WATCH_SECONDS)
             now = time.monotonic()
@@ -84,8 +96,9 @@ class RecordingViewer:
                     return
                 if has_visitor:
                     self._last_visit = now
-                is_left = now - self._last_visit > MAX_SECONDS_WITHOUT_TAB
-                if is_left or now - self._opened > MAX_IDLE_SECONDS:
+                is_tab_closed = now - self._last_visit > MAX_SECONDS_WITHOUT_TAB
+                is_idle = now - self._opened > MAX_IDLE_SECONDS
+                if is_tab_closed or is_idle:
                     self.close()
                     return
 
@@ -110,9 +123,8 @@ def has_connections(process_id: int) -> bool:
 def _start_viewer(recording: Path) -> WebServer:
     """Starts a Rerun viewer that shows a recording in browsers, and waits until it accepts connections.
 
-    It is a process with two ports that are free: one for recordings, one for the page in the browser.
-
-    The browser is sent to the viewer's address at once, where it would find nothing while the viewer is starting.
+    The viewer is a process that listens on two free ports: one for recordings, one for the page in the browser. The
+    caller sends the browser to that page at once, so it must be there when this function returns.
 
     Args:
         recording: path of the recording that it shows.

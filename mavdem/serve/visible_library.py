@@ -69,13 +69,17 @@ class VisibleLibrary:
         return entry
 
     def log_path(self, request: HttpRequest, entry: Entry) -> Path:
-        """Returns the path of the log of a flight.
+        """Returns the path of the log of a flight, after checking that the sender of a request may have it.
 
         Whoever may read all flights may have the log, or any field of it; others only where its owner shares it with
         those who may see the flight.
 
+        Args:
+            request: the request, for the sender's rights.
+            entry: a flight that the sender may see.
+
         Raises:
-            Refusal: the sender may not have it.
+            Refusal: the sender may not have the log.
         """
         if not entry.log_shared and not self.rights.allows(request, Use.READ):
             raise Refusal(Request.NO_RIGHT, name=Use.DOWNLOAD)
@@ -88,12 +92,19 @@ class VisibleLibrary:
             request: its query has the search as ``q``, the order as ``sort``, a value of ``Order``, and the number of
                 flights to skip as ``offset``.
             limit: number of flights that are returned, at most.
+
+        Returns:
+            The flights, the number of all that match, and the search as it was understood.
+
+        Raises:
+            Refusal: the offset is no number.
         """
         query = request.query_params.get("q", "")[:MAX_SEARCH_LETTERS]
         offset = query_number(request, "offset", 0)
         is_by_flight = request.query_params.get("sort") == Order.FLIGHT
         order = Order.FLIGHT if is_by_flight else Order.UPLOAD
         where, values = search_condition(query)
+        # Whoever may not read all flights finds only the public ones.
         if not self.rights.allows(request, Use.READ):
             where = f"sharing = '{Sharing.PUBLIC}' and {where}"
         entries, total = self.library.find(where, values, limit, offset, order)
