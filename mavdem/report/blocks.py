@@ -88,15 +88,16 @@ def _block_as_text(block: Block) -> str:
     """
     if isinstance(block, Sentence):
         return f"{block.lead} {block.text}".strip()
-    columns = []
+    padded_columns = []
     for number, cells in enumerate(zip(block.header, *block.rows, strict=True)):
-        is_left_aligned = block.words or number == 0
         width = max(len(cell) for cell in cells)
-        columns.append(
-            [cell.ljust(width) if is_left_aligned else cell.rjust(width) for cell in cells]
-        )
-    lines = zip(*columns, strict=True)
-    return "\n".join("  ".join(line).rstrip() for line in lines)
+        is_left_aligned = block.words or number == 0
+        if is_left_aligned:
+            padded_columns.append([cell.ljust(width) for cell in cells])
+        else:
+            padded_columns.append([cell.rjust(width) for cell in cells])
+    lines = ["  ".join(cells).rstrip() for cells in zip(*padded_columns, strict=True)]
+    return "\n".join(lines)
 
 
 def markdown(blocks: Iterable[Block]) -> str:
@@ -118,8 +119,9 @@ def _block_as_markdown(block: Block) -> str:
         lead = f"**{block.lead}** " if block.lead else ""
         return f"{lead}{text}".rstrip()
     alignment = "---" if block.words else "---:"
-    rule = ["---", *[alignment] * (len(block.header) - 1)]
-    return "\n".join("| " + " | ".join(row) + " |" for row in [block.header, rule, *block.rows])
+    alignments = ["---"] + [alignment] * (len(block.header) - 1)
+    lines = [block.header, alignments, *block.rows]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
 
 
 def shortened(text: str, columns: int) -> str:

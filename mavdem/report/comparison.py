@@ -26,10 +26,14 @@ STANDARD_ORDER = 3
 
 
 def comparison_report(comparison: Comparison) -> Iterator[Block]:
-    """Yields the report of a comparison: how the first method does, all errors, failures, and what the columns mean.
+    """Yields the report of a comparison of forecasting methods: the result, tables of errors, failures, and a legend.
 
-    Methods answer two questions: what happens with known inputs and, those that can, what comes next without them. Each
-    has a table of its own.
+    All methods forecast with the recorded inputs of the test part. Some can also forecast without them. These two
+    questions are different, and each has a sentence and a table of its own.
+
+    Args:
+        comparison: errors and paired tests of all methods; the first method is the one that the others are compared
+            with.
     """
     questions = [KNOWN]
     if comparison.methods_of(UNKNOWN):
@@ -86,11 +90,11 @@ def _result_text(comparison: Comparison, question: Question) -> str:
 
 
 def _error_blocks(comparison: Comparison, question: Question) -> Blocks:
-    """Returns a table of all methods with their errors, and before it what the table shows and a caution.
+    """Returns a sentence, perhaps a caution, and a table with the errors of all methods.
 
-    A row has the error ratio at each horizon, how often the method failed, the paired test against the reference, and
-    the share of samples in its 90 % band. The caution says that the reference's band is too narrow, if it holds clearly
-    fewer samples than 90 %.
+    A row has the error ratio at each horizon, how often the method failed, the ratio and the p-value of the paired test
+    against the reference, and the share of samples in its 90 % band. The caution says that the reference's band is too
+    narrow, if it holds clearly fewer samples than 90 %.
 
     Args:
         comparison: errors and tests of all methods.

@@ -124,10 +124,15 @@ def stream_contents(contents: JsonValues) -> list[Sentence]:
 
 
 def _is_lossy(sender: JsonValues) -> bool:
-    """Returns whether a link lost messages of a sender, by gaps in sequence numbers and in periodic streams.
+    """Returns whether a link lost messages of a sender.
 
-    Where no stream has gaps although numbers are missing, nothing was lost: the log keeps only some kinds of messages.
-    So missing numbers count only if the periodic messages lack a similar share, at least half of it or 1 %.
+    Sequence numbers are missing if messages were lost, but also if the log keeps only some kinds of messages. In the
+    second case the periodic messages have no gaps. So missing numbers count as losses only if the periodic messages
+    lack at least half of the same share, or ``MIN_LOST_SHARE``.
+
+    Args:
+        sender: a sender of an inventory: "lost_share" by the sequence numbers, and "missing_share" by the gaps in its
+            periodic messages, None without any such message.
     """
     lost_share = sender["lost_share"]
     missing_share = sender["missing_share"]
@@ -200,8 +205,7 @@ def wind_tables(wind: WindVelocity) -> Blocks:
 
     Each row has the start of the minute (s) or the height of the layer (m), the wind speed (m/s), and the direction
     that the wind comes from (°). A table with a single row is left out, since it would only repeat the mean of the
-    flight. There is no table where the data does not
-    determine the wind speed.
+    flight. There is no table where the data does not determine the wind speed.
 
     Args:
         wind: estimated wind of a flight.
@@ -238,10 +242,13 @@ def drag_table(drag: Drag, settings: Mapping[str, tuple[float, float, float]]) -
 
 
 def air_blocks(assessment: Assessment) -> Blocks:
-    """Returns the wind of a log in sentences, as :func:`wind_blocks` does, and how much of the wind torque it explains.
+    """Returns what an assessment knows about the air: wind speed and direction, and its share of the wind torque.
 
-    The wind torque is the part of the torque that the motors do not explain. The result is empty where the log was not
-    searched for wind.
+    The wind torque is the part of the torque that the motors do not explain; gusts of the estimated wind explain some
+    of it. The result is empty where the vehicle was not judged at all.
+
+    Args:
+        assessment: of a log.
     """
     if assessment.evidence is None:
         return []

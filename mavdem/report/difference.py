@@ -88,11 +88,11 @@ def difference_blocks(
         parameters: parameters of the autopilot that changed.
         lacking: the sides, "A" or "B", whose parameters are not known.
     """
-    by_reason = group_by(difference.incomparable, lambda missing: missing.reason)
-    not_compared = [
-        Sentence(f"{listed(missing.quantity for missing in quantities)}: {reason}", "Not compared:")
-        for reason, quantities in by_reason.items()
-    ]
+    missing_by_reason = group_by(difference.incomparable, lambda missing: missing.reason)
+    not_compared = []
+    for reason, missing_quantities in missing_by_reason.items():
+        names = listed(missing.quantity for missing in missing_quantities)
+        not_compared.append(Sentence(f"{names}: {reason}", "Not compared:"))
     conclusions = render_section("difference", difference, between=SD_BETWEEN_FLIGHTS)
     parameter_sentences = render_section(
         "difference_parameters", difference, parameters=parameters, lacking=lacking
@@ -292,17 +292,21 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
 
 
 def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
-    """Yields a text for each kind of quantity that is the same, such as "share of motor 1 and motor 2 (± 2 %)".
+    """Yields a text for each kind of quantity, such as "share of motor 1 and motor 2 (± 2 %)".
 
-    The half width is the widest one of these quantities, so that it holds for each.
+    Args:
+        changes: of quantities that stayed the same. Those of one kind share a text, with the widest half width of their
+            90 % intervals, so that it holds for each.
     """
-    for kind, of_kind in group_by(changes, lambda change: change.quantity.kind).items():
+    changes_by_kind = group_by(changes, lambda change: change.quantity.kind)
+    for kind, changes_of_kind in changes_by_kind.items():
         shown = SHOWN_QUANTITIES[kind]
         names = []
-        for change in of_kind:
+        for change in changes_of_kind:
+            # Quantities of an axis have the motor 0.
             motor = change.quantity.motor
             names.append(f"motor {motor}" if motor else change.quantity.axis)
-        widest = max(change.half_width for change in of_kind)
+        widest = max(change.half_width for change in changes_of_kind)
         width = f"{rounded(shown.scale * widest)} {shown.unit}"
         if kind in LOGARITHMIC_KINDS:
             width = f"{rounded(100 * widest)} %"
@@ -317,9 +321,12 @@ def _signed(number: str) -> str:
 
 
 def _vehicle_doubts(difference: VehicleDifference) -> Blocks:
-    """Returns doubts whether both states are of one vehicle, as cautions.
+    """Returns cautions about whether both states are of one vehicle, by the names of their vehicles.
 
-    Where a state has no vehicle's name, a sentence says just that: nothing more can be told.
+    Where the vehicle of a state has no name, this cannot be checked, and a sentence says so.
+
+    Args:
+        difference: comparison of two states, with the names of the vehicles of each.
     """
     before, after = difference.vehicles
     if UNKNOWN in (*before, *after):

@@ -171,10 +171,13 @@ def badge_level(flights: Flights) -> Level:
 
 
 def urgency(flights: Flights) -> Urgency:
-    """Returns what a vehicle is sorted by: how bad its latest judged flight is, then how recently it flew.
+    """Returns the key by which the vehicles of a fleet are sorted: the worst first, of equal ones the latest flown.
 
-    The rank is the position of the health in ``HEALTHS``, the worst first. A bad headline of the latest flight raises
-    it to just behind a drift.
+    The rank is the position of the motors' health in ``HEALTHS``, which begins with the worst. If the headline of the
+    latest flight is bad, the vehicle ranks at least just behind one whose motors drift.
+
+    Args:
+        flights: flights of the vehicle in order of date, at least one.
     """
     rank: float = HEALTHS.index(MotorHealth(vehicle_health(flights)))
     if bad_headline(flights):

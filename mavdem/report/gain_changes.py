@@ -101,7 +101,14 @@ def gain_changes(
 
 
 def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:
-    """Yields the advised gains by stage, since those of a stage are flown before those of the next are loaded."""
+    """Yields the advised gains of each stage as one set, in the order in which they are to be flown.
+
+    Rate loops are tuned before the attitude loops around them: the gains of a stage are flown before those of the next
+    one are loaded. With several stages, each set has a suffix for the name of its file.
+
+    Args:
+        advice: by axis, the advice, or a fact why there is none.
+    """
     axes_of_stage: dict[Stage, dict[str, Gain]] = {}
     for axis_advice in advice.values():
         if isinstance(axis_advice, Advice) and axis_advice.stage is not None:
@@ -113,11 +120,17 @@ def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:
 
 
 def _gains_to_lower(fact: Fact) -> Iterator[tuple[str, Gain]]:
-    """Yields name and gain of all that a fact, or a fact among its figures, says to lower."""
+    """Yields the name and the values of each gain that a fact advises to lower.
+
+    A next step does not state the gains itself. The advice is a fact among its figures, or among those of such a fact,
+    so that all of them are searched.
+    """
     if fact.code in LOWERING:
         for name, now, new in fact.figures["changes"]:
             yield name, Gain(now, new)
     for figure in fact.figures.values():
-        for related in figure if isinstance(figure, tuple) else (figure,):
-            if isinstance(related, Fact):
-                yield from _gains_to_lower(related)
+        # A figure is a value or a tuple of values.
+        values = figure if isinstance(figure, tuple) else (figure,)
+        for value in values:
+            if isinstance(value, Fact):
+                yield from _gains_to_lower(value)

@@ -5,12 +5,14 @@ from mavdem.facts.lights import Unjudged
 
 
 def lights_with_reason_once(lights: NamedFacts) -> NamedFacts:
-    """Returns lights in which only the first of those that judge multirotors only says that, with the vehicle's type.
+    """Returns the lights of a flight with the reason "only multirotors are judged" on the first light that has it.
 
-    The others are shown as not judged. Documents keep the reason of each light.
+    A light is the judgement of one part of the vehicle, such as its motors. Of a plane, several lights have this same
+    reason, which names the vehicle's type. Repeated, it would fill the screen, so the others are only "not judged".
+    Documents keep the reason of each light.
 
     Args:
-        lights: by name, in the order in which they are shown.
+        lights: the fact of each light by its name, in the order in which they are shown.
     """
     shown_lights = {}
     is_stated = False

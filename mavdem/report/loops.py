@@ -99,9 +99,10 @@ def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
 
 
 def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
-    """Returns the rating of an axis' margins as far as it counts in the decision on the axis; else nothing.
+    """Returns the rating of an axis' margins as a fact, or nothing where the decision on the axis contradicts it.
 
-    A loop that a measurement refutes has no rating. Margins of an axis that does not follow its setpoint meet no goal.
+    If a measurement refutes the identified loop, its margins are wrong, and there is no rating. If the axis does not
+    follow its setpoint, the rating says so, since good margins alone are not enough then.
 
     Args:
         advice: on the axis, with the rating.
@@ -109,7 +110,8 @@ def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fa
     """
     if decision is None:
         return [advice.rating]
-    if advice.refusals and decision.reason.code is not MarginsLight.LOOP_MARGINS:
+    is_decided_by_margins = decision.reason.code is MarginsLight.LOOP_MARGINS
+    if advice.refusals and not is_decided_by_margins:
         return []
     if decision.verdict is LoopVerdict.FOLLOWS_BADLY:
         return [advice.rating.replace(follows=False)]
@@ -117,10 +119,13 @@ def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fa
 
 
 def decision_sentences(decisions: DecisionsByAxis) -> list[Sentence]:
-    """Returns what is wrong with the loops of each axis and what to do about it, which axes may share.
+    """Returns what is wrong with the control loops and what to do about it, one sentence for all axes with the same.
+
+    If several axes need the same action for different reasons, each reason has a sentence, and the action has one of
+    its own after them.
 
     Args:
-        decisions: on the loops, by axis.
+        decisions: the decision on the loops of each axis, by axis.
     """
     axes_by_action = group_by(decisions, lambda axis: decisions[axis].fact.remedy)
     sentences = []

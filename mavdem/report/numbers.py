@@ -95,18 +95,17 @@ def one_line_list(names: Iterable[str], max_names: int = 5, max_length: int = 80
         max_length: characters of a name that are shown; "…" stands for the rest.
     """
     ordered = sorted(names)
-    shown = []
+    listed_names = []
     for name in ordered[:max_names]:
         short_name = name if len(name) <= max_length else f"{name[:max_length]}…"
-        shown.append(
-            "".join(
-                letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}"
-                for letter in short_name
-            )
-        )
+        # Control characters could change what a terminal shows.
+        letters = [
+            letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in short_name
+        ]
+        listed_names.append("".join(letters))
     if len(ordered) > max_names:
-        shown.append("…")
-    return ", ".join(shown)
+        listed_names.append("…")
+    return ", ".join(listed_names)
 
 
 def plus_minus(value: float, half_width: float) -> str:
@@ -154,6 +153,9 @@ def rounded(value: float, digits: int = 2) -> str:
     """Returns a number with at least ``digits`` significant digits, and with all digits before the decimal point.
 
     Numbers outside of ``PLAIN_SIZES`` have an exponent. NaN and −∞ give a dash, ∞ gives "infinite".
+
+    >>> rounded(1234.5), rounded(0.01234), rounded(3.0)
+    ('1234', '0.012', '3.0')
     """
     if not isfinite(value):
         return "infinite" if value > 0 else "-"

@@ -33,12 +33,12 @@ HARD_SPACE = "\N{NO-BREAK SPACE}"
 def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
     """Returns the review as text of at most ``SCREEN_LINES``, unless what is not good needs more.
 
-    The sentence of a good light is cut where the line ends; that of another light goes on below, unless no light is
-    judged, for the reason that the headline gives. As many alarms are
-    shown as there is room for. The most important lines are last, where somebody looks when all has scrolled by.
+    A light is the judgement of one part of the vehicle, such as its motors. The sentence of a good light is cut where
+    the line ends; that of any other light goes on in further lines. As many alarms are shown as there is room for. The
+    most important lines come last, where the user looks when everything has scrolled by.
 
     Args:
-        assessment: what is reviewed.
+        assessment: of the log.
         columns: characters of a line.
     """
     lights = _light_lines(lights_with_reason_once(assessment.lights), columns)
@@ -155,9 +155,10 @@ def _wrapped(text: str, columns: int) -> Iterator[str]:
 
 
 def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[str]:
-    """Yields a row for each event that may have lost the vehicle, except the one of the headline.
+    """Yields a row for each bad event, one that may have lost the vehicle, except the event of the headline.
 
-    Where the autopilot restarted between two of them, so that its clock began anew, a row says so.
+    Where the autopilot restarted between two of them, so that its clock began anew, a row says so: their times are not
+    in order then.
     """
     former_boot = None
     for event in assessment.events:
@@ -171,7 +172,13 @@ def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[str]:
 
 
 def _light_rows(name: str, fact: Fact, columns: int) -> list[str]:
-    """Returns the lines of a light: as many as it takes of one that is judged and not good, else one."""
+    """Returns the lines of a light: one line if it is good or not judged, otherwise its whole text.
+
+    Args:
+        name: name of the light.
+        fact: its judgement.
+        columns: characters of a line.
+    """
     if fact.level == Level.GOOD or fact.code == Unjudged.NOT_JUDGED:
         return [_row(name, fact, columns)]
     beginning = _row_beginning(name, fact)

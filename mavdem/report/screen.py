@@ -480,10 +480,10 @@ def detail_blocks(learned: Learned) -> Blocks:
 
 
 def pole_sentences(A: Array) -> list[Sentence]:
-    """Returns the poles of a model in a sentence, and whether it is stable.
+    """Returns a sentence on the poles of a model, and on whether it is stable.
 
-    A complex pair p has the natural frequency |p|/2π and the damping ratio −Re p/|p|, a real pole the time constant
-    1/|p|.
+    A complex pair of poles p has the natural frequency |p|/2π, Hz, and the damping ratio −Re p/|p|. A real pole has the
+    time constant 1/|p|, s.
 
     Args:
         A: state matrix (n, n), 1/s; its eigenvalues are the poles, of which the slowest come first.

@@ -142,7 +142,7 @@ def free_energy_per_sample(learned: Learned) -> float:
 
 
 def _held_out_series(outputs: Sequence[str], held_out: HeldOut) -> Iterator[tuple[str, Series]]:
-    """Yields the name and the series of what was measured and forecast in held-out windows, and of band and residual.
+    """Yields four series of the held-out windows with their names: measured, forecast, residual, and the 90 % band.
 
     Args:
         outputs: names of the m outputs.

@@ -84,7 +84,11 @@ def sentence_and_remedy(fact: Fact) -> Words:
 
 @contextmanager
 def sentences_for(medium: Medium) -> Iterator[None]:
-    """Makes all sentences that are rendered within fit for the ``medium``."""
+    """Sets the medium, such as a page or the terminal, for all sentences that are rendered within the block.
+
+    Sentences differ by medium: the terminal names a command where a page has a table. The setting is a context
+    variable, so that other threads are not affected.
+    """
     token = MEDIUM.set(medium)
     try:
         yield
@@ -220,11 +224,12 @@ def _section_paragraphs(name: str) -> list[dict[str, Any]]:
 
 
 def _template_text(name: str) -> str:
-    """Returns the text of a template.
+    """Returns the source text of a template by its name; Jinja calls this to load templates.
 
     Args:
-        name: "sentences/CODE/PART", where a fact has no such part an empty text, or for a remedy one that shows the
-            fact called ``remedy``, if any; or "sections/SECTION/NUMBER/PART", where paragraphs are counted from 0.
+        name: one of two forms. "sections/SECTION/NUMBER/PART" is a part of a paragraph of a section; paragraphs are
+            counted from 0. "sentences/CODE/PART" is a part of a fact: its sentence, remedy or headline. A missing part
+            is empty. Only a missing remedy is the sentence of the fact in the figure ``remedy``, if there is one.
     """
     folder, *path = name.split("/")
     if folder == "sections":

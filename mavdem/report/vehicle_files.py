@@ -87,7 +87,8 @@ def _motion_table(axis: str, figures: Mapping[str, Sequence[float]]) -> Block:
 
     Args:
         axis: name of the axis.
-        figures: as of :func:`twin_blocks`, of this axis.
+        figures: "levels" are the twin's rates relative to the recorded ones in each of ``RATE_BANDS``, dB; the keys of
+            ``MOTION_FIGURES`` have two figures each, the recorded one and the twin's.
     """
     rows = []
     for (low, high), level in zip(pairwise(RATE_BANDS), figures["levels"], strict=True):

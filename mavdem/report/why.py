@@ -7,7 +7,11 @@ from mavdem.witnesses.statements import contradicting_statements, supporting_sta
 
 
 def why(fact: Fact) -> list[Sentence]:
-    """Returns a sentence with the witnesses of a fact, those for it first; none for a fact without witnesses."""
+    """Returns a sentence with the witnesses of a fact, first those that support it, then those that contradict it.
+
+    A witness is a sensor or another source that a fact, such as a collision, was checked against, with its statement.
+    A fact without witnesses has no such sentence.
+    """
     witnesses = fact.figures.get("witnesses", ())
     return render_section(
         "why",

@@ -233,13 +233,20 @@ def _level(row: FlightRow, light: Light) -> str:
 
 
 def _bars(flights: Flights) -> FlightBars:
-    """Returns the latest ``MAX_BARS`` flights of a vehicle as bars, the newest at the right."""
-    shown = flights[-MAX_BARS:]
+    """Returns the latest ``MAX_BARS`` flights of a vehicle as bars coloured by level, the newest at the right.
+
+    All bars of one level are one SVG path, which keeps the page small.
+
+    Args:
+        flights: flights of the vehicle, the oldest first.
+    """
+    shown_flights = flights[-MAX_BARS:]
     paths = dict.fromkeys(LEVEL_MARKS, "")
     counts: Counter[Level] = Counter()
-    for place, flight in enumerate(shown, start=MAX_BARS - len(shown)):
+    for place, flight in enumerate(shown_flights, start=MAX_BARS - len(shown_flights)):
         level = fleet_words.badge_level([flight])
         counts[level] += 1
+        # A rectangle of height 1 and width 0.8, which leaves a gap before the next bar.
         paths[level] += f"M{place} 0v1h.8v-1z"
     words = listed(f"{counts[level]} {level}" for level in LEVEL_MARKS if counts[level])
     drawn_paths = {level: path for level, path in paths.items() if path}
@@ -247,7 +254,11 @@ def _bars(flights: Flights) -> FlightBars:
 
 
 def _light_counts(flights: Flights) -> list[LightCounts]:
-    """Returns how often each light has each level, those with most bad flights first; empty without a flight."""
+    """Returns in how many flights each light has each level, the lights with most bad flights first.
+
+    A light is the judgement of one part of the vehicle, such as its motors, by a level: bad, watch, good or unknown.
+    The list is empty without a flight.
+    """
     counts = []
     flown = [flight[0] for flight in flights if flight[0].has_flight]
     for light in Light:
@@ -258,7 +269,9 @@ def _light_counts(flights: Flights) -> list[LightCounts]:
 
 
 def _repeated_differences(parts: Sequence[VehiclePart]) -> Table:
-    """Returns a table of the sentences that are the same for several vehicles, and takes them from their parts.
+    """Moves sentences that are the same for several vehicles from their parts of the page into one table.
+
+    Many vehicles of a fleet lack the same thing, such as enough flights to compare. Their parts would all say so.
 
     Args:
         parts: what the page shows of each vehicle; those with a repeated sentence lose it.

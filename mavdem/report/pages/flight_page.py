@@ -177,24 +177,25 @@ def log_page(
 
 
 def _opened_where_not_good(chapters: Iterable[Chapter], lights: NamedFacts) -> Iterator[Chapter]:
-    """Yields the chapters with the worst level of their lights, open where that is the worst of the vehicle.
+    """Yields the chapters of a page with their levels, and opens those that explain the worst lights.
 
-    So the chapters of what is bad are open or, where nothing is bad, those of what is to be watched. What is to be
-    watched of the log itself its light says in full.
+    A light is the judgement of one part of the vehicle, with a level. The level of a chapter is the worst one of the
+    lights that it explains. Chapters with a bad light are open or, if nothing is bad, those with a light to be watched;
+    all others are folded. The chapter of the log is never open, since its light says everything.
 
     Args:
         chapters: the chapters.
-        lights: by name.
+        lights: the fact of each light, by its name.
     """
     vehicle_levels = {fact.level for name, fact in lights.items() if name != Light.LOG}
     worst = Level.BAD if Level.BAD in vehicle_levels else Level.WATCH
     for chapter in chapters:
-        levels = {
-            lights[light].level
-            for light, title in CHAPTER_OF_LIGHT.items()
-            if title == chapter.title and light in lights
-        }
+        levels = set()
+        for light, title in CHAPTER_OF_LIGHT.items():
+            if title == chapter.title and light in lights:
+                levels.add(lights[light].level)
         is_open = worst in levels and chapter.title != LOG_TITLE
+        # From the worst level to the best one; a level that is not known may hide a bad one.
         for level in (Level.BAD, Level.WATCH, Level.UNKNOWN, Level.GOOD):
             if level in levels:
                 chapter = chapter._replace(level=level)

@@ -28,27 +28,32 @@ def parameters_chapter(telemetry: Telemetry, is_full: bool) -> Chapter:
     all.
 
     Args:
-        telemetry: of the vehicle.
-        is_full: whether all parameters are listed.
+        telemetry: of the vehicle, with the parameters at the beginning and at the end of the log.
+        is_full: whether all parameters are listed, with the number of those that are not the autopilot's default.
+
+    Returns:
+        The chapter; all parameters are in a table that readers can search.
     """
     blocks: Blocks = []
-    changes = [
-        [name, f"{before:.4g}", f"{telemetry.parameters[name]:.4g}"]
-        for name, before in sorted(telemetry.initial_parameters.items())
-        if not AUTOPILOT_SET_PARAMETERS.search(name)
-    ]
+    changes = []
+    for name, before in sorted(telemetry.initial_parameters.items()):
+        if not AUTOPILOT_SET_PARAMETERS.search(name):
+            changes.append([name, f"{before:.4g}", f"{telemetry.parameters[name]:.4g}"])
     if changes:
         blocks.append(Table(["changed in flight", "from", "to"], changes))
-    rows = _control_parameter_rows(telemetry.parameters)
+    control_rows = _control_parameter_rows(telemetry.parameters)
     # Two tables side by side take half of the height.
-    half = ceil(len(rows) / 2)
-    for part in (rows[:half], rows[half:]):
-        if part:
-            blocks.append(Table(["parameter", *AXIS_COLUMNS.values()], part))
-    count = sum(not AUTOPILOT_SET_PARAMETERS.search(name) for name in telemetry.changed_defaults)
-    if is_full and count:
+    half = ceil(len(control_rows) / 2)
+    for rows in (control_rows[:half], control_rows[half:]):
+        if rows:
+            blocks.append(Table(["parameter", *AXIS_COLUMNS.values()], rows))
+    changed_count = 0
+    for name in telemetry.changed_defaults:
+        if not AUTOPILOT_SET_PARAMETERS.search(name):
+            changed_count += 1
+    if is_full and changed_count:
         total = len(telemetry.parameters)
-        blocks += render_section("parameter_defaults", count=count, total=total)
+        blocks += render_section("parameter_defaults", count=changed_count, total=total)
     searchable = _all_parameters(telemetry) if is_full and telemetry.parameters else None
     return Chapter("Parameters", blocks, searchable=searchable)
 
