@@ -63,7 +63,15 @@ def convert_command(
 
 
 def _is_recording(source: str, out: str) -> bool:
-    """Returns whether a log is to become a recording of its model: for Rerun, or channels where it holds no frames."""
+    """Returns whether a conversion makes a recording of the flight and its model, instead of another kind of log.
+
+    An .rrd is always such a recording. An .mcap is one only if the log holds no MAVLink frames, which it would receive
+    otherwise.
+
+    Args:
+        source: Path of the log.
+        out: Path of the file to write, whose ending decides.
+    """
     ending = Path(out).suffix.lower()
     if ending == Path(RECORDING_FILE).suffix:
         return True

@@ -29,7 +29,12 @@ DOCUMENT_FILE = "diff.json"
 
 
 def _days(context: click.Context, parameter: click.Parameter, text: str | None) -> Days | None:
-    """Returns the days that a user has typed, as "2026-01-05..2026-01-11", or a single one; None without the option.
+    """Returns the days that a user has typed; it is Click's callback for --days-a and --days-b.
+
+    Args:
+        context: Context of the command.
+        parameter: The option.
+        text: First and last day, as in "2026-01-05..2026-01-11", or a single day; None if the option was not given.
 
     Raises:
         click.BadParameter: They are no dates, or the last one is before the first.

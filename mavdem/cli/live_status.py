@@ -33,8 +33,11 @@ class StatusLines:
     def show(self, session: LiveSession) -> None:
         """Shows the present status of a session.
 
-        On a terminal that is one line on the learning, and one on everything else, which is cut at the width of the
-        terminal and red while an alarm lasts. Elsewhere only the sentences that are new are printed.
+        On a terminal, two lines are updated in place: one on the learning, and one on everything else, which is cut at
+        the width of the terminal and red while an alarm lasts. Elsewhere, as in a file, only new sentences are printed.
+
+        Args:
+            session: The session.
         """
         status = session.status
         self._report_watch_changes(status.watch_facts)
@@ -52,7 +55,7 @@ class StatusLines:
         self._terminal_text.update(Group(sentences[0], remark_line), refresh=True)
 
     def _report_watch_changes(self, watch_facts: Facts) -> None:
-        """Prints for which quantities it has changed whether and since when they are watched.
+        """Prints the quantities whose watching has begun or ended since the last call, and why.
 
         Args:
             watch_facts: For each quantity the fact that it is watched, or why it is not.

@@ -25,7 +25,7 @@ from mavdem.report.blocks import SCREEN_LINES, Block, Blocks, Sentence
 def json_text(document: Any, name: str | None = None) -> str:
     """Returns a document of the command line as JSON text, with the header that every document begins with.
 
-    NaN and infinity become null.
+    NaN and infinity, which JSON lacks, become null.
 
     Args:
         document: Values of the document, or a record that has them.

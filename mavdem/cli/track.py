@@ -255,7 +255,11 @@ def _track_with_progress(
 
 
 def _outcome_line(outcome: JobOutcome) -> str:
-    """Returns what became of a log in one line: its path, how long its reading took, and why it has no flight."""
+    """Returns one line on a log that was read: its path, how long the reading took, and why it has no flight, if so.
+
+    Args:
+        outcome: Outcome of reading the log.
+    """
     line = f"{outcome.path}, {outcome.seconds:.1f} s"
     if outcome.ended == "known":
         return f"{line}: its content is known"

@@ -73,17 +73,25 @@ class Cluster:
         self._lock = Lock()
 
     def outcomes(self, jobs: Iterator[Job]) -> Generator[JobOutcome]:
-        """Yields the outcomes of jobs in the order in which they come.
+        """Reads the logs of all jobs on the cluster, and yields each outcome as soon as it is there, in any order.
+
+        Args:
+            jobs: the logs; the next one is taken when a thread of the cluster is free.
 
         Raises:
-            Unreadable: as :meth:`read` does.
+            Unreadable: there is no such cluster, it has no worker, or a worker has another version of mavdem or Python.
         """
         threads = sum(self._connected_client().nthreads().values())
         read = partial(self.read, limits=self.limits, read=self._read)
         yield from side_by_side([read] * (JOBS_PER_THREAD * threads), jobs, self.stop)
 
     def read(self, job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
-        """Returns the outcome of a log that the function ``read`` reads on a worker of the cluster.
+        """Has a log read on a worker of the cluster, and returns the outcome.
+
+        Args:
+            job: the log, whose path must be the same on all machines of the cluster.
+            limits: time and memory for it.
+            read: the function that reads it.
 
         Raises:
             Unreadable: there is no such cluster, it has no worker, or a worker has another version of mavdem or Python.

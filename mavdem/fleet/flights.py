@@ -80,27 +80,36 @@ def best_tier(flight: AxisRows) -> str:
 def distinct_flights(flights: Sequence[FlightRows]) -> list[FlightRows]:
     """Returns the flights of one vehicle without duplicates: two logs of one flight, such as tlog and DataFlash.
 
-    Flights that overlap in time are one flight, since a vehicle cannot fly twice at once; the log with the best tier
-    stands for it. A flight without a date is never taken for a duplicate.
+    Flights that overlap in time are one flight, since a vehicle cannot fly twice at once. The log with the best tier
+    stands for it: tier "a" is a log of which a full model can be learned, and the later letters allow less. A flight
+    without a date is never taken for a duplicate.
 
     Args:
         flights: flights of one vehicle, in order of date.
     """
     distinct: list[FlightRows] = []
     for flight in flights:
-        best = flight
-        if distinct and distinct[-1][0].date and flight[0].date:
-            previous = distinct[-1]
-            previous_row = previous[0]
-            assert previous_row.date is not None
-            seconds = (flight[0].date - previous_row.date).total_seconds()
-            if seconds < (previous_row.duration or 0.0):
-                distinct.pop()
-                # Of equal tiers the earlier log stays. An unknown tier comes after all others.
-                if (best_tier(previous) or "z") <= (best_tier(flight) or "z"):
-                    best = previous
-        distinct.append(best)
+        is_duplicate = bool(distinct) and _begins_before_end(flight[0], distinct[-1][0])
+        if not is_duplicate:
+            distinct.append(flight)
+            continue
+        # Of equal tiers the earlier log stays.
+        if _tier_rank(flight) < _tier_rank(distinct[-1]):
+            distinct[-1] = flight
     return distinct
+
+
+def _begins_before_end(row: FlightRow, earlier_row: FlightRow) -> bool:
+    """Returns whether a flight begins before an earlier one has ended; False where a date is not known."""
+    if row.date is None or earlier_row.date is None:
+        return False
+    seconds = (row.date - earlier_row.date).total_seconds()
+    return seconds < (earlier_row.duration or 0.0)
+
+
+def _tier_rank(flight: AxisRows) -> str:
+    """Returns the key by which flights are ordered from the best tier to the worst; an unknown tier comes last."""
+    return best_tier(flight) or "z"
 
 
 def summary(rows: Iterable[FlightRow]) -> JsonValues:

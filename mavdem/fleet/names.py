@@ -31,10 +31,12 @@ class GivenNames:
 
     @cached_property
     def _labels(self) -> dict[str, str]:
-        """What each named vehicle is called, by what its logs call it; no two vehicles are called the same.
+        """The label that is shown for each named vehicle, by what its logs call it; no two labels are the same.
 
-        A name that another vehicle has, or might be called, is followed by what the logs call this one.
+        A label is the given name. Where another vehicle might have the same label, the name in the logs follows in
+        parentheses.
         """
+        # How many vehicles may get each label: the names in the logs, the given names, and both together.
         possible_labels = Counter({*self.logged_vehicles, *self.vehicles})
         for vehicle, name in self.vehicles.items():
             possible_labels.update({name, f"{name} ({vehicle})"} - {vehicle})
@@ -59,9 +61,12 @@ class GivenNames:
         return self._labels.get(vehicle, vehicle)
 
     def labelled(self, rows: Iterable[FlightRow]) -> FlightRows:
-        """Returns rows to be shown, in which vehicles have the names that they were given.
+        """Returns rows for display, in which vehicles have the names that users gave them.
 
-        Rows are grouped by vehicle before: what somebody calls a vehicle says nothing on whether two are the same.
+        Rows must be grouped by vehicle before, by the names in the logs: users may give two vehicles the same name.
+
+        Args:
+            rows: rows of the fleet's table.
         """
         labelled_rows = []
         for row in rows:
@@ -85,7 +90,7 @@ def content_hash(key: str) -> str:
 
 
 def plain_name(text: str) -> str:
-    """Returns a name that somebody gives as it is kept: one line of at most ``MAX_NAME_LETTERS`` that can be printed.
+    """Returns a name that a user has typed in the form in which it is stored: one printable line of limited length.
 
     Args:
         text: what was typed. Spaces and line breaks in a row become one space.

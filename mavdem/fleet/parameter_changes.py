@@ -52,11 +52,15 @@ def changed_parameters(before: Parameters, after: Parameters) -> list[ParameterC
 def states_without_gains(before: Parameters, after: Parameters) -> Names:
     """Returns the names of the states whose parameters have no gain of rate control.
 
-    Whether the gains changed is then not known.
+    Logs need not hold all parameters. Whether the gains changed between the states is then not known.
 
     Args:
         before: values by the autopilot's name, in the first state, called "A".
         after: the same of the second state, called "B".
     """
-    states = zip(STATE_NAMES, (before, after), strict=True)
-    return tuple(name for name, parameters in states if not any(map(RATE_GAIN.match, parameters)))
+    names_without_gains = []
+    for state_name, parameters in zip(STATE_NAMES, (before, after), strict=True):
+        has_gains = any(RATE_GAIN.match(name) for name in parameters)
+        if not has_gains:
+            names_without_gains.append(state_name)
+    return tuple(names_without_gains)

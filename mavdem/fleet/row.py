@@ -401,7 +401,7 @@ class FlightRow:
 
     @staticmethod
     def of(report: Mapping[str, Any], **columns: Any) -> FlightRow:
-        """Returns the row of a flight.
+        """Returns the row of a flight, with the columns that follow from its report and further ones.
 
         Args:
             report: the document ``report.json``; a column that it lacks is not known.
@@ -568,8 +568,11 @@ def _input_columns(report: Mapping[str, Any], columns: JsonValues) -> JsonValues
 def _warning_columns(report: Mapping[str, Any]) -> JsonValues:
     """Returns the columns on what makes a flight doubtful, as sentences and as codes.
 
-    What overrides the flight's figures, such as an oscillation, comes first. Cautions about the model follow or,
-    without a model, those of the verdict on the log.
+    Facts that make the figures of the flight invalid ("overrides"), such as an oscillation, come first. Then follow the
+    cautions about the model or, without a model, those about the log.
+
+    Args:
+        report: the document ``report.json``, in which facts are still objects.
     """
     overrides = report.get("overrides", ())
     path_of_cautions = "cautions" if _has_model(report) else "verdict.cautions"

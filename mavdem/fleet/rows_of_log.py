@@ -204,7 +204,14 @@ def decision_columns(decision: LoopDecision | None) -> JsonValues:
 
 
 def margin_columns(loop: Loop) -> JsonValues:
-    """Returns the margins of a rate loop with half widths of their intervals: phases in rad, gains in dB."""
+    """Returns the columns of a rate loop's stability margins, with half widths of their 90 % intervals.
+
+    Args:
+        loop: an identified loop, with its margins in degrees and dB and both ends of their intervals.
+
+    Returns:
+        Phase margin, rad, gain margin, dB, and the maximum sensitivity Ms, by the names of their columns.
+    """
     return {
         "phase_margin": np.radians(loop.phase_margin),
         "phase_margin_interval": np.radians(np.ptp(loop.phase_margin_interval)) / 2,
@@ -237,10 +244,10 @@ def step_columns(response: LoopResponse | None) -> JsonValues:
 
 
 def _mean_columns(analysis: LogAnalysis) -> JsonValues:
-    """Returns the means of inputs (r,) and outputs (m,) over the flights that a model was trained on.
+    """Returns the columns with the means of inputs (r,) and outputs (m,) over the training data of a model.
 
-    By them another flight is compared with this one; see ``mavdem.fleet.tracking.residual_mean``. Empty without a
-    model.
+    The model of a healthy flight predicts other flights of the vehicle from the change of these means
+    (``mavdem.fleet.tracking.residual_mean``). Without a model there are no such columns.
     """
     if analysis.learned is None:
         return {}

@@ -59,7 +59,7 @@ def is_url(name: str) -> bool:
 def find_logs(
     names: Sequence[str], excluded_folder: Path | None = None
 ) -> tuple[list[LogSource], list[Fact]]:
-    """Finds the logs that names stand for.
+    """Finds the logs that names on the command line stand for.
 
     A file is a log, whatever its content. Of a folder and all folders in it, the files that look like logs are taken.
 
@@ -177,7 +177,9 @@ def remote_logs(url: str) -> Iterator[LogSource]:
 
 
 def version_of(details: Mapping[str, Any]) -> str:
-    """Returns a text that changes with the content of a remote file, or "" where its file system has none.
+    """Returns the version of a remote file, a text that changes with its content; "" where its file system has none.
+
+    It is the first known one of ``VERSION_FIELDS``, such as an ETag or the time of the last change.
 
     Args:
         details: properties of the file, whose names differ from file system to file system.

@@ -168,10 +168,11 @@ def _array(values: Numbers | None, count: int) -> Array:
 
 
 def residual_mean(row: FlightRow, healthy_models: Iterable[FlightRow]) -> float | None:
-    """Returns the mean acceleration that the models of healthy flights leave unexplained in another flight.
+    """Returns the mean angular acceleration of a flight that the models of healthy flights do not explain.
 
-    In settled flight the mean acceleration is 0. The change of the mean inputs and of the mean rate since the healthy
-    flight, Δu and Δω, thus leaves damping Δω − effect · Δu, which is the mean wind torque or a fault.
+    A model says: acceleration = effect · u − damping · ω + residual, with motor inputs u and body rate ω. In settled
+    flight the mean acceleration is 0. So the changes of the mean input and rate since the healthy flight, Δu and Δω,
+    leave the residual damping Δω − effect · Δu. It is the mean wind torque, or a fault.
 
     Args:
         row: the flight, of one axis.

@@ -156,9 +156,10 @@ class Supervision:
         self._deadline = time.monotonic() + CLOCK_SECONDS_PER_PROCESSOR_SECOND * limits.seconds
 
     def is_beyond_limits(self) -> bool:
-        """Returns whether the process is beyond a limit now, and notes which one in ``ending``.
+        """Returns whether the process exceeds its limit of time or memory now, and notes which one in ``ending``.
 
-        A process that waits or hangs takes no processor time, so that the time by the clock is limited too.
+        A process that waits or hangs takes no processor time, so that the time by the clock is limited too. Processor
+        time that the process took for earlier logs does not count.
         """
         use = resource_use(self._process_id)
         processor_seconds = use.processor_seconds - self._earlier_use.processor_seconds

@@ -44,7 +44,9 @@ def range_with_ticks(low: float, high: float, intervals: float = MAX_TICK_INTERV
     Returns:
         Ends of the widened range.
     """
-    span = max(high - low, SMALLEST_RELATIVE_SPAN * max(abs(low), abs(high)), SMALLEST_SPAN)
+    # A constant has no span of its own; the viewer shows it in a span that is a share of its size.
+    smallest_span = max(SMALLEST_RELATIVE_SPAN * max(abs(low), abs(high)), SMALLEST_SPAN)
+    span = max(high - low, smallest_span)
     distance = 10.0 ** ceil(log10(span / intervals))
     first_tick = ceil(low / distance)
     last_tick = floor(high / distance)

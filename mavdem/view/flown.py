@@ -77,15 +77,21 @@ class Pose:
         return float(np.hypot(*self.rotors.T).max())
 
     def airborne_samples(self) -> Flags:
-        """Returns (N,) whether the rotors carry the vehicle; everywhere if they never do.
+        """Returns which of the N samples are airborne, by the speed of the rotors; all samples if none is.
 
-        The median of the mean rotor speed while armed stands for that of hover, since a flight is mostly hover.
-        Slightly slower rotors still carry the vehicle while it descends.
+        The median of the mean rotor speed while armed stands for the speed in hover, since most of a flight is near
+        hover. In a descent slightly slower rotors carry the vehicle, hence ``AIRBORNE_SPEED_SHARE``.
+
+        Returns:
+            Flags (N,).
         """
         speed = self.rotor_speeds.mean(axis=1)
         hover_speed = np.median(speed[self.armed]) if self.armed.any() else np.inf
         is_airborne = speed > AIRBORNE_SPEED_SHARE * hover_speed
-        return is_airborne if is_airborne.any() else ~is_airborne
+        if not is_airborne.any():
+            # A record without a flight is drawn as a whole.
+            return np.ones_like(is_airborne)
+        return is_airborne
 
     def drawn_samples(self) -> Indices:
         """Returns indices of the samples that are drawn in 3D, at even distances.
@@ -210,7 +216,14 @@ def scene_view(pose: Pose) -> rrb.View:
 
 
 def _log_thrust(recording: rr.RecordingStream, pose: Pose) -> None:
-    """Draws the thrust of each rotor as an arrow, an arm long in hover: it is proportional to the speed squared."""
+    """Draws the thrust of each rotor as an upward arrow, which has the length of an arm in hover.
+
+    Thrust is proportional to the square of the rotor speed, so the length is relative to that in hover.
+
+    Args:
+        recording: where to draw.
+        pose: the simulated flight.
+    """
     rows = pose.drawn_samples()
     count = len(pose.rotors)
     arm = pose.arm
@@ -221,6 +234,7 @@ def _log_thrust(recording: rr.RecordingStream, pose: Pose) -> None:
     hover_speed = np.median(pose.rotor_speeds[pose.airborne_samples()])
     thrusts = (pose.rotor_speeds[rows] / max(hover_speed, SMALLEST_SPEED)) ** 2
     vectors = np.zeros((len(rows), count, 3))
+    # The third axis of the body points down.
     vectors[:, :, 2] = -arm * thrusts
     arrows = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3)).partition([count] * len(rows))
     index = [rr.TimeColumn(BOOT_CLOCK, duration=pose.time[rows])]

@@ -188,8 +188,8 @@ class SinkThread(threading.Thread):
             return
         recording = self._recording
         # Other threads may add to the queues meanwhile, so that only what waits now is taken.
-        waits = self.is_paused and not self.closing.is_set()
-        row_count = 0 if waits else len(self._rows)
+        rows_stay = self.is_paused and not self.closing.is_set()
+        row_count = 0 if rows_stay else len(self._rows)
         rows = [self._rows.popleft() for _ in range(row_count)]
         events = [self._events.popleft() for _ in range(len(self._events))]
         for channels, rows_of_channels in groupby(rows, key=itemgetter(0)):
@@ -311,10 +311,10 @@ class LiveView:
             thread.log(event._replace(seconds=time))
 
     def pause(self, is_paused: bool) -> None:
-        """Makes rows wait while this computer has no time to draw them, or lets them be sent again.
+        """Pauses or resumes the drawing of rows in all sinks, since drawing takes time that the analysis may need.
 
         Args:
-            is_paused: whether rows wait.
+            is_paused: whether rows wait in their queues; events are sent even then.
         """
         for thread in self._threads:
             thread.is_paused = is_paused

@@ -229,7 +229,7 @@ class LiveWriter:
             clip: whether to clip values far beyond what was measured so far, which would decide the range of the axis.
         """
         latest = self._latest_samples.get(lines, LatestSample(0, -np.inf))
-        # Of several samples at one time the last one counts.
+        # The dictionary keeps one sample for each time, the last one.
         new_samples = {sample.time: sample for sample in samples if sample.time > latest.time}
         if not new_samples:
             return
@@ -245,6 +245,7 @@ class LiveWriter:
         self._latest_samples[lines] = LatestSample(segments[-1], time[-1])
         values = self._clipped_to_plot(lines, values, finite_values, clip)
         finite_values = values[np.isfinite(values)]
+        # For the plots of the first tab the ranges of values are kept, from which ``_widen_axes`` chooses their axes.
         if plot_of(lines) in self._tick_intervals and len(finite_values):
             ranges = self._latest_ranges.setdefault(plot_of(lines), deque())
             if not ranges:

@@ -99,13 +99,24 @@ def flight_scene(
 
 
 def _attitude_at(history: TimeHistory, time: Array) -> Array:
-    """Returns (N, 4) the attitude at times (N,), s, as quaternions; an angle that was not recorded counts as 0."""
+    """Returns the attitude of a recorded flight at given times, interpolated from its angles.
+
+    Args:
+        history: the flight over time; an angle that was not recorded counts as 0.
+        time: times (N,), s on the boot clock.
+
+    Returns:
+        Unit quaternions (N, 4), w first, body to NED.
+    """
     angles = []
     for axis in AXES:
         axis_history = history.axes[axis]
-        angle = None if axis_history is None or axis_history.angle is None else axis_history.angle
-        angles.append(np.zeros(len(time)) if angle is None else _angle_at(angle.measured, time))
-    return quaternion(*angles)
+        if axis_history is None or axis_history.angle is None:
+            angles.append(np.zeros(len(time)))
+        else:
+            angles.append(_angle_at(axis_history.angle.measured, time))
+    roll, pitch, yaw = angles
+    return quaternion(roll, pitch, yaw)
 
 
 def _angle_at(angle: TimeSeries, time: Array) -> Array:

@@ -62,10 +62,11 @@ SENSITIVITY_FREQUENCIES = np.linspace(0.5, 30.0, 60)
 
 
 def write_recording(target: Target, assessment: Assessment) -> None:
-    """Writes an assessment with a model, and forecasts of held-out windows, as a recording.
+    """Writes the assessment of a flight with its model as a recording for the Rerun viewer.
 
-    It opens with its own layout: the tab that a live session opens with, the motion, wind and loops, forecasts, how the
-    model was learned, and the report. Angles are in degrees; alarms are marked in every plot.
+    The recording has a layout of its own, a row of tabs. The first one has the same plots as the first tab of a live
+    session. Then come motion, space, vehicle, wind, loops, free energy, forecasts, learning, and the report as text.
+    Angles are in degrees, and alarms are marked in every plot.
 
     Args:
         target: a file, which appears completely or not at all, or a stream.

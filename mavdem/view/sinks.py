@@ -66,7 +66,10 @@ holds it ends for any reason, even if it is killed."""
 
 
 def show(path: PathName) -> str:
-    """Opens the recording at ``path`` in the Rerun viewer, and returns at once.
+    """Opens a recording in a window of the Rerun viewer, and returns at once.
+
+    Args:
+        path: path of the recording, an .rrd file.
 
     Returns:
         Why it cannot be opened, in one sentence; empty if it can.
@@ -249,7 +252,16 @@ class Viewer(Sink):
         self._address = address["host"], int(address["port"])
 
     def open(self, recording: rr.RecordingStream) -> bool:
-        """Sends the recording to the viewer, if it is there; see :class:`Sink`."""
+        """Begins to send a recording to the viewer, if one answers at the URL.
+
+        A plain connection is tried first, since Rerun itself would wait for a viewer and report nothing.
+
+        Args:
+            recording: the stream of a live flight.
+
+        Returns:
+            Whether the viewer is there.
+        """
         try:
             socket.create_connection(self._address, timeout=CONNECTION_TIMEOUT).close()
         except OSError:
@@ -303,9 +315,9 @@ class WebServer(Viewer):
 def sinks_for(
     rrd: PathName | None = None, serve: bool = False, connect: str | None = None
 ) -> list[Sink]:
-    """Returns the sinks that a user asked for; with a screen and none of these, a window.
+    """Returns the sinks that a user has requested; if there is none, but a screen, a viewer in a new window.
 
-    The view that they are given to closes them.
+    A sink is a place that a live flight is sent to. The view that gets the sinks closes them.
 
     Args:
         rrd: a file to record in.
