@@ -30,6 +30,10 @@ MAX_SPEED = 500_000.0
 damaged messages."""
 
 
+UNKNOWN_INFO_TEMPERATURE = 32767
+"""Temperature of ESC_INFO that stands for "not known": INT16_MAX, by MAVLink's common.xml."""
+
+
 @dataclass(frozen=True, eq=False)
 class SpeedController:
     """One speed controller that reports the speed of its motor."""
@@ -44,6 +48,10 @@ class SpeedController:
     """Share of its messages that were damaged (K,), 0 to 1, as DataFlash logs it; None where that is not known."""
     motor: int | None = None
     """Number of its motor, from 1, where the log says it; PX4 does since 1.14."""
+    current: TimeSeries | None = None
+    """Current (I,), A; None where it is not measured."""
+    temperature: TimeSeries | None = None
+    """Temperature (T,), °C; None where it is not measured."""
 
     @property
     def name(self) -> str:
@@ -84,6 +92,14 @@ def _series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeS
     return series if len(series.time) else None
 
 
+def _measured_series(
+    columns: Columns, values: Array, rows: Flags | None = None
+) -> TimeSeries | None:
+    """Returns the time series of a current or temperature (N,); None where it is 0 throughout, so not measured."""
+    series = _series(columns, values, rows)
+    return series if series is not None and series.values.any() else None
+
+
 def _speed_series(columns: Columns, speed: Array, rows: Flags | None = None) -> TimeSeries | None:
     """Returns the size of a speed (N,), 1/min, as a time series without impossible values; None where none is left."""
     size = abs(speed)
@@ -106,8 +122,15 @@ def _logged(telemetry: Telemetry) -> Iterator[SpeedController]:
             errors = _series(controller, float_column(controller, "ErrorCount"))
         if "Err" in controller:
             shares = _series(controller, float_column(controller, "Err") / 100)
+        current = temperature = None
+        if "Curr" in controller:
+            current = _measured_series(controller, float_column(controller, "Curr"))
+        if "Temp" in controller:
+            temperature = _measured_series(controller, float_column(controller, "Temp"))
         motor = int(controller["Motor"][0]) if "Motor" in controller else 0
-        yield SpeedController(instance + 1, speed, errors, shares, motor or None)
+        yield SpeedController(
+            instance + 1, speed, errors, shares, motor or None, current, temperature
+        )
 
 
 def _of_status(telemetry: Telemetry) -> Iterator[SpeedController]:
@@ -138,11 +161,20 @@ def _of_status(telemetry: Telemetry) -> Iterator[SpeedController]:
                 exists = number <= known_count
             if speed is None or not exists:
                 continue
-            errors = None
+            errors = current = temperature = None
             if len(errors_of_group.get("time", ())):
                 counts = np.array(float_column(errors_of_group, "error_count"), ndmin=2)
                 errors = _series(errors_of_group, counts[:, place])
-            yield SpeedController(number, speed, errors)
+                if "temperature" in errors_of_group:
+                    values = np.array(float_column(errors_of_group, "temperature"), ndmin=2)
+                    is_sent = values[:, place] != UNKNOWN_INFO_TEMPERATURE
+                    temperature = _measured_series(
+                        errors_of_group, 0.01 * values[:, place], is_sent
+                    )
+            if "current" in group:
+                currents = np.array(float_column(group, "current"), ndmin=2)
+                current = _measured_series(group, currents[:, place])
+            yield SpeedController(number, speed, errors, current=current, temperature=temperature)
 
 
 def _of_telemetry(telemetry: Telemetry) -> Iterator[SpeedController]:
@@ -163,8 +195,16 @@ def _of_telemetry(telemetry: Telemetry) -> Iterator[SpeedController]:
                 None if counts is None else _is_heard(columns, np.atleast_2d(counts)[:, place])
             )
             speed = _speed_series(columns, speed_of_motor, is_heard)
-            if speed is not None and (counts is not None or speed.values.any()):
-                yield SpeedController(first + place, speed)
+            if speed is None or (counts is None and not speed.values.any()):
+                continue
+            current = temperature = None
+            if "current" in columns:
+                currents = np.array(float_column(columns, "current"), ndmin=2)
+                current = _measured_series(columns, 0.01 * currents[:, place], is_heard)
+            if "temperature" in columns:
+                temperatures = np.array(float_column(columns, "temperature"), ndmin=2)
+                temperature = _measured_series(columns, temperatures[:, place], is_heard)
+            yield SpeedController(first + place, speed, current=current, temperature=temperature)
 
 
 def _is_heard(columns: Columns, counts: NDArray[Any]) -> Flags:

@@ -292,6 +292,17 @@ def renamed_message(topics: Topics, message: str) -> Fields:
     return {}
 
 
+def highres_imu(topics: Topics) -> Fields:
+    """HIGHRES_IMU.hpp: vehicle_acceleration, with the temperature of the first IMU, °C, of vehicle_imu_status."""
+    fields = renamed_message(topics, "HIGHRES_IMU")
+    status = first_instance(topics, "vehicle_imu_status")
+    if fields and "temperature_accel" in status:
+        temperature = last_field_values(status, "temperature_accel", fields["time"])
+        is_known = fields["time"] >= status["time"][0]
+        fields["temperature"] = np.where(is_known, temperature, np.nan)
+    return fields
+
+
 VIBRATION_IMUS = 3
 """Number of IMUs: VIBRATION has a counter of clips for each."""
 
@@ -408,13 +419,21 @@ MAX_MOTORS = 12
 """Number of motors that have a value of ``actuator_function``."""
 
 
+MAX_ESC_CELSIUS = 200.0
+"""Temperature, °C, that no speed controller survives: larger numbers are in K, as those of DroneCAN's were before PX4
+converted them."""
+
+ZERO_CELSIUS = 273.15
+"""0 °C in K."""
+
+
 def motor_speeds(topics: Topics) -> Fields:
     """ESC, the message of DataFlash logs with the speeds of motors, of esc_status: a row for each controller.
 
     Returns:
         ``time`` (N,), s, the number of the controller from 0 as ``Instance``, the size of its speed as ``RPM`` (some
-        report a sign for the direction), and as far as logged ``ErrorCount``, since boot, and the number of its motor
-        from 1 as ``Motor``, 0 for none.
+        report a sign for the direction), and as far as logged its current ``Curr``, A, temperature ``Temp``, °C,
+        ``ErrorCount``, since boot, and the number of its motor from 1 as ``Motor``, 0 for none.
     """
     topic = first_instance(topics, "esc_status")
     parts = []
@@ -453,6 +472,12 @@ def _speed_controller(topic: Columns, instance: int) -> Fields:
         "Instance": np.full(len(topic["time"]), instance),
         "RPM": abs(topic[f"{field}esc_rpm"].astype(np.float64)),
     }
+    if f"{field}esc_current" in topic:
+        fields["Curr"] = topic[f"{field}esc_current"]
+    if f"{field}esc_temperature" in topic:
+        temperature = topic[f"{field}esc_temperature"].astype(np.float64)
+        is_kelvin = temperature.max(initial=0.0) > MAX_ESC_CELSIUS
+        fields["Temp"] = temperature - ZERO_CELSIUS if is_kelvin else temperature
     if f"{field}esc_errorcount" in topic:
         fields["ErrorCount"] = topic[f"{field}esc_errorcount"]
     if f"{field}actuator_function" in topic:
@@ -468,17 +493,29 @@ def current_mode(topics: Topics) -> Fields:
 
 
 def manual_control(topics: Topics) -> Fields:
-    """MANUAL_CONTROL.hpp: the throttle stick of manual_control_setpoint, 0 (closed) to 1000, as ``z``.
+    """MANUAL_CONTROL.hpp: the sticks of manual_control_setpoint.
 
-    PX4 counts the stick from -1 to 1 since 1.14, and from 0 to 1 before.
+    PX4 counts the throttle from -1 to 1 since 1.14, and from 0 to 1 before.
+
+    Returns:
+        ``time`` (N,), s, the throttle ``z``, 0 (closed) to 1000, and as far as logged pitch ``x``, roll ``y`` and yaw
+        ``r``, -1000 to 1000.
     """
     sticks = first_instance(topics, "manual_control_setpoint")
     sticks = selected_rows(sticks, flag_or_true(sticks, "valid"))
+    fields: Fields = {"time": sticks["time"]}
+    # The names since 1.14, and those before.
+    for name, choices in {"x": ("pitch", "x"), "y": ("roll", "y"), "r": ("yaw", "r")}.items():
+        for choice in choices:
+            if choice in sticks:
+                fields[name] = 1000 * sticks[choice].astype(np.float64)
+                break
     if "throttle" in sticks:
         throttle = 500 * (1 + sticks["throttle"].astype(np.float64))
     else:
         throttle = 1000 * sticks["z"].astype(np.float64)
-    return {"time": sticks["time"], "z": throttle}
+    fields["z"] = throttle
+    return fields
 
 
 ARMED_STATE = 2

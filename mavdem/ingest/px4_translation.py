@@ -26,6 +26,7 @@ from mavdem.ingest.px4_messages import (
     current_mode,
     extended_sys_state,
     heartbeat,
+    highres_imu,
     hil_actuator_controls,
     injected_rates,
     local_position_ned,
@@ -49,7 +50,12 @@ from mavdem.ingest.telemetry import (
 )
 from mavdem.ingest.vocabulary import ACCELEROMETERS_MESSAGE, INSTANCES_MESSAGE, UNNAMED
 
-UNTRANSLATED_TOPICS = ("failure_detector_status", "estimator_selector_status", "input_rc")
+UNTRANSLATED_TOPICS = (
+    "failure_detector_status",
+    "estimator_selector_status",
+    "input_rc",
+    "cpuload",
+)
 """Topics that no message of MAVLink has the meaning of: they are kept under their own names."""
 
 FLIGHT_MESSAGES = {
@@ -127,6 +133,7 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
         "MANUAL_CONTROL": ("manual_control_setpoint", manual_control),
         ACCELEROMETERS_MESSAGE: ("vehicle_imu_status", accelerometers),
         "ESC": ("esc_status", motor_speeds),
+        "HIGHRES_IMU": ("vehicle_acceleration", highres_imu),
         **further_sensors(),
     }
     for name, (topic, maker) in makers.items():

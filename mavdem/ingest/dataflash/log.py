@@ -278,7 +278,7 @@ def _logged_messages(recording: DataflashRecording) -> dict[str, MessageTable]:
         logged[name] = with_new_names(name, usable_fields(recording.decode(name)))
     # IMU has by far the most messages: only what is used of each stays in memory.
     imu = logged["IMU"]
-    used_fields = {*CLOCK_FIELDS, "I", *GYRO_FIELDS, *ACCELEROMETER_FIELDS}
+    used_fields = {*CLOCK_FIELDS, "I", "T", "Temp", *GYRO_FIELDS, *ACCELEROMETER_FIELDS}
     columns = {name: values for name, values in imu.columns.items() if name in used_fields}
     logged["IMU"] = imu._replace(columns=columns)
     return logged

@@ -139,6 +139,15 @@ def further_accelerometers(tables: Tables) -> NamedMessage:
     return NamedMessage("IMU", selected_rows(columns, order))
 
 
+RECEIVER_MESSAGES = ("GPA", "GPA2", "UBX1")
+"""Further messages of the receivers: their accuracy, that of the second one in old versions, and their noise."""
+
+ACCURACY_FIELDS = {"h_acc": "HAcc", "v_acc": "VAcc", "vel_acc": "SAcc"}
+"""Fields of GPA with the accuracy that a receiver states, m and m/s, by those of GPS_RAW_INT, mm and mm/s."""
+
+NOISE_FIELDS = {"noise_per_ms": "noisePerMS", "jamming_indicator": "jamInd"}
+"""Fields of UBX1, of u-blox receivers, by the names that PX4 has for them; MAVLink has none."""
+
 STATUS_3D_FIX = 3
 """Value of GPS.Status from which on the position is known in three dimensions, and the time too."""
 
@@ -147,7 +156,8 @@ def gps_fixes(tables: Tables, number: int) -> NamedMessage:
     """Makes GPS_RAW_INT of the first receiver, or GPS2_RAW of the second: fix, satellites, dilution and position.
 
     Latitude and longitude are in 1e-7 degrees, 0 where there is no three-dimensional fix; the altitude is in mm.
-    ``eph`` is the horizontal dilution of precision times 100, as MAVLink has it.
+    ``eph`` is the horizontal dilution of precision times 100, as MAVLink has it. Accuracy, noise and jamming have
+    messages of their own; their last values at each fix count.
 
     Args:
         tables: DataFlash's messages by name.
@@ -170,11 +180,46 @@ def gps_fixes(tables: Tables, number: int) -> NamedMessage:
     }
     if "Alt" in logged:
         columns["alt"] = 1000.0 * logged["Alt"].astype(float)
+    accuracy = rows_of_sensor(tables, "GPA", ("GPA2",), number)
+    columns |= _last_values_at(logged, accuracy, ACCURACY_FIELDS, 1000.0)
+    noise = tables.get("UBX1", {})
+    noise = rows_of_instance(noise, "Instance", number) if noise else noise
+    columns |= _last_values_at(logged, noise, NOISE_FIELDS)
     return NamedMessage(name, with_stamps(logged, columns))
 
 
+def _last_values_at(
+    target: Columns, source: Columns, names: Mapping[str, str], factor: float = 1.0
+) -> dict[str, NDArray[Any]]:
+    """Returns the last values of fields of one message at the stamps of another, by their new names.
+
+    Args:
+        target: The message (T rows) with the stamps.
+        source: The message (N rows) with the fields; those that it does not have are left out.
+        names: The fields' names in ``source`` by their new names.
+        factor: What the values are multiplied by.
+
+    Returns:
+        Columns (T,), NaN before the first message.
+    """
+    if not message_count(source):
+        return {}
+    time = continuous_time(source)
+    order = np.argsort(time, kind="stable")
+    rows = np.searchsorted(time[order], continuous_time(target), side="right") - 1
+    columns = {}
+    for name, field in names.items():
+        if field in source:
+            values = source[field][order].astype(float) * factor
+            columns[name] = np.where(rows >= 0, values[np.maximum(rows, 0)], np.nan)
+    return columns
+
+
 def motor_speeds(tables: Tables) -> NamedMessage:
-    """Makes ESC: the speed of each motor, RPM, with the number of its controller, from 0, as ``Instance``."""
+    """Makes ESC: the speed of each motor, RPM, with the number of its controller, from 0, as ``Instance``.
+
+    As far as logged there are also the current ``Curr``, A, the temperature ``Temp``, °C, and the errors.
+    """
     logged = messages_with_fields(tables, "ESC", ("RPM",))
     if logged:
         return NamedMessage("ESC", logged)
@@ -183,7 +228,11 @@ def motor_speeds(tables: Tables) -> NamedMessage:
         controller = messages_with_fields(tables, name, ("RPM",))
         if controller:
             numbers = np.full(message_count(controller), instance)
-            parts.append(with_stamps(controller, {"RPM": controller["RPM"], "Instance": numbers}))
+            fields = {"RPM": controller["RPM"], "Instance": numbers}
+            for field in ("Curr", "Temp"):
+                if field in controller:
+                    fields[field] = controller[field]
+            parts.append(with_stamps(controller, fields))
     if not parts:
         return NamedMessage("ESC", {})
     columns = concatenated_columns(parts)

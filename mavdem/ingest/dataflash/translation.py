@@ -38,9 +38,14 @@ from mavdem.ingest.dataflash.estimators import (
     core_message_names,
     flown_estimates,
 )
+from mavdem.ingest.dataflash.position_targets import (
+    POSITION_CONTROLLER_MESSAGES,
+    position_targets,
+)
 from mavdem.ingest.dataflash.sensors import (
     FURTHER_SENSOR_MESSAGES,
     OLD_ESC_MESSAGES,
+    RECEIVER_MESSAGES,
     STATUS_3D_FIX,
     further_accelerometers,
     further_sensors,
@@ -122,6 +127,10 @@ TRANSLATED_MESSAGES = tuple(
             "ACC",
             "ISBH",
             "ISBD",
+            "PM",
+            "MCU",
+            *RECEIVER_MESSAGES,
+            *POSITION_CONTROLLER_MESSAGES,
         )
     )
 )
@@ -207,6 +216,9 @@ def translated(
         "ERR": NamedMessage("ERR", messages_with_fields(tables, "ERR", ("Subsys", "ECode"))),
         "PARAM_VALUE": NamedMessage("PARM", _parameter_values(tables)),
         "EV": NamedMessage("EV", messages_with_fields(tables, "EV", ("Id",))),
+        # The main loop's load and memory: no message of MAVLink that has them has these stamps.
+        "PM": NamedMessage("PM", messages_with_fields(tables, "PM", ("NLon",))),
+        "POSITION_TARGET_LOCAL_NED": position_targets(tables),
         ACCELEROMETERS_MESSAGE: further_accelerometers(tables),
         "ESC": motor_speeds(tables),
         "SIDD": NamedMessage("SIDD", _injected_signal(tables)),
