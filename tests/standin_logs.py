@@ -86,14 +86,15 @@ def make_logs(folder, count, name="log"):
 
 def table_of(out):
     """The table, byte for byte."""
-    from mavdem.fleet.store import TABLE
+    from mavdem.fleet.table_files import table_path
 
     assert not list(out.glob(".unfinished"))
-    return (out / TABLE).read_bytes()
+    return table_path(out).read_bytes()
 
 
 def fleet_of(out, rows):
     """Makes a fleet of these rows, none of them judged."""
+    from mavdem.fleet.judgement import publish
     from mavdem.fleet.sources import LogSource
     from mavdem.fleet.store import open_store
 
@@ -104,10 +105,10 @@ def fleet_of(out, rows):
                 LogSource(file, 1, "now"), JobOutcome(file, "read", of_log, of_log[0].key), LIMITS
             )
         fleet.track([LogSource(row.file, 1, "now") for row in rows])
-        fleet.publish(lambda rows, _: rows)
+        publish(fleet, lambda rows, _: rows)
 
 
 def statuses(out):
-    from mavdem.fleet.store import read_rows
+    from mavdem.fleet.stored_rows import read_rows
 
     return {Path(row.file).name: row.status for row in read_rows(out) if row.status != "ok"}

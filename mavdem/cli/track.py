@@ -21,6 +21,7 @@ from mavdem.fleet.difference import (
     latest_flights,
 )
 from mavdem.fleet.flights import summary
+from mavdem.fleet.judgement import judgement_lock, mark_pages_updated, outdated_vehicles
 from mavdem.fleet.names import (
     GivenNames,
     content_hash,
@@ -32,10 +33,9 @@ from mavdem.fleet.names import (
 from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.sources import find_logs
-from mavdem.fleet.store import (
-    Store,
+from mavdem.fleet.store import Store, open_store
+from mavdem.fleet.stored_rows import (
     is_fleet,
-    open_store,
     read_brief_rows,
     read_rows,
     read_rows_of_logs,
@@ -168,7 +168,7 @@ def track_command(
     with (
         progress("Writing pages", measured=False),
         open_store(out) as store,
-        store.judgement_lock(),
+        judgement_lock(out),
     ):
         rows = read_brief_rows(out)
         counts = summary(rows)
@@ -188,9 +188,9 @@ def track_command(
                 for given_name in given_names:
                     _store_name(store, rows, given_name)
         names = read_names(store.db)
-        outdated_vehicles = store.outdated_vehicles()
-        index = write_fleet_pages(out, rows, blocks_by_vehicle, full_rows, outdated_vehicles, names)
-        store.mark_pages_updated(outdated_vehicles)
+        outdated = outdated_vehicles(store)
+        index = write_fleet_pages(out, rows, blocks_by_vehicle, full_rows, outdated, names)
+        mark_pages_updated(store, outdated)
     for problem in tracked.problems:
         print_to_stderr(f"mavdem: {problem.advised}")
     if as_json:

@@ -12,7 +12,7 @@ from mavdem.facts.fleet import Incomparable
 from mavdem.fleet.flights import flights_of
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
-from mavdem.fleet.store import is_fleet, read_brief_rows, read_rows
+from mavdem.fleet.stored_rows import is_fleet, read_brief_rows, read_rows
 from mavdem.ingest.telemetry import Parameters, Telemetry
 
 

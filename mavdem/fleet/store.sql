@@ -21,3 +21,5 @@ create index if not exists logs_by_log on logs (log);
 create index if not exists logs_by_size on logs (size);
 create index if not exists flights_by_log on flights (log);
 create index if not exists flights_by_vehicle on flights (vehicle, judged);
+-- The file of the table, by its number, that has the rows of a vehicle.
+create table if not exists table_files (vehicle text primary key, number integer not null);

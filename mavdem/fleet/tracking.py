@@ -19,9 +19,11 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.motors import HealthUnknown
 from mavdem.fleet.cluster import Cluster
+from mavdem.fleet.judgement import AssessRows, publish
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
 from mavdem.fleet.sources import LogSource, find_logs
-from mavdem.fleet.store import AssessRows, Store, is_fleet, open_store, read_rows
+from mavdem.fleet.store import Store, open_store
+from mavdem.fleet.stored_rows import is_fleet, read_rows
 from mavdem.fleet.workers import Job, JobOutcome, MakePage, WorkerPool
 from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.balance import BalanceFigures
@@ -242,7 +244,7 @@ def track(
             store.healthy = _checked_baseline(store.rows_of(healthy_logs))
         count_read, unread = _read_new_logs(store, logs, reader, page, progress)
         store.track(logs)
-        store.publish(assess)
+        publish(store, assess)
         return TrackedLogs(len(logs), count_read, (*problems, *unread), store.healthy)
 
 

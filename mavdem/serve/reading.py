@@ -30,6 +30,7 @@ from mavdem.facts.events import Reported
 from mavdem.facts.fleet import Reading
 from mavdem.facts.serve import Stage
 from mavdem.files import atomic_write
+from mavdem.fleet.judgement import publish
 from mavdem.fleet.row import FlightRows
 from mavdem.fleet.rows_of_log import rows_of_assessment
 from mavdem.fleet.store import open_store
@@ -180,7 +181,7 @@ def publish_table(path: Path, key: str, page: object) -> LogRows:
         No rows and no pages.
     """
     with open_store(path.parents[1]) as store:
-        store.publish(assess_rows)
+        publish(store, assess_rows)
     return [], {}
 
 

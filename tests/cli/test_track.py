@@ -10,7 +10,7 @@ from pytest import mark
 from recorded_flights import LOGS
 from standin_logs import make_logs, track
 
-from mavdem.fleet.store import read_rows
+from mavdem.fleet.stored_rows import read_rows
 from mavdem.results import write_fleet_pages
 
 

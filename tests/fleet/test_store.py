@@ -21,18 +21,23 @@ from standin_logs import InThisProcess, fleet_of, make_logs, statuses, table_of,
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.motors import HealthUnknown, MotorsBetween
-from mavdem.fleet import store
+from mavdem.fleet import store, table_files
+from mavdem.fleet.judgement import (
+    judgement_lock,
+    mark_pages_updated,
+    outdated_vehicles,
+    publish,
+)
 from mavdem.fleet.row import FlightRow, row_schema
-from mavdem.fleet.store import (
+from mavdem.fleet.store import open_store
+from mavdem.fleet.stored_rows import (
     BRIEF_COLUMNS,
     STORE,
-    TABLE,
     StoredRow,
-    open_store,
     read_brief_rows,
     read_rows,
-    write_rows,
 )
+from mavdem.fleet.table_files import table_path, write_file
 from mavdem.fleet.tracking import assess_rows, residual_mean
 from mavdem.fleet.workers import JobLimits
 
@@ -74,7 +79,7 @@ def test_the_examples_of_the_documentation_answer(here, capsys):
     ]
     rows = [*flown, *read_rows(here / "fleet")]
     stored_rows = [StoredRow(json.dumps(row.as_dict()), row.file) for row in rows]
-    write_rows(here / "fleet", stored_rows)
+    write_file(table_path(here / "fleet"), stored_rows, here / "fleet")
     names = {}
     examples = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     for code in examples:
@@ -106,7 +111,7 @@ def test_a_damaged_row_is_said_to_be(fleet, row):
     with open_store(out) as store:
         query = "select row, file from flights"
         assert len([*store.sound_rows(query)]) == len([*store.db.execute(query)]) - 1
-    (out / TABLE).unlink()
+    table_path(out).unlink()
     assert refusal(lambda: track(out, folder, log)) is Folder.FLEET_DAMAGED
 
 
@@ -128,7 +133,7 @@ def test_a_fleet_of_another_version_opens_with_the_columns_of_this_one(fleet, ve
     assert len(track(out, folder, other).problems) == 1
     rows = {Path(row.file).name: row.tier for row in read_rows(out)}
     assert rows == {log.name: "a", other.name: "a" if version > 1 else None}
-    assert parquet.read_schema(out / TABLE).equals(row_schema())
+    assert parquet.read_schema(table_path(out)).equals(row_schema())
     if version > 1:
         assert table_of(out) == before
     else:
@@ -144,7 +149,7 @@ def test_without_pyarrow_a_fleet_has_its_rows_but_no_table_that_is_older_than_th
     with monkeypatch.context() as core:
         core.setitem(sys.modules, "pyarrow", None)
         track(out, folder)
-        assert len(read_rows(out)) == 6 and not (out / TABLE).exists()
+        assert len(read_rows(out)) == 6 and not table_path(out).exists()
     assert track(out, folder).read == 0 and table_of(out)
 
 
@@ -190,18 +195,20 @@ def test_a_table_that_could_not_be_written_is_written_by_the_next_run(fleet, mon
     out, folder, *_ = fleet
     more = make_logs(folder, 8)
     with monkeypatch.context() as disk:
-        disk.setattr(store, "write_rows", Mock(side_effect=OSError(28, "No space left on device")))
+        disk.setattr(
+            table_files, "write_file", Mock(side_effect=OSError(28, "No space left on device"))
+        )
         assert refusal(lambda: track(out, folder)) is Folder.FLEET_NOT_WRITTEN
     assert track(out, folder).read == 0 and len(read_rows(out)) == 2 * len(more)
 
 
 def test_another_run_may_write_while_the_table_is_written(tmp_path, monkeypatch):
-    def write(folder, rows, changed_vehicles):
+    def write(path, rows, folder):
         with open_store(folder) as other:
             other.healthy = [FULL]
-        write_rows(folder, rows, changed_vehicles)
+        write_file(path, rows, folder)
 
-    monkeypatch.setattr(store, "write_rows", write)
+    monkeypatch.setattr(table_files, "write_file", write)
     monkeypatch.setattr(store, "BUSY_SECONDS", 0.1)
     fleet_of(tmp_path, [FULL])
     assert table_of(tmp_path)
@@ -211,12 +218,12 @@ def test_no_run_judges_a_vehicle_while_another_updates_pages_by_its_rows(tmp_pat
     fleet_of(tmp_path, [FULL])
     newer = replace(FULL, file="b.bin", key="b-1")
     with open_store(tmp_path) as first_run, ThreadPoolExecutor(1) as thread:
-        with first_run.judgement_lock():
+        with judgement_lock(tmp_path):
             second_run = thread.submit(fleet_of, tmp_path, [FULL, newer])
             assert second_run not in wait([second_run], timeout=0.2).done
-            first_run.mark_pages_updated(first_run.outdated_vehicles())
+            mark_pages_updated(first_run, outdated_vehicles(first_run))
         second_run.result(timeout=60)
-        assert first_run.outdated_vehicles() == {FULL.vehicle}
+        assert outdated_vehicles(first_run) == {FULL.vehicle}
 
 
 def test_a_run_that_waits_judges_by_the_baseline_that_was_set_meanwhile(tmp_path):
@@ -229,10 +236,10 @@ def test_a_run_that_waits_judges_by_the_baseline_that_was_set_meanwhile(tmp_path
 
     def judge():
         with open_store(tmp_path) as second_run:
-            second_run.publish(assess)
+            publish(second_run, assess)
 
     with open_store(tmp_path) as first_run, ThreadPoolExecutor(1) as thread:
-        with first_run.judgement_lock():
+        with judgement_lock(tmp_path):
             judging = thread.submit(judge)
             assert judging not in wait([judging], timeout=0.2).done
             first_run.healthy = [FULL]
@@ -245,31 +252,46 @@ def test_a_changed_vehicle_takes_the_place_of_its_rows_in_the_table(tmp_path):
     fleet_of(tmp_path, rows)
     changed = [replace(rows[1], tier="a"), replace(FULL, file="c.bin", key="new-1", vehicle="b")]
     fleet_of(tmp_path, changed)
-    spliced = parquet.read_table(tmp_path / TABLE)
-    (tmp_path / TABLE).unlink()
+    spliced = parquet.read_table(table_path(tmp_path))
+    table_path(tmp_path).unlink()
     with open_store(tmp_path) as whole_store:
-        whole_store.publish(assess_rows)
-    assert spliced.equals(parquet.read_table(tmp_path / TABLE))
+        publish(whole_store, assess_rows)
+    assert spliced.equals(parquet.read_table(table_path(tmp_path)))
     assert spliced["vehicle"].to_pylist() == ["a", "b", "b"]
     assert spliced["tier"].to_pylist() == ["a", None, None]
 
 
-def test_the_row_groups_of_a_spliced_table_stay_full(tmp_path, monkeypatch):
-    monkeypatch.setattr(store, "ROWS_PER_GROUP", 4)
+def test_a_change_writes_only_the_file_with_the_rows_of_its_vehicle(tmp_path, monkeypatch):
+    monkeypatch.setattr(table_files, "ROWS_PER_FILE", 4)
     names = [f"v{number}" for number in range(10)]
     rows = [replace(FULL, file=f"{name}.bin", key=f"{name}-1", vehicle=name) for name in names]
-    for count in range(1, 11):
-        fleet_of(tmp_path, rows[:count])
-    table = parquet.ParquetFile(tmp_path / TABLE)
-    assert [table.metadata.row_group(number).num_rows for number in range(3)] == [4, 4, 2]
-    assert table.read()["vehicle"].to_pylist() == names
+    fleet_of(tmp_path, rows)
+    paths = [table_path(tmp_path, number) for number in range(3)]
+    assert [parquet.read_metadata(path).num_rows for path in paths] == [4, 4, 2]
+    contents = [path.read_bytes() for path in paths]
+    more = replace(FULL, file="v5_more.bin", key="more-1", vehicle="v5")
+    new = replace(FULL, file="a.bin", key="a-1", vehicle="a new vehicle")
+    fleet_of(tmp_path, [more, new])
+    changed = [path.read_bytes() != content for path, content in zip(paths, contents, strict=True)]
+    assert changed == [False, True, True]
+    vehicles = parquet.read_table(tmp_path / "flights")["vehicle"].to_pylist()
+    assert sorted(vehicles) == ["a new vehicle", *sorted([*names, "v5"])]
+    # A file that is lost is written again, and so is all where the columns are of another version.
+    paths[1].unlink()
+    fleet_of(tmp_path, [new])
+    assert len(parquet.read_table(tmp_path / "flights")) == 12
+    with closing(sqlite3.connect(tmp_path / STORE, isolation_level=None)) as db:
+        db.execute("pragma user_version = 1")
+    monkeypatch.setattr(table_files, "ROWS_PER_FILE", 100)
+    fleet_of(tmp_path, [new])
+    assert len(parquet.read_table(table_path(tmp_path))) == 12 and not paths[2].exists()
 
 
 def test_the_rows_of_a_vehicle_with_any_name_are_spliced(tmp_path):
     row = replace(FULL, key="a-1", vehicle="quad\x007")
     fleet_of(tmp_path, [row])
     fleet_of(tmp_path, [replace(row, tier="a")])
-    assert parquet.read_table(tmp_path / TABLE)["tier"].to_pylist() == ["a"]
+    assert parquet.read_table(table_path(tmp_path))["tier"].to_pylist() == ["a"]
 
 
 def make_older(folder):

@@ -34,7 +34,7 @@ from mavdem.fleet import cluster, workers
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, find_logs
-from mavdem.fleet.store import STORE, read_rows
+from mavdem.fleet.stored_rows import STORE, read_rows
 from mavdem.fleet.workers import (
     Job,
     JobLimits,

@@ -22,7 +22,7 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.facts.serve import Order, Stage, Start
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.store import read_rows
+from mavdem.fleet.stored_rows import read_rows
 from mavdem.fleet.workers import Job, JobLimits, outcome_of
 from mavdem.ingest import read_log
 from mavdem.results import PAGE_FILE, REPORT_FILE

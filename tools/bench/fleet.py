@@ -29,9 +29,11 @@ import click
 
 from mavdem.containers import group_by
 from mavdem.fleet.flights import summary
+from mavdem.fleet.judgement import publish
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.sources import LogSource, find_logs
-from mavdem.fleet.store import Store, open_store, read_brief_rows, read_rows
+from mavdem.fleet.store import Store, open_store
+from mavdem.fleet.stored_rows import read_brief_rows, read_rows
 from mavdem.fleet.tracking import assess_rows
 from mavdem.fleet.workers import PAGES, JobLimits, JobOutcome
 from mavdem.machine import free_port
@@ -169,7 +171,7 @@ def fill_store(store: Store, rows: FlightRows, count: int) -> None:
             store.add(log.source, log.outcome, limits)
             sources.append(log.source)
         store.track(sources)
-    store.publish(assess_rows)
+    publish(store, assess_rows)
 
 
 def write_stand_in_pages(folder: Path) -> None:

@@ -1,0 +1,117 @@
+"""Judging: each vehicle of which anything is new is judged anew from all its flights, which the store then holds.
+
+A judged vehicle is noted in two tables of the store: in ``unpublished`` until its rows are in the table of the fleet,
+and in ``outdated_pages`` until the pages of its flights say how the flights differ.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from filelock import FileLock
+
+from mavdem.facts import Fact
+from mavdem.facts.motors import HealthUnknown
+from mavdem.fleet.row import FlightRows
+from mavdem.fleet.store import Store
+from mavdem.fleet.stored_rows import brief_json, row_of_json
+from mavdem.fleet.table_files import update_table
+
+JUDGEMENT_LOCK = ".pages.lock"
+"""Name of the file that is locked while vehicles are judged, and while pages say how their flights were judged."""
+
+AssessRows = Callable[[FlightRows, FlightRows], FlightRows]
+"""A function of all rows of one vehicle, and the rows of its baseline; it returns the same rows with their health."""
+
+
+def publish(store: Store, assess: AssessRows) -> None:
+    """Judges the vehicles of which anything is new, or whose baseline is, and writes what changed in the table.
+
+    Rows are marked with the hash of the baseline by which they were judged; those with another mark, or none, are to be
+    judged again. A changed vehicle is noted in the table ``unpublished`` within the same transaction, so that a run
+    that is killed before it writes the Parquet file leaves this to the next one.
+
+    Args:
+        store: the open store of the fleet.
+        assess: judges all rows of a vehicle.
+    """
+    with judgement_lock(store.folder), store.transaction():
+        # Another run may have set the baseline while this one waited for the lock.
+        healthy = store.healthy
+        baseline = hashlib.sha256(repr(healthy).encode()).hexdigest()
+        store.update_names()
+        query = """select distinct vehicle from flights where file is not null and judged is not ?
+            order by vehicle"""
+        for (vehicle,) in store.db.execute(query, [baseline]).fetchall():
+            healthy_rows = [row for row in healthy if row.vehicle == vehicle]
+            _judge_vehicle(store, vehicle, assess, healthy_rows, baseline)
+    update_table(store)
+
+
+def _judge_vehicle(
+    store: Store, vehicle: str, assess: AssessRows, healthy_rows: FlightRows, baseline: str
+) -> None:
+    """Judges the health of one vehicle anew from all its flights in the table, and stores the result in its rows.
+
+    All flights are judged together: a motor is compared with itself in the flights before.
+
+    Args:
+        store: the open store of the fleet.
+        vehicle: its name.
+        assess: judges the rows.
+        healthy_rows: those of its baseline.
+        baseline: hash of the whole baseline, which marks the rows as judged with it.
+    """
+    query = """select rowid, row, file from flights where vehicle = ? and file is not null
+        order by file, log, rowid"""
+    unjudged_query = query.replace("order by", f"and judged is not '{baseline}' order by")
+    found = store.db.execute(unjudged_query, [vehicle]).fetchall()
+    # Without a name of its own or a baseline a flight is not compared with others, which stay as they are.
+    if healthy_rows or row_of_json(*found[0][1:]).has_own_name:
+        found = store.db.execute(query, [vehicle]).fetchall()
+    rows = [row_of_json(text, file) for _, text, file in found]
+    judged_rows = assess_safely(rows, assess, healthy_rows)
+    for (row_id, *_), row in zip(found, judged_rows, strict=True):
+        store.db.execute(
+            "update flights set row = ?, brief = ?, judged = ? where rowid = ?",
+            [json.dumps(row.as_dict()), brief_json(row), baseline, row_id],
+        )
+    store.db.execute("insert into unpublished (vehicle) values (?)", [vehicle])
+    store.db.execute("insert or ignore into outdated_pages values (?)", [vehicle])
+
+
+def assess_safely(rows: FlightRows, assess: AssessRows, healthy_rows: FlightRows) -> FlightRows:
+    """Judges the rows of one vehicle; where that fails their ``health_reason`` says so, and other vehicles go on."""
+    try:
+        return assess(rows, healthy_rows)
+    except Exception as error:
+        reason = Fact(HealthUnknown.HEALTH_FAILED, because=f"{type(error).__name__}: {error}")
+        return [replace(row, health_reason=str(reason), health_code=reason.code) for row in rows]
+
+
+def judgement_lock(folder: Path) -> FileLock:
+    """Returns a lock within whose block no other run judges a vehicle, so that what pages say stays true.
+
+    Without it a run could write pages by the rows that it has read, and mark them as updated, while another run judges
+    the same vehicle anew.
+
+    Args:
+        folder: folder of the fleet.
+    """
+    return FileLock(folder / JUDGEMENT_LOCK)
+
+
+def outdated_vehicles(store: Store) -> set[str]:
+    """Returns the names of vehicles that were judged anew since their pages were last marked as updated."""
+    return {vehicle for (vehicle,) in store.db.execute("select vehicle from outdated_pages")}
+
+
+def mark_pages_updated(store: Store, vehicles: Iterable[str]) -> None:
+    """Notes that the pages of the flights of these vehicles say how the flights differ from each other."""
+    with store.transaction():
+        names = [[vehicle] for vehicle in vehicles]
+        store.db.executemany("delete from outdated_pages where vehicle = ?", names)

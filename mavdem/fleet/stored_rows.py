@@ -1,0 +1,172 @@
+"""The rows of a fleet as its store keeps them, each as JSON, whole and brief; and how they are read.
+
+Reading them needs no open :class:`mavdem.fleet.store.Store`: a fleet may lie in a folder that cannot be written to.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+from collections.abc import Iterable
+from contextlib import closing
+from dataclasses import fields
+from pathlib import Path
+from typing import NamedTuple
+
+from mavdem.containers import JsonValues
+from mavdem.errors import Unreadable
+from mavdem.facts import Fact
+from mavdem.facts.fleet import Folder
+from mavdem.facts.lights import Light
+from mavdem.fleet.row import FlightRow, FlightRows
+
+STORE = "fleet.sqlite"
+"""Name of the store in the folder of a fleet."""
+
+BUSY_SECONDS = 600.0
+"""s for which a run waits while another one writes, such as the table of a large fleet."""
+
+BRIEF_COLUMNS = (
+    "file",
+    "key",
+    "vehicle",
+    "vehicle_basis",
+    "frame",
+    "firmware",
+    "system",
+    "component",
+    "date",
+    "axis",
+    "tier",
+    "duration",
+    "wind_speed",
+    "wind_direction",
+    "headline",
+    "headline_level",
+    *(f"light_{light}" for light in Light),
+    "health",
+    "fault_probability",
+    "suspect_motor",
+    "health_reason",
+    "warnings",
+    "status",
+    "status_code",
+    "page",
+)
+"""Columns that an index of all flights shows. They are stored by themselves too, since a row has four times as many."""
+
+COLUMNS = {column.name for column in fields(FlightRow)}
+"""Names of the columns of this version."""
+
+
+class StoredRow(NamedTuple):
+    """A row as the store has it."""
+
+    text: str
+    """The row as JSON."""
+    file: str
+    """Name of its log in the table."""
+
+
+def is_fleet(folder: Path) -> bool:
+    """Returns whether a folder has a store, which ``mavdem track`` has written."""
+    return (folder / STORE).is_file()
+
+
+def read_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
+    """Returns the rows of a fleet, by vehicle, file and axis.
+
+    Args:
+        folder: folder of the fleet.
+        vehicle: name of the vehicle whose rows are returned; None for those of all vehicles.
+
+    Raises:
+        Unreadable: the folder has no store, or a damaged one.
+    """
+    query = "select row, file from flights where file is not null"
+    if vehicle is not None:
+        query += " and vehicle = :vehicle"
+    return _stored_rows(folder, query, {"vehicle": vehicle})
+
+
+def read_brief_rows(folder: Path) -> FlightRows:
+    """Returns the rows of a fleet with ``BRIEF_COLUMNS`` alone; other columns have their defaults.
+
+    Raises:
+        Unreadable: the folder has no store, or a damaged one.
+    """
+    return _stored_rows(folder, "select brief, file from flights where file is not null", {})
+
+
+def read_rows_of_logs(folder: Path, files: Iterable[str]) -> FlightRows:
+    """Returns the rows of the logs with these names in the table of a fleet.
+
+    Raises:
+        Unreadable: the folder has no store, or a damaged one.
+    """
+    query = "select row, file from flights where file in (select value from json_each(:files))"
+    return _stored_rows(folder, query, {"files": json.dumps(sorted(files))})
+
+
+def _stored_rows(folder: Path, query: str, values: JsonValues) -> FlightRows:
+    """Returns the rows that a query with named ``values`` finds in the store of a fleet, in their order.
+
+    Raises:
+        Unreadable: the folder has no store, or a damaged one.
+    """
+    path = folder / STORE
+    if not is_fleet(folder):
+        raise Unreadable(Folder.NO_FLEET, path=folder)
+    # SQLite writes its lock beside the store, which it cannot in a folder that is not writable.
+    access = "mode=rw" if os.access(folder, os.W_OK) else "immutable=1"
+    uri = f"{path.absolute().as_uri()}?{access}"
+    try:
+        with closing(sqlite3.connect(uri, timeout=BUSY_SECONDS, uri=True)) as db:
+            if not has_brief_rows(db):
+                # A store of an earlier version has none until a run has opened it. Whole rows have their columns too.
+                query = query.replace("select brief", "select row")
+            rows = [row_of_json(text, file) for text, file in db.execute(query, values)]
+    except sqlite3.Error as error:
+        raise Unreadable(damage_of_store(path, error)) from None
+    return sorted(rows, key=lambda row: row.order)
+
+
+def has_brief_rows(db: sqlite3.Connection) -> bool:
+    """Returns whether a store has brief rows, which those of earlier versions have not."""
+    query = "select 1 from pragma_table_info('flights') where name = 'brief'"
+    return db.execute(query).fetchone() is not None
+
+
+def damage_of_store(path: Path, error: Exception) -> Fact:
+    """Returns the fact that a store is damaged."""
+    return Fact(Folder.FLEET_DAMAGED, path=path, because=error)
+
+
+def brief_json(row: FlightRow) -> str:
+    """Returns the ``BRIEF_COLUMNS`` of a row as JSON, without those that are not known."""
+    values = row.as_dict()
+    known = {name: values[name] for name in BRIEF_COLUMNS if values[name] not in (None, ())}
+    return json.dumps(known)
+
+
+def row_of_json(text: str, file: str | None = None) -> FlightRow:
+    """Returns a row of the store. Columns of other versions are left out.
+
+    Args:
+        text: the row as JSON.
+        file: the name of its log in the table; that of the JSON unless given.
+
+    Raises:
+        sqlite3.DatabaseError: the text is no row.
+    """
+    try:
+        values = json.loads(text)
+        # Most rows are of this version, and need no search for columns of others.
+        if not values.keys() <= COLUMNS:
+            values = {name: value for name, value in values.items() if name in COLUMNS}
+        if file is not None:
+            values["file"] = file
+        return FlightRow.from_stored(values)
+    except (AttributeError, TypeError, ValueError, RecursionError) as error:
+        raise sqlite3.DatabaseError(error) from error

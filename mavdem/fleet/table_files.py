@@ -1,0 +1,261 @@
+"""The table of a fleet for DuckDB, Polars and pandas: Parquet files, each with all rows of some vehicles.
+
+Where the rows of a vehicle have changed its file is written anew, and the other files stay as they are: one more log
+costs the same among ten thousand as among a thousand. Without pyarrow there is no table.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock
+
+from mavdem.extras import missing_modules
+from mavdem.files import atomic_write
+from mavdem.fleet.row import row_schema
+from mavdem.fleet.store import Store
+from mavdem.fleet.stored_rows import StoredRow
+
+TABLE_FOLDER = "flights"
+"""Name of the folder with the files of the table, in the folder of the fleet."""
+
+TABLE_LOCK = ".flights.lock"
+"""Name of the file that is locked while the table is written; outside the table's folder, all of which is read."""
+
+ROWS_PER_FILE = 2_000
+"""Rows from which on a file takes no further vehicle: 8 MB as JSON, which are written in a tenth of a second. A vehicle
+with more rows has a larger file."""
+
+ROWS_PER_GROUP = 2_000
+"""Rows of a group in a Parquet file, which are in memory at a time."""
+
+
+def table_path(folder: Path, number: int = 0) -> Path:
+    """Returns the path of a file of a fleet's table: flights.parquet, flights-1.parquet and so on.
+
+    Args:
+        folder: folder of the fleet.
+        number: number of the file, from 0.
+    """
+    name = "flights" if number == 0 else f"flights-{number}"
+    return folder / TABLE_FOLDER / f"{name}.parquet"
+
+
+def update_table(store: Store) -> None:
+    """Writes those files of a fleet's table in which a row has changed since they were written.
+
+    The table ``unpublished`` of the store has a number and a vehicle for each change. Those up to the last number are
+    deleted after the files are written; later ones stay for the next run. Without pyarrow the files of an earlier table
+    are removed, since they are no longer true.
+
+    Args:
+        store: the open store of the fleet.
+
+    Raises:
+        OSError: a file cannot be written.
+        sqlite3.DatabaseError: a row is damaged.
+    """
+    folder = store.folder
+    if missing_modules("parquet"):
+        for path in (folder / TABLE_FOLDER).glob("*.parquet"):
+            path.unlink()
+        return
+    # Two runs that end together write one after the other, so that the later one has all rows. Other runs can add logs
+    # meanwhile.
+    with FileLock(folder / TABLE_LOCK):
+        with store.transaction():
+            changes = store.db.execute("select change, vehicle from unpublished").fetchall()
+            is_whole = _needs_whole_table(store, {vehicle for _, vehicle in changes})
+            if is_whole:
+                store.db.execute("delete from table_files")
+            _assign_vehicles(store.db)
+            numbers = _outdated_files(store, is_whole)
+        for number in sorted(numbers):
+            write_file(table_path(folder, number), _rows_of_file(store.db, number), folder)
+        if is_whole:
+            _remove_other_files(folder, numbers)
+        last_change = max((change for change, _ in changes), default=0)
+        store.db.execute("delete from unpublished where change <= ?", [last_change])
+
+
+def _needs_whole_table(store: Store, changed_vehicles: set[str | None]) -> bool:
+    """Returns whether all files are to be written: there are none, or they have the columns of another version.
+
+    Args:
+        store: the open store of the fleet.
+        changed_vehicles: names of the vehicles whose rows have changed; None where a change names no vehicle, which is
+            one of another version of the columns.
+    """
+    if None in changed_vehicles:
+        return True
+    if not changed_vehicles:
+        return not table_path(store.folder).is_file()
+    if not has_current_columns(table_path(store.folder)):
+        return True
+    # The single file of an earlier version of mavdem has all vehicles, none of which is assigned to it.
+    return store.db.execute("select 1 from table_files").fetchone() is None
+
+
+def _assign_vehicles(db: sqlite3.Connection) -> None:
+    """Assigns vehicles that have no file yet to the last file, or to further ones as it becomes full.
+
+    Args:
+        db: the connection to the store.
+    """
+    sizes: dict[int, int] = {}
+    query = "select number, count(*) from table_files join flights using (vehicle) group by number"
+    for number, rows in db.execute(query):
+        sizes[number] = rows
+    number = max(sizes, default=0)
+    query = """select vehicle, count(*) from flights
+        where vehicle not in (select vehicle from table_files) group by vehicle order by vehicle"""
+    for vehicle, rows in db.execute(query).fetchall():
+        if sizes.get(number, 0) >= ROWS_PER_FILE:
+            number += 1
+        sizes[number] = sizes.get(number, 0) + rows
+        db.execute("insert into table_files values (?, ?)", [vehicle, number])
+
+
+def _outdated_files(store: Store, is_whole: bool) -> set[int]:
+    """Returns the numbers of the files to be written: those of changed vehicles, and those that do not exist.
+
+    Args:
+        store: the open store of the fleet.
+        is_whole: whether all files are to be written.
+    """
+    query = "select number, vehicle in (select vehicle from unpublished) from table_files"
+    outdated = set()
+    # A fleet without a flight has a first file, too.
+    numbers = {0}
+    for number, is_changed in store.db.execute(query):
+        numbers.add(number)
+        if is_changed:
+            outdated.add(number)
+    for number in numbers:
+        if is_whole or not table_path(store.folder, number).is_file():
+            outdated.add(number)
+    return outdated
+
+
+def _rows_of_file(db: sqlite3.Connection, number: int) -> Iterator[StoredRow]:
+    """Yields the rows of the vehicles that are assigned to a file, by vehicle and log."""
+    query = """select row, file from flights where file is not null and
+        vehicle in (select vehicle from table_files where number = ?)
+        order by vehicle, file, log, rowid"""
+    for columns in db.execute(query, [number]):
+        yield StoredRow(*columns)
+
+
+def _remove_other_files(folder: Path, numbers: Iterable[int]) -> None:
+    """Removes the files of a fleet's table but those with these numbers."""
+    kept = {table_path(folder, number) for number in numbers}
+    for path in (folder / TABLE_FOLDER).glob("flights-*.parquet"):
+        if path not in kept:
+            path.unlink()
+
+
+def write_file(path: Path, rows: Iterable[StoredRow], folder: Path) -> None:
+    """Writes a file of a table, in place of an earlier one.
+
+    Args:
+        path: path of the file.
+        rows: its rows in the order of their vehicles.
+        folder: folder for the unfinished file: readers of all files beside the table would read it there.
+
+    Raises:
+        OSError: the file cannot be written.
+        sqlite3.DatabaseError: a row is damaged.
+    """
+    import pyarrow
+    from pyarrow import parquet
+
+    # Arrow's own pools keep some 50 MB more for themselves.
+    pyarrow.set_memory_pool(pyarrow.system_memory_pool())
+    path.parent.mkdir(exist_ok=True)
+    with atomic_write(path, folder) as file:
+        with parquet.ParquetWriter(file, row_schema(), compression="zstd") as writer:
+            for group in _row_groups(rows):
+                writer.write_table(group)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def has_current_columns(path: Path) -> bool:
+    """Returns whether there is a file of a table, with the columns of this version."""
+    import pyarrow
+    from pyarrow import parquet
+
+    try:
+        # pyarrow opens no path that is not valid Unicode.
+        with path.open("rb") as file:
+            table_schema = parquet.read_schema(file)
+    except (OSError, pyarrow.ArrowException):
+        return False
+    schema = row_schema()
+    # The schema of a file has further metadata on each column, but not on the table.
+    return bool(table_schema.equals(schema) and table_schema.metadata == schema.metadata)
+
+
+def _row_groups(rows: Iterable[StoredRow]) -> Iterator[Any]:
+    """Yields rows as tables of pyarrow with ``ROWS_PER_GROUP`` rows each, in their order.
+
+    Raises:
+        sqlite3.DatabaseError: a row is damaged.
+    """
+    rows = iter(rows)
+    group = list(islice(rows, ROWS_PER_GROUP))
+    while group:
+        yield _arrow_table(group)
+        group = list(islice(rows, ROWS_PER_GROUP))
+
+
+def _arrow_table(rows: Sequence[StoredRow]) -> Any:
+    """Returns stored rows as a ``pyarrow.Table`` with the columns of this version.
+
+    Arrow reads the JSON itself: a table of thousands of rows is written while Python would have parsed a few hundred.
+
+    Raises:
+        sqlite3.DatabaseError: a row is damaged.
+    """
+    import pyarrow
+
+    schema = row_schema()
+    # Times are stored with their zone, UTC, which the table does not name; Arrow reads no such text as a time.
+    date_index = schema.get_field_index("date")
+    text_schema = schema.set(date_index, pyarrow.field("date", pyarrow.string()))
+    table = _table_of_json((row.text for row in rows), text_schema)
+    dates = table["date"].cast(pyarrow.timestamp("us", "UTC")).cast(pyarrow.timestamp("us"))
+    table = table.set_column(date_index, schema.field("date"), dates)
+    # A log has another name in the table than in its row where it was moved. JSON makes the column, since
+    # pyarrow.array() imports pandas, which takes as long as all the rest.
+    file_field = schema.field("file")
+    file_texts = (json.dumps({"file": row.file}) for row in rows)
+    files = _table_of_json(file_texts, pyarrow.schema([file_field]))["file"]
+    return table.set_column(schema.get_field_index("file"), file_field, files).cast(schema)
+
+
+def _table_of_json(texts: Iterable[str], schema: Any) -> Any:
+    """Returns texts of JSON objects, one for each row, as a ``pyarrow.Table`` with the columns of a schema.
+
+    Raises:
+        sqlite3.DatabaseError: a text is no such object.
+    """
+    import pyarrow
+    from pyarrow import json as arrow_json
+
+    # A line is a row, as long as no row contains a line break; a damaged one may.
+    lines = "\n".join(text.replace("\n", " ") for text in texts).encode()
+    try:
+        return arrow_json.read_json(
+            pyarrow.BufferReader(lines),
+            arrow_json.ReadOptions(use_threads=False, block_size=max(len(lines), 1)),
+            arrow_json.ParseOptions(explicit_schema=schema, unexpected_field_behavior="ignore"),
+        )
+    except pyarrow.ArrowInvalid as error:
+        raise sqlite3.DatabaseError(error) from None
