@@ -9,6 +9,7 @@ Source: https://mavlink.io/en/guide/serialization.html
 from typing import NamedTuple
 
 from mavdem.ingest.mavlink import framing
+from mavdem.ingest.mavlink.checksums import frame_checksum
 from mavdem.ingest.mavlink.definitions import definitions_by_id
 
 MAX_UNDECIDED_BYTES = 32 * framing.MAX_FRAME_BYTES
@@ -159,7 +160,7 @@ def _parse_frame(content: bytes) -> Frame:
     if definition is not None:
         sent = int.from_bytes(content[payload_end : payload_end + framing.CHECKSUM_BYTES], "little")
         # The marker is not part of what the checksum covers.
-        expected = framing.frame_checksum(content[1:payload_end], definition.crc_extra)
+        expected = frame_checksum(content[1:payload_end], definition.crc_extra)
         matches = sent == expected
         checksum = framing.CHECKSUM_MATCHES if matches else framing.CHECKSUM_FAILED
     payload = content[header_length:payload_end]

@@ -18,6 +18,7 @@ import click
 import numpy as np
 
 from mavdem.ingest.byte_rows import Bytes, rows_of
+from mavdem.ingest.mavlink.checksums import frame_checksum
 from mavdem.ingest.mavlink.definitions import definitions_by_id
 from mavdem.ingest.mavlink.framing import (
     CHECKSUM_BYTES,
@@ -26,7 +27,6 @@ from mavdem.ingest.mavlink.framing import (
     HEADER_BYTES_V2,
     LENGTH_BYTE,
     MARKER_V1,
-    frame_checksum,
 )
 from mavdem.ingest.mavlink.vehicles import BOOT_CLOCK_UNITS, MICROSECONDS, FrameStream
 from mavdem.ingest.tlog import STAMP_BYTES, tlog_stream

@@ -1,12 +1,12 @@
 """Correct checksums for the frames of a damaged telemetry log, without which hardly any damage would be read."""
 
+from mavdem.ingest.mavlink.checksums import frame_checksum
 from mavdem.ingest.mavlink.definitions import definitions_by_id
 from mavdem.ingest.mavlink.framing import (
     CHECKSUM_BYTES,
     HEADER_BYTES_V1,
     HEADER_BYTES_V2,
     MARKER_V2,
-    frame_checksum,
     frame_length,
 )
 

@@ -16,8 +16,9 @@ from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.containers import Names
 from mavdem.ingest.byte_rows import Bytes, bytes_at, rows_of
-from mavdem.ingest.mavlink import framing
+from mavdem.ingest.mavlink.checksums import frame_checksum
 from mavdem.ingest.mavlink.framing import (
+    CHECKSUM_BYTES,
     HEADER_BYTES_V1,
     HEADER_BYTES_V2,
     LENGTH_BYTE,
@@ -235,5 +236,5 @@ def encode_frame(
         )
     )
     header += definition.message_id.to_bytes(3, "little")
-    checksum = framing.frame_checksum(header[1:] + payload, definition.crc_extra)
-    return header + payload + checksum.to_bytes(framing.CHECKSUM_BYTES, "little")
+    checksum = frame_checksum(header[1:] + payload, definition.crc_extra)
+    return header + payload + checksum.to_bytes(CHECKSUM_BYTES, "little")

@@ -11,9 +11,8 @@ payloads and time stamps, so each of them is only a candidate. Candidates are ac
 A linked frame decides about all bytes before it, so the scan holds no more than a block and the bytes since the last
 linked frame.
 
-Sources: https://mavlink.io/en/guide/serialization.html (layout, truncation; the X.25 checksum is CRC-16/MCRF4XX,
-register reflected, poly 0x8408, starting with 0xFFFF, over the bytes after the marker and then CRC_EXTRA),
-https://mavlink.io/en/guide/message_signing.html (signature of 13 bytes).
+Sources: https://mavlink.io/en/guide/serialization.html (layout, truncation; the checksum is that of the bytes after the
+marker and then of CRC_EXTRA), https://mavlink.io/en/guide/message_signing.html (signature of 13 bytes).
 """
 
 from __future__ import annotations
@@ -23,12 +22,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from fastcrc.crc16 import mcrf4xx
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.arrays import Flags
 from mavdem.ingest.byte_rows import RESIDENT_BYTES, Bytes, Offsets, release_pages, rows_of
+from mavdem.ingest.mavlink.checksums import BlockChecksums, registers_after
 
 CrcExtras = NDArray[np.int32]
 """CRC_EXTRA by message id, -1 for ids without a message in the dialect.
@@ -72,32 +71,16 @@ MESSAGE_ID_BYTE_V1 = 5
 """Offset of the message id in MAVLink 1, one byte."""
 MESSAGE_ID_BYTE_V2 = 7
 """Offset of the first of three bytes of the message id in MAVLink 2, the lowest first."""
+MESSAGE_ID_BYTES_V2 = 3
+"""Number of bytes of the message id in MAVLink 2."""
 LENGTH_FIELDS_BYTES = 3
 """Number of a header's first bytes that determine the length of its frame, in both versions."""
 
-SCANNED_BYTES = 1 << 18
-"""Number of bytes that are scanned at a time. It bounds the memory for a hostile stream in which all are markers."""
+SCANNED_BYTES = 1 << 20
+"""Number of bytes that are scanned at a time: a choice, at which the calls for each block cost little. It bounds the memory for a hostile stream in which all are markers."""
 
 CHECKSUM_MATCHES, MESSAGE_UNKNOWN, CHECKSUM_FAILED = range(1, 4)
 """State of a frame: its checksum matches; its message is not in the dialect; its checksum does not match."""
-
-
-def frame_checksum(content: bytes, crc_extra: int) -> int:
-    """Returns the checksum of a frame.
-
-    Args:
-        content: The bytes of the frame after the marker and before the checksum.
-        crc_extra: CRC_EXTRA of its message.
-    """
-    return mcrf4xx(content + bytes((crc_extra,)))
-
-
-CRC_TABLE = np.array([mcrf4xx(bytes((byte,)), 0) for byte in range(256)])
-"""The checksum of each single byte, starting with 0.
-
-By it the checksums of many frames are continued over their CRC_EXTRA at once (table-driven CRC, one byte per step):
-new = old >> 8 ^ CRC_TABLE[(old ^ byte) & 0xFF].
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +263,6 @@ class _FrameBlock:
         self._bytes = np.zeros(block_end - block_start + MAX_FRAME_BYTES + gap + 2, dtype=np.uint8)
         available = data[block_start : block_start + len(self._bytes)]
         self._bytes[: len(available)] = available
-        self._content = self._bytes.tobytes()
         block = self._bytes[: block_end - block_start]
         markers = np.flatnonzero((block == MARKER_V1) | (block == MARKER_V2))
         headers = rows_of(self._bytes, markers, HEADER_BYTES_V2)
@@ -293,6 +275,7 @@ class _FrameBlock:
         next_byte = self._bytes[self.end + (gap - block_start)]
         next_is_marker = (next_byte == MARKER_V1) | (next_byte == MARKER_V2)
         self._is_linked = (self.end + gap >= self._size) | next_is_marker
+        self._checksums = BlockChecksums(self._bytes)
 
     def linked_frames(self) -> Frames:
         """Returns candidates whose checksum matches, and after which another begins, or the bytes end before one."""
@@ -325,13 +308,8 @@ class _FrameBlock:
         high_byte = self._bytes[checksum_start + 1].astype(np.uint16)
         sent = low_byte | high_byte << 8
         # The checksum covers header and payload, but not the marker, which is one byte.
-        covered = zip((start + 1).tolist(), checksum_start.tolist(), strict=True)
-        content = self._content
-        sums = [mcrf4xx(content[first:last]) for first, last in covered]
-        # One more step of the CRC takes in CRC_EXTRA, for all frames at once.
-        without_extra = np.array(sums, dtype=np.uint16)
-        computed = without_extra >> 8 ^ CRC_TABLE[(without_extra ^ crc_extras) & 0xFF]
-        return frames[sent == computed]
+        without_extra = self._checksums.checksums(start + 1, checksum_start)
+        return frames[sent == registers_after(without_extra, crc_extras)]
 
 
 def _bytes_before_checksum(headers: Bytes) -> Offsets:
@@ -373,19 +351,21 @@ def _frames_of_headers(start: Offsets, headers: Bytes) -> Frames:
     Returns:
         The frames, all with the checksum ``CHECKSUM_MATCHES``, which is not computed.
     """
-    is_version_2 = headers[:, 0] == MARKER_V2
-    low, middle, high = (
-        headers[:, MESSAGE_ID_BYTE_V2 + byte].astype(np.int64) for byte in range(3)
-    )
-    message_id_v2 = low | middle << 8 | high << 16
-    sender = np.where(
-        is_version_2[:, None], headers[:, SENDER_BYTES_V2], headers[:, SENDER_BYTES_V1]
-    )
-    sequence, system, component = sender.T
+    # The id of MAVLink 2 has three bytes: the first three of a number of four.
+    id_bytes = np.zeros((len(headers), np.int32().itemsize), dtype=np.uint8)
+    id_bytes[:, :MESSAGE_ID_BYTES_V2] = headers[:, MESSAGE_ID_BYTE_V2:]
+    message_id = id_bytes.view("<i4")[:, 0]
+    sequence, system, component = headers[:, SENDER_BYTES_V2].T
+    version_1_rows = np.flatnonzero(headers[:, 0] == MARKER_V1)
+    if len(version_1_rows):
+        sender = headers[:, SENDER_BYTES_V2].copy()
+        sender[version_1_rows] = headers[version_1_rows, SENDER_BYTES_V1]
+        sequence, system, component = sender.T
+        message_id[version_1_rows] = headers[version_1_rows, MESSAGE_ID_BYTE_V1]
     return Frames(
         start=start,
         size=_frame_lengths(headers),
-        message_id=np.where(is_version_2, message_id_v2, headers[:, MESSAGE_ID_BYTE_V1]),
+        message_id=message_id,
         sequence=sequence,
         system=system,
         component=component,

@@ -1,0 +1,153 @@
+"""Checksums of MAVLink frames: of a single one, and of all frames in a block of a stream at once.
+
+MAVLink uses CRC-16/MCRF4XX (X.25): register reflected, polynomial 0x8408, starting with 0xFFFF. A CRC is linear over
+GF(2). So the register after some bytes is the XOR of two parts: the register that these bytes alone give, starting with
+0, and the register before them, moved on by as many zero bytes. From registers that are known at the beginning and the
+end of a frame its checksum follows without a look at the bytes between, however many frames there are.
+
+Sources: https://mavlink.io/en/guide/serialization.html; table-driven CRC as in R. N. Williams, "A painless guide to CRC
+error detection algorithms" (1993), chapters 9 and 10.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from fastcrc.crc16 import mcrf4xx
+from numpy.typing import NDArray
+
+from mavdem.ingest.byte_rows import Bytes, Offsets
+
+Registers = NDArray[np.uint16]
+"""Contents of the register of the CRC."""
+
+START_OF_REGISTER = 0xFFFF
+"""Content of the register before the first byte of a frame."""
+
+WORD_BYTES = np.dtype(np.uint16).itemsize
+"""Number of bytes of the register, which can take in as many bytes in one step."""
+
+ROW_BYTES = 288
+"""Number of bytes of the rows into which a block is cut: even, and more than any frame has (280).
+
+So a frame lies in two rows at most. Shorter rows have fewer steps, each of which takes in two bytes of all rows.
+"""
+
+
+BYTE_VALUES = 1 << 8
+"""Number of values of a byte."""
+
+
+def frame_checksum(content: bytes, crc_extra: int) -> int:
+    """Returns the checksum of a frame.
+
+    Args:
+        content: The bytes of the frame after the marker and before the checksum.
+        crc_extra: CRC_EXTRA of its message.
+    """
+    return mcrf4xx(content + bytes((crc_extra,)))
+
+
+BYTE_TABLE: Registers = np.array([mcrf4xx(bytes((byte,)), 0) for byte in range(256)], np.uint16)
+"""The register (256,) after each single byte, starting with 0."""
+
+
+def registers_after(registers: Registers, following_bytes: Offsets | Bytes | np.uint8) -> Registers:
+    """Returns the registers (N,) after one more byte of each (N,), by the table-driven CRC."""
+    return registers >> 8 ^ BYTE_TABLE[(registers ^ following_bytes) & 0xFF]
+
+
+class _Tables(NamedTuple):
+    """What the register becomes, for all of its contents or all values of one of its bytes."""
+
+    words: Registers
+    """Register (65536,) after two more bytes, by the XOR of the register before with these bytes."""
+    low_byte_shifts: Registers
+    """What a low byte of the register becomes after n zero bytes, by 256 n + byte, up to n = ``ROW_BYTES``."""
+    high_byte_shifts: Registers
+    """The same of a high byte."""
+
+
+@cache
+def _tables() -> _Tables:
+    """Computes the tables, which takes some milliseconds, when a block is read for the first time."""
+    zero = np.uint8(0)
+    all_registers = np.arange(1 << 16).astype(np.uint16)
+    words = registers_after(registers_after(all_registers, zero), zero)
+    low_bytes = np.arange(BYTE_VALUES, dtype=np.uint16)
+    registers = np.concatenate([low_bytes, low_bytes << 8])
+    shifts = []
+    for _ in range(ROW_BYTES + 1):
+        shifts.append(registers)
+        registers = registers_after(registers, zero)
+    shifts_of_low_bytes, shifts_of_high_bytes = np.split(np.array(shifts), 2, axis=1)
+    return _Tables(words, shifts_of_low_bytes.ravel(), shifts_of_high_bytes.ravel())
+
+
+def shifted(registers: Registers, zero_bytes: Offsets) -> Registers:
+    """Returns what registers (N,) become after as many zero bytes (N,), at most ``ROW_BYTES``.
+
+    A register is the XOR of its low and its high byte, and so is what they become.
+    """
+    tables = _tables()
+    # A flat index is faster than two.
+    first_of_row = zero_bytes * BYTE_VALUES
+    low_bytes = tables.low_byte_shifts.take(first_of_row + (registers & 0xFF))
+    return low_bytes ^ tables.high_byte_shifts.take(first_of_row + (registers >> 8))
+
+
+class BlockChecksums:
+    """Computes checksums of any pieces of a block of bytes.
+
+    The block is cut into rows of ``ROW_BYTES``. Step by step, the next two bytes of all rows are taken in at once, and
+    the registers are kept. Every row starts with a register of 0.
+    """
+
+    def __init__(self, block: Bytes) -> None:
+        """Computes the registers at all even offsets of the block.
+
+        Args:
+            block: The bytes (B,).
+        """
+        row_count = len(block) // ROW_BYTES + 1
+        self._bytes = np.zeros(row_count * ROW_BYTES, dtype=np.uint8)
+        self._bytes[: len(block)] = block
+        words = self._bytes.view("<u2").reshape(row_count, ROW_BYTES // WORD_BYTES)
+        # By number of the words that were taken in, and by row.
+        self._registers = np.zeros((words.shape[1] + 1, row_count), dtype=np.uint16)
+        registers = self._registers[0]
+        table = _tables().words
+        words_of_steps = np.ascontiguousarray(words.T)
+        for step_words, step_registers in zip(words_of_steps, self._registers[1:], strict=True):
+            registers = table.take(registers ^ step_words)
+            step_registers[:] = registers
+
+    def checksums(self, first: Offsets, end: Offsets) -> Registers:
+        """Returns the checksums of pieces of the block.
+
+        Args:
+            first: Offset of the first byte of each piece (N,).
+            end: Offset behind its last byte (N,), at most ``ROW_BYTES`` later.
+        """
+        # The difference of the piece's register at its beginning from that of the row grows into one at its end.
+        difference = self._registers_at(first) ^ np.uint16(START_OF_REGISTER)
+        checksums = self._registers_at(end) ^ shifted(difference, end - first)
+        # The next row started with 0 instead of the last register of the row before.
+        first_rows = first // ROW_BYTES
+        in_two_rows = np.flatnonzero(end // ROW_BYTES > first_rows)
+        last_registers = self._registers[-1, first_rows[in_two_rows]]
+        bytes_in_next_row = end[in_two_rows] % ROW_BYTES
+        checksums[in_two_rows] ^= shifted(last_registers, bytes_in_next_row)
+        return checksums
+
+    def _registers_at(self, offsets: Offsets) -> Registers:
+        """Returns the registers before offsets (N,) of the block, as each row has them."""
+        rows = offsets // ROW_BYTES
+        row_offsets = offsets - rows * ROW_BYTES
+        words = row_offsets // WORD_BYTES
+        # A flat index is faster than two.
+        registers = self._registers.take(words * self._registers.shape[1] + rows)
+        is_odd = np.flatnonzero(row_offsets % WORD_BYTES)
+        last_bytes = self._bytes[offsets[is_odd] - 1]
+        registers[is_odd] = registers_after(registers[is_odd], last_bytes)
+        return registers
