@@ -77,7 +77,10 @@ LENGTH_FIELDS_BYTES = 3
 """Number of a header's first bytes that determine the length of its frame, in both versions."""
 
 SCANNED_BYTES = 1 << 20
-"""Number of bytes that are scanned at a time: a choice, at which the calls for each block cost little. It bounds the memory for a hostile stream in which all are markers."""
+"""Number of bytes that are scanned at a time: a choice, with which the calls for each block cost little.
+
+It bounds the memory for a hostile stream in which all bytes are markers.
+"""
 
 CHECKSUM_MATCHES, MESSAGE_UNKNOWN, CHECKSUM_FAILED = range(1, 4)
 """State of a frame: its checksum matches; its message is not in the dialect; its checksum does not match."""
