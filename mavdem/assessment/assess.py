@@ -152,7 +152,7 @@ def assess_signals(
 def _evidence_without_loops(
     log: Log, signals: Signals, analysis: LogAnalysis, wind: WindEvidence
 ) -> Evidence:
-    """Returns what happened in a flight, how it ended, and what the motors lost before that.
+    """Returns all that a log shows of a vehicle except its control loops: events, the ending, and the wind.
 
     Args:
         log: the log.
@@ -160,9 +160,12 @@ def _evidence_without_loops(
         analysis: of the vehicle, without a model.
         wind: the wind in m/s, or why it is not known.
     """
+    # 1. What the autopilot reports, and what the motion shows. A reported crash counts only if sensors confirm it.
     reports = reported_events(signals)
     events = weighed_reports(signals, [*reports, *motion_events(signals, reports)])
+    # 2. How the flight was lost, if it was.
     ending = ending_of(signals, events, analysis.condition.collective)
+    # 3. What the motors lost until then. A motor that lost thrust may be the cause of the loss.
     changes = _motor_changes(analysis, _first_loss(events, ending))
     events += with_motor_witnesses(signals, changes, reports)
     saturated = saturation_losses(signals, events, ending)

@@ -44,23 +44,34 @@ class LargestError(NamedTuple):
 
 
 def largest_error(error: AttitudeError, interval: Interval) -> LargestError | None:
-    """Returns the largest error of roll and pitch in an interval, s since boot; None without a sample in it."""
+    """Returns the largest error of roll and pitch in an interval.
+
+    Args:
+        error: error of the attitude in a boot, rad.
+        interval: start and end, s since boot.
+
+    Returns:
+        The error. Where the setpoint was not recorded it is the whole lean. None without a sample in the interval.
+    """
     rows = np.flatnonzero(in_intervals(error.time, [interval]))
     if not len(rows):
         return None
     row = rows[error.magnitude[rows].argmax()]
     angle = float(error.magnitude[row])
     has_setpoint = bool(error.has_setpoint[row])
-    return LargestError(angle if has_setpoint else 2 * angle, has_setpoint)
+    if not has_setpoint:
+        # Without a setpoint the error is half of the lean (:func:`attitude_error`).
+        angle *= 2
+    return LargestError(angle, has_setpoint)
 
 
 def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     """Computes the error of roll and pitch in a boot; None if the attitude was not recorded.
 
     The error is the distance of an angle from the range of its setpoints in the last ``MAX_SETPOINT_DELAY`` seconds. So
-    a step of the setpoint is no error until the vehicle had time to follow it. Where the setpoint is not known, half of
-    the angle is taken for the error: the other half is taken for intended. Where a rate was the setpoint and not an
-    angle, as in Acro mode, any angle is taken for intended.
+    a step of the setpoint is no error until the vehicle had time to follow it. Where the setpoint was not recorded,
+    half of the angle counts as error, and the other half as intended. Where body rates are commanded instead of angles, as
+    in Acro mode, every angle counts as intended.
 
     Args:
         signals: signals of the vehicle.

@@ -110,7 +110,7 @@ def _loss_intervals(scene: Scene, error: AttitudeError, flight: Interval) -> Int
 
 
 def _landing_report(scene: Scene, flight_end: float) -> float:
-    """Returns when the first landed state after the last one in flight was reported, s since boot.
+    """Returns the time of the first report of a landed state after the last report in flight, s since boot.
 
     Landed states often come once a second: the vehicle landed somewhere between the two reports.
 
@@ -200,38 +200,40 @@ class _AttitudeLoss(NamedTuple):
         return weighed_event(event, witnesses)
 
     def _onset(self) -> float:
-        """Returns when the attitude began to leave its setpoint, s.
+        """Returns the time at which the attitude began to leave its setpoint, s since boot.
 
         That is the last sample before the loss with an error below ``ONSET_ANGLE``, but at most ``RECOVERY_SECONDS``
-        before it; the loss itself if there is no such sample. A vehicle that is being lost may pass its setpoint for a
-        moment: where the error exceeded twice ``ONSET_ANGLE`` within the second before, the loss began before that.
+        before it; the loss itself if there is no such sample. A vehicle that is being lost may swing through its
+        setpoint. So if the error exceeded twice ``ONSET_ANGLE`` within ``MAX_SETPOINT_DELAY`` before that sample, the
+        search goes on before that time.
         """
-        time, magnitude = self.error.time, self.error.magnitude
+        time = self.error.time
+        magnitude = self.error.magnitude
         earliest = self.start - RECOVERY_SECONDS
         onset = self.start
-        before = onset
-        while before > earliest:
-            in_order = time[(time < before) & (magnitude < ONSET_ANGLE)]
-            if not len(in_order):
+        search_end = onset
+        while search_end > earliest:
+            times_near_setpoint = time[(time < search_end) & (magnitude < ONSET_ANGLE)]
+            if not len(times_near_setpoint):
                 break
-            onset = float(in_order[-1])
-            is_recent = (time >= onset - MAX_SETPOINT_DELAY) & (time <= onset)
-            strayed = time[is_recent & (magnitude > 2 * ONSET_ANGLE)]
-            if not len(strayed):
+            onset = float(times_near_setpoint[-1])
+            is_just_before = (time >= onset - MAX_SETPOINT_DELAY) & (time <= onset)
+            times_of_swing = time[is_just_before & (magnitude > 2 * ONSET_ANGLE)]
+            if not len(times_of_swing):
                 break
-            before = float(strayed[-1])
+            search_end = float(times_of_swing[-1])
         return max(onset, earliest)
 
     def _code(self, onset: float, height: float | None, knock_time: float | None) -> MotionEvent:
         """Returns the kind of a loss that was not recovered.
 
-        A vehicle that never rose tipped over. One that felt the knock of a contact, or was near the ground, hit
-        something first. All others lost their attitude in the air.
+        A vehicle that never rose tipped over on the ground. One whose accelerometer shows the knock of a contact, or
+        that was near the ground, hit something first. All others lost their attitude in the air.
 
         Args:
-            onset: when the attitude began to leave its setpoint, s since boot.
-            height: height above the take-off then, m; None if it was not recorded.
-            knock_time: when the accelerometer felt a knock, s since boot; None if it felt none.
+            onset: time at which the attitude began to leave its setpoint, s since boot.
+            height: height above the take-off at that time, m; None if it was not recorded.
+            knock_time: time of a knock that the accelerometer measured, s since boot; None if there was none.
         """
         if not has_risen_by(self.scene, self.flight, onset):
             return MotionEvent.TIPPED
@@ -271,12 +273,14 @@ class _AttitudeLoss(NamedTuple):
         recovered_at = self.end + RECOVERY_SECONDS
         if collective is None or min(self.flight[1], collective.time[-1]) < recovered_at:
             return False
-        after = collective.values[in_intervals(collective.time, [(self.end, recovered_at)])]
-        if not len(after):
+        later_outputs = collective.values[in_intervals(collective.time, [(self.end, recovered_at)])]
+        if not len(later_outputs):
             return False
-        usual = np.median(collective.values[in_intervals(collective.time, [self.flight])])
+        usual_output = np.median(collective.values[in_intervals(collective.time, [self.flight])])
+        motors_carry_vehicle = bool(later_outputs.mean() > usual_output / 2)
         height = self.scene.height_at(recovered_at)
-        return bool(after.mean() > usual / 2) and (height is None or height > MAX_GROUND_HEIGHT)
+        may_be_off_ground = height is None or height > MAX_GROUND_HEIGHT
+        return motors_carry_vehicle and may_be_off_ground
 
     def _sink_rate(self, code: MotionEvent, onset: float) -> float | None:
         """Returns the largest speed downward of the loss that all height sensors confirm.
@@ -297,7 +301,7 @@ class _AttitudeLoss(NamedTuple):
         return self.scene.sink_rate((onset, self.end + RECOVERY_SECONDS))
 
     def _witnesses(self, onset: float) -> Facts:
-        """Returns what supports and what contradicts the loss of attitude.
+        """Returns the witnesses of the loss: statements of sensors that support or contradict it.
 
         Args:
             onset: when the attitude began to leave its setpoint, s.

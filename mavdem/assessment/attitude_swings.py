@@ -36,7 +36,7 @@ MIN_SWINGS = 4
 
 
 def attitude_swings(signals: Signals, boot: int, flight: Interval) -> Iterator[Fact]:
-    """Yields when roll or pitch swung to and fro in an autonomous mode.
+    """Yields an event for each time in which roll or pitch swung to and fro in an autonomous mode.
 
     Args:
         signals: of the vehicle.
@@ -69,7 +69,9 @@ def attitude_swings(signals: Signals, boot: int, flight: Interval) -> Iterator[F
 
 
 def _alternating_peaks(time: Array, angle: Array) -> list[list[int]]:
-    """Finds runs of leans to alternate sides.
+    """Finds swings of an angle: runs of leans to the left and right, or forward and back, in turn.
+
+    A lean is a time in which the angle exceeds ``SWING_ANGLE`` to one side.
 
     Args:
         time: (N,) s, ascending.
@@ -79,7 +81,7 @@ def _alternating_peaks(time: Array, angle: Array) -> list[list[int]]:
         For each run, the rows of its largest leans: at least ``MIN_SWINGS``, each within ``MAX_SWING_SECONDS`` of the
         one before.
     """
-    # The row of the largest angle of each lean. A lean to the same side that comes much later is another one.
+    # First, the row of the largest angle of each lean. A lean to the same side that comes much later is another one.
     peaks: list[int] = []
     for row in np.flatnonzero(abs(angle) > SWING_ANGLE).tolist():
         last = peaks[-1] if peaks else None
@@ -92,6 +94,7 @@ def _alternating_peaks(time: Array, angle: Array) -> list[list[int]]:
             peaks.append(row)
         elif abs(angle[row]) > abs(angle[last]):
             peaks[-1] = row
+    # Then, the runs in which each lean is to the other side than the one before, and follows it soon.
     runs: list[list[int]] = []
     for peak in peaks:
         last = runs[-1][-1] if runs else None

@@ -128,7 +128,7 @@ def reported_problems(telemetry: Telemetry) -> list[Fact]:
 
 
 def _with_battery_levels(facts: Sequence[Fact]) -> list[Fact]:
-    """Returns the facts with battery failsafes turned from critical to a warning where a text calls the battery low.
+    """Returns the facts in which battery failsafes are only warnings where a text calls the battery low, not critical.
 
     ArduPilot reports the same failsafe, by an ERR message or a text, for a low and for a critical battery. A text about
     the battery near it (:func:`_is_close`) says which it was; without one it counts as critical.
@@ -272,7 +272,7 @@ def _problems_of_events(telemetry: Telemetry) -> Iterator[Fact]:
 
 
 def mode_change_reason(number: float | None) -> tuple[str, Level]:
-    """Returns why ArduPilot changed its flight mode, in words, and how serious that is.
+    """Returns ArduPilot's reason for a change of the flight mode in words, and how serious it is.
 
     Args:
         number: the field ``Rsn`` of the message MODE, ArduPilot's ModeReason; None or 0 if it is not known.

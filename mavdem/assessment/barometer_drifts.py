@@ -34,7 +34,7 @@ MAX_DISTANCE = 20.0
 
 
 def barometer_drifts(scene: Scene, flight: Interval) -> Iterator[Fact]:
-    """Yields that the barometer drifted in a flight, as an event that is to be watched.
+    """Yields an event if the barometer drifted in a flight.
 
     The reading on the ground must have changed by more than noise and weather change it, the altitude by satellites
     must not have changed with it, and landing and take-off must be one place.

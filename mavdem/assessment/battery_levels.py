@@ -110,6 +110,9 @@ def batteries_worst_first(signals: Signals) -> list[Battery]:
 
     They are compared by the lowest voltage of a cell. Where the number of cells is not known, it is estimated as the
     battery's highest voltage over ``FULL_CELL_VOLTAGE``.
+
+    Args:
+        signals: of the vehicle, with its batteries and parameters.
     """
     parameters = signals.telemetry.parameters
 

@@ -21,7 +21,7 @@ OVERTURN_SECONDS = 2.0
 
 
 def commanded_overturn(signals: Signals, boot: int, loss_time: float) -> Fact | None:
-    """Returns that the setpoint turned the vehicle over shortly before a loss; None if it did not.
+    """Returns the fact that the setpoint turned the vehicle over shortly before a loss; None if it did not.
 
     The setpoint must lean further than ``MAX_TILT``, and further than the vehicle, which must follow it to within
     ``LOST_ANGLE``: then the command came first.
@@ -75,9 +75,10 @@ def _distance(flight: AttitudeTracking, row: int) -> float:
         flight: the attitude and its setpoint.
         row: index of the sample.
     """
-    axes = []
+    down_directions = []
     for roll, pitch in (flight.angles[row, :2], flight.setpoints[row]):
-        axes.append(
-            np.array([-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)])
-        )
-    return float(np.arccos(np.clip(axes[0] @ axes[1], -1.0, 1.0)))
+        # The direction of gravity in the body frame: the third row of the rotation from body to earth.
+        down = [-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)]
+        down_directions.append(np.array(down))
+    vehicle_down, commanded_down = down_directions
+    return float(np.arccos(np.clip(vehicle_down @ commanded_down, -1.0, 1.0)))

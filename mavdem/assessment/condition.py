@@ -290,7 +290,12 @@ def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures 
 
 
 def _figures_of_batteries(signals: Signals, segments: Segments) -> tuple[BatteryFigures, ...]:
-    """Returns the figures of all batteries in some segments, the emptiest first; without those not recorded there."""
+    """Returns voltage and current of each battery in some segments, the emptiest battery first.
+
+    Args:
+        signals: of the vehicle.
+        segments: the time that counts; batteries that were not recorded in it are left out.
+    """
     figures = []
     for battery in batteries_worst_first(signals):
         battery_figures = _battery_figures(battery, segments)

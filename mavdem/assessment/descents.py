@@ -32,7 +32,7 @@ recorded."""
 
 
 def falls(scene: Scene, interval: Interval) -> Iterator[Fact]:
-    """Yields that the vehicle fell faster than ``FALL_SPEED``, if all height sensors confirm that.
+    """Yields an event if the vehicle fell faster than ``FALL_SPEED`` and all height sensors confirm that.
 
     An estimate of the vertical speed that diverges looks like a fall. So the height, where it was recorded, must
     decrease by at least the share ``SINK_AGREEMENT`` of the mean speed times the duration of the fall. A barometer that
@@ -89,7 +89,9 @@ def dives(scene: Scene, flight: Interval) -> Iterator[Fact]:
         return
     has_stick = scene.stick is not None
     for start, end in true_intervals(closed.time, closed.values > 0):
-        start, end = max(start, flight[0], closed.time[0]), min(end, flight[1], closed.time[-1])
+        # Intervals at the ends of the record are infinite.
+        start = max(start, flight[0], closed.time[0])
+        end = min(end, flight[1], closed.time[-1])
         if end - start < MIN_DIVE_SECONDS:
             continue
         window = (start, end + 1)

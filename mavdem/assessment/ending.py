@@ -91,7 +91,7 @@ def ending_of(
 
 
 def _throttle_closed(loss: Fact) -> Fact | None:
-    """Returns that the pilot closed the throttle before a vehicle toppled over; None if nothing shows it.
+    """Returns the fact that the pilot closed the throttle before a vehicle toppled; None if no witness shows it.
 
     It must be closed within ``FIRST_RESPONSE_SECONDS`` of the loss. Most pilots close it later, when they see that the
     vehicle topples: that is a reaction and no cause.
@@ -138,13 +138,16 @@ the vehicle to lie still."""
 
 
 def _interval_of_crash(report: Fact) -> Interval:
-    """Returns when the crash that the autopilot reports can have happened, s since boot."""
+    """Returns the interval in which a crash that the autopilot reports can have happened, s since boot.
+
+    ArduPilot's crash check reports a crash up to ``REPORT_DELAY`` after it. One second more is allowed at the end.
+    """
     time = report.time or 0.0
     return time - REPORT_DELAY, time + 1.0
 
 
 def _has_measurements(signals: Signals, report: Fact) -> bool:
-    """Returns whether gyro, accelerometer or a height were recorded around a report of a crash, so that they show it.
+    """Returns whether gyro, accelerometer or a height were recorded around a report of a crash, and can confirm it.
 
     Args:
         signals: of the vehicle.

@@ -63,9 +63,10 @@ class Evidence:
 
     @property
     def other_vehicle(self) -> Fact | None:
-        """Why motors, tracking, margins and wind are not judged: it is no multirotor. None if it may be one.
+        """The fact that the vehicle is no multirotor; None if it is one, or may be one.
 
-        Vibration, power, estimator and log are judged of every vehicle.
+        It is the reason why its motors, tracking, margins and wind are not judged. Vibration, power, estimator and log
+        are judged of every vehicle.
         """
         kind = self.signals.telemetry.vehicle
         if kind in POSSIBLE_MULTIROTORS:
@@ -166,7 +167,7 @@ class Evidence:
 
     @cached_property
     def not_flown(self) -> Fact | None:
-        """That the vehicle did not fly in any boot in which its motors ran; None if it flew, or may have flown."""
+        """The fact that the vehicle did not fly in any boot in which its motors ran; None if it may have flown."""
         facts = [event for event in self.events if event.code is MotionEvent.NOT_FLOWN]
         if not facts:
             return None

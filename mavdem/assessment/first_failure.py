@@ -185,7 +185,7 @@ def first_failure(
 
 
 def _trouble_before_impact(events: Sequence[Fact], boot: int, impact: float) -> _Trouble:
-    """Returns the time of trouble before an impact.
+    """Returns the time before an impact in which something went wrong, and the motors that were at their limit.
 
     It begins with the first sign of trouble, a motor at its limit or a fall, but ``MAX_SETPOINT_DELAY`` before the
     impact at the latest.
@@ -239,7 +239,7 @@ def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | N
 
 
 def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) -> Fact | None:
-    """Returns that the pilot closed the throttle between a height that diverged and the loss; None if not.
+    """Returns the fact that the pilot closed the throttle between a diverged height and the loss; None if not.
 
     Only in a mode in which the stick is the thrust does the vehicle fall from that.
 
@@ -276,7 +276,7 @@ def _diverged_height(events: Sequence[Fact], boot: int, onset: float) -> Fact | 
 
 
 def _reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: Fact) -> Fact:
-    """Returns why all motors went to idle: a failsafe or switch that the autopilot reports, or the pilot's throttle.
+    """Returns the reason why all motors went to idle: a reported failsafe or switch, or the pilot's throttle.
 
     Args:
         signals: of the vehicle.
@@ -371,19 +371,25 @@ def _events_at(
 
 
 def _changed_functions(signals: Signals, names: Sequence[str]) -> list[str]:
-    """Returns the names of the parameters SERVOn_FUNCTION that were changed in the log, of the outputs of some motors.
+    """Returns the parameters SERVOn_FUNCTION of some motors' outputs that were changed in the log, by their names.
 
-    An output with another function drives its motor no longer, so that the change itself may be the failure.
+    The parameter assigns output n to a motor. If it is changed in flight, the output no longer drives its motor, so
+    that the change itself may be the failure.
 
     Args:
         signals: of the vehicle, whose ``initial_parameters`` are those that were changed.
-        names: of the motors.
+        names: names of the motors.
     """
     assert signals.motors is not None
-    layout = signals.motors.geometry
-    channels = dict(zip(layout.names, layout.channels, strict=True))
-    functions = [f"SERVO{channels[name]}_FUNCTION" for name in names]
-    return [name for name in functions if name in signals.telemetry.initial_parameters]
+    geometry = signals.motors.geometry
+    channel_by_motor = dict(zip(geometry.names, geometry.channels, strict=True))
+    changed_parameters = signals.telemetry.initial_parameters
+    changed_functions = []
+    for name in names:
+        parameter = f"SERVO{channel_by_motor[name]}_FUNCTION"
+        if parameter in changed_parameters:
+            changed_functions.append(parameter)
+    return changed_functions
 
 
 def _assumed_landing(signals: Signals, boot: int, onset: float) -> bool:
@@ -488,7 +494,7 @@ def _failure_by_commands(signals: Signals, boot: int, trouble: _Trouble) -> Fact
 def _sinking_at_full_throttle(
     signals: Signals, boot: int, motors: MotorOutputs, time: float
 ) -> Fact | None:
-    """Returns that the vehicle sank although the pilot gave full throttle, with a motor at its limit; None if not.
+    """Returns the fact that the vehicle sank at full throttle with a motor at its limit; None if it did not.
 
     Then all thrust is in use, however low the mean command is: a mixer lowers the other motors to keep the attitude.
 
@@ -503,15 +509,17 @@ def _sinking_at_full_throttle(
     climb = Scene(signals, boot).climb_estimate
     if stick is None or climb is None:
         return None
-    travel = stick.values[in_intervals(stick.time, [interval])]
+    stick_travel = stick.values[in_intervals(stick.time, [interval])]
     climb_rates = climb.values[in_intervals(climb.time, [interval])]
     commands = motors.range_fractions(boot)
     rows = in_intervals(commands.time, [interval])
-    if not len(travel) or not len(climb_rates) or not rows.any():
+    if not len(stick_travel) or not len(climb_rates) or not rows.any():
         return None
     at_limit, _ = samples_at_limits(commands.values[rows], motors.scale)
-    is_limited = at_limit.any(axis=1).mean() > LIMITED_SHARE
-    if travel.min() < FULL_STICK or climb_rates.max() > -LEAST_SINK_RATE or not is_limited:
+    has_limited_motor = at_limit.any(axis=1).mean() > LIMITED_SHARE
+    is_full_throttle = stick_travel.min() >= FULL_STICK
+    is_sinking = climb_rates.max() <= -LEAST_SINK_RATE
+    if not (is_full_throttle and is_sinking and has_limited_motor):
         return None
     limited_names = []
     for motor, name in enumerate(motors.geometry.names):
@@ -534,7 +542,7 @@ def _commands_between(commands: TimeSeries, start: float, end: float) -> Array:
 def _frozen_output(
     signals: Signals, motors: MotorOutputs, commands: Array, idle: float
 ) -> Fact | None:
-    """Returns that the output of one motor was constant while the others worked to save the vehicle; None otherwise.
+    """Returns the fact that one motor's output froze while the others worked to save the vehicle; None otherwise.
 
     Exactly one motor must be constant, over ``MIN_FROZEN_SAMPLES``, while the range of the commands is on average
     ``MIN_COMMAND_RANGE``. The constant command must be off the limits, at which a mixer itself may keep an output.
@@ -547,11 +555,12 @@ def _frozen_output(
     """
     ranges = np.ptp(commands, axis=0)
     is_within_limits = (commands[0] > idle) & (commands[0] < motors.scale.stop - MIN_COMMAND_RANGE)
-    frozen = np.flatnonzero((ranges == 0) & is_within_limits)
-    is_shown = len(commands) >= MIN_FROZEN_SAMPLES and ranges.mean() >= MIN_COMMAND_RANGE
-    if len(frozen) != 1 or not is_shown:
+    frozen_motors = np.flatnonzero((ranges == 0) & is_within_limits)
+    has_enough_samples = len(commands) >= MIN_FROZEN_SAMPLES
+    others_worked = ranges.mean() >= MIN_COMMAND_RANGE
+    if len(frozen_motors) != 1 or not has_enough_samples or not others_worked:
         return None
-    name = motors.geometry.names[frozen[0]]
+    name = motors.geometry.names[frozen_motors[0]]
     settings = _changed_functions(signals, [name])
     return Fact(FailedFirst.OUTPUT_FROZE_FIRST, subject=name, settings=settings)
 

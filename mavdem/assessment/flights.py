@@ -85,6 +85,6 @@ def merge_close(intervals: Intervals, gap: float) -> Intervals:
 
 
 def loss_onset(loss: Fact) -> float | None:
-    """Returns when the loss of a vehicle began, s: where it hit the ground tumbling, the attitude was lost before."""
+    """Returns the time at which the loss of a vehicle began, s; a loss of attitude precedes a tumbling impact."""
     onset: float | None = loss.figures.get("onset", loss.time)
     return onset

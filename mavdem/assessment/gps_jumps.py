@@ -80,7 +80,7 @@ def position_jumps(telemetry: Telemetry) -> PositionJumps:
 
 
 def _receiver_positions(telemetry: Telemetry, message: str) -> TimeSeries | None:
-    """Returns where a receiver was (N, 2), m north and east of its first fix; None where it recorded no position.
+    """Returns the positions (N, 2) of a receiver, m north and east of its first fix; None if it recorded none.
 
     Args:
         telemetry: messages of the vehicle.
@@ -101,14 +101,18 @@ def _receiver_positions(telemetry: Telemetry, message: str) -> TimeSeries | None
 
 
 def _jumps_in_boot(positions: TimeSeries, boot: int) -> Array:
-    """Returns the jumps (M, 3) of one receiver in one boot: time, s, number of the boot, and distance, m.
+    """Returns the jumps of one receiver's position in one boot.
 
     The velocity of a step is compared with the median of its neighbours', so that a vehicle that speeds up or turns
-    does not jump. The way that the vehicle flies in a step is allowed besides: links repeat fixes, and delay them.
+    does not jump. A jump must exceed ``MIN_JUMP`` plus the distance that the vehicle usually flies in a step, since
+    links repeat fixes, and delay them.
 
     Args:
-        positions: (N, 2) m.
+        positions: (N, 2) north and east, m.
         boot: number of the boot.
+
+    Returns:
+        Jumps (M, 3): time after the jump, s, number of the boot, and distance, m.
     """
     in_boot = positions.select(positions.boot == boot)
     steps = np.diff(in_boot.time)

@@ -236,7 +236,7 @@ class _Contact:
         return record_end - since < RECOVERY_SECONDS
 
     def _contact_time(self, start: float, end: float) -> float | None:
-        """Returns when the vehicle touched the ground, s since boot; None if nothing shows it.
+        """Returns the time at which the vehicle touched the ground, s since boot; None if no sensor shows it.
 
         The best sensor decides. That is the largest knock of the accelerometer, if it exceeds the vibration in flight;
         then the loss of attitude, if that was near the ground; and, if no accelerometer is fast enough to show knocks,
@@ -278,7 +278,7 @@ class _Contact:
         return None
 
     def _time_of_low_loss(self) -> float | None:
-        """Returns when the attitude was lost, s, if that was near the ground; None otherwise."""
+        """Returns the time at which the attitude was lost, s, if that was near the ground; None otherwise."""
         if self.loss is None or self.loss.time is None:
             return None
         height = self.scene.height_at(self.loss.time)
@@ -293,7 +293,7 @@ class _Contact:
         return before is None or bool(knock.figures["acceleration"] > before[1])
 
     def _time_of_sudden_stop(self, interval: Interval) -> float | None:
-        """Returns when the estimated speed downward was lost within ``IMPACT_SECONDS``, s; None if it was not.
+        """Returns the time at which the estimated speed downward was suddenly lost, s; None if it was not.
 
         A candidate is a sample from which on the speed downward decreases by more than ``IMPACT_SPEED_CHANGE`` within
         ``IMPACT_SECONDS``. The impact is at the largest decrease in one step after the first candidate.
@@ -320,7 +320,7 @@ class _Contact:
         return float(time[row]) if is_fast else None
 
     def _witnesses(self, time: float, rest: Rest | None) -> Facts:
-        """Returns what supports and what contradicts a contact that was no landing.
+        """Returns the witnesses of a contact that was no landing: statements of sensors that support or contradict it.
 
         Args:
             time: when the vehicle touched the ground, s since boot.
@@ -420,7 +420,7 @@ class _Contact:
         return weighed_event(event, witnesses)
 
     def _onset(self, time: float) -> float:
-        """Returns when a contact began, s: the loss of attitude, if that was part of the contact; else its time.
+        """Returns the beginning of a contact, s: the loss of attitude, if that was part of the contact; else its time.
 
         The largest knock of a tumble comes after its first contact, so that a loss near the ground counts for
         ``TUMBLE_SECONDS``. Elsewhere a loss belongs to the contact if it came less than ``MIN_FALL_SECONDS`` before: a
@@ -509,9 +509,12 @@ class _Contact:
         return peak_time
 
     def _height_of_contact(self, time: float) -> float | None:
-        """Returns the height above the take-off at a contact, m, by a source that can be trusted; None without any.
+        """Returns the height above the take-off at a contact, m; None without a height source that can be trusted.
 
-        Heights are averages, so that the lowest within ``MAX_SETPOINT_DELAY`` afterwards counts.
+        Recorded heights are averages, so that the lowest within ``MAX_SETPOINT_DELAY`` afterwards counts.
+
+        Args:
+            time: time of the contact, s since boot.
         """
         height = self.scene.height_above_take_off
         if height is None:
@@ -581,7 +584,7 @@ class _Contact:
         return height_before - height > LANDING_DESCENT
 
     def _leans(self, time: float) -> bool:
-        """Returns whether roll or pitch was large at a time, whatever the setpoint was."""
+        """Returns whether roll or pitch exceeded ``MAX_LANDING_LEAN`` at a time, s, whatever the setpoint was."""
         for tilt in self.scene.signals.tilts:
             angle = series_of_boot(tilt.angle_series, self.scene.boot)
             if angle is not None:

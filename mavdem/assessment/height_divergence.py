@@ -50,7 +50,7 @@ FULL_THROTTLE_COMMAND = 0.9
 
 
 def height_divergences(scene: Scene, flight: Interval) -> Iterator[Fact]:
-    """Yields when the height estimate diverged in an automatic height mode of a flight.
+    """Yields an event for each time in which the height estimate diverged in an automatic height mode of a flight.
 
     Args:
         scene: sensors of the boot.
@@ -140,7 +140,8 @@ def _opposite_climb_rates(scene: Scene, interval: Interval) -> _ClimbRates | Non
     Returns:
         None where they do not, or one of them has no samples in the interval.
     """
-    barometer, estimate = scene.height.barometer_climb, scene.height.estimated_climb
+    barometer = scene.height.barometer_climb
+    estimate = scene.height.estimated_climb
     assert barometer is not None and estimate is not None
     barometer_rows = in_intervals(barometer.time, [interval])
     estimate_rows = in_intervals(estimate.time, [interval])
@@ -163,7 +164,7 @@ def _median_stick_travel(scene: Scene, interval: Interval) -> float | None:
 
 
 def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
-    """Returns that the accelerometer measures a wrong force, at rest or in flight; None if it does not.
+    """Returns the fact that the accelerometer measures a wrong force, at rest or in flight; None if it does not.
 
     An error at rest is the cause if it explains at least ``MIN_REST_SHARE`` of the error in flight, or that is not
     known. Otherwise vibration is, which the accelerometer feels in flight only.
@@ -198,9 +199,10 @@ def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
 def _force_error(
     scene: Scene, accelerometer: AccelerometerWitness, interval: Interval
 ) -> float | None:
-    """Returns the error, m/s², of the mean upward force that the accelerometer measured around a divergence.
+    """Returns the error, m/s², of the mean upward specific force that the accelerometer measured around a divergence.
 
-    The mean must be gravity plus the acceleration that the barometer shows.
+    A sound accelerometer measures gravity plus the mean vertical acceleration, which follows from the barometer's climb
+    rates at both ends.
 
     Args:
         scene: sensors of the boot.
@@ -231,7 +233,7 @@ def _force_error(
 
 
 def _vibration(scene: Scene, interval: Interval) -> Fact | None:
-    """Returns that accelerometers clipped or vibrated beyond the autopilot's limit, as a cause of a diverged height.
+    """Returns clipping, or vibration beyond the autopilot's limit, as a witness for the cause of a diverged height.
 
     Clipping, which means samples out of the range of an accelerometer, goes first: it surely makes a wrong mean force.
 
@@ -260,7 +262,7 @@ def _vibration(scene: Scene, interval: Interval) -> Fact | None:
 
 
 def _full_throttle(scene: Scene, interval: Interval) -> Fact | None:
-    """Returns that a motor worked near its upper limit in an interval; None if none did, or none was recorded.
+    """Returns a witness if a motor worked near its upper limit in an interval; None otherwise.
 
     Args:
         scene: sensors of the boot.

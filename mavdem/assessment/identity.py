@@ -194,7 +194,7 @@ def _firmware(telemetry: Telemetry) -> str:
 
 
 def _first_fix(telemetry: Telemetry) -> tuple[float, float] | None:
-    """Returns where the vehicle was at its first GPS fix, rounded to about a metre.
+    """Returns the position of the vehicle at its first GPS fix, rounded to about a metre.
 
     The receiver's own GPS_RAW_INT is preferred to GLOBAL_POSITION_INT, which the autopilot estimates.
 

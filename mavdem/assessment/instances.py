@@ -268,7 +268,7 @@ def _barometers(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _largest_difference(evidence: Evidence, altitude: TimeSeries, reference: TimeSeries) -> float:
-    """Returns how far the changes of two altitudes in a flight are apart at most, m.
+    """Returns the largest difference between the changes of two altitudes in a flight, m.
 
     Barometers have constant offsets to each other, so that the median difference of each flight is taken off. The 95th
     percentile stands for the largest, without single damaged samples.
@@ -315,18 +315,22 @@ def _compasses(evidence: Evidence) -> Iterator[Instance]:
 def _imus(evidence: Evidence) -> Iterator[Instance]:
     """Yields the IMUs with their vibration, m/s², as the autopilot reports it: the largest of its axes at each time.
 
-    An IMU whose vibration is not reported has the size of its specific force instead. The state is that of its
-    accelerometer at rest, where that was measured: gravity, or not.
+    An IMU whose vibration is not reported has the size of its specific force instead. Its state says whether its
+    accelerometer measured gravity at rest, if the log shows that.
+
+    Args:
+        evidence: what the log shows of the vehicle.
     """
     vibrations = _vibrations_by_imu(evidence)
+    # By the number of the IMU. Later boots overwrite earlier ones: the last boot in which each was recorded counts.
     accelerometers: dict[int, AccelerometerWitness] = {}
     shares: dict[int, float | None] = {}
-    # The last boot in which each was recorded counts.
     boots: dict[int, int] = {}
     for trust in evidence.trust:
         for witness in trust.accelerometers:
             accelerometers[witness.number] = witness
             boots[witness.number] = trust.boot
+            # Whether an IMU was used is unknown, unless the log says so.
             shares[witness.number] = None
             if witness is trust.accelerometer and len(trust.accelerometers) > 1:
                 shares[witness.number] = 1.0

@@ -249,7 +249,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
 
 
 def _reason_on_ground(evidence: Evidence) -> Fact:
-    """Returns why a log has no flight or, of a vehicle that is no multirotor, no operation."""
+    """Returns the fact that says why a log has no flight or, of a vehicle that is no multirotor, no operation."""
     if evidence.other_vehicle is not None:
         armed = evidence.signals.armed
         if armed is not None and not armed.values.any():
@@ -271,10 +271,10 @@ def _largest_of_first_kind(bad_facts: Sequence[Fact]) -> Fact:
 
 
 def _urgent_warnings(evidence: Evidence) -> list[Fact]:
-    """Returns the events of ``URGENT_EVENTS`` that are to be watched, the most important first.
+    """Returns the events of ``URGENT_EVENTS`` with the level "watch", the most important first.
 
-    What the motion shows counts wherever it was, since a vehicle that hit the ground is no longer in flight; what the
-    autopilot reports counts in flight only.
+    Events that the motion shows count at any time, since a vehicle that hit the ground is no longer in flight. Events
+    that the autopilot reports count in flight only.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -287,7 +287,7 @@ def _urgent_warnings(evidence: Evidence) -> list[Fact]:
 
 
 def _nothing_wrong(lights: NamedFacts) -> Fact:
-    """Returns that nothing is wrong with what was checked, or why nothing could be checked.
+    """Returns the fact that nothing is wrong with what was checked, or the reason why nothing could be checked.
 
     Args:
         lights: by name; none of the vehicle is bad or to be watched.

@@ -26,7 +26,7 @@ LOWERED_SECONDS = 0.5
 
 
 def lowered_throttle(signals: Signals, boot: int, onset: float) -> Fact | None:
-    """Returns that the pilot lowered the throttle before an impact; None if nothing shows it.
+    """Returns the fact that the pilot lowered the throttle before an impact; None if the stick does not show it.
 
     That counts in modes in which the stick is the thrust; elsewhere the autopilot limits the descent. The pilot may
     have opened the throttle again, but too late.

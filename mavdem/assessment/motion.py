@@ -90,7 +90,7 @@ def _events_of_other_vehicle(
 
 
 def _not_flown(signals: Signals, trust: SensorTrust) -> Fact | None:
-    """Returns that the vehicle did not fly in a boot although its motors ran; None if it flew, or may have flown.
+    """Returns an event if the vehicle did not fly in a boot although its motors ran; None if it may have flown.
 
     Args:
         signals: signals of the vehicle.
@@ -293,7 +293,8 @@ def _end_in_air(
     """
     # In an earlier boot the recording ended with the restart of the autopilot, not with a failure in the air.
     is_last_boot = boot == signals.tilts[0].boot[-1]
-    if flight[1] != inf or not is_last_boot:
+    has_landed = flight[1] != inf
+    if has_landed or not is_last_boot:
         return
     for event in events:
         is_old_loss = end_time - (event.time or end_time) >= RECOVERY_SECONDS
@@ -316,7 +317,7 @@ def _end_in_air(
 
 
 def _clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
-    """Yields when the accelerometers were out of their range in flight ("clipping"), and how often.
+    """Yields an event for each time in flight in which accelerometers were out of their range ("clipping").
 
     Clips of all IMUs are counted together. Those that follow each other within ``RECOVERY_SECONDS`` are one event.
 

@@ -79,7 +79,7 @@ class _MotorCondition(NamedTuple):
 
 
 def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
-    """Yields when a motor stayed at its upper limit, or was off, in flight.
+    """Yields an event for each time in flight in which a motor stayed at its upper limit, or was off.
 
     A limit counts only once the vehicle has left the ground: on a bench or a stand, which hold it, the controller
     drives motors to any command. A motor counts as off only if that lasts for more than ``MAX_SETPOINT_DELAY``: a mixer
@@ -167,7 +167,7 @@ def _rated_by_throttle(signals: Signals, boot: int, interval: Interval, limit: F
 
 
 def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Array) -> Flags:
-    """Returns (N,) whether the vehicle has left the ground in the flight so far, at N times.
+    """Returns whether the vehicle has left the ground in its flight so far, at each of N times.
 
     It has from the first sample on that is more than ``MAX_GROUND_HEIGHT`` above the take-off. Where no height was
     recorded, and in a flight that began before the record, it counts as off the ground throughout the flight.
@@ -192,7 +192,7 @@ def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Arra
 
 
 def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) -> Flags:
-    """Returns (N, k) whether each motor is off while the others carry the vehicle.
+    """Returns whether each of k motors is off while the others carry the vehicle, at each of N samples.
 
     The range of ArduPilot's outputs begins below the idle in flight, so that its lower end is off. That of PX4 begins
     at the idle, so that only what is below it by ``STOP_MARGIN`` is off.

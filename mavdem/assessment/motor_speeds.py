@@ -109,7 +109,7 @@ def _commands_at(motors: MotorOutputs, boot: int, motor: int, time: Array) -> Ti
 
 
 def _standstills(signals: Signals, speed: TimeSeries, command: TimeSeries) -> Iterator[Interval]:
-    """Yields when a motor stood still although it was commanded to turn, s since boot; the end may be infinite.
+    """Yields the intervals in which a motor stood still although it was commanded to turn, s since boot.
 
     It must have turned in this flight before, so that its controller measures. Its usual speed is the median of that.
 
@@ -235,7 +235,7 @@ def _attitude_statements(error: AttitudeError, interval: Interval) -> Facts:
 
 
 def _counted_errors(controller: SpeedController, boot: int, interval: Interval) -> Facts:
-    """Returns that a controller counted errors from a second before an interval to its end; nothing if it did not."""
+    """Returns the errors that a controller counted in an interval or a second before, as a witness; or nothing."""
     errors = series_of_boot(controller.error_count, boot)
     if errors is None:
         return ()

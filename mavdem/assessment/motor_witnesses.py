@@ -68,7 +68,7 @@ def _witnesses(signals: Signals, loss: Fact, reports: Sequence[Fact]) -> Facts:
 
 
 def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Facts:
-    """Returns by how much the command of the motor rose, or stood above the others; nothing for one that was off.
+    """Returns the rise of the motor's command, or its excess over the others, as a witness; none if it was off.
 
     Args:
         signals: of the vehicle.
@@ -93,7 +93,7 @@ def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Fac
 
 
 def _attitude_statements(signals: Signals, boot: int, interval: Interval) -> Facts:
-    """Returns that the attitude left its setpoint; nothing where it did not: the other motors may hold it.
+    """Returns a witness if the attitude left its setpoint; if not, that proves nothing: other motors may hold it.
 
     Without a setpoint, half of the lean is taken for its error; then the statement has the whole lean.
 
@@ -119,7 +119,7 @@ def _attitude_statements(signals: Signals, boot: int, interval: Interval) -> Fac
 
 
 def _sink_statements(signals: Signals, boot: int, interval: Interval) -> Facts:
-    """Returns that the vehicle sank fast, by each height sensor that shows it.
+    """Returns a witness for each height sensor by which the vehicle sank fast.
 
     Args:
         signals: of the vehicle.

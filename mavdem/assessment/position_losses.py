@@ -34,7 +34,7 @@ REACTION_SECONDS = 3.0
 
 
 def position_losses(scene: Scene, flight: Interval, reports: Sequence[Fact] = ()) -> Iterator[Fact]:
-    """Yields when the estimator lost the horizontal position for long in a flight.
+    """Yields an event for each time in a flight in which the estimator lost the horizontal position for long.
 
     Where nothing shows what the estimator had, the position counts as lost while no GPS receiver has a fix. It is bad
     where the autopilot reacted, by a failsafe or a mode without position; otherwise it is to be watched.
@@ -125,7 +125,7 @@ def _is_reaction(report: Fact) -> bool:
 
 
 def _missing_fix(fix: TimeSeries | None, interval: Interval) -> Facts:
-    """Returns that GPS had no fix in an interval; nothing if it had, or no receiver was recorded.
+    """Returns a witness if GPS had no fix in an interval; nothing if it had, or no receiver was recorded.
 
     Args:
         fix: whether a receiver had one (N,), 1 or 0.

@@ -266,7 +266,7 @@ def _event(
 
 
 def _arming_events(signals: Signals, span: Segment) -> Iterator[Fact]:
-    """Yields when the motors were armed and disarmed, by the flag in HEARTBEAT messages.
+    """Yields an event for each time the motors were armed or disarmed, by the flag in HEARTBEAT messages.
 
     A log may begin while they are armed: then the first event is at the log's beginning, and its figure ``is_begun`` is
     true.
@@ -493,7 +493,7 @@ def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
 
 
 def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
-    """Yields when the autopilot calls a battery low, critical or worse, and spent, for each battery on its own.
+    """Yields a signal for each battery and level, true while the autopilot reports it low, critical or spent.
 
     The battery is the subject where there are several. Where BATTERY_STATUS has the charge states of several batteries,
     that of SYS_STATUS, which is one of them, would repeat it.

@@ -67,7 +67,7 @@ WATCHDOG_ERROR = 0x800
 
 
 def restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
-    """Yields that the autopilot restarted before one boot of a log, if it did.
+    """Yields an event if the autopilot restarted before one boot of a log.
 
     Args:
         signals: signals of the vehicle.

@@ -124,7 +124,7 @@ def with_saturated_motor(ending: Fact | None, losses: Sequence[Fact]) -> Fact | 
 def _saturation_loss(
     signals: Signals, motors: MotorOutputs, event: Fact, is_lost: bool
 ) -> Fact | None:
-    """Returns that a motor at its limit lost thrust; None if the log does not show that.
+    """Returns the fact that a motor at its limit lost thrust; None if the log does not show that.
 
     All of this must be true:
 
@@ -172,7 +172,7 @@ def _saturation_loss(
 def _outstanding_excess(
     signals: Signals, motors: MotorOutputs, event: Fact, interval: Interval
 ) -> float | None:
-    """Returns by how much the command of a motor at its limit exceeds those of the others, if that is conspicuous.
+    """Returns the excess of a limited motor's command over those of the other motors, if it is conspicuous.
 
     It is if this motor alone is at its limit most often, its command stands out from the others by ``MIN_EXCESS``, and
     it was near them before.
@@ -219,7 +219,7 @@ def _scene_at(signals: Signals, boot: int, time: float) -> Scene:
 
 
 def _excess(commands: Array, number: int) -> Array:
-    """Returns by how much the command of one motor is above the mean of the others, (N,) as shares of the range.
+    """Returns the excess of one motor's command over the mean of the others, (N,) as shares of the range.
 
     Args:
         commands: (N, k) commands of k motors, as shares of the range.

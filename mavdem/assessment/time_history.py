@@ -194,6 +194,10 @@ def _motor_history(signals: Signals, segment: Segment) -> MotorHistory | None:
     """Returns the outputs of the motors within a segment, in percent of their range; None if not recorded.
 
     The deviations from the mean of all motors show what steers the vehicle, without the common thrust.
+
+    Args:
+        signals: of the vehicle.
+        segment: part of the log.
     """
     motors = signals.motors
     if motors is None:
@@ -289,6 +293,10 @@ def _mode_intervals(signals: Signals, segment: Segment) -> tuple[ModeInterval, .
     """Returns the flight modes within a segment: each lasts until the next change, the last one to the end.
 
     The mode in which the segment begins may have been set before it, so that intervals are cut at the segment's ends.
+
+    Args:
+        signals: of the vehicle.
+        segment: part of the log.
     """
     changes = signals.mode_changes(segment.boot)
     end_times = [time for time, _ in changes[1:]] + [segment.end]

@@ -103,7 +103,7 @@ def _setpoint_columns(setpoints: Sequence[Setpoint], boot: int, time: Array) -> 
 
 
 def _source_provenance(signals: Signals, segment: Segment) -> JsonValues:
-    """Returns where a flight comes from, as the first part of its provenance, so that it can be made again.
+    """Returns the source of a flight, as the first part of its provenance, so that it can be made again.
 
     Args:
         signals: signals of the vehicle, for one axis.

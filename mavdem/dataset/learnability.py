@@ -248,7 +248,7 @@ def slow_streams(
 
 
 def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | None:
-    """Returns why a log cannot have a usable flight, whatever was flown; None where it can.
+    """Returns the reason why a log cannot have a usable flight, as a fact; None where it can.
 
     Args:
         signals: Signals of the vehicle for an axis.
@@ -468,7 +468,7 @@ class _SegmentJudge:
         )
 
     def refusal(self, figures: QualityFigures) -> Fact | None:
-        """Returns why a segment cannot be learned from; None where it can.
+        """Returns the reason why a segment cannot be learned from, as a fact; None where it can.
 
         The checks are, in this order: the duration; the rates of messages and of new values; outputs that are constant
         or lost in rounding; body rates that contradict the angles; a torque command that is lost in rounding. The first

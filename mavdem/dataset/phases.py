@@ -152,7 +152,7 @@ def settled_intervals(signals: Signals, boot: int) -> Intervals:
 
 
 def _flights_in_air(signals: Signals, boot: int) -> Intervals:
-    """Returns when a vehicle is armed and in the air, neither taking off nor landing as far as that is reported.
+    """Returns the intervals in which a vehicle is armed and in the air, without reported take-offs and landings.
 
     Where neither the landed state nor the vertical speed is known, the flight modes that land say when it lands.
 
@@ -250,7 +250,7 @@ def airborne_intervals(signals: Signals, boot: int) -> Intervals:
 
 
 def _operating_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns when a vehicle that is no multirotor operates: while it is armed and, as far as is reported, in the air.
+    """Returns the intervals in which a vehicle that is no multirotor operates: armed and, if reported, in the air.
 
     Its motor outputs do not show when it flies, as those of a multirotor do: a plane glides, and idles on the runway.
     So a vehicle of the surface operates while it is armed, and so does one whose landed state is not reported.
@@ -334,7 +334,7 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
 
 
 def _with_samples_near(time: Array) -> Intervals:
-    """Returns when the last or the next sample is no farther than ``MAX_REPORT_INTERVAL``.
+    """Returns the intervals in which the last or the next sample is no farther than ``MAX_REPORT_INTERVAL``.
 
     Args:
         time: Stamps (N,) of the samples, s, ascending.

@@ -66,7 +66,7 @@ def is_position_fix(fix_types: NDArray[Any], satellites: Array) -> Flags:
 
 
 def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
-    """Returns when a satellite receiver had a position in three dimensions, as far as the log shows.
+    """Returns whether some satellite receiver had a position in three dimensions, at times (T,) of a boot.
 
     Where receivers were not recorded, they count as having one, unless the parameters say that there is none. The last
     message of a receiver counts until the next; one that falls silent while another goes on counts no more.
@@ -110,7 +110,7 @@ def _longest_usual_gap(time: Array) -> float:
 
 
 def measures_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
-    """Returns when a sensor measured the velocity or the position, by which the estimator can know its velocity.
+    """Returns whether a sensor measured velocity or position, as the estimator's velocity needs, at given times.
 
     PX4 says itself whether its velocity is valid. ArduPilot calls it valid without any sensor at times.
 

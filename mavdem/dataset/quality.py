@@ -197,7 +197,7 @@ def segment_quality(
 
 
 def samples_at_limits(fractions: Array, scale: OutputScale) -> tuple[Flags, Flags]:
-    """Returns where motors are at their limits.
+    """Returns which samples of which motors are at their limits.
 
     Args:
         fractions: Motor outputs as fractions of the range, of any shape.

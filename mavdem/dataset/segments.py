@@ -231,7 +231,7 @@ def _fast_runs(time: Array) -> Intervals:
 
 
 def slow_steps(steps: Array) -> Flags:
-    """Returns where a stream is usually slower than ``MIN_STREAM_RATE``.
+    """Returns whether a stream is slower than ``MIN_STREAM_RATE`` around each of its steps.
 
     Args:
         steps: (N,) seconds between its stamps.

@@ -194,7 +194,7 @@ class VehicleSignals:
         return selected_rows(columns, rows[order])
 
     def mode_changes(self, boot: int) -> list[tuple[float, str]]:
-        """Returns when the flight mode changed, from CURRENT_MODE or else HEARTBEAT.
+        """Returns the times and names of flight modes that were entered, from CURRENT_MODE or else HEARTBEAT.
 
         Args:
             boot: Number of the boot.

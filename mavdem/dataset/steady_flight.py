@@ -60,7 +60,7 @@ class AttitudeTracking(NamedTuple):
 
 
 def strays_from_setpoint(angles: Array, setpoints: Array) -> Flags:
-    """Returns where roll or pitch is known to be far from its setpoint.
+    """Returns whether roll or pitch is known to be far from its setpoint, at each sample.
 
     Args:
         angles: (..., 2) roll and pitch, rad.
@@ -107,7 +107,7 @@ def attitude_tracking(signals: Signals, boot: int) -> AttitudeTracking | None:
 
 @cached_per_vehicle()
 def steady_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns when the motors of a vehicle may be compared with each other: in settled flight that is steady too.
+    """Returns the intervals in which motors may be compared with each other: settled flight that is steady too.
 
     In a manoeuvre motors differ on purpose. Steady flight follows its attitude setpoint and keeps its heading. Without
     a recorded attitude all settled flight counts as steady.

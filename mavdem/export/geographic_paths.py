@@ -45,7 +45,7 @@ class GeographicPath(NamedTuple):
 
 
 def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
-    """Returns where a vehicle was, a path for each boot with at least two positions.
+    """Returns the paths that a vehicle flew, one for each boot with at least two positions.
 
     Args:
         vehicle: what the vehicle sent.

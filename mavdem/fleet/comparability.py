@@ -29,7 +29,7 @@ class MissingQuantity(NamedTuple):
 
 
 def comparison_obstacle(states: Sequence[Flights]) -> Fact | None:
-    """Returns why two states cannot be compared at all, or in part; ``None`` where all can be compared.
+    """Returns the reason why two states cannot be compared, or only in part, as a fact; ``None`` where all can be.
 
     Only states of the same number of motors, unit of trim, and inputs of the models have figures of the same meaning.
     After ``Incomparable.OTHER_INPUTS``, the last to be checked, the trim can still be compared: it needs no model.
@@ -142,7 +142,7 @@ def _has_estimate(quantity: Quantity, state_estimates: Sequence[Iterable[Quantit
 
 
 def missing_reason(quantity: Quantity, state_name: str, flights: Flights) -> Fact:
-    """Returns why a state has no estimate of a quantity.
+    """Returns the reason why a state has no estimate of a quantity, as a fact.
 
     Either its models say that their value is biased or not identifiable, or no flight has a value at all.
 

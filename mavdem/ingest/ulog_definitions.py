@@ -184,7 +184,7 @@ class RecordDefinitions:
         return RecordHeader(*HEADER.unpack_from(self.content, position))
 
     def next_position(self, position: int) -> int:
-        """Returns where the record at an offset ends, by its length."""
+        """Returns the offset at which the record at an offset ends, by its length."""
         return position + HEADER.size + self.header(position).length
 
     def fit(self, position: int, end: int) -> Fit:

@@ -176,7 +176,7 @@ class _RecordScan:
             start = end
 
     def _appended_offsets(self, first_record: int) -> list[int]:
-        """Returns where data was appended to the file, as after a crash of the system, ascending.
+        """Returns the offsets at which data was appended to the file, as after a crash of the system, ascending.
 
         The flags record has eight bytes of compatible flags, eight of incompatible ones, and three offsets, of which
         unused ones are 0 (https://docs.px4.io/main/en/dev_log/ulog_file_format.html, "Flag Bits Message").

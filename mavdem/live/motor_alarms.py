@@ -42,7 +42,7 @@ class MotorAlarms:
         self.change_time = nan
 
     def obstacle(self, now: float, is_flying: bool) -> Fact | None:
-        """Returns why a motor that weakens would not be found now; None where it would.
+        """Returns the reason why a motor that weakens would not be detected now, as a fact; None where it would.
 
         The test needs settled flight without a long gap, motor outputs that are fast enough, and a reference of
         ``REFERENCE_SECONDS`` to compare with.

@@ -70,7 +70,7 @@ class RateCheck:
         motor_message: str | None,
         rates: Mapping[str, float],
     ) -> Fact | None:
-        """Returns why there are no rows, without reporting it.
+        """Returns the reason why there are no rows, as a fact, without reporting it.
 
         The reasons are checked in this order, and the first one that holds is returned: the vehicle is no multirotor;
         no attitude comes; no motor outputs come; or one of both comes too slowly.

@@ -55,7 +55,7 @@ class SilenceMonitor:
         return silence_before
 
     def silence(self, now: float) -> Fact | None:
-        """Returns that the link is silent now: something has not come for ``SILENCE_SECONDS``.
+        """Returns a fact if the link is silent now: if something has not come for ``SILENCE_SECONDS``.
 
         Two things may be missing: all messages, as when the radio is lost; or only the motion, that is attitude and
         motor outputs, while slow messages such as HEARTBEAT go on. All messages are tested first, since without them
@@ -82,7 +82,7 @@ class SilenceMonitor:
 
 
 def resumption(missing: Missing, silence: float) -> Fact | None:
-    """Returns that messages, or those of the motion, come again after a silence.
+    """Returns the fact that messages, or those of the motion, come again after a silence.
 
     Args:
         missing: what had not come.

@@ -229,7 +229,7 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
 
 
 def reasons_for_no_gains(loop: Loop, *, raises: bool = False) -> Facts:
-    """Returns why no gains can be advised for a loop, by its flight; empty where they can.
+    """Returns the reasons why no gains can be advised for a loop, as facts; none where they can be.
 
     Only the first reason is given: changed gains, motors at their limits, an unstable loop, a loop that the measured
     response contradicts, or, where gains are to be raised, a motor lag that the flight does not show. A control

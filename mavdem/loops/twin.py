@@ -190,7 +190,7 @@ class _Arm(NamedTuple):
 
 
 def _arm(parameters: Parameters, mass: float) -> _Arm:
-    """Returns how far the motors of a quadrotor are from its centre of mass.
+    """Returns the distance of the motors of a quadrotor from its centre of mass.
 
     PX4's parameters ``CA_ROTORn_PX`` and ``PY`` have the positions. They are used only if all are set and are in
     metres: positions whose largest is exactly 1 are normalised. Otherwise the arm is assumed from the mass

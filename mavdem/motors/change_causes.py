@@ -105,7 +105,7 @@ def cause_evidence(
 
 
 def hypothetical_rises(motor_count: int, weak_motor_sizes: Mapping[int, float]) -> Array:
-    """Returns by how much the command of each motor would rise, under each hypothesis that motors changed.
+    """Returns the rise of each motor's command under each hypothesis on which motors changed.
 
     A motor that loses thrust gets a higher command from the controller, so that it makes the same thrust as before:
     its rise. A motor that recovers (as when ice falls off) gets a lower command again. There is one hypothesis for each

@@ -223,7 +223,7 @@ def estimate_wind_torque(
 def _reason_against_wind(
     duration: float, has_wind: bool, error_variance: float, power: float
 ) -> Fact | None:
-    """Returns why an estimated torque is not to be taken for that of the wind; None where it is.
+    """Returns the reason why an estimated torque is not that of the wind, as a fact; None where it is.
 
     Args:
         duration: of the flight, s.

@@ -424,7 +424,7 @@ def _axis_cells(figures: AxisFigures) -> list[str]:
 
 
 def parameter_reasons(physical: Physical | None, is_doubtful: bool = False) -> list[str]:
-    """Returns why physical parameters are biased or not identifiable, with one entry for each reason.
+    """Returns the reasons why physical parameters are biased or not identifiable, one text for each.
 
     Args:
         physical: the parameters; None gives nothing.

@@ -113,7 +113,7 @@ class RecordingRequests:
             self._library.remove_files_of_deleted_log(entry)
 
     def stage(self, entry: Entry) -> str:
-        """Returns how far the recordings of a flight are: a value of ``Stage``, or empty if nobody has asked."""
+        """Returns the progress of a flight's recordings, a value of ``Stage``; empty if nobody has requested them."""
         if not self.missing_names(entry):
             return Stage.DONE
         if entry.recording_stage in ("", Stage.WAITING, Stage.FAILED):

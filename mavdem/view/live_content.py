@@ -191,7 +191,7 @@ def figures(
 
 
 def _missing_model_reason(status: SessionStatus, trained_until: float | None) -> str:
-    """Returns why there is no model, or no newer one, in a sentence; an empty text where learning goes on.
+    """Returns the reason why there is no model, or no newer one, as a sentence; empty while learning goes on.
 
     Args:
         status: state of the session, with the obstacle to learning if there is one.

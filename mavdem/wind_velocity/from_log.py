@@ -399,7 +399,7 @@ def _motion_resets(time: Array, values: Array) -> Flags:
 
 
 def _estimator_knows_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
-    """Returns when the autopilot's state estimator knows the horizontal velocity, as far as the log shows.
+    """Returns whether the autopilot's state estimator knows the horizontal velocity, at some times of a boot.
 
     Without a position source, an estimator reports a velocity that means nothing, and says so in its flags. Where a log
     has no flags, the velocity counts as known.
@@ -428,7 +428,7 @@ def _estimator_knows_velocity(telemetry: Telemetry, boot: int, time: Array) -> F
 
 
 def horizontal_velocity_valid(flags: Any) -> Any:
-    """Returns where the flags of an estimator, integers of any shape, say that it knows the velocity.
+    """Returns whether the flags of an estimator, integers of any shape, say that it knows the velocity.
 
     It must not assume a standstill.
     """

@@ -141,7 +141,7 @@ def _rotation_statements(signals: Signals, boot: int) -> Facts:
 
 
 def powered_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns when the motors of a boot could carry the vehicle, s since boot.
+    """Returns the intervals in which the motors of a boot could carry the vehicle, s since boot.
 
     That is while the collective, the mean output of all motors, averaged over 2 s, exceeds the least one in flight.
 
@@ -160,7 +160,7 @@ def powered_intervals(signals: Signals, boot: int) -> Intervals:
 
 
 def _rise(height: TimeSeries, powered: Intervals) -> float | None:
-    """Returns by how much the vehicle rose above the ground while its motors could carry it, m.
+    """Returns the height by which the vehicle rose above the ground while its motors could carry it, m.
 
     The ground is the lower of the heights ``CONTEXT_SECONDS`` before and after the time under power: a log may have
     only the take-off or only the landing, and then the other end is in the air. The 95th percentile of the height under

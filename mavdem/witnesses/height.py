@@ -75,7 +75,7 @@ class HeightWitnesses:
     """Median of the size of that difference, m/s; None where not both climbs are known."""
 
     def barometer_change(self, start: float, end: float) -> float | None:
-        """Returns by how much the barometer rose from one time to another, m; None without a usable barometer."""
+        """Returns the rise of the barometer's height from one time to another, m; None without a usable barometer."""
         if self.barometer is None:
             return None
         before, after = np.interp([start, end], self.barometer.time, self.barometer.values)
@@ -189,7 +189,7 @@ def _climb_by_barometer(barometer: TimeSeries) -> TimeSeries | None:
 def _contradictions(
     barometer_climb: TimeSeries | None, estimated_climb: TimeSeries | None
 ) -> Intervals:
-    """Returns when climb by estimate and by barometer differ by more than ``MAX_CLIMB_DIFFERENCE`` for long, s.
+    """Returns the intervals in which the climb rates of estimate and barometer differ by more than a limit for long, s.
 
     Args:
         barometer_climb: (M,) m/s upward, at ``GRID_RATE``; None without a usable barometer.

@@ -217,7 +217,7 @@ class Scene:
         )
 
     def fast_rotation(self, interval: Interval) -> Fact | None:
-        """Returns that the vehicle tumbled in an interval; None if its body rates stayed below ``FAST_RATE``."""
+        """Returns a witness if the vehicle tumbled in an interval; None if its body rates were below ``FAST_RATE``."""
         fastest = 0.0
         for attitude in self.signals.attitudes:
             rate = series_of_boot(attitude.rate_series, self.boot)
@@ -343,7 +343,7 @@ class Scene:
         return tuple(statements)
 
     def throttle_closed(self, interval: Interval) -> Fact | None:
-        """Returns that the pilot moved the throttle stick from open to closed in an interval.
+        """Returns a witness if the pilot moved the throttle stick from open to closed in an interval.
 
         Args:
             interval: start and end, s since boot. The stick must have been open in it, or in the
@@ -434,7 +434,7 @@ def _rest_record(signals: Signals, boot: int) -> _RestRecord | None:
 
 
 def _angle_from_upright(signals: Signals, boot: int, time: Array) -> Array:
-    """Returns how far the vehicle is from upright at some times (W,), rad; NaN where nothing shows it.
+    """Returns the angle of the vehicle from upright at some times (W,), rad; NaN where no sensor shows it.
 
     The direction of gravity in the body shows it while the vehicle is still, however wrong the attitude is after a
     crash: upright, the specific force points against body z. Without an accelerometer, roll and pitch show the angle.

@@ -78,14 +78,17 @@ class MotorChanges(NamedTuple):
 
 
 def motor_changes(alarms: Sequence[MotorAlarm], flights: Flights) -> MotorChanges:
-    """Finds the samples of flights at which motors changed; alarms of other boots do not concern a flight.
+    """Finds the samples at which a motor lost or recovered thrust, and those in which a motor was weak.
 
-    A loss lasts until the same motor recovers. It begins and ends ``MAX_ONSET_ERROR`` earlier and later than it was
-    detected, since the detection knows its times no better.
+    A loss lasts until the same motor recovers. Its interval is extended by ``MAX_ONSET_ERROR`` at both ends, since the
+    detection knows its times no better. Alarms of other boots do not concern a flight.
 
     Args:
-        alarms: on the motors, each with the boot on whose clock its times are.
+        alarms: changes of the motors' thrust, each with the boot on whose clock its times are.
         flights: flights with T samples in all, one after another.
+
+    Returns:
+        Ascending indices of the samples at which a motor changed, and flags (T,) whether some motor was weak.
     """
     samples = []
     flags = []
@@ -94,7 +97,7 @@ def motor_changes(alarms: Sequence[MotorAlarm], flights: Flights) -> MotorChange
         flight_alarms = [alarm for alarm in alarms if alarm.boot == boot_number(flight)]
         for alarm in flight_alarms:
             sample = round((alarm.since - flight.time[0]) / flight.dt)
-            # At the first sample of a flight there is nothing to cut.
+            # A change at the first sample divides nothing. One that names no motor is of the balance only.
             if alarm.motor is not None and 0 < sample < len(flight):
                 samples.append(first_sample + sample)
         has_weak_motor = np.zeros(len(flight), bool)
@@ -106,7 +109,7 @@ def motor_changes(alarms: Sequence[MotorAlarm], flights: Flights) -> MotorChange
 
 
 def _weak_motor_intervals(alarms: Sequence[MotorAlarm]) -> list[Interval]:
-    """Returns when a motor had lost thrust, s on the clock of the boot; the intervals may overlap.
+    """Returns the intervals in which a motor had lost thrust, s on the clock of the boot; they may overlap.
 
     Args:
         alarms: of one boot.
@@ -179,9 +182,10 @@ class LogAnalysis:
 
     @cached_property
     def findings(self) -> Findings:
-        """What makes the flight doubtful, and what the model is good for.
+        """What makes the flight doubtful, and the grade of its model for each purpose.
 
-        Among the doubts is whether the recorded rates are those of the angle, which only fast streams show.
+        One of the doubts is that the recorded rates may not be the derivative of the recorded angles. Only the fast
+        streams of a full model show that.
         """
         # Only a full model is of fast streams.
         consistency = None
@@ -305,7 +309,7 @@ def _simulation_fit_figures(learned: Learned) -> JsonValues | None:
 
 
 def _ranked_errors(errors: Mapping[StrEnum, Array], variance: Array) -> dict[StrEnum, JsonValues]:
-    """Returns the squared errors of each method by the keys of ``report.json``, the method with the least one first.
+    """Returns the errors of each forecasting method by the keys of ``report.json``, the most accurate method first.
 
     The methods are ranked by the key ``relative``: the error over that of the constant mean, 1 for a method that is no
     better. The keys ``per_output`` and ``total`` are the errors themselves, in squared units of the outputs.
@@ -315,11 +319,11 @@ def _ranked_errors(errors: Mapping[StrEnum, Array], variance: Array) -> dict[Str
         variance: (m,) variances of the outputs. An error over the variance has no unit, so that those of angle and rate
             can be added.
     """
-    normalised = {method: (error / variance).sum() for method, error in errors.items()}
-    ratios = {
-        method: float(error_over(error, normalised[CONSTANT_MEAN]))
-        for method, error in normalised.items()
-    }
+    normalised_errors = {method: (error / variance).sum() for method, error in errors.items()}
+    baseline_error = normalised_errors[CONSTANT_MEAN]
+    ratios = {}
+    for method, error in normalised_errors.items():
+        ratios[method] = float(error_over(error, baseline_error))
     ranking = {}
     for method in sorted(ratios, key=lambda method: ratios[method]):
         error = errors[method]

@@ -121,7 +121,7 @@ def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetPar
 
 
 def _rows_of_changes(flight: Flight, history: Sequence[GainSet], autotune: Intervals) -> list[int]:
-    """Returns where a flight must be cut so that the gains are constant in each part.
+    """Returns the rows at which a flight must be cut so that the gains are constant in each part.
 
     Args:
         flight: samples of one boot.
@@ -193,7 +193,7 @@ def gain_history(signals: Signals) -> list[GainSet]:
     ):
         if _is_gain_of_axis(name, signals.axis) and isfinite(value):
             reports.append(_GainReport(boot, time, name, value))
-    # Backwards, so that the first value of each gain is the one that stays.
+    # The gains before the log are the first value of each. Going backwards, the first value overwrites later ones.
     current_gains = {}
     for report in reversed(reports):
         current_gains[report.name] = report.value
@@ -213,21 +213,19 @@ def _is_gain_of_axis(name: str, axis: str) -> bool:
     hover thrust, do not count: nobody changed them.
 
     Args:
-        name: name of the parameter.
+        name: name of the parameter, such as "ATC_RAT_RLL_P".
         axis: "roll", "pitch" or "yaw".
     """
-    names_of_other_axes = [
-        part for other, parts in AXIS_NAMES.items() if other != axis for part in parts
-    ]
-    return (
-        CONTROL_PARAMETERS.match(name) is not None
-        and AUTOPILOT_SET_PARAMETERS.search(name) is None
-        and not any(part in name for part in names_of_other_axes)
-    )
+    if CONTROL_PARAMETERS.match(name) is None or AUTOPILOT_SET_PARAMETERS.search(name) is not None:
+        return False
+    for other_axis, names_of_axis in AXIS_NAMES.items():
+        if other_axis != axis and any(axis_name in name for axis_name in names_of_axis):
+            return False
+    return True
 
 
 def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
-    """Returns that AutoTune tuned the axis of ``signals``, with the gains before and after; None if it did not.
+    """Returns the fact that AutoTune tuned an axis, with the gains before and after; None if it did not.
 
     AutoTune is recognised by its texts (ArduPilot), or by the signal that it injects (PX4). The gains before it are the
     parameters when it began. The gains after it are the parameters at the log's end, where they differ; otherwise those

@@ -120,8 +120,9 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
     if observations.oscillation is not None:
         return _decision_on_oscillation(observations, observations.oscillation)
     tracking = observations.tracking
+    is_far_from_setpoint = tracking.code is TrackingLight.MISSES_SETPOINT and tracking.is_bad
     decision = None
-    if not (tracking.code is TrackingLight.MISSES_SETPOINT and tracking.is_bad):
+    if not is_far_from_setpoint:
         decision = _decision_by_margins(observations)
     if decision is None:
         decision = _decision_by_tracking(observations)
@@ -341,7 +342,7 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
 
 
 def _reason_for_no_margins(observations: LoopObservations) -> Fact:
-    """Returns why the margins of an axis are not known.
+    """Returns the fact that says why the margins of an axis are not known.
 
     It is, as the first of these that exists: a fact about margins that does not suffice to know them, such as a peak in
     the spectrum of the rate; why no loop was identified; or, where none was sought, how the axis follows its setpoint.

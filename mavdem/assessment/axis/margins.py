@@ -216,7 +216,7 @@ def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact 
         return loop
     if loop.disagreement:
         return loop.disagreement
-    # Too little of the response was measured.
+    # Too little of this axis' response was measured, so that the other axes decide.
     for other_loop in identified_loops(loops).values():
         if other_loop.disagreement is None or other_loop.measured is None:
             continue

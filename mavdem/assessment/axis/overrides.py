@@ -45,7 +45,7 @@ def overrides_of(
     consistency: float | None = None,
     trim: Fact | None = None,
 ) -> Facts:
-    """Returns what makes a flight doubtful, the worst first.
+    """Returns the facts that make a flight itself doubtful, whatever a model of it is good for, the worst first.
 
     There are five kinds. Of the first four only the worst is returned, since each explains those after it: a limit
     cycle; motors that lost thrust; a motor at its upper limit in the hover; and an uneven trim. The fifth, recorded

@@ -299,7 +299,7 @@ def _yaw_movement(setpoint: TimeSeries, segments: Segments) -> float:
 
 
 def _rate_error(signals: Signals, segments: Segments) -> float | None:
-    """Returns how far the body rate is from its setpoint, as a root mean square.
+    """Returns the root-mean-square difference of the body rate from its setpoint.
 
     No delay is removed: a rate follows its setpoint within a few samples.
 
@@ -370,8 +370,8 @@ def _response_peak(
 ) -> ResponsePeak | None:
     """Returns the largest response of the angle to its setpoint by frequency, from Welch spectra.
 
-    A frequency counts where the setpoint moves (``MIN_PEAK_DRIVER_SHARE``) and the angle is coherent with it
-    (``MIN_COMPARED_COHERENCE``). Elsewhere wind and noise decide the ratio.
+    A frequency counts if the setpoint has at least ``MIN_PEAK_DRIVER_SHARE`` of its largest power there, and the angle
+    is coherent with it (``MIN_COMPARED_COHERENCE``). At other frequencies wind and noise decide the ratio.
 
     Args:
         setpoint: of the angle, rad.

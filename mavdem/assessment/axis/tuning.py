@@ -212,7 +212,7 @@ def _gains_come_next(headline: Fact) -> bool:
 
 
 def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
-    """Returns why no gains of any axis may be raised.
+    """Returns the reasons why no gains of any axis may be raised.
 
     Reasons are that the vehicle must be repaired; and an oscillation, which asks for lower gains.
 

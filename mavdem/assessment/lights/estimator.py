@@ -90,10 +90,10 @@ ESTIMATOR_EVENTS: set[Code] = {
 
 
 def estimator_light(evidence: Evidence) -> Fact:
-    """Returns the worst of what the log shows of the state estimator in flight; unknown if the log has nothing of it.
+    """Judges the state estimator in flight by the worst that the log shows; unknown if it shows nothing.
 
-    That are the innovations of its filter, poor GPS fixes, a disturbed compass, an accelerometer that is wrong at rest,
-    what the autopilot reported, a height or position that was lost, and a barometer that drifted.
+    Judged are the innovations of its filter, poor GPS fixes, a disturbed compass, an accelerometer that is wrong at
+    rest, reports of the autopilot, a height or position that was lost, and a barometer that drifted.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -160,10 +160,14 @@ def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection
         ratios: (N, 4) of the ``INNOVATIONS``, each an innovation over what the filter's own test accepts.
         failsafe_limit: the ratio from which on the failsafe doubts the filter (:func:`failsafe_limit_of`).
     """
-    velocity, position, _, compass = (ratios >= failsafe_limit).astype(float).T
-    velocity_ratio, _, _, _ = ratios.T
-    # How many of the three doubt the filter, at each sample; a very large velocity counts twice.
-    doubts = velocity + (velocity_ratio >= 2 * failsafe_limit) + position + compass
+    velocity_ratio, position_ratio, _, compass_ratio = ratios.T
+    # How many of the three doubt the filter, at each sample; a very large velocity innovation counts twice.
+    doubts = np.zeros(len(time))
+    doubts += velocity_ratio >= failsafe_limit
+    doubts += velocity_ratio >= 2 * failsafe_limit
+    doubts += position_ratio >= failsafe_limit
+    doubts += compass_ratio >= failsafe_limit
+    # For how long each of the four innovations exceeded the filter's own limit without a break, s.
     durations = [longest_true_duration(time, column) for column in (ratios >= INNOVATION_LIMIT).T]
     largest_ratios = ratios.max(axis=0)
     # Of several that exceeded it equally long, or not at all, the largest is named.
@@ -333,7 +337,7 @@ def _glitches(evidence: Evidence) -> Iterator[Fact]:
 
 
 def innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
-    """Returns how far the estimator's measurements are from its predictions, relative to what it accepts.
+    """Returns the estimator's innovations relative to what its tests accept (innovation ratios).
 
     An innovation is a measurement minus its prediction by the filter. Its ratio is 1 where the filter's test just
     accepts the measurement. The first message that has all ratios is taken: ArduPilot's or PX4's.

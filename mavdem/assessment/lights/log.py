@@ -144,7 +144,12 @@ def _damage(telemetry: Telemetry) -> Fact | None:
 
 
 def _unread_bytes(repair: Fact) -> int:
-    """Returns how many bytes of a file a repair left out; 0 of those that a mere cut leaves of a message."""
+    """Returns the number of bytes of a file that could not be read, by one repair; 0 if the file was merely cut.
+
+    Args:
+        repair: what a reader had to do to read the file. A file that was cut within its last message lacks only the
+            rest of that message, which is no damage.
+    """
     if repair.code is Repair.ULOG_DAMAGED:
         return int(repair.figures["count"])
     if repair.code is Repair.CHUNKS_DAMAGED:
@@ -192,10 +197,13 @@ def _log_of_other_vehicle(evidence: Evidence) -> Fact:
 
 
 def simulation_fact(signals: Signals) -> Fact | None:
-    """Returns that the flight was simulated, and how; None if nothing in the log shows it.
+    """Returns the fact that the flight was simulated, and how; None if nothing in the log shows it.
 
     In a simulation with the autopilot's own hardware, PX4 has the parameter SYS_HITL. One in software is recognised by
     the names of a simulator, or by a gyroscope without noise.
+
+    Args:
+        signals: of the vehicle.
     """
     if signals.telemetry.parameters.get("SYS_HITL", 0) > 0:
         return Fact(LogLight.SIMULATED, kind=Simulator.HARDWARE)

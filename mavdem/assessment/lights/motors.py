@@ -80,6 +80,9 @@ def _has_full_throttle(evidence: Evidence) -> bool:
 
     The reasons are a height estimate that diverged, since the height controller follows it at full throttle, and the
     recovery from a dive.
+
+    Args:
+        evidence: what the log shows of the vehicle.
     """
     for event in evidence.events:
         if event.code is MotionEvent.DIVED:
@@ -120,7 +123,7 @@ def _motor_names(evidence: Evidence) -> tuple[str, ...]:
 
 
 def _obstacle_of_recorded_outputs(evidence: Evidence) -> Fact | None:
-    """Returns why outputs that were recorded are not those of motors, such as that none of them ever changes.
+    """Returns the reason why recorded outputs are not those of motors, such as that none of them ever changes.
 
     Args:
         evidence: what the log shows of the vehicle.

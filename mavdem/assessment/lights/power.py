@@ -118,7 +118,13 @@ def _constant_voltages(evidence: Evidence, batteries: Sequence[Battery]) -> Iter
 
 
 def batteries_in_flight(evidence: Evidence) -> list[Battery]:
-    """Returns the batteries that are connected to their sensors and were measured in flight, the emptiest first."""
+    """Returns the batteries whose voltage was measured in flight, the emptiest first.
+
+    A battery whose sensor is not connected shows a constant voltage, and is left out (``is_measured``).
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
     parameters = evidence.signals.telemetry.parameters
     batteries = []
     for battery in batteries_worst_first(evidence.signals):
@@ -189,7 +195,7 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
 
 
 def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> float | None:
-    """Returns when the average of a voltage over 2 s first was below a limit in flight, s since boot.
+    """Returns the first time in flight at which the average of a voltage over 2 s was below a limit, s since boot.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -269,7 +275,11 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _board_voltages(evidence: Evidence) -> Iterator[TimeSeries]:
-    """Yields for each message with the board's supply its possible voltages (N,), V, if it has any."""
+    """Yields the supply voltages (N,) of the autopilot's board, V, for each message that has plausible ones.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
     lowest_possible, highest_possible = POSSIBLE_BOARD_VOLTAGE
     for message in ("POWER_STATUS", "HWSTATUS"):
         millivolts = recorded_series(evidence.signals.telemetry, message, "Vcc")

@@ -499,7 +499,7 @@ class _MessageScan:
         return next_header
 
     def _next_header(self, offset: int) -> int:
-        """Returns where the next header begins, from an offset on; the end of the log without any."""
+        """Returns the offset of the next header, from an offset on; the end of the log if there is none."""
         header = self.content.find(MARKER, offset)
         return header if header >= 0 else len(self.content)
 

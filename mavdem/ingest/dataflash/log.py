@@ -367,7 +367,7 @@ def _without_old_blocks(
 
 
 def _boot_times_in_utc(logged: Mapping[str, MessageTable]) -> BootTimesInUtc:
-    """Returns when the boot clock read 0, by each message GPS with the time of the satellites."""
+    """Returns the UNIX time at which the boot clock read 0, by each message GPS with the time of the satellites."""
     positions = logged["GPS"].position
     columns = logged["GPS"].columns
     stamps = _stamps_of_messages({"GPS": logged["GPS"]}).get("GPS")

@@ -168,7 +168,7 @@ class SequenceCounters:
 
 
 def _step(number: int | None, sequence: int) -> int:
-    """Returns by how much a sequence number follows another, 1 to 256; 256 where it is equal, or there is none."""
+    """Returns the step from one sequence number to the next, 1 to 256; 256 where they are equal, or there is none."""
     if number is None:
         return SEQUENCE_NUMBERS
     return (sequence - number - 1) % SEQUENCE_NUMBERS + 1
