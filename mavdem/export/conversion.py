@@ -124,12 +124,15 @@ def convert_stream(source: Path, out: Path) -> JsonValues:
 
 
 def convert_to_path(source: Path, out: Path, vehicle: str | None) -> JsonValues:
-    """Writes where one vehicle was as a path on a map, and reports how many positions were written.
+    """Writes the flown path of one vehicle for maps, as KML or GeoJSON, and reports how many positions were written.
 
     Args:
         source: the log.
         out: the file to write.
         vehicle: as for :func:`convert`.
+
+    Returns:
+        Plain JSON values: the number of positions as ``samples``, and ``start`` and ``end``, s.
 
     Raises:
         Unreadable: the log has no geographic position of the vehicle.

@@ -50,10 +50,14 @@ class FieldSamples(NamedTuple):
 
 
 def messages_of(telemetry: Telemetry) -> list[MessageFields]:
-    """Lists the messages of a vehicle that have numeric fields, by their names.
+    """Lists the messages of a vehicle that have numeric fields, in the order of their names.
 
     Args:
         telemetry: What the vehicle sent.
+
+    Returns:
+        For each message its fields and instances, its count, and its rate, Hz: where several instances, such as
+        batteries, send it, the rate of the first one.
     """
     listed = []
     for message, columns in sorted(telemetry.messages.items()):
@@ -140,15 +144,16 @@ def extremes_of_intervals(samples: FieldSamples, intervals: int) -> FieldSamples
     if not len(time):
         return FieldSamples(time, values)
     edges = np.linspace(time[0], time[-1], intervals + 1)
-    firsts = np.searchsorted(time, edges[:-1])
-    lasts = np.append(firsts[1:], len(time))
-    kept: list[int] = []
-    for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
-        if last > first:
-            lowest = first + int(values[first:last].argmin())
-            highest = first + int(values[first:last].argmax())
-            kept += sorted({lowest, highest})
-    return FieldSamples(time=time[kept], values=values[kept])
+    first_rows = np.searchsorted(time, edges[:-1])
+    end_rows = np.append(first_rows[1:], len(time))
+    kept_rows: list[int] = []
+    for first, end in zip(first_rows.tolist(), end_rows.tolist(), strict=True):
+        # An interval may have no sample.
+        if end > first:
+            lowest = first + int(values[first:end].argmin())
+            highest = first + int(values[first:end].argmax())
+            kept_rows += sorted({lowest, highest})
+    return FieldSamples(time=time[kept_rows], values=values[kept_rows])
 
 
 def _columns_of(telemetry: Telemetry, message: str) -> Columns:
@@ -167,7 +172,13 @@ def _columns_of(telemetry: Telemetry, message: str) -> Columns:
 
 
 def _numeric_fields(columns: Columns) -> dict[str, Array]:
-    """Returns the numeric fields of a message as views (N,) of its columns, an array's elements each by itself."""
+    """Returns the numeric fields of a message by their names, as views (N,) of its columns.
+
+    The elements of an array field are fields of their own, such as "controls[0]". Time and boot are left out.
+
+    Args:
+        columns: Fields of N messages, (N,) or, of an array field, (N, k).
+    """
     fields: dict[str, Array] = {}
     for key, values in columns.items():
         # Some keys are members of an enumeration of strings; their own text is the field's name.
@@ -183,7 +194,14 @@ def _numeric_fields(columns: Columns) -> dict[str, Array]:
 
 
 def _instance_column(columns: Columns) -> str:
-    """Returns the name of the field that says which instance a message is of; empty where there is none."""
+    """Returns the name of the field that numbers the instances of a message, such as several batteries.
+
+    Args:
+        columns: Fields of the messages.
+
+    Returns:
+        The first of ``INSTANCE_COLUMNS`` whose values can be numbers of instances; empty where there is none.
+    """
     for name in INSTANCE_COLUMNS:
         if name not in columns or columns[name].dtype.kind not in "iu":
             continue

@@ -58,6 +58,7 @@ def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
         if "lat" not in columns or "lon" not in columns:
             continue
         degrees, is_fix = global_positions(columns)
+        # Maps have the longitude first.
         positions = np.round(degrees[:, ::-1], DEGREE_DECIMALS)
         if "alt" in columns:
             altitude = METRES_PER_MILLIMETRE * float_column(columns, "alt")

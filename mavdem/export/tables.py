@@ -69,6 +69,9 @@ def channels_of(flight: Flight) -> Iterator[Channels]:
 def columns(flight: Flight) -> dict[str, Array]:
     """Returns the time, inputs, outputs and setpoints of a flight as columns.
 
+    Args:
+        flight: a flight with T samples.
+
     Returns:
         Columns (T,) by :func:`column_name`, the time first.
 
@@ -135,6 +138,11 @@ def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> No
 
 def write_parquet(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> None:
     """Writes a table as Parquet with float64 columns, and the provenance as JSON in the file's metadata.
+
+    Args:
+        file: where to write; it stays open.
+        table: the columns, all of the same length.
+        provenance: where the flight comes from, and how it was resampled.
 
     Raises:
         ImportError: ``pyarrow`` is not installed.

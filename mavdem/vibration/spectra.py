@@ -194,7 +194,7 @@ class Spectrum(ImmutableResult):
 
 
 def max_decimated(frequency: Array, density: Array, max_points: int) -> ArrayPair:
-    """Thins a spectrum for plotting: neighbouring frequencies become one with the largest density, so that lines stay.
+    """Thins a spectrum for plotting without losing a narrow line: of neighbouring densities the largest is kept.
 
     Args:
         frequency: frequencies (F,), Hz.
@@ -343,7 +343,7 @@ def _unit(name: str) -> str:
 
 
 def _rows_without_gaps(series: TimeSeries, segments: Segments, max_gap: float) -> Iterator[Indices]:
-    """Yields the rows of a series in runs without gaps.
+    """Yields the rows of a series, divided into runs without gaps, since a spectrum needs even samples.
 
     Args:
         series: samples with their times.

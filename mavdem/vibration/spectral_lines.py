@@ -146,9 +146,12 @@ def prominent_peaks(values: Array, min_prominence: float) -> list[int]:
     is_peak = (values[1:-1] > values[:-2]) & (values[1:-1] > values[2:])
     peaks = []
     for peak in (np.flatnonzero(is_peak) + 1).tolist():
+        # The part of the curve about the peak in which nothing is higher.
         higher = np.flatnonzero(values > values[peak])
         first_higher_after = np.searchsorted(higher, peak)
-        lower_part_start = higher[first_higher_after - 1] + 1 if first_higher_after > 0 else 0
+        lower_part_start = 0
+        if first_higher_after > 0:
+            lower_part_start = higher[first_higher_after - 1] + 1
         lower_part_end = len(values)
         if first_higher_after < len(higher):
             lower_part_end = higher[first_higher_after]
@@ -340,19 +343,19 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
 
 
 def _bins_above(track: _Track, level: float) -> int:
-    """Returns the width of a line at a level: the number of neighbouring frequency bins about its top above the level.
+    """Returns the width of a line at a level, as the number of neighbouring frequency bins above the level.
 
-    The line begins after the last bin before its top that is not above the level, and ends before the first bin after
-    that which is not.
+    These are the bins about the top of the line, from the last lower bin before it to the first lower bin after it,
+    both excluded.
 
     Args:
         track: track of the line, with the mean logarithmic spectrum, and the bin of the line's top in it.
         level: natural logarithm of a density, such as halfway between the top and the surroundings.
     """
     is_below = track.mean[: track.top] <= level
-    # A line that no bin below the level ends begins after bin 0, the constant part.
+    # Bin 0 is the constant part of the signal, and is never part of a line.
     last_below = np.flatnonzero(is_below).max(initial=0)
-    # A line may reach to the highest frequency: a bin of minus infinity, appended there, ends it.
+    # A line may reach to the highest frequency. A bin of minus infinity, appended there, ends it.
     from_line_on = np.append(track.mean[last_below + 1 :], -np.inf)
     return int(np.argmax(from_line_on <= level))
 

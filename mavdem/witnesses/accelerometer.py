@@ -103,16 +103,21 @@ class AccelerometerWitness:
 
 @cached_per_vehicle()
 def accelerometer_witnesses(signals: Signals, boot: int) -> tuple[AccelerometerWitness, ...]:
-    """Measures every accelerometer of a boot, by number; empty if none was recorded.
+    """Measures every accelerometer of a boot: its rate, its peaks, and gravity at rest.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
+
+    Returns:
+        The accelerometers in the order of their IMUs; empty if none was recorded.
     """
     forces = dict(further_specific_forces(signals))
     first = specific_force(signals)
     if first is not None:
-        forces[SELECTED_IMU if 1 in forces else 1] = first
+        # PX4 logs all IMUs by number, and besides them the one that it selects at each time.
+        number = SELECTED_IMU if 1 in forces else 1
+        forces[number] = first
     witnesses = []
     for number, force in sorted(forces.items()):
         is_used = _is_used(signals.telemetry.parameters, number)
@@ -130,12 +135,15 @@ def _is_used(parameters: Parameters, number: int) -> bool | None:
         number: of the IMU.
 
     Returns:
-        None where the parameters say neither.
+        None where the parameters do not say it.
     """
     if parameters.get(USE_PARAMETERS.get(number, ""), 1) == 0:
         return False
     mask = _imu_mask(parameters)
-    return None if mask is None else bool(mask >> (number - 1) & 1)
+    if mask is None:
+        return None
+    # The lowest bit of the mask stands for the first IMU.
+    return bool(mask >> (number - 1) & 1)
 
 
 def _imu_mask(parameters: Parameters) -> int | None:
@@ -199,7 +207,12 @@ def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerWitness | 
 def _imu_of_primary_core(signals: Signals, boot: int) -> int | None:
     """Returns the number of the IMU, from 1, of the core that flies for most of a boot; None where it is not known.
 
-    ArduPilot runs a core for each IMU in its mask: the first core has the IMU of the lowest bit.
+    ArduPilot runs one instance ("core") of its estimator for each IMU in its mask: the first core has the IMU of the
+    lowest bit.
+
+    Args:
+        signals: of the vehicle, with the log of the core in use and the parameters.
+        boot: number of the boot.
     """
     mask = _imu_mask(signals.telemetry.parameters)
     cores = recorded_series(signals.telemetry, "estimator_selector_status", "primary_instance")
@@ -213,9 +226,10 @@ def _imu_of_primary_core(signals: Signals, boot: int) -> int | None:
 
 @cached_per_vehicle()
 def rest_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns the windows of ``REST_SECONDS`` in which the vehicle rested on the ground, merged where they touch, s.
+    """Returns the intervals in which the vehicle rested on the ground, s since boot.
 
-    It rests where it is still while the motors idle or are off.
+    It rests in windows of ``REST_SECONDS`` in which it is still while the motors idle or are off. Neighbouring windows
+    are one interval.
 
     Args:
         signals: signals of the vehicle.
@@ -248,17 +262,17 @@ class StillWindows:
 
 @cached_per_vehicle()
 def still_windows(signals: Signals, boot: int) -> StillWindows | None:
-    """Returns in which windows the vehicle is still, on the ground or in calm air.
+    """Divides a boot into windows, and decides in which of them the vehicle is still, on the ground or in calm air.
 
-    It is still where the range of every body rate, and that of the specific force, is below its limit. A gyro that
-    measures the same throughout is dead and shows nothing.
+    It is still in a window if the range of every body rate, and that of the specific force, is below its limit. A gyro
+    that measures the same throughout is dead and shows nothing.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
 
     Returns:
-        None without body rates.
+        The windows of ``REST_SECONDS``, with a flag for each; None without body rates.
     """
     rates = []
     for attitude in signals.attitudes:
@@ -285,12 +299,15 @@ def _windows(time: Array) -> Array:
 
 
 def window_ranges(time: Array, values: Array, windows: Array) -> Array:
-    """Returns largest less smallest value in each window (W,); NaN in windows with fewer than two samples.
+    """Returns the range of a signal in each window, its largest value less its smallest one.
 
     Args:
         time: (N,) s.
         values: (N,) samples.
         windows: (W,) starts of windows of ``REST_SECONDS``, s, side by side.
+
+    Returns:
+        (W,) ranges; NaN in windows with fewer than two samples.
     """
     first = np.searchsorted(time, windows, side="left")
     after = np.searchsorted(time, windows + REST_SECONDS, side="left")

@@ -64,16 +64,18 @@ class FlightVerdict:
 def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
     """Judges whether a vehicle flew while its motors could carry it.
 
-    A certain rise is enough. Otherwise two witnesses must agree: the rise of barometer or estimate, roll and pitch that
-    follow their setpoints, or do not, and rotation. A barometer that stays level is never outvoted, and against a
-    flight two witnesses must speak too.
+    A witness is a sensor, or a comparison of sensors, that supports or contradicts a flight: the rise of the height,
+    roll and pitch that follow their setpoints or do not, and rotation. A rise above ``MIN_CERTAIN_RISE`` is enough for
+    a flight. Otherwise ``MIN_SUPPORT`` witnesses must agree, for a flight as well as against one, and a barometer that
+    stays level rules a flight out.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
 
     Returns:
-        An unknown answer without witnesses where the motors were not recorded or never ran.
+        The answer with its witnesses: that the vehicle flew, that it did not, or None if that is not known. Where the
+        motors were not recorded or never ran it is not known, and has no witnesses.
     """
     powered = powered_intervals(signals, boot)
     if not powered:

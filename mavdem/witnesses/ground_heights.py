@@ -129,24 +129,26 @@ def satellite_position(signals: Signals) -> TimeSeries | None:
 def _rests_around(rests: Intervals, flight: Interval) -> tuple[Interval | None, Interval | None]:
     """Returns the last rest before a flight and the first one after it, s since boot; None where there is none.
 
-    Where the landing was not recorded, any rest after the take-off is on the ground, since rest is without power.
+    Both must be near the flight (``MAX_WAIT_SECONDS``), and are cut to ``MAX_REST_SECONDS`` next to it. Where the
+    landing was not recorded, any rest after the take-off is on the ground, since rest is without power.
 
     Args:
-        rests: when the vehicle lay still without power, ascending, s since boot.
+        rests: intervals in which the vehicle lay still without power, ascending, s since boot.
         flight: start and end, s since boot.
     """
     take_off, landing = flight
     search = (take_off + LANDING_SECONDS, inf)
     if isfinite(landing):
         search = (max(landing - LANDING_SECONDS, take_off), landing + MAX_WAIT_SECONDS)
-    before = _long_enough(intersection(rests, [(take_off - MAX_WAIT_SECONDS, take_off)]))
-    after = _long_enough(intersection(rests, [search]))
-    rest_before, rest_after = None, None
-    if before:
-        start, end = before[-1]
+    rests_before = _long_enough(intersection(rests, [(take_off - MAX_WAIT_SECONDS, take_off)]))
+    rests_after = _long_enough(intersection(rests, [search]))
+    rest_before = None
+    rest_after = None
+    if rests_before:
+        start, end = rests_before[-1]
         rest_before = max(start, end - MAX_REST_SECONDS), end
-    if after:
-        start, end = after[0]
+    if rests_after:
+        start, end = rests_after[0]
         rest_after = start, min(end, start + MAX_REST_SECONDS)
     return rest_before, rest_after
 

@@ -84,15 +84,20 @@ class HeightWitnesses:
 
 @cached_per_vehicle()
 def height_witnesses(signals: Signals, boot: int) -> HeightWitnesses:
-    """Compares barometer and estimated climb in a boot.
+    """Compares the climb rate of the barometer with that of the autopilot's estimate in a boot.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
+
+    Returns:
+        Both climb rates, averaged, with the intervals in which they contradict each other. A barometer that is too
+        noisy, or too slow to tell, is left out.
     """
     altitude = series_of_boot(barometer_altitude(signals), boot)
     noise = None if altitude is None else barometer_noise(altitude)
-    barometer, barometer_climb = None, None
+    barometer = None
+    barometer_climb = None
     if altitude is not None and is_usable_barometer(noise):
         barometer = TimeSeries(
             altitude.time,
@@ -216,7 +221,7 @@ def _contradictions(
 def _median_difference(
     barometer_climb: TimeSeries | None, estimated_climb: TimeSeries | None
 ) -> float | None:
-    """Returns the median of the size of the difference of two climbs, m/s; None where they have no time in common.
+    """Returns the median absolute difference of two climb rates, m/s; None where they have no time in common.
 
     Args:
         barometer_climb: (M,) m/s upward; None without a usable barometer.

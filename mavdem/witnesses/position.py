@@ -101,9 +101,17 @@ def position_witness(signals: Signals, boot: int) -> PositionWitness:
 
 
 def _share_under_power(signals: Signals, boot: int, state: TimeSeries) -> float | None:
-    """Returns the mean of a state (N,), 0 or 1, while the motors could carry the vehicle; None without samples then.
+    """Returns for which share of the time under power a state was 1.
 
-    Without motor outputs all samples count.
+    Under power means that the motors could carry the vehicle. Without motor outputs all samples count.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        state: samples (N,) of that boot, 0 or 1.
+
+    Returns:
+        Share, 0 to 1; None without samples under power.
     """
     powered = powered_intervals(signals, boot)
     values: Array = np.asarray(state.values, dtype=float)

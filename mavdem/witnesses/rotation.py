@@ -91,11 +91,16 @@ class RotationWitness:
 
 @cached_per_vehicle()
 def rotation_witness(signals: Signals, boot: int) -> RotationWitness | None:
-    """Measures how a vehicle rotated under power; None without attitude or motors, or without time under power.
+    """Measures how a vehicle rotated under power: whether it followed its setpoints, its largest rate, and its gyro.
+
+    Under power means that the motors were fast enough to carry the vehicle.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
+
+    Returns:
+        The figures; None without attitude or motors, or with less than ``MIN_SECONDS`` under power.
     """
     tracking = attitude_tracking(signals, boot)
     collective = series_of_boot(signals.collective, boot)
@@ -113,7 +118,7 @@ def rotation_witness(signals: Signals, boot: int) -> RotationWitness | None:
         rate = series_of_boot(attitude.rate_series, boot)
         if rate is not None:
             rates.append(np.interp(time, rate.time, abs(rate.values)))
-    # A median over three samples takes single damaged ones out, and keeps the moment in which a vehicle tips over.
+    # A median over three samples removes single damaged ones, and keeps the moment in which a vehicle tips over.
     largest_rate = float(median_filter(np.max(rates, axis=0), 3)[is_powered].max())
     answer = _answer(time, tracking.angles[:, :2], tracking.setpoints, is_powered)
     return RotationWitness(
@@ -202,9 +207,10 @@ class _Fit(NamedTuple):
 
 
 def _best_fit(angle: Array, setpoint: Array, is_known: Flags) -> _Fit:
-    """Fits an angle by its setpoint, delayed by up to ``DELAY_SECONDS``, with linear regression for each delay.
+    """Fits an angle by its setpoint: the best of one linear regression for each delay up to ``DELAY_SECONDS``.
 
-    Delays without a variance of angle or setpoint are skipped; if all are, correlation −1 and slope 0 are returned.
+    The best fit has the highest correlation. Delays without a variance of angle or setpoint are skipped; if all are,
+    correlation −1 and slope 0 are returned.
 
     Args:
         angle: (M,) rad, at ``ANSWER_RATE``.

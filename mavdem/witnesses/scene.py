@@ -94,7 +94,11 @@ class Rest:
 
     @property
     def statements(self) -> tuple[Fact, ...]:
-        """The rest, and the pose, as witnesses of a crash."""
+        """The rest, and the pose in it, as witnesses of a crash.
+
+        A vehicle on its side supports a crash, one that stands upright contradicts it. Without a known angle there is
+        no statement on the pose.
+        """
         rested = supporting_statement(Witness.RESTED, time=self.time)
         if self.angle is None:
             return (rested,)
@@ -163,14 +167,24 @@ class Scene:
         return None if height is None else float(np.interp(time, height.time, height.values))
 
     def sources_above(self, height: float, time: float) -> tuple[Fact, ...]:
-        """Returns for barometer and estimate whether they were above a height, m over the take-off, at a time, s."""
+        """Returns a witness for each height sensor: whether the vehicle was above a height at some time.
+
+        Args:
+            height: m above the take-off.
+            time: s since boot.
+
+        Returns:
+            Statements of barometer and estimate, as far as they were recorded, for or against a flight.
+        """
         statements = []
         estimate = series_of_boot(self.signals.height, self.boot)
         for source, series in (("barometer", self.height.barometer), ("estimate", estimate)):
             if series is None:
                 continue
-            take_off, now = np.interp([self.take_off, time], series.time, series.values)
-            rise = float(now - take_off)
+            height_at_take_off, height_now = np.interp(
+                [self.take_off, time], series.time, series.values
+            )
+            rise = float(height_now - height_at_take_off)
             if rise > height:
                 statements.append(supporting_statement(Witness.ROSE, source=source, height=rise))
             else:
@@ -194,10 +208,13 @@ class Scene:
         return self.accelerometer.name
 
     def knock(self, interval: Interval) -> Fact | None:
-        """Returns the largest acceleration of an interval as a statement on an impact.
+        """Returns the largest acceleration of an interval as a witness for or against an impact.
+
+        Args:
+            interval: start and end, s since boot.
 
         Returns:
-            None if the accelerometer is too slow to show a knock, or has no samples in the interval.
+            A statement; None if the accelerometer is too slow to show a knock, or has no samples in the interval.
         """
         accelerometer = self.accelerometer
         if accelerometer is None:
@@ -248,6 +265,9 @@ class Scene:
     def sink_rates(self, interval: Interval) -> dict[str, float]:
         """Returns the largest speed downward in an interval, m/s, by each height sensor.
 
+        Args:
+            interval: start and end, s since boot.
+
         Returns:
             Speeds by the source, "barometer" and "estimate"; a source without samples in the interval, or with a speed
             that is not possible (:meth:`_fall_speed_limit`), is missing. The speed is negative if the vehicle climbed
@@ -293,6 +313,9 @@ class Scene:
         contradict each other, and not only by that lag, either may be wrong, and the smaller speed is the one that both
         confirm.
 
+        Args:
+            interval: start and end, s since boot.
+
         Returns:
             Speed, m/s, 0 for a climb throughout; None if neither was recorded.
         """
@@ -325,9 +348,14 @@ class Scene:
         return change - estimated_change <= MAX_CLIMB_DIFFERENCE * SLOPE_SECONDS
 
     def sinking(self, interval: Interval, least: float = MIN_SINK_RATE) -> tuple[Fact, ...]:
-        """Returns for barometer and estimate whether they sank faster than ``least``, m/s, in an interval.
+        """Returns for each height sensor, barometer and estimate, whether it saw the vehicle sink fast in an interval.
 
-        A source that the other one contradicts, by more than ``MAX_CLIMB_DIFFERENCE``, is no witness of a descent.
+        A sensor that shows a faster descent than the other one confirms, by more than ``MAX_CLIMB_DIFFERENCE``, is no
+        witness.
+
+        Args:
+            interval: start and end, s since boot.
+            least: speed downward above which a descent is fast, m/s.
         """
         statements = []
         confirmed = (self.sink_rate(interval) or 0.0) + MAX_CLIMB_DIFFERENCE
@@ -438,6 +466,11 @@ def _angle_from_upright(signals: Signals, boot: int, time: Array) -> Array:
 
     The direction of gravity in the body shows it while the vehicle is still, however wrong the attitude is after a
     crash: upright, the specific force points against body z. Without an accelerometer, roll and pitch show the angle.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        time: (W,) s since boot.
     """
     accelerometer = accelerometer_in_use(signals, boot)
     if accelerometer is not None:

@@ -98,7 +98,11 @@ def primary_barometer(telemetry: Telemetry) -> int:
 
 
 def _altitude_in(columns: Columns) -> TimeSeries | None:
-    """Returns the altitude (N,), m, of one barometer's messages; None where it was not measured."""
+    """Returns the altitude (N,), m, that one barometer measured; None if it was not recorded, or never changes.
+
+    Args:
+        columns: fields of the barometer's messages: the altitude itself, or else the pressure, hPa.
+    """
     if "altitude" in columns:
         altitude = clean_series(columns, float_column(columns, "altitude"))
     elif "press_abs" in columns:
@@ -114,7 +118,15 @@ def _altitude_in(columns: Columns) -> TimeSeries | None:
 
 @cached_per_vehicle()
 def compass_fields(signals: Signals) -> dict[int, TimeSeries]:
-    """Returns the magnetic field (N, 3), mGauss along the body's axes, of each compass, by its number from 1."""
+    """Returns the magnetic field that each compass measured, by the number of the compass from 1.
+
+    Args:
+        signals: signals of the vehicle.
+
+    Returns:
+        Fields (N, 3), mGauss along the axes of the body; compasses that were not recorded, or measure nothing, are
+        left out. Of several messages of one compass the first is taken.
+    """
     fields: dict[int, TimeSeries] = {}
     for number, messages in COMPASSES.items():
         for message in messages:
@@ -138,9 +150,15 @@ def _standard_altitude(pressure: Array) -> Array:
 
 @cached_per_vehicle()
 def specific_force(signals: Signals) -> TimeSeries | None:
-    """Returns what the first accelerometer measures (N, 3), m/s² along body x (forward), y (right) and z (down).
+    """Returns the specific force that the first accelerometer measures, for all boots.
 
     At rest it is the reaction to the weight: 9.8 m/s² upward, so that z is negative.
+
+    Args:
+        signals: signals of the vehicle.
+
+    Returns:
+        (N, 3) m/s² along body x (forward), y (right) and z (down); None if no message has it.
     """
     for message in FORCE_FACTORS:
         columns = signals.telemetry.messages.get(message, {})
@@ -161,9 +179,15 @@ def specific_force(signals: Signals) -> TimeSeries | None:
 
 @cached_per_vehicle()
 def further_specific_forces(signals: Signals) -> dict[int, TimeSeries]:
-    """Returns what the accelerometers beside the first one measure (N, 3), m/s², by the number of the IMU from 1.
+    """Returns the specific force of the accelerometers besides the first one, by the number of the IMU from 1.
 
     PX4 logs all IMUs, so that number 1 is among them: its first accelerometer is that of the IMU that is selected.
+
+    Args:
+        signals: signals of the vehicle.
+
+    Returns:
+        (N, 3) m/s² along the axes of the body, of each IMU that was recorded.
     """
     messages = signals.telemetry.messages
     forces: dict[int, TimeSeries] = {}
@@ -203,10 +227,16 @@ def _force(
 
 @cached_per_vehicle()
 def throttle_stick(signals: Signals) -> TimeSeries | None:
-    """Returns the pilot's throttle stick (N,), from 0 (closed) to 1 (open), whatever the autopilot makes of it.
+    """Returns the position of the pilot's throttle stick, as it was received, not what the autopilot makes of it.
 
     It comes from the remote control's channel (RC_CHANNELS, DataFlash's RCIN) or from MANUAL_CONTROL (PX4's
-    manual_control_setpoint, the ThrIn of older DataFlash logs). None without a stick.
+    manual_control_setpoint, the ThrIn of older DataFlash logs).
+
+    Args:
+        signals: signals of the vehicle.
+
+    Returns:
+        (N,) from 0 (closed) to 1 (open); None if no stick was recorded.
     """
     messages = signals.telemetry.messages
     parameters = signals.telemetry.parameters
@@ -241,7 +271,8 @@ def _stick_of_pulses(pulses: Array, channel: int, parameters: Parameters) -> Arr
     """
     closed = parameters.get(f"RC{channel}_MIN", USUAL_PULSE_RANGE[0])
     opened = parameters.get(f"RC{channel}_MAX", USUAL_PULSE_RANGE[1])
-    if not opened > closed:
+    has_range = opened > closed
+    if not has_range:
         closed, opened = USUAL_PULSE_RANGE
     travel = np.clip((pulses - closed) / (opened - closed), 0, 1)
     # RCn_REV is -1 for a reversed channel in older ArduPilot, RCn_REVERSED is 1 in newer, RCn_REV is -1 in PX4.

@@ -128,7 +128,7 @@ class SensorTrust:
         return (self._flight_check(), *sensors[:-1], *motion, sensors[-1])
 
     def _flight_check(self) -> Fact:
-        """Returns whether the vehicle flew, with what shows it."""
+        """Returns the answer to whether the vehicle flew, as a fact with the witnesses that show it."""
         return Fact(
             Trust.FLIGHT,
             _level(self.flew),
@@ -139,7 +139,11 @@ class SensorTrust:
         )
 
     def _barometer_check(self) -> Fact:
-        """Returns whether the barometer is usable, and follows the estimated climb."""
+        """Returns the check of the barometer as a fact: whether it is usable, and agrees with the estimated climb.
+
+        The fact has the time, s, of the first contradiction, the noise of the barometer as ``acceleration``, m/s², and
+        the median difference of the climb rates as ``speed``, m/s.
+        """
         is_usable = self.is_barometer_usable
         is_sound = self.is_climb_estimate_sound
         first = self._contradictions[0][0] if is_sound is False else None
@@ -176,7 +180,7 @@ class SensorTrust:
         )
 
     def _position_check(self) -> Fact:
-        """Returns for which share of the time under power GPS had a fix."""
+        """Returns the check of the position as a fact: the share of the time under power in which GPS had a fix."""
         share = self.position.fix_share
         level = Level.UNKNOWN
         if share is not None:
@@ -185,7 +189,10 @@ class SensorTrust:
         return Fact(Trust.POSITION, level, share=share, is_powered=is_powered, boot=self.boot)
 
     def _attitude_check(self) -> Fact:
-        """Returns whether roll and pitch follow their setpoints."""
+        """Returns the check of the attitude as a fact: whether roll and pitch follow their setpoints under power.
+
+        The fact has the correlation of angle and setpoint, and their median difference as ``angle``, rad.
+        """
         rotation = self.rotation
         return Fact(
             Trust.ATTITUDE_RESPONSE,

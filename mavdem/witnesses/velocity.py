@@ -23,7 +23,14 @@ STOP_RATIO = 0.5
 
 @cached_per_vehicle()
 def velocity(signals: Signals) -> TimeSeries | None:
-    """Returns the velocity over ground (N, 3), m/s north, east and down; None if it was not recorded."""
+    """Returns the velocity over ground as the estimator reports it, for all boots.
+
+    Args:
+        signals: signals of the vehicle.
+
+    Returns:
+        (N, 3) m/s north, east and down, of the first message that has it; None if none does.
+    """
     for message, factor in VELOCITY_MESSAGES.items():
         columns = signals.telemetry.messages.get(message, {})
         if all(field in columns for field in ("vx", "vy", "vz")):
@@ -58,6 +65,7 @@ def stopped_at(signals: Signals, boot: int, time: float) -> bool | None:
         if _is_stop(speed, lowest_later):
             return True
     for speed, speed_after, step in zip(speeds[:-1], speeds[1:], np.diff(near_time), strict=True):
+        # Within a long step the vehicle may have stopped at once, or may have braked.
         if step > STOP_SECONDS and _is_stop(speed, speed_after):
             return None
     return False
