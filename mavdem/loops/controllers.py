@@ -171,8 +171,9 @@ class Controller(ImmutableResult):
         # All parameters of the axis' rate controller begin like its P gain, such as "ATC_RAT_RLL_P", without the P.
         rate_prefix = self.parameter_names["p"].removesuffix("P")
         codes = {}
-        for ending, code in UNMODELLED_PARAMETERS.items():
-            name = ending if "_" in ending else rate_prefix + ending
+        for name_or_ending, code in UNMODELLED_PARAMETERS.items():
+            is_whole_name = "_" in name_or_ending
+            name = name_or_ending if is_whole_name else rate_prefix + name_or_ending
             codes[name] = code
         for prefix in GYRO_NOTCH_PREFIXES:
             # In modes above THROTTLE, a notch follows the measured speeds of the motors, or peaks of a spectrum.

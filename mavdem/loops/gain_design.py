@@ -84,6 +84,8 @@ MAX_ANGLE_GAIN = {"roll": 12.0, "pitch": 12.0, "yaw": 5.0}
 
 MAX_GAIN_STEP = 1.5
 """Factor by which a gain grows or falls at most between two flights: tuners change a gain by a quarter to a half."""
+STEP_SHARES = (1.0, 0.75, 0.5, 0.25)
+"""Parts of the largest step that are tried one after another, until a step costs no margin: a choice."""
 MAX_DESIGN_FACTOR = 4.0
 """Factor by which P of the design may differ from that of the log, over several flights: a choice."""
 MIN_GAIN_CHANGE = 1.05
@@ -205,17 +207,24 @@ class GainSearch:
     def step(self, stage: Stage, *, may_lower_bandwidth: bool = True) -> GainStep:
         """Returns the gains of a stage for the next flight.
 
+        The stage's design has the gains that its last flight should have. From the logged gains, a flight goes at most
+        one step towards it.
+
         Args:
             stage: which gains to choose.
             may_lower_bandwidth: whether the rate loop may lose more than a fifth of its bandwidth, because the logged
                 gains lack margin.
+
+        Returns:
+            The step; without gains where the logged ones should stay.
         """
         if stage is Stage.RATE:
             design = self.rate_design()
             bandwidth = bandwidth_of_estimate(self.models.with_parameters(design).rate)
-            if not may_lower_bandwidth:
-                if bandwidth < MIN_BANDWIDTH_RATIO * bandwidth_of_estimate(self.models.rate):
-                    return NO_STEP
+            logged_bandwidth = bandwidth_of_estimate(self.models.rate)
+            is_much_slower = bandwidth < MIN_BANDWIDTH_RATIO * logged_bandwidth
+            if is_much_slower and not may_lower_bandwidth:
+                return NO_STEP
         else:
             design = self.angle_design()
         design = self._worthwhile(design)
@@ -324,6 +333,9 @@ class GainSearch:
 
         The score of a plant is the least ratio of a margin to its target (:func:`margin_scores`): at 1 it just has all
         margins. Unstable loops, of score minus infinity, are set to ``MIN_SCORE``, so that the quantile stays finite.
+
+        Args:
+            open_loop: rate or attitude loop of all models, at each effectiveness.
         """
         scores = scores_of_models(margin_scores(self.target, open_loop))
         return float(np.quantile(scores.clip(MIN_SCORE), SEARCH_MISS_SHARE))
@@ -361,7 +373,11 @@ class GainSearch:
         return gains
 
     def _worthwhile(self, design: Parameters) -> Parameters:
-        """Returns a design if one of its gains changes by the factor ``MIN_GAIN_CHANGE`` or more, else an empty one."""
+        """Returns a design if one of its gains changes by the factor ``MIN_GAIN_CHANGE`` or more, else an empty one.
+
+        Args:
+            design: gains by the autopilot's name.
+        """
         parameters = self.loop.controller.parameters
         names = self.loop.controller.parameter_names
         for name, value in design.items():
@@ -380,17 +396,20 @@ class GainSearch:
         Args:
             stage: which gains change.
             design: gains at the end of the stage, by the autopilot's name.
+
+        Returns:
+            Gains by the autopilot's name, rounded.
         """
         logged = self.loop.controller.parameters
-        factors = {
-            name: min(max(value / logged[name], 1 / MAX_GAIN_STEP), MAX_GAIN_STEP)
-            for name, value in design.items()
-        }
+        factors = {}
+        for name, value in design.items():
+            factors[name] = min(max(value / logged[name], 1 / MAX_GAIN_STEP), MAX_GAIN_STEP)
         if stage is Stage.ANGLE or not design:
             return {name: round_gain(logged[name] * factor) for name, factor in factors.items()}
         gains: Parameters = {}
+        # The step may leave the loop with the margins it has, if it lacks some of the target already.
         needed_score = min(1.0, self.margin_score(self.models.rate))
-        for step_share in (1.0, 0.75, 0.5, 0.25):
+        for step_share in STEP_SHARES:
             gains = {}
             for name, factor in factors.items():
                 gains[name] = round_gain(logged[name] * factor**step_share)
@@ -400,6 +419,7 @@ class GainSearch:
         attitude_score = self.margin_score(self.models.attitude)
         if self.margin_score(stepped.attitude) < min(1.0, attitude_score):
             logged_gain = self.logged_gains["angle_gain"]
+            # The design has one gain: that of the angle.
             ((name, gain),) = self.angle_design(gains, largest=logged_gain).items()
             gains = {**gains, name: round_gain(max(gain, logged_gain / MAX_GAIN_STEP))}
         return gains
@@ -412,7 +432,10 @@ class GainSearch:
         return ceil(max(changes, default=0.0) / log(MAX_GAIN_STEP) - 0.02)
 
     def _notes(self, stage: Stage, gains: Parameters) -> Facts:
-        """Returns what of new gains of the rate controller is unusual: ratios, and a lower gain of the angle.
+        """Returns facts about what is unusual in new gains of the rate controller.
+
+        That is a gain of the angle that is lowered with them, and a ratio of I or D to P that differs from the
+        autopilot's default by more than ``MAX_RATIO_CHANGE``.
 
         Args:
             stage: which gains change.
@@ -430,6 +453,7 @@ class GainSearch:
             name = names[field]
             if name not in gains or not usual:
                 continue
+            # Ratios relative to the default: 1 is usual, and 2 as unusual as 1/2.
             ratio = gains[name] / gains[names["p"]] / usual
             if max(ratio, 1 / ratio) > MAX_RATIO_CHANGE * RATIO_TOLERANCE:
                 logged_ratio = logged[name] / logged[names["p"]] / usual

@@ -43,7 +43,8 @@ def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
         Step responses (n + 1, K). None where the controller does not explain the output, or the loop is unstable.
     """
     # A share of NaN, of a plant that was identified without its controller, fails the comparison.
-    if not loop.plant.unexplained_output <= MAX_UNEXPLAINED_OUTPUT:
+    is_output_explained = loop.plant.unexplained_output <= MAX_UNEXPLAINED_OUTPUT
+    if not is_output_explained:
         return None
     rate = loop.rate
     if loop.agrees is False or not rate.stable[0]:

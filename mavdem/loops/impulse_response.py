@@ -95,6 +95,9 @@ class ImpulseResponse(NamedTuple):
         Args:
             values: N sets of values at the nodes (N, K), such as draws.
             time: times after the step (T,), s.
+
+        Returns:
+            Step responses (N, T).
         """
         lags = self.sampling_rate * time[:, None] - self.knots
         # The integral of (lag)₊, from which the hat functions are combined.
@@ -108,6 +111,9 @@ class ImpulseResponse(NamedTuple):
         Args:
             values: N sets of values at the nodes (N, K), such as draws.
             frequency: frequencies (F,), Hz, above 0.
+
+        Returns:
+            Complex responses (N, F).
         """
         radians_per_sample = 2 * np.pi * frequency[:, None] / self.sampling_rate
         # The Fourier transform of the second derivative, divided by (iω)².
@@ -493,9 +499,15 @@ class _PriorShapes(NamedTuple):
 
 @lru_cache(maxsize=CACHED_PRIOR_SHAPES)
 def _prior_shapes(knots: Numbers) -> _PriorShapes:
-    """Returns the shapes of the prior for the lags of the nodes, and of both ends of the response (K + 2,), in samples.
+    """Returns the shapes Q of the prior covariance of an impulse response, one for each length scale and decay.
 
-    They depend on nothing else, so that all passes of a fit, and all axes of a flight, share them.
+    They depend only on the knots, so that all passes of a fit, and all axes of a flight, share them.
+
+    Args:
+        knots: lags of the K nodes, and of both ends of the response (K + 2,), in samples.
+
+    Returns:
+        The shapes, and their Cholesky factors R.
     """
     taps = knots[-1]
     # From 0 to 1, with the duration of the response as the unit.

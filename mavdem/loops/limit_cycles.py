@@ -127,14 +127,12 @@ def detect_limit_cycle(
     if motors is None:
         return None
     flight_duration = sum(segment.duration for segment in segments)
-    cycles = [
-        cycle
-        for axis, attitude in attitudes.items()
-        for window_seconds in WINDOW_LENGTHS
-        for cycle in _limit_cycles(
-            axis, attitude, motors, segments, window_seconds, flight_duration
-        )
-    ]
+    cycles = list[Oscillation]()
+    for axis, attitude in attitudes.items():
+        for window_seconds in WINDOW_LENGTHS:
+            cycles += _limit_cycles(
+                axis, attitude, motors, segments, window_seconds, flight_duration
+            )
     tilt_cycles = [cycle for cycle in cycles if cycle.axis in TILT_AXES]
     return _strongest(tilt_cycles or cycles)
 

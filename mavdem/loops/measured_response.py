@@ -172,11 +172,12 @@ def _finite_pieces(signals: Array, record: Record) -> list[Array]:
     is_finite = np.isfinite(signals).all(axis=0)
     changes = np.flatnonzero(np.diff(is_finite)) + 1
     cuts = np.union1d(record.segment_starts[1:], changes)
-    return [
-        piece
-        for piece in np.split(signals, cuts, axis=1)
-        if np.isfinite(piece).all() and np.ptp(piece[0])
-    ]
+    pieces = []
+    for piece in np.split(signals, cuts, axis=1):
+        setpoint = piece[0]
+        if np.isfinite(piece).all() and np.ptp(setpoint) > 0:
+            pieces.append(piece)
+    return pieces
 
 
 def _comparison_with_prediction(
@@ -227,6 +228,9 @@ def _first_incoherent_frequency(spectra: WelchSpectra) -> float:
 
     Frequencies up to ``MIN_COMPARED_FREQUENCY`` are not judged. Where all others are coherent, it is the highest
     frequency of the spectra.
+
+    Args:
+        spectra: cross-spectra of setpoint and rate, with their coherence.
     """
     # A comparison with NaN is false, so a coherence of NaN counts as incoherent.
     is_coherent = spectra.coherence >= MIN_COMPARED_COHERENCE

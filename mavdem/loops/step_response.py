@@ -150,7 +150,10 @@ class StepResponse(ImmutableResult):
 
     @property
     def fact(self) -> Fact:
-        """The fact with the figures of the response, and the intervals of overshoot and peak."""
+        """The fact that states the figures of the response, each by the name and in the unit of its attribute.
+
+        Overshoot and peak also come with their 90 % intervals; "highest" is the highest known frequency, Hz.
+        """
         figures = {name: getattr(self, name).value for name in FIGURES}
         return Fact(
             StepResponses.STEP_MEASURED,
@@ -335,7 +338,7 @@ def _bring_setpoint_within_half_turn(pieces: Sequence[Array]) -> None:
 
 
 def _decimation(sampling_rate: float, min_rate: float, spectra: WelchSpectra) -> int:
-    """Returns by which whole number the rate of the samples is divided before a response is estimated.
+    """Returns the whole number by which the rate of the samples is divided before a response is estimated.
 
     The rate stays at least ``SAMPLES_PER_COHERENT_PERIOD`` times the highest frequency at which setpoint and response
     are coherent.

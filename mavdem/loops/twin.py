@@ -340,6 +340,9 @@ def _effect_note(loop: Loop) -> Fact:
 
     Its figure ``share`` is the half width of the 90 % interval over the estimate, and ``is_biased`` whether the
     identification of the plant calls the effectiveness biased.
+
+    Args:
+        loop: identified loop of one axis, with draws of its effectiveness.
     """
     # Row 0 of the effectiveness is the estimate, the others are draws from its posterior.
     half_width = coverage_factor() * np.std(loop.effectiveness)

@@ -103,7 +103,8 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
         # Yaw is steered by its rate, so the setpoint of its angle is 0. If the rate setpoint hardly moves, the heading
         # was only held.
         (yaw_rate_setpoint,) = columns
-        if not yaw_rate_setpoint.std() > MIN_YAW_SETPOINT_RATIO * outputs.std():
+        is_steered = yaw_rate_setpoint.std() > MIN_YAW_SETPOINT_RATIO * outputs.std()
+        if not is_steered:
             return None
         angle_setpoint = np.zeros_like(yaw_rate_setpoint)
         return ReplaySegment(outputs, np.column_stack([angle_setpoint, yaw_rate_setpoint]))

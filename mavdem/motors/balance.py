@@ -73,7 +73,7 @@ class SteadyRun:
 def balance_of_steady_flight(signals: Signals) -> BalanceFigures | None:
     """Measures the balance of a vehicle's motors in its steady flight: its torque commands relative to its thrust.
 
-    Each settled segment gives one run: its steady intervals, after one another.
+    Each segment of settled flight, without start and landing, gives one run: its steady intervals, after one another.
 
     Args:
         signals: Signals of the vehicle.
@@ -210,14 +210,17 @@ def _block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
 
 
 def _variance_inflation(residuals: Array) -> float:
-    """Estimates by which factor the variance of a mean exceeds that of independent blocks.
+    """Estimates the factor by which the variance of a mean exceeds that of independent blocks.
 
     Neighbouring blocks are alike, as gusts last longer than a block, so their mean is known less well than from as many
     independent ones. The blocks are taken for a first-order autoregression with the coefficient ρ, the correlation of
     neighbours, whose factor is (1 + ρ) / (1 - ρ).
 
     Args:
-        residuals: (N,) deviations of neighbouring blocks from what explains them.
+        residuals: (N,) deviations of successive blocks from the fit, in the order of time.
+
+    Returns:
+        The factor, 1 or more.
     """
     power = float(residuals @ residuals)
     correlation = float(residuals[1:] @ residuals[:-1]) / power if power > 0 else 0.0

@@ -48,12 +48,13 @@ class BlockAverager:
         self.restart(0.0, nan)
 
     def restart(self, time: float, heading: float) -> None:
-        """Begins anew with the block that a sample lies in.
+        """Forgets the samples so far, and begins with the block that a sample lies in.
 
         Args:
             time: Time of the sample, s.
             heading: Heading, rad.
         """
+        # Blocks are numbered from the clock's beginning: this is the number of the block that is being filled.
         self._number = floor(time / BLOCK_SECONDS)
         self._samples: list[Any] = []
         self._start_heading = heading
@@ -61,7 +62,7 @@ class BlockAverager:
     def add(
         self, time: float, commands: Sequence[float] | Array, heading: float
     ) -> CommandBlock | None:
-        """Adds a sample.
+        """Adds a sample, which completes the block before if it is the first one of a new block.
 
         Args:
             time: Seconds on the clock of the boot.
@@ -75,7 +76,7 @@ class BlockAverager:
         completed = None
         if number != self._number:
             if len(self._samples) >= MIN_BLOCK_SAMPLES:
-                # A NaN heading is not steady either.
+                # A comparison with NaN is false, so a heading of NaN is not steady.
                 turn = heading_change(heading, self._start_heading)
                 is_steady = abs(turn) <= MAX_HEADING_CHANGE * BLOCK_SECONDS
                 completed = CommandBlock(
@@ -114,7 +115,7 @@ class SampleRate:
             seconds: Seconds between two decisions.
 
         Returns:
-            None between decisions.
+            Whether samples come at ``MIN_SAMPLE_RATE``, but for a tolerance; None between decisions.
         """
         elapsed = time - self._start
         decision = None
@@ -156,7 +157,7 @@ class BalanceBlocks:
         return len(self) < MIN_PRESENT_SHARE * expected_count
 
     def add(self, time: float, balance: Array, heading: float) -> None:
-        """Adds a block.
+        """Adds a block, later than those before it, and counts it if the vehicle did not turn.
 
         Args:
             time: Its end, s.

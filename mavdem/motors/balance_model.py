@@ -80,6 +80,9 @@ class BalanceModel:
             balance_before: (a,) balance before the change.
             balance_after: (a,) balance after it.
             variance: (a,) variance of the change.
+
+        Returns:
+            Rises (k,) as fractions of the commands before, with the half widths of their 90 % intervals.
         """
         mean_rise = (rises / self.own_rise_ratios).mean()
         signature = rises @ self.signatures - mean_rise * balance_after

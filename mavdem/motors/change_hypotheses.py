@@ -51,6 +51,9 @@ A load that moved by 15 mm on arms of 160 mm, or an arm twisted by 1.5°.
 CHANGE_FREEDOM = 2.0
 """Degrees of freedom of the Student's t distribution of changes: heavy tails, since none is too large to happen."""
 
+MIXTURE_SCALES = np.geomspace(0.4, 40.0, 24)
+"""Standard deviations, in scales of a t distribution, of the normal distributions that approximate it. A choice."""
+
 FAULT_RISE = 0.08
 """Rise of a motor's command, relative to the mean command, from which it is a fault.
 
@@ -79,13 +82,16 @@ def student_t_mixture(scale: float) -> NormalMixture:
 
     A t distribution of ν degrees of freedom is a mixture of normal distributions whose variances follow an inverse
     gamma distribution. Their standard deviations s then have the density s^(−ν − 1) e^(−ν/2 (scale / s)²). It is
-    sampled at 24 of them, from 0.4 to 40 scales, in geometric steps; the weight of each is the density times s, its
-    step. As normal distributions, the components can be combined with normal errors by adding variances.
+    sampled at those of ``MIXTURE_SCALES``, in geometric steps; the weight of each is the density times s, its step. As
+    normal distributions, the components can be combined with normal errors by adding variances.
 
     Args:
         scale: Scale of the t distribution, in the unit of the change.
+
+    Returns:
+        The components of the mixture, with mean 0, and their weights.
     """
-    standard_deviations = scale * np.geomspace(0.4, 40.0, 24)
+    standard_deviations = scale * MIXTURE_SCALES
     decay = np.exp(-CHANGE_FREEDOM / 2 * (scale / standard_deviations) ** 2)
     weights = standard_deviations**-CHANGE_FREEDOM * decay
     return NormalMixture(standard_deviations, weights / weights.sum())
@@ -154,7 +160,7 @@ class ChangeHypotheses:
         Args:
             deviation: Deviation of the flight's balance.
             previous: (S,) posterior probabilities after the vehicle's flight before this one, which persist with the
-                probability ``PERSISTENCE``.
+                probability ``PERSISTENCE``; None without one.
 
         Returns:
             The posterior probabilities, by cause and by motor.
@@ -205,6 +211,7 @@ class ChangeHypotheses:
         log_densities = student_t_log_density(standard_scores, deviation.freedom) - np.log(scale)
         log_likelihood = log_densities.sum(axis=1)
         is_misfit = (abs(standard_scores[motor_rows]) > MAX_MISFIT).any(axis=1)
+        # The rows of the motors are a slice, hence a view of the array: the assignment changes the array itself.
         log_likelihood[motor_rows][is_misfit] = -np.inf
         # The largest is subtracted, so that the exponentials do not all vanish.
         posterior = prior * np.exp(log_likelihood - log_likelihood.max())
@@ -212,7 +219,7 @@ class ChangeHypotheses:
         return posterior
 
     def detection_probability(self, deviation: Deviation) -> float:
-        """Returns how probable a change would appear if the command of one motor had risen by ``DETECTABLE_RISE``.
+        """Returns the probability with which a flight would show a rise of one motor's command by ``DETECTABLE_RISE``.
 
         A flight whose balance is known badly looks healthy whatever its motors do. So the flight's change is replaced
         by the signature of each motor in turn, at the flight's own scale, and explained.

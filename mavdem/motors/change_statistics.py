@@ -61,6 +61,9 @@ def window_changes(blocks: Array, windows: Windows, prior: Array, freedom: float
         prior: (a,) prior long-run variance of a block: n times the variance of the mean of n blocks, which allows for
             their correlation.
         freedom: Degrees of freedom of that prior.
+
+    Returns:
+        For each window (w, a): the change, its variance, and the noise; and the degrees of freedom of the variance.
     """
     numbers = np.arange(len(blocks))
     # Shapes (w, 1) and (N,) make (w, N): each window by each block.

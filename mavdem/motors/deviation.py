@@ -151,6 +151,9 @@ def shrunken_lean_effects(flights: Sequence[BalanceFigures]) -> ShrunkenEffects:
 
     Args:
         flights: n flights of one vehicle.
+
+    Returns:
+        Effects of roll and pitch on the balance of each axis, and their variances.
     """
     estimates = np.array([flight.lean_effect for flight in flights])
     variance = np.array([flight.lean_effect_error for flight in flights]) ** 2

@@ -156,7 +156,10 @@ def _best_ramp(balances: Array, before_blocks: int) -> Ramp:
 
     Args:
         balances: (B, a) balance of each block.
-        before_blocks: number of blocks before the earliest beginning.
+        before_blocks: number of blocks before the earliest beginning of a ramp.
+
+    Returns:
+        The ramp: its first block, its course over the blocks, the balance before it and the change of the balance.
     """
     count = len(balances)
     numbers = np.arange(count)
@@ -186,20 +189,27 @@ def _best_ramp(balances: Array, before_blocks: int) -> Ramp:
 
 
 def _variance_of_change(balances: Array, ramp: Ramp) -> Array:
-    """Returns the variance (a,) of a ramp's change, with the long-run variance of the residuals and the slow wander.
+    """Returns the variance of a ramp's change: that of a least-squares slope, and the slow wander of any balance.
+
+    Residuals of neighbouring blocks are correlated, so their long-run variance counts: n times the variance of the mean
+    of n blocks.
 
     Args:
         balances: (B, a) balance of each block.
-        ramp: that was fitted to them.
+        ramp: the ramp that was fitted to them.
+
+    Returns:
+        (a,) variances.
     """
     count, axes = balances.shape
     residuals = balances - ramp.before - ramp.course[:, None] * ramp.change
+    # One window with all blocks; residuals have the mean 0.
     noise = long_run_variance(
         residuals,
-        np.ones((1, count), dtype=bool),
-        np.zeros((1, axes)),
-        np.full(axes, PRIOR_BLOCK_SD**2),
-        PRIOR_FREEDOM,
+        selection=np.ones((1, count), dtype=bool),
+        mean=np.zeros((1, axes)),
+        prior=np.full(axes, PRIOR_BLOCK_SD**2),
+        freedom=PRIOR_FREEDOM,
     )[0]
     centred_course = ramp.course - ramp.course.mean()
     return np.asarray(noise / (centred_course @ centred_course) + WANDER_SD**2)
@@ -208,10 +218,11 @@ def _variance_of_change(balances: Array, ramp: Ramp) -> Array:
 def _motor_of_change(
     change: Array, variance: Array, model: BalanceModel
 ) -> tuple[int | None, float]:
-    """Returns the index of the motor whose signature explains a change, and the logarithm of the odds that it does.
+    """Returns the index of the motor whose weakness explains a change, and the logarithm of the odds that it does.
 
-    Its misfit must be small, and that of every other motor, and of a change in roll and pitch alone or in yaw alone,
-    must be larger by strong evidence. Signatures are not exact, so that their error counts as variance.
+    The signature of a motor is the change of the balance where it is weak. Its misfit to the change must be small, and
+    that of every other motor, and of a change in roll and pitch alone or in yaw alone, must be larger by strong
+    evidence. Signatures are not exact, so that their error counts as variance.
 
     Args:
         change: (a,) change of the balance.
@@ -219,7 +230,8 @@ def _motor_of_change(
         model: mixer of the vehicle.
 
     Returns:
-        None, with 0, where no motor explains it, or its work rose by less than ``MIN_WORK_RISE``.
+        Index and log odds; None and 0 where no motor explains the change, or its work rose by less than
+        ``MIN_WORK_RISE``.
     """
     variance = variance + (SIGNATURE_ERROR * np.linalg.norm(change)) ** 2
     weights = model.signatures / variance

@@ -99,6 +99,9 @@ class HealthFigures:
         """Returns whether two records are of one flight, logged twice: one begins before the other has ended.
 
         How long a flight took is not known: its steady part stands for it, and is 0 without a balance.
+
+        Args:
+            other: The other record, of the same vehicle.
         """
         earlier, later = sorted((self, other), key=lambda flight: flight.start_time)
         duration = 0.0 if earlier.balance is None else earlier.balance.seconds
@@ -119,6 +122,9 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
         flights: Flights of one vehicle.
         baseline: Its healthy flights, where they are named; else the first ``DEFAULT_HEALTHY_FLIGHTS`` sound flights by
             date of each geometry of the motors count as healthy.
+
+    Returns:
+        The healthy flights whose motors can be judged, none of them twice.
     """
     if baseline is not None:
         return distinct_flights([flight for flight in baseline if not flight.missing])
@@ -138,6 +144,12 @@ def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
     """Returns each flight once, although some were logged twice, as on board and on the ground.
 
     Of two records of one flight, the one whose balance has the smaller error is kept.
+
+    Args:
+        flights: Flights of one vehicle, with known balances.
+
+    Returns:
+        The flights that are kept, in the given order.
     """
     by_error = sorted(flights, key=lambda flight: float(np.linalg.norm(flight.known_balance.error)))
     distinct: list[HealthFigures] = []

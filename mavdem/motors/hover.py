@@ -132,7 +132,9 @@ def hover_figures(
     """
     fractions = scale.fraction(outputs)
     mean_fractions = fractions.mean(axis=0)
-    if not mean_fractions.mean() > 0:
+    # A comparison with NaN is false, so that outputs that are not known do not count as running.
+    are_running = mean_fractions.mean() > 0
+    if not are_running:
         raise NotLearnable(MotorObstacle.MOTORS_OFF)
     highest = np.percentile(fractions, MAX_OUTPUT_PERCENTILE, axis=0)
     is_at_upper, is_at_lower = samples_at_limits(fractions, scale)

@@ -63,13 +63,16 @@ class LossConfirmation(NamedTuple):
         return time >= self.start + MIN_LOSS_SECONDS + MAX_CONFIRMATION_SECONDS
 
     def remaining_shares(self, balances: Array) -> Array:
-        """Returns (N,) which share of the change remains in each block: 0 as before the change, 1 as after it.
+        """Returns the share of the change that remains in each block: 0 as before the change, 1 as after it.
 
         It is the projection of the balance on the change. Each axis is weighted by the inverse of the variance, so that
         axes on which the change is known well count more.
 
         Args:
             balances: (N, a) balance of each block.
+
+        Returns:
+            (N,) shares.
         """
         weights = self.change / self.variance
         return (balances - self.balance_before) @ weights / (self.change @ weights)
@@ -101,7 +104,7 @@ class LossConfirmation(NamedTuple):
         return float((1 - 2 * mean) / (2 * max(mean_variance, SMALLEST_VARIANCE)))
 
     def blocks_since_return(self, balances: Sequence[Array]) -> int:
-        """Returns for how many of the latest blocks the change has been over, at least 1.
+        """Returns the number of latest blocks, at least 1, in which the change has been over.
 
         The change counts as over after the last block in whose moving mean at least half of it remained.
 

@@ -190,10 +190,13 @@ class MotorLossDetector:
         if -MAX_GAP < step <= 0:
             # A doubled or overtaken message: the mean of a block does not need it.
             return []
-        # After a landing, or with another clock, flight before is no reference.
-        if not 0 < step < MAX_GAP:
+        # After a landing, or with another clock, flight before is no reference. The first sample restarts too: the
+        # latest time is minus infinity before it.
+        is_continued = 0 < step < MAX_GAP
+        if not is_continued:
             self._restart(time, heading)
         self.latest_time = time
+        # None between two decisions on the rate: the obstacle then stays as it is.
         is_rate_enough = self._sample_rate.is_enough(time, REFERENCE_SECONDS)
         if is_rate_enough is not None:
             self.obstacle = None if is_rate_enough else TOO_SLOW
@@ -230,9 +233,10 @@ class MotorLossDetector:
         Args:
             block: Mean commands of the block.
         """
-        # The mean command stands for the thrust. Motors that stand still have no balance.
+        # The mean command stands for the thrust. Motors that stand still, or whose commands are NaN, have no balance.
         thrust = block.commands.mean()
-        if not thrust > 0:
+        are_running = thrust > 0
+        if not are_running:
             return
         # The balance is relative to the thrust, so that neither battery nor climb changes it.
         balance = self._model.torque_rows @ (block.commands / thrust)
@@ -371,6 +375,9 @@ class MotorLossDetector:
         """Returns whether a change holds at each heading, so that no turn of the vehicle in wind explains it.
 
         It is not known, and so denied, before ``MIN_STEADY_SECONDS`` of flight at steady headings.
+
+        Args:
+            change: Change of the balance, with the time of its beginning.
         """
         if self._blocks.steady_count * BLOCK_SECONDS < MIN_STEADY_SECONDS:
             return False
@@ -453,7 +460,10 @@ class MotorLossDetector:
             block_count: Number of blocks since the change began.
             log_odds: Logarithm of the odds that this is the cause.
             size: Rise of the motor's command, or size of the change of the torque.
-            loss: Interval of the thrust that the motor lost.
+            loss: Interval of the thrust that the motor lost, as fractions; empty where it lost none.
+
+        Returns:
+            The change as an alarm.
         """
         geometry = self._geometry
         alarm = MotorAlarm(

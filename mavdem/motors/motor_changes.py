@@ -96,8 +96,11 @@ def event_or_alarm(fact: Fact, time: float) -> Fact:
     """Returns a fact as an event in flight: an alarm if its level is bad.
 
     Args:
-        fact: The fact.
+        fact: The fact on a motor.
         time: When it was detected, s on the boot clock.
+
+    Returns:
+        An alarm with the fact as its reason; else the fact itself, with the time of its detection and without an end.
     """
     if fact.is_bad:
         return Fact(Session.ALARM, time=time, subject=fact.subject, because=fact)

@@ -56,8 +56,8 @@ class MotorSignatures:
         Motors differ by the directions of their signatures in roll, pitch and yaw, since the size of a loss is
         not known. Two directions are too much alike from a cosine of ``MAX_SIGNATURE_COSINE`` on.
 
-        Without spins it cannot: each signature is then that of a load that shifted towards the motor. Neither can it
-        where two motors are above each other and turn the same way.
+        Where the spins of the motors are not known, it cannot: each signature is then that of a load that shifted
+        towards the motor. Neither can it where two motors are above each other and turn the same way.
         """
         # The first column is thrust, the last one yaw.
         signatures = self.weak_motor_balance[:, 1:]
@@ -74,6 +74,9 @@ def motor_signatures(geometry: MotorGeometry) -> MotorSignatures:
 
     Args:
         geometry: Positions and spins of the k motors. Axes for which it lacks something have no row in the mixer.
+
+    Returns:
+        The mixer, whose first row is the thrust: the mean of all commands.
     """
     motor_count = len(geometry.motors)
     axes = ["thrust"]
