@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,8 @@ from mavdem.report.blocks import Block
 if TYPE_CHECKING:
     from mavdem.fleet.names import GivenNames
     from mavdem.fleet.row import FlightRows
-    from mavdem.report.pages.fleet_page import RowsOfVehicle
+    from mavdem.fleet.store import Store
+    from mavdem.report.vehicle_summary import VehicleSummary
     from mavdem.view import Target
 
 MODEL_FILE = "model.json"
@@ -179,51 +181,85 @@ def write_dashboard(target: Target, assessment: Assessment) -> None:
     write_recording(target, assessment)
 
 
-def write_fleet_pages(
-    folder: Path,
-    rows: FlightRows,
-    changes: Mapping[str, Sequence[Block]],
-    full_rows: RowsOfVehicle | None = None,
-    outdated_vehicles: Container[str] | None = None,
-    names: GivenNames | None = None,
-) -> Path:
+@dataclass(frozen=True)
+class FleetPages:
+    """The pages of a fleet that were written."""
+
+    index: Path
+    """Path of the index page."""
+    summaries: Sequence[VehicleSummary]
+    """What the index page shows of the flights under each name."""
+    names: GivenNames
+    """Names that were given to vehicles and flights."""
+
+
+def write_fleet_pages(store: Store, changes: Mapping[str, Sequence[Block]]) -> FleetPages:
     """Writes the index page of a fleet, and updates the pages of its flights.
 
     The page of each flight states how the flight differs from others of its vehicle. That may change when flights are
-    added, and is updated on all pages of the vehicle.
+    added, and is updated on all pages of the vehicle. What the index shows of vehicles that were not judged since it
+    was last written is kept in the store.
 
     Args:
-        folder: Folder of the fleet.
-        rows: Rows of all flights of the fleet, one for each axis of a flight; ``BRIEF_COLUMNS`` are enough.
+        store: The open store of the fleet.
         changes: Changes of each vehicle since a baseline, as blocks of text, by the vehicle's name.
-        full_rows: Returns the rows of a vehicle with all columns, for its charts; ``rows`` have them unless given.
-        outdated_vehicles: Names of the vehicles whose pages are to be updated; all unless given.
-        names: Names that were given to vehicles and flights; none unless given.
-
-    Returns:
-        Path of the index page.
 
     Raises:
         Unreadable: A page cannot be written.
     """
     # Imported here, so that the results of a single log need nothing of fleets.
-    from mavdem.fleet.flights import flights_of, worst_row
-    from mavdem.fleet.names import NO_NAMES
-    from mavdem.fleet.workers import PAGES
-    from mavdem.report.pages.fleet_page import fleet_page, fleet_remark
+    from mavdem.fleet.judgement import mark_pages_updated, outdated_vehicles
+    from mavdem.fleet.names import read_names
+    from mavdem.fleet.page_parts import kept_charts, kept_summaries
+    from mavdem.fleet.stored_rows import read_brief_rows, read_rows
+    from mavdem.report.pages.fleet_page import fleet_page, vehicle_charts
+    from mavdem.report.vehicle_summary import (
+        SUMMARY_VERSION,
+        summary_adapter,
+        summary_of_vehicle,
+    )
 
-    outdated_rows = []
-    for row in rows:
-        if row.page and (outdated_vehicles is None or row.vehicle in outdated_vehicles):
-            outdated_rows.append(row)
-    for flight_rows in flights_of(outdated_rows):
+    folder = store.folder
+
+    def make_summary(vehicle: str) -> str:
+        """Returns the summary of a vehicle as JSON."""
+        summary = summary_of_vehicle(vehicle, read_brief_rows(folder, vehicle))
+        return summary_adapter().dump_json(summary).decode()
+
+    def charts(vehicle: str) -> str:
+        """Returns the charts of a vehicle as HTML."""
+        return kept_charts(store, vehicle, lambda name: vehicle_charts(read_rows(folder, name)))
+
+    outdated = outdated_vehicles(store)
+    for vehicle in outdated:
+        _update_flight_pages(folder, read_brief_rows(folder, vehicle))
+    texts = kept_summaries(store, SUMMARY_VERSION, outdated, make_summary)
+    summaries = [summary_adapter().validate_json(text) for text in texts]
+    names = read_names(store.db)
+    index = folder / INDEX_FILE
+    write_text_atomically(index, fleet_page(summaries, changes, charts, names))
+    mark_pages_updated(store, outdated)
+    return FleetPages(index, summaries, names)
+
+
+def _update_flight_pages(folder: Path, rows: FlightRows) -> None:
+    """Updates the pages of a vehicle's flights.
+
+    Args:
+        folder: Folder of the fleet.
+        rows: Rows of the vehicle.
+
+    Raises:
+        Unreadable: A page cannot be written.
+    """
+    from mavdem.fleet.flights import flights_of, worst_row
+    from mavdem.fleet.workers import PAGES
+    from mavdem.report.pages.fleet_page import fleet_remark
+
+    for flight_rows in flights_of(row for row in rows if row.page):
         path = folder / PAGES / Path(flight_rows[0].page or "").name
         if path.is_file():
             _update_flight_page(path, fleet_remark(worst_row(flight_rows)))
-    index = folder / INDEX_FILE
-    shown_names = NO_NAMES if names is None else names
-    write_text_atomically(index, fleet_page(rows, changes, full_rows, shown_names))
-    return index
 
 
 def _update_flight_page(path: Path, comparison: str) -> None:

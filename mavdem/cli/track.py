@@ -1,6 +1,5 @@
 """``mavdem track``: a table of the flights of a fleet, and what changed from one flight of a vehicle to the next."""
 
-from functools import partial
 from pathlib import Path, PurePath
 
 import click
@@ -20,15 +19,12 @@ from mavdem.fleet.difference import (
     baseline_differences,
     latest_flights,
 )
-from mavdem.fleet.flights import summary
-from mavdem.fleet.judgement import judgement_lock, mark_pages_updated, outdated_vehicles
+from mavdem.fleet.judgement import judgement_lock
 from mavdem.fleet.names import (
-    GivenNames,
     content_hash,
     name_flight,
     name_vehicle,
     plain_name,
-    read_names,
 )
 from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.fleet.rows_of_log import rows_of_log
@@ -37,7 +33,6 @@ from mavdem.fleet.store import Store, open_store
 from mavdem.fleet.stored_rows import (
     is_fleet,
     read_brief_rows,
-    read_rows,
     read_rows_of_logs,
 )
 from mavdem.fleet.tracking import TrackedLogs, track
@@ -45,10 +40,10 @@ from mavdem.fleet.workers import JobLimits, JobOutcome, WorkerPool
 from mavdem.ingest.formats import looks_like_log
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.difference import baseline_blocks
-from mavdem.report.fleet import fleet_blocks
+from mavdem.report.fleet_summary import fleet_blocks, fleet_counts
 from mavdem.report.numbers import counted
 from mavdem.report.pages.flight_page import flight_page
-from mavdem.results import write_fleet_pages
+from mavdem.results import FleetPages, write_fleet_pages
 
 MAX_LIMIT = 1_000_000
 """Largest --time-limit in seconds, eleven days, and largest --memory-limit in MB, a terabyte.
@@ -163,44 +158,33 @@ def track_command(
         reader = WorkerPool(jobs or available_workers(), limits, rows_of_log)
     tracked = _track_with_progress(out, logs, reader, baseline)
     blocks_by_vehicle: BlocksByVehicle = {}
-    full_rows = partial(read_rows, out)
-    # Rows are read and pages updated by them while no other run judges a vehicle: else an older remark might stay.
+    # Pages are updated by rows that no other run judges meanwhile: else an older remark might stay.
     with (
         progress("Writing pages", measured=False),
         open_store(out) as store,
         judgement_lock(out),
     ):
-        rows = read_brief_rows(out)
-        counts = summary(rows)
         differences: BaselineDifferences = {}
         if tracked.healthy:
-            latest = latest_flights(rows, tracked.healthy)
+            latest = latest_flights(read_brief_rows(out), tracked.healthy)
             latest_rows = read_rows_of_logs(out, {flight[0].file for flight in latest.values()})
             differences = baseline_differences(latest_rows, tracked.healthy)
         for vehicle, (latest_flight, difference) in differences.items():
             blocks_by_vehicle[vehicle] = baseline_blocks(latest_flight, difference)
-        unknown_name = next(
-            (name for name in given_names if not _is_subject_known(rows, name)), None
-        )
-        # All names are stored, or none.
-        if unknown_name is None:
-            with store.transaction():
-                for given_name in given_names:
-                    _store_name(store, rows, given_name)
-        names = read_names(store.db)
-        outdated = outdated_vehicles(store)
-        index = write_fleet_pages(out, rows, blocks_by_vehicle, full_rows, outdated, names)
-        mark_pages_updated(store, outdated)
+        unknown_name = _store_names(store, given_names)
+        pages = write_fleet_pages(store, blocks_by_vehicle)
+    counts = fleet_counts(pages.summaries)
+    names = pages.names
     for problem in tracked.problems:
         print_to_stderr(f"mavdem: {problem.advised}")
     if as_json:
-        print_json(track_document(out, index, tracked, counts, differences, names.vehicles))
+        print_json(track_document(out, pages.index, tracked, counts, differences, names.vehicles))
     else:
         blocks_by_name = {
             names.vehicle(vehicle): blocks for vehicle, blocks in blocks_by_vehicle.items()
         }
-        _print_fleet(tracked, rows, names, blocks_by_name)
-        _report_index_and_table(out, index)
+        _print_fleet(tracked, pages, blocks_by_name)
+        _report_index_and_table(out, pages.index)
     if unknown_name is not None:
         # A serial number may be that of a log which had to be read first. What was read is kept and reported.
         message = f"'{unknown_name}' begins with no serial number and no log of this fleet; no name was given."
@@ -305,6 +289,28 @@ def _is_subject_known(rows: FlightRows, given_name: str) -> bool:
     return _is_vehicle(rows, subject) or bool(_contents_of_log(rows, subject))
 
 
+def _store_names(store: Store, given_names: Names) -> str | None:
+    """Gives names to vehicles and flights of a fleet, or takes them away: all of them, or none where one is unknown.
+
+    Args:
+        store: The open store of the fleet.
+        given_names: What was typed, see :func:`_store_name`.
+
+    Returns:
+        The first that names neither a vehicle nor a log of the fleet; None where all are known.
+    """
+    if not given_names:
+        return None
+    rows = read_brief_rows(store.folder)
+    for given_name in given_names:
+        if not _is_subject_known(rows, given_name):
+            return given_name
+    with store.transaction():
+        for given_name in given_names:
+            _store_name(store, rows, given_name)
+    return None
+
+
 def _store_name(store: Store, rows: FlightRows, given_name: str) -> None:
     """Gives a name to a vehicle or a flight of a fleet, or takes it away.
 
@@ -342,22 +348,21 @@ def _file_names(path: str) -> Names:
 
 
 def _print_fleet(
-    tracked: TrackedLogs, rows: FlightRows, names: GivenNames, blocks_by_vehicle: BlocksByVehicle
+    tracked: TrackedLogs, pages: FleetPages, blocks_by_vehicle: BlocksByVehicle
 ) -> None:
     """Prints the number of logs, the table of the fleet's vehicles, and what changed since each one's baseline.
 
     Args:
         tracked: What this run read.
-        rows: All rows of the fleet's table.
-        names: Names that were given to vehicles.
+        pages: The pages that were written, with what they show.
         blocks_by_vehicle: Differences from the baseline to the latest flight, by the vehicle's name.
     """
-    without_flight = len({row.file for row in rows if not row.has_flight})
+    unused_files = {row.file for summary in pages.summaries for row in summary.unused}
     print_to_stdout(
-        f"{counted(tracked.logs, 'log')}, {tracked.read} of them read now; {without_flight} in the table without a"
+        f"{counted(tracked.logs, 'log')}, {tracked.read} of them read now; {len(unused_files)} in the table without a"
         " flight; copies count once.\n"
     )
-    print_blocks(fleet_blocks(rows, names=names))
+    print_blocks(fleet_blocks(pages.summaries, names=pages.names))
     for vehicle, blocks in blocks_by_vehicle.items():
         print_blocks([Sentence("", f"{vehicle}:"), *blocks])
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from mavdem.containers import JsonValues, group_by
+from mavdem.containers import group_by
 from mavdem.dataset.axes import AXES
 from mavdem.facts.motors import MotorHealth
-from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN, FlightRow, FlightRows
+from mavdem.fleet.row import SYSTEM_ID_BASIS, FlightRow, FlightRows
 
 HEALTHS = tuple(MotorHealth)
 """Health of the motors, the worst first."""
@@ -110,41 +109,3 @@ def _begins_before_end(row: FlightRow, earlier_row: FlightRow) -> bool:
 def _tier_rank(flight: AxisRows) -> str:
     """Returns the key by which flights are ordered from the best tier to the worst; an unknown tier comes last."""
     return best_tier(flight) or "z"
-
-
-def summary(rows: Iterable[FlightRow]) -> JsonValues:
-    """Counts the flights of a fleet.
-
-    A flight has a row for each axis; it counts by its better tier and its worse health, and once where several logs
-    have it.
-
-    Returns:
-        Plain JSON values: ``flights``; ``vehicles``, those with a name of their own, which a system id is not;
-        ``tiers`` and ``health``, flights by tier and by health; and ``failed``, the file, status and code of the status
-        of each log without a flight.
-    """
-    rows = list(rows)
-    named_vehicles = 0
-    flights: list[FlightRows] = []
-    for name, flights_of_vehicle in vehicles_of(rows).items():
-        if name != UNKNOWN and not has_shared_name(flights_of_vehicle):
-            named_vehicles += 1
-            flights += distinct_flights(flights_of_vehicle)
-        else:
-            # Flights at the same time may be of different vehicles with this name.
-            flights += flights_of_vehicle
-    healths = Counter(worst_health(flight) for flight in flights)
-    tiers = Counter(best_tier(flight) for flight in flights if best_tier(flight))
-    # A log may have several rows without a flight, one for each vehicle. A dictionary keeps their order.
-    failures = dict.fromkeys(
-        (row.file, row.status, row.status_code) for row in rows if not row.has_flight
-    )
-    return {
-        "flights": len(flights),
-        "vehicles": named_vehicles,
-        "tiers": dict(sorted(tiers.items())),
-        "health": {health: healths[health] for health in HEALTHS if healths[health]},
-        "failed": [
-            {"file": file, "status": status, "status_code": code} for file, status, code in failures
-        ],
-    }

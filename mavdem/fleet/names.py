@@ -104,7 +104,7 @@ def read_names(db: sqlite3.Connection) -> GivenNames:
     """Returns all names that were given, from the store of a fleet."""
     vehicles = dict(db.execute("select vehicle, name from vehicle_names").fetchall())
     flights = dict(db.execute("select content, name from flight_names").fetchall())
-    logged = db.execute("select distinct vehicle from flights where file is not null")
+    logged = db.execute("select distinct vehicle from flights")
     return GivenNames(vehicles, flights, frozenset(vehicle for (vehicle,) in logged))
 
 

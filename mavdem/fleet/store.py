@@ -94,6 +94,7 @@ class Store:
             raise sqlite3.OperationalError("SQLite's write-ahead log does not work on this disk")
         self.db.executescript(TABLES_SQL)
         self._add_brief_rows()
+        self.db.execute("create index if not exists flights_by_page on flights (log, page)")
         (version,) = self.db.execute("pragma user_version").fetchone()
         if version != SCHEMA_VERSION:
             # The rows stay until their log is read again, and the table is written anew as a whole.

@@ -19,7 +19,12 @@ create table if not exists vehicle_names (vehicle text primary key, name text no
 create table if not exists flight_names (content text primary key, name text not null);
 create index if not exists logs_by_log on logs (log);
 create index if not exists logs_by_size on logs (size);
-create index if not exists flights_by_log on flights (log);
-create index if not exists flights_by_vehicle on flights (vehicle, judged);
+-- Indices have all columns that the queries need: a row of the table is so long that looking into it takes ten times as long.
+drop index if exists flights_by_log;
+drop index if exists flights_by_vehicle;
+create index if not exists flights_of_log on flights (log, file, vehicle);
+create index if not exists flights_of_vehicle on flights (vehicle, file, judged);
+-- What pages show of each vehicle, made when it was judged; charts are made when they are first drawn.
+create table if not exists vehicle_parts (vehicle text primary key, version text not null, summary text not null, charts text);
 -- The file of the table, by its number, that has the rows of a vehicle.
 create table if not exists table_files (vehicle text primary key, number integer not null);

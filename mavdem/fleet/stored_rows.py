@@ -90,13 +90,20 @@ def read_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
     return _stored_rows(folder, query, {"vehicle": vehicle})
 
 
-def read_brief_rows(folder: Path) -> FlightRows:
+def read_brief_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
     """Returns the rows of a fleet with ``BRIEF_COLUMNS`` alone; other columns have their defaults.
+
+    Args:
+        folder: folder of the fleet.
+        vehicle: name of the vehicle whose rows are returned; None for those of all vehicles.
 
     Raises:
         Unreadable: the folder has no store, or a damaged one.
     """
-    return _stored_rows(folder, "select brief, file from flights where file is not null", {})
+    query = "select brief, file from flights where file is not null"
+    if vehicle is not None:
+        query += " and vehicle = :vehicle"
+    return _stored_rows(folder, query, {"vehicle": vehicle})
 
 
 def read_rows_of_logs(folder: Path, files: Iterable[str]) -> FlightRows:

@@ -8,8 +8,9 @@ from command_line import document_of, refused, run
 from fleet_rows import fleet_rows
 from pytest import mark
 from recorded_flights import LOGS
-from standin_logs import make_logs, track
+from standin_logs import fleet_of, make_logs, track
 
+from mavdem.fleet.store import open_store
 from mavdem.fleet.stored_rows import read_rows
 from mavdem.results import write_fleet_pages
 
@@ -78,9 +79,13 @@ def test_a_page_says_what_its_row_says_now(tmp_path):
     page = tmp_path / "pages/quad-1-1.html"
     page.parent.mkdir()
     page.write_text("<main>\n<h1>")
-    write_fleet_pages(tmp_path, fleet_rows(7), {})
+    fleet_of(tmp_path, fleet_rows(7))
+    with open_store(tmp_path) as store:
+        write_fleet_pages(store, {})
     assert 'class="said bad">Compared with the vehicle’s other flights: motor 3' in page.read_text()
-    write_fleet_pages(tmp_path, fleet_rows(10), {})
+    fleet_of(tmp_path, fleet_rows(10))
+    with open_store(tmp_path) as store:
+        write_fleet_pages(store, {})
     assert page.read_text() == "<main>\n<h1>", "its fault is that of a later flight"
 
 

@@ -11,6 +11,7 @@ from mavdem import wind
 from mavdem.fleet.priors import earlier_drag
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.report.pages.fleet_page import fleet_page
+from mavdem.report.vehicle_summary import summaries_of
 from mavdem.wind_velocity.compass import compass_text
 from sitl_scenarios.files import in_toml, load
 
@@ -43,6 +44,6 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     earlier = earlier_drag(learnt / "model.json")
     assert earlier.linear == approx(row.drag[:2]) and earlier.relative_sd(5) < 0.2
     assert (row.wind_speed, degrees(row.wind_direction)) == approx((found.speed, found.direction))
-    assert compass_text(found.direction) in fleet_page([row])
+    assert compass_text(found.direction) in fleet_page(summaries_of([row]))
     assert run("wind", log, "--prior", learnt) == 2
     assert "of this very flight" in capsys.readouterr().err

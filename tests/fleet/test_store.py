@@ -297,6 +297,7 @@ def test_the_rows_of_a_vehicle_with_any_name_are_spliced(tmp_path):
 def make_older(folder):
     """Makes the store of a fleet one of a version without brief rows."""
     with closing(sqlite3.connect(folder / STORE, isolation_level=None)) as db:
+        db.execute("drop index flights_by_page")
         for table, column in (
             ("flights", "brief"),
             ("flights", "page"),
@@ -318,6 +319,7 @@ def test_two_runs_may_open_an_older_store_at_a_time(tmp_path):
     with closing(sqlite3.connect(tmp_path / STORE, isolation_level=None)) as first_run:
         first_run.execute("begin immediate")
         first_run.execute("alter table flights add column brief text")
+        first_run.execute("alter table flights add column page text")
         with ThreadPoolExecutor() as executor:
 
             def open_it():

@@ -56,7 +56,7 @@ def fleet_rows(flights):
     rows = [
         FlightRow(
             file=f"/logs/{number}.bin",
-            key=f"bad{number}",
+            key=f"bad{number}-1",
             status=f"It is cut off at {number}.",
             status_code="log_cut_off",
         )

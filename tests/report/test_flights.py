@@ -7,12 +7,24 @@ from fleet_rows import WEAK, flight_row
 from pytest import mark
 
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
-from mavdem.fleet.flights import flights_of, summary
+from mavdem.fleet.flights import flights_of
 from mavdem.fleet.names import GivenNames
 from mavdem.fleet.parameter_changes import ParameterChange
+from mavdem.report import fleet_summary
 from mavdem.report.blocks import plain_text
 from mavdem.report.difference import baseline_blocks, difference_blocks, next_blocks
-from mavdem.report.fleet import fleet_blocks, vehicle_health, vehicle_words
+from mavdem.report.fleet import vehicle_health, vehicle_words
+from mavdem.report.vehicle_summary import summaries_of
+
+
+def fleet_blocks(rows, **options):
+    """The summary of a fleet with these rows."""
+    return fleet_summary.fleet_blocks(summaries_of(rows), **options)
+
+
+def fleet_counts(rows):
+    """The counts of a fleet with these rows."""
+    return fleet_summary.fleet_counts(summaries_of(rows))
 
 
 def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
@@ -83,7 +95,7 @@ def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():
         fleet_blocks(rows)
     )
     assert "2026-01-05 to 2026-01-06, 11 min settled" in plain_text(fleet_blocks(rows))
-    counts = summary(rows)
+    counts = fleet_counts(rows)
     assert (counts["flights"], counts["tiers"], counts["health"]) == (2, {"a": 2}, {"ok": 2})
 
 
@@ -94,7 +106,7 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     ]
     text = plain_text(fleet_blocks(rows))
     assert "2 flights whose logs do not name a vehicle" in text and "of 1 vehicle" not in text
-    assert summary(rows)["vehicles"] == 0
+    assert fleet_counts(rows)["vehicles"] == 0
     judged = [replace(row, health="fault") for row in rows]
     text = plain_text(fleet_blocks([*judged, flight_row("quad", 0)]))
     assert "1 needs a look: px4-1 (fault)" in text and "2 flights whose logs" in text

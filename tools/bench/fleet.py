@@ -28,7 +28,6 @@ from typing import Any, NamedTuple
 import click
 
 from mavdem.containers import group_by
-from mavdem.fleet.flights import summary
 from mavdem.fleet.judgement import publish
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.sources import LogSource, find_logs
@@ -38,6 +37,8 @@ from mavdem.fleet.tracking import assess_rows
 from mavdem.fleet.workers import PAGES, JobLimits, JobOutcome
 from mavdem.machine import free_port
 from mavdem.report.blocks import Table, markdown
+from mavdem.report.fleet_summary import fleet_counts
+from mavdem.report.vehicle_summary import summaries_of
 from mavdem.results import INDEX_FILE
 
 # What processes have used is measured by the means of POSIX.
@@ -440,7 +441,7 @@ def _cluster_seconds(
         cost = mavdem("track", *logs, "--out", folder, "--scheduler", running.address)
         if killer is not None:
             killer.join()
-        flights = summary(read_brief_rows(Path(folder)))["flights"]
+        flights = fleet_counts(summaries_of(read_brief_rows(Path(folder))))["flights"]
     return cost.seconds, flights
 
 

@@ -15,8 +15,18 @@ from mavdem.fleet.flights import flights_of
 from mavdem.fleet.row import FlightRow
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.vehicle_charts import vehicle_group
-from mavdem.report.pages.fleet_page import fleet_page
+from mavdem.report.pages import fleet_page as page_of_fleet
 from mavdem.report.palette import BAD
+from mavdem.report.vehicle_summary import summaries_of
+
+
+def fleet_page(rows, changes=None):
+    """The index of a fleet with these rows."""
+
+    def charts(name):
+        return page_of_fleet.vehicle_charts([row for row in rows if row.vehicle == name])
+
+    return page_of_fleet.fleet_page(summaries_of(rows), changes, charts)
 
 
 def parts(text):

@@ -1,0 +1,57 @@
+"""Parts of the pages of a fleet that its store keeps: they are made again only for vehicles that were judged anew."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from importlib import metadata
+
+from mavdem.fleet.store import Store
+
+MakePart = Callable[[str], str]
+"""Makes the part of a vehicle, by its name."""
+
+
+def kept_summaries(
+    store: Store, version: str, outdated_vehicles: Iterable[str], make: MakePart
+) -> list[str]:
+    """Returns the summary of each vehicle as text, by name; those that are missing or outdated are made and kept.
+
+    Args:
+        store: the open store of the fleet.
+        version: version of the summaries: those of another version, or another version of mavdem, are outdated.
+        outdated_vehicles: names of the vehicles that were judged since their summaries were made.
+        make: makes the summary of a vehicle.
+    """
+    full_version = f"{version} of {metadata.version('mavdem')}"
+    with store.transaction():
+        names = [[vehicle] for vehicle in outdated_vehicles]
+        store.db.executemany("delete from vehicle_parts where vehicle = ?", names)
+        tracked = "select vehicle from flights where file is not null"
+        query = f"delete from vehicle_parts where version <> ? or vehicle not in ({tracked})"
+        store.db.execute(query, [full_version])
+        missing = f"""select distinct vehicle from ({tracked})
+            where vehicle not in (select vehicle from vehicle_parts)"""
+        for (vehicle,) in store.db.execute(missing).fetchall():
+            store.db.execute(
+                "insert into vehicle_parts (vehicle, version, summary) values (?, ?, ?)",
+                [vehicle, full_version, make(vehicle)],
+            )
+        query = "select summary from vehicle_parts order by vehicle"
+        return [summary for (summary,) in store.db.execute(query)]
+
+
+def kept_charts(store: Store, vehicle: str, make: MakePart) -> str:
+    """Returns the charts of a vehicle as HTML; they are made and kept at the first call after it was judged.
+
+    Args:
+        store: the open store of the fleet, with the summary of the vehicle.
+        vehicle: its name.
+        make: makes the charts of a vehicle.
+    """
+    query = "select charts from vehicle_parts where vehicle = ?"
+    (charts,) = store.db.execute(query, [vehicle]).fetchone()
+    if charts is None:
+        charts = make(vehicle)
+        query = "update vehicle_parts set charts = ? where vehicle = ?"
+        store.db.execute(query, [charts, vehicle])
+    return str(charts)

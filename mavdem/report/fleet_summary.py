@@ -1,0 +1,193 @@
+"""The summary of many flights: vehicles that need a look, what was flown, and logs that were not used; and counts."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import PurePath
+
+from mavdem.containers import JsonValues, group_by
+from mavdem.facts.motors import MotorHealth
+from mavdem.fleet.flights import HEALTHS
+from mavdem.fleet.names import NO_NAMES, GivenNames
+from mavdem.fleet.row import UNKNOWN
+from mavdem.report.blocks import Blocks, Table
+from mavdem.report.condition import TIER_WORDS
+from mavdem.report.fleet import MAX_URGENT_RANK, truncated
+from mavdem.report.numbers import abbreviated_list, listed
+from mavdem.report.templates import as_clause, capitalize_first, render_section
+from mavdem.report.vehicle_summary import UnusedRow, VehicleFlights, VehicleSummary
+
+MAX_REASONS = 8
+"""Reasons why logs were not used that are shown, the most frequent ones."""
+
+MAX_REASON_LENGTH = 70
+"""Letters of such a reason in a table."""
+
+MAX_FILE_LENGTH = 40
+"""Letters of a file's name in a table."""
+
+
+def fleet_blocks(
+    summaries: Sequence[VehicleSummary], names_vehicles: bool = True, names: GivenNames = NO_NAMES
+) -> Blocks:
+    """Returns the summary of a fleet: a headline, what was flown, and a table of why logs were not used.
+
+    Vehicles with a name of their own are counted as such. Flights under a shared or unknown name are counted apart,
+    because neither the number of their vehicles nor duplicates among them can be known.
+
+    Args:
+        summaries: what is known of the flights under each name.
+        names_vehicles: whether the headline names the vehicles that need a look, which a page shows below it.
+        names: names that were given to vehicles.
+    """
+    vehicles = vehicles_with_parts(summaries)
+    named_count = 0
+    unjudged_count = 0
+    nameless_flights = 0
+    for summary in summaries:
+        if summary.has_shared_name:
+            nameless_flights += summary.flown.flights
+        elif summary.vehicle is not None:
+            named_count += 1
+            if summary.vehicle.health == UNKNOWN:
+                unjudged_count += 1
+    blocks = render_section(
+        "fleet",
+        **_health_summary(vehicles, names),
+        vehicles=named_count,
+        names_vehicles=names_vehicles,
+        all_known=named_count == len(vehicles),
+        flown=_flown_summary(summaries),
+        twice=sum(summary.flown.duplicates for summary in summaries),
+        unjudged=unjudged_count,
+        nameless=nameless_flights,
+    )
+    unused = [row for summary in summaries for row in summary.unused if row.is_first]
+    return [*blocks, *_unused_blocks(unused)]
+
+
+def vehicles_with_parts(summaries: Sequence[VehicleSummary]) -> dict[str, VehicleFlights]:
+    """Returns what is known of each vehicle of which a page has a part, by its name."""
+    vehicles = {}
+    for summary in summaries:
+        if summary.vehicle is not None and summary.vehicle.is_one_vehicle:
+            vehicles[summary.name] = summary.vehicle
+    return vehicles
+
+
+def fleet_counts(summaries: Sequence[VehicleSummary]) -> JsonValues:
+    """Counts the flights of a fleet.
+
+    A flight has a row for each axis; it counts by its better tier and its worse health, and once where several logs
+    have it.
+
+    Returns:
+        Plain JSON values: ``flights``; ``vehicles``, those with a name of their own, which a system id is not;
+        ``tiers`` and ``health``, flights by tier and by health; and ``failed``, the file, status and code of the status
+        of each log without a flight.
+    """
+    tiers: Counter[str] = Counter()
+    healths: Counter[str] = Counter()
+    named_vehicles = 0
+    # A log may have several rows without a flight, one for each vehicle. A dictionary keeps their order.
+    failures = {}
+    for summary in summaries:
+        tiers.update(summary.flown.tiers)
+        healths.update(summary.flown.healths)
+        if summary.vehicle is not None and not summary.has_shared_name:
+            named_vehicles += 1
+        for row in summary.unused:
+            failures[row.file, row.status, row.status_code] = row
+    return {
+        "flights": sum(summary.flown.flights for summary in summaries),
+        "vehicles": named_vehicles,
+        "tiers": {tier: tiers[tier] for tier in sorted(tiers) if tier},
+        "health": {health: healths[health] for health in HEALTHS if healths[health]},
+        "failed": [
+            {"file": row.file, "status": row.status, "status_code": row.status_code}
+            for row in failures.values()
+        ],
+    }
+
+
+def _health_summary(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -> dict[str, object]:
+    """Returns the values for the fleet's headline: vehicles that need a look, recovered ones, and healthy ones.
+
+    A vehicle has recovered if its motors are healthy now, but had a fault or a drift in an earlier flight.
+
+    Args:
+        vehicles: what is known of each vehicle, by what its logs call it.
+        names: names that were given to vehicles.
+
+    Returns:
+        Values by the names that the template uses: "ill", "judged" and "recovered_count" are numbers of vehicles,
+        "named" and "recovered" lists in words.
+    """
+    urgent = []
+    for name in sorted(vehicles, key=lambda name: (vehicles[name].urgency, name)):
+        vehicle = vehicles[name]
+        if vehicle.urgency.rank < MAX_URGENT_RANK:
+            urgent.append(f"{names.vehicle(name)} ({as_clause(vehicle.words.conclusion)})")
+    healthy = [name for name in vehicles if vehicles[name].health == MotorHealth.OK]
+    recovered = [names.vehicle(name) for name in healthy if vehicles[name].was_in_trouble]
+    return {
+        "ill": len(urgent),
+        "named": abbreviated_list(urgent),
+        "recovered": abbreviated_list(sorted(recovered)),
+        "recovered_count": len(recovered),
+        "judged": len(healthy),
+    }
+
+
+def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | None:
+    """Returns the number of flights, settled hours, dates, and counts of tiers in words; None without a flight."""
+    flown = [summary.flown for summary in summaries if summary.flown.flights]
+    if not flown:
+        return None
+    tiers: Counter[str] = Counter()
+    for one in flown:
+        tiers.update(one.tiers)
+    kinds = [f"{tiers[tier]} {words}" for tier, words in TIER_WORDS.items() if tiers[tier]]
+    first_dates = [one.first_date for one in flown if one.first_date is not None]
+    last_dates = [one.last_date for one in flown if one.last_date is not None]
+    return {
+        "flights": sum(one.flights for one in flown),
+        "hours": sum(one.seconds for one in flown) / 3600,
+        "dates": [min(first_dates), max(last_dates)] if first_dates else [],
+        "kinds": listed(kinds),
+    }
+
+
+def _unused_blocks(rows: Sequence[UnusedRow]) -> Blocks:
+    """Returns a sentence and a table on why logs were not used, the most frequent reasons first.
+
+    Each row of the table has a reason, the number of logs with it, and the file name of one of them. Logs are grouped
+    by the code of their reason where there is one, because the sentences differ in their figures. Reasons of equal
+    frequency are in the order of the alphabet. At most ``MAX_REASONS`` are listed.
+
+    Args:
+        rows: the first row of each log that was not used.
+
+    Returns:
+        The sentence and the table; no table without such logs.
+    """
+    by_reason = group_by(rows, lambda row: row.status_code or row.status)
+    ranked = sorted(by_reason.items(), key=lambda item: (-len(item[1]), item[0]))
+    cells = []
+    for code, same_reason in ranked[:MAX_REASONS]:
+        # The sentence of one log contains its own figures, so several logs share the name of their code.
+        if len(same_reason) == 1:
+            reason = same_reason[0].status
+        else:
+            reason = capitalize_first(code.replace("_", " "))
+        example = PurePath(same_reason[0].file).name
+        cells.append(
+            [
+                truncated(reason, MAX_REASON_LENGTH),
+                str(len(same_reason)),
+                truncated(example, MAX_FILE_LENGTH),
+            ]
+        )
+    sentences = render_section("fleet_unused", logs=len(rows))
+    if not rows:
+        return [*sentences]
+    return [*sentences, Table(["reason", "logs", "for example"], cells, words=True)]

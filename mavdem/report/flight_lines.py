@@ -1,0 +1,163 @@
+"""The line of each flight in the table of a fleet's page: its columns, and the cells of a flight."""
+
+import re
+from collections.abc import Callable
+from math import degrees
+from typing import NamedTuple
+from urllib.parse import quote
+
+from mavdem.facts import Level
+from mavdem.facts.lights import Light
+from mavdem.facts.motors import MotorHealth
+from mavdem.fleet.flights import AxisRows, worst_health
+from mavdem.fleet.names import content_hash
+from mavdem.report.fleet import TROUBLED_HEALTHS, badge, truncated
+from mavdem.report.numbers import listed, rounded
+from mavdem.wind_velocity.compass import compass_text
+
+MAX_NOTE_LENGTH = 320
+"""Letters of the notes on a flight in the table; the page of the flight has all of them."""
+
+DATE_LENGTH = 16
+"""Letters of a date and time up to the minute, as in "2026-02-09 12:30"."""
+
+
+class FlightLine(NamedTuple):
+    """The line of one flight."""
+
+    seconds: float | None
+    """UNIX time of the flight's beginning, s; None where it is not known."""
+
+    content: str
+    """Hash of the content of its log, by which users name a flight."""
+
+    link: str
+    """Address of its page, relative to the page of the fleet; empty without one."""
+
+    file: str
+    """Path or URL of its log."""
+
+    cells: list[str]
+    """The cells, one for each of the ``COLUMNS``."""
+
+
+def flight_line(flight: AxisRows) -> FlightLine:
+    """Returns the line of a flight, with the names that its log has for the flight and its vehicle."""
+    row = flight[0]
+    seconds = None if row.date is None else row.date.timestamp()
+    # Colons are quoted: what stands before one would be taken for the scheme of an address.
+    link = "" if row.page is None else quote(row.page, safe="/")
+    cells = [column.cell(flight) for column in COLUMNS.values()]
+    return FlightLine(seconds, content_hash(row.key), link, row.file, cells)
+
+
+class Column(NamedTuple):
+    """A column of the table of flights."""
+
+    kind: str
+    """How the page sorts and shows it: "text", "number", "health" or "notes"."""
+
+    cell: Callable[[AxisRows], str]
+    """Makes the cell of a flight; empty where the quantity is not known."""
+
+    width: str
+    """Width of the column on a wide screen; the notes take what is left."""
+
+    area: str = ""
+    """Place of the cell in the three lines that a flight has on a phone; empty where it is left out."""
+
+
+def _file_name(flight: AxisRows) -> str:
+    """Returns the name of a log without its folder."""
+    file = flight[0].file
+    return re.split(r"[/\\\\]", file)[-1] or file
+
+
+def _vehicle(flight: AxisRows) -> str:
+    """Returns the name of a flight's vehicle."""
+    return flight[0].vehicle
+
+
+def _date(flight: AxisRows) -> str:
+    """Returns date and time of a flight, up to the minute."""
+    return f"{flight[0].date or ''}"[:DATE_LENGTH]
+
+
+def _tier(flight: AxisRows) -> str:
+    """Returns the tier of a flight: a, b or c."""
+    return flight[0].tier or ""
+
+
+def _badge(flight: AxisRows) -> str:
+    """Returns how a flight went, in one word."""
+    return badge([flight])
+
+
+def _warning_lights(flight: AxisRows) -> str:
+    """Returns the lights of a flight that are bad or to be watched, such as "motors bad, vibration watch".
+
+    A light is the judgement of one part of the vehicle. The rows of all axes have the same lights.
+    """
+    texts = []
+    for light in Light:
+        level = getattr(flight[0], f"light_{light}")
+        if level in (Level.BAD, Level.WATCH):
+            texts.append(f"{light} {level}")
+    return ", ".join(texts)
+
+
+def _suspect_motors(flight: AxisRows) -> str:
+    """Returns the numbers of the motors that are suspected on any axis."""
+    motors = {row.suspect_motor for row in flight if row.suspect_motor is not None}
+    return listed(sorted(motors))
+
+
+def _notes(flight: AxisRows) -> str:
+    """Returns what is reported about a flight, one sentence a line, the most important first, each once.
+
+    The headline of the log comes first, then the reason for the health of the motors, then warnings.
+    """
+    # A log without a flight has one note: why it was not used.
+    first_row = flight[0]
+    if not first_row.has_flight:
+        return truncated(first_row.status, MAX_NOTE_LENGTH)
+    notes = []
+    # The headline knows this log alone. Where only the comparison with other flights shows trouble, it says that
+    # nothing is wrong, and is left out.
+    is_trouble_of_fleet = worst_health(flight) in TROUBLED_HEALTHS
+    if first_row.headline_level == Level.BAD or not is_trouble_of_fleet:
+        notes += [row.headline for row in flight]
+    notes += [row.health_reason for row in flight if row.health != MotorHealth.OK]
+    for row in flight:
+        notes += row.warnings
+    sentences = dict.fromkeys(note for note in notes if note)
+    return truncated("\n".join(sentences), MAX_NOTE_LENGTH)
+
+
+def _settled_seconds(flight: AxisRows) -> str:
+    """Returns the duration of settled flight, s."""
+    seconds = flight[0].duration
+    return "" if seconds is None or not flight[0].is_read else rounded(seconds, 3)
+
+
+def _wind(flight: AxisRows) -> str:
+    """Returns the wind's speed, m/s, and the direction that it came from, as far as known."""
+    row = flight[0]
+    speed = "" if row.wind_speed is None else rounded(row.wind_speed)
+    direction = "" if row.wind_direction is None else compass_text(degrees(row.wind_direction))
+    return f"{speed} {direction}".strip()
+
+
+COLUMNS = {
+    "flight": Column("text", _file_name, "8rem", "flight"),
+    "vehicle": Column("text", _vehicle, "6.8rem", "vehicle"),
+    "date": Column("text", _date, "8.8rem", "date"),
+    "tier": Column("text", _tier, "3rem"),
+    "health": Column("health", _badge, "5rem", "health"),
+    "lights": Column("text", _warning_lights, "8rem", "lights"),
+    "motor": Column("text", _suspect_motors, "4rem"),
+    "notes": Column("notes", _notes, "auto", "notes"),
+    "settled (s)": Column("number", _settled_seconds, "5rem"),
+    "wind (m/s)": Column("number", _wind, "7rem"),
+}
+"""Columns of the table of flights, by their headers."""

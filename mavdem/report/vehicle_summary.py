@@ -1,0 +1,290 @@
+"""What the page of a fleet shows of the flights under one name: made when they were judged, and kept as JSON.
+
+A fleet may have ten thousand flights, of which one more log changes those of one vehicle: the page is made of the
+summaries of all vehicles, and only that of the changed vehicle is made of rows.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cache
+from typing import NamedTuple
+
+from pydantic import TypeAdapter
+
+from mavdem.containers import group_by
+from mavdem.facts import Level
+from mavdem.facts.lights import Light
+from mavdem.fleet.flights import (
+    AxisRows,
+    Flights,
+    best_tier,
+    distinct_flights,
+    flights_of,
+    has_shared_name,
+    worst_health,
+)
+from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
+from mavdem.report.fleet import (
+    NOT_USED,
+    TROUBLED_HEALTHS,
+    Urgency,
+    VehicleWords,
+    badge,
+    badge_level,
+    is_one_vehicle,
+    urgency,
+    vehicle_health,
+    vehicle_words,
+)
+from mavdem.report.flight_lines import FlightLine, flight_line
+
+SUMMARY_VERSION = "1"
+"""Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
+
+MAX_BARS = 40
+"""Bars of a vehicle's latest flights: so many can be told apart on a phone."""
+
+
+class FlownFlights(NamedTuple):
+    """Counts of the flights under one name, each once where several logs have it and its vehicle is known."""
+
+    flights: int
+    """Number of flights."""
+
+    duplicates: int
+    """Number of further logs of these flights."""
+
+    seconds: float
+    """Time of settled flight, s."""
+
+    first_date: datetime | None
+    """Date of the first flight; None where no flight has a date."""
+
+    last_date: datetime | None
+    """Date of the last flight."""
+
+    tiers: dict[str, int]
+    """Number of flights of each tier; an empty name where it is not known."""
+
+    healths: dict[str, int]
+    """Number of flights with each health of the motors."""
+
+
+class Wind(NamedTuple):
+    """The mean wind of a flight."""
+
+    direction: float
+    """Direction that it came from, rad."""
+
+    speed: float
+    """Speed, m/s."""
+
+
+class UnusedRow(NamedTuple):
+    """A row of a log without a flight."""
+
+    file: str
+    """Path or URL of the log."""
+
+    status: str
+    """Why there is no flight."""
+
+    status_code: str | None
+    """The same as a code."""
+
+    is_first: bool
+    """Whether it is the first row of its vehicle in the log, which stands for the log."""
+
+
+class LastFlight(NamedTuple):
+    """The latest flight of a vehicle."""
+
+    date: datetime | None
+    """When it began."""
+
+    frame: str
+    """Kind of the vehicle's frame, such as "QUADROTOR"; empty where it is not known."""
+
+    firmware: str
+    """Version of its firmware; empty where it is not known."""
+
+    badge: str
+    """How it went, in one word."""
+
+    badge_level: Level
+    """Level of that."""
+
+    lights: dict[Light, Level]
+    """Levels of its lights."""
+
+
+class VehicleFlights(NamedTuple):
+    """What is known of a vehicle from its flights together."""
+
+    is_one_vehicle: bool
+    """Whether the page has a part for it; several vehicles may share the name otherwise."""
+
+    urgency: Urgency
+    """By which vehicles are sorted."""
+
+    health: str
+    """Health of its motors in the latest flight that was judged."""
+
+    was_in_trouble: bool
+    """Whether the motors had a fault or a drift in any flight."""
+
+    words: VehicleWords
+    """What was found of it."""
+
+    levels: list[Level]
+    """Levels of its latest ``MAX_BARS`` flights, the newest at the end."""
+
+    flight_count: int
+    """Number of its flights."""
+
+    last: LastFlight
+    """Its latest flight."""
+
+
+@dataclass(frozen=True)
+class VehicleSummary:
+    """What the page of a fleet shows of the flights under one name, and of logs that hold none."""
+
+    name: str
+    """What the logs call the vehicle."""
+
+    has_shared_name: bool
+    """Whether several vehicles may have the name, whose flights are not compared."""
+
+    flown: FlownFlights
+    """Counts of its flights."""
+
+    vehicle: VehicleFlights | None
+    """What is known of the vehicle; None where no log holds a flight."""
+
+    light_counts: dict[Light, dict[Level, int]]
+    """Number of flights with each level, by light."""
+
+    winds: list[Wind]
+    """The winds of flights whose wind is known."""
+
+    lines: list[FlightLine]
+    """The lines of its flights and logs in the table, by date, those without one last."""
+
+    unused: list[UnusedRow]
+    """The rows of logs without a flight."""
+
+
+def summaries_of(rows: Iterable[FlightRow]) -> list[VehicleSummary]:
+    """Returns the summary of each vehicle, by name in alphabetical order.
+
+    Args:
+        rows: rows of all flights and axes, and of logs without a flight; ``BRIEF_COLUMNS`` are enough.
+    """
+    by_vehicle = group_by(rows, lambda row: row.vehicle)
+    return [summary_of_vehicle(name, by_vehicle[name]) for name in sorted(by_vehicle)]
+
+
+def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
+    """Returns the summary of the flights under one name.
+
+    Args:
+        name: what the logs call the vehicle.
+        rows: all rows under this name.
+    """
+    all_flights = flights_of(rows)
+    flights = flights_of(row for row in rows if row.has_flight)
+    winds = []
+    for flight in all_flights:
+        row = flight[0]
+        if row.wind_direction is not None and row.wind_speed is not None:
+            winds.append(Wind(row.wind_direction, row.wind_speed))
+    return VehicleSummary(
+        name=name,
+        has_shared_name=name == UNKNOWN or has_shared_name(flights),
+        flown=_flown_flights(name, flights),
+        vehicle=_vehicle_flights(name, flights) if flights else None,
+        light_counts=_light_counts(all_flights),
+        winds=winds,
+        lines=[flight_line(flight) for flight in all_flights],
+        unused=_unused_rows(rows),
+    )
+
+
+@cache
+def summary_adapter() -> TypeAdapter[VehicleSummary]:
+    """Returns what turns summaries into JSON and back."""
+    return TypeAdapter(VehicleSummary)
+
+
+def _flown_flights(name: str, flights: Flights) -> FlownFlights:
+    """Counts the flights under one name.
+
+    Flights at the same time are one flight, which two logs have; under an unknown or shared name they may be of
+    different vehicles. The rows of a flight may have different durations, since an axis may lack data; the longest
+    counts.
+
+    Args:
+        name: the name.
+        flights: the flights in order of date.
+    """
+    counted: Flights = flights
+    if name != UNKNOWN and not has_shared_name(flights):
+        counted = distinct_flights([list(flight) for flight in flights])
+    dates = sorted(flight[0].date for flight in counted if flight[0].date)
+    return FlownFlights(
+        flights=len(counted),
+        duplicates=len(flights) - len(counted),
+        seconds=sum(max(row.duration or 0.0 for row in flight) for flight in counted),
+        first_date=dates[0] if dates else None,
+        last_date=dates[-1] if dates else None,
+        tiers=Counter(best_tier(flight) for flight in counted),
+        healths=Counter(worst_health(flight) for flight in counted),
+    )
+
+
+def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
+    """Returns what is known of a vehicle from its flights, at least one, in order of date."""
+    last = flights[-1][0]
+    word = badge(flights)
+    return VehicleFlights(
+        is_one_vehicle=is_one_vehicle(name, flights),
+        urgency=urgency(flights),
+        health=vehicle_health(flights),
+        was_in_trouble=any(worst_health(flight) in TROUBLED_HEALTHS for flight in flights),
+        words=vehicle_words(flights),
+        levels=[badge_level([flight]) for flight in flights[-MAX_BARS:]],
+        flight_count=len(flights),
+        last=LastFlight(
+            date=last.date,
+            frame=last.frame or "",
+            firmware=last.firmware or "",
+            badge=str(word),
+            badge_level=badge_level(flights) if word != NOT_USED else Level.UNKNOWN,
+            lights={light: _level(last, light) for light in Light},
+        ),
+    )
+
+
+def _level(row: FlightRow, light: Light) -> Level:
+    """Returns the level of a light of a flight; unknown where the log has none."""
+    return Level(getattr(row, f"light_{light}") or Level.UNKNOWN)
+
+
+def _light_counts(flights: Sequence[AxisRows]) -> dict[Light, dict[Level, int]]:
+    """Returns in how many flights each light has each level; logs without a flight are left out."""
+    flown = [flight[0] for flight in flights if flight[0].has_flight]
+    return {light: Counter(_level(row, light) for row in flown) for light in Light}
+
+
+def _unused_rows(rows: FlightRows) -> list[UnusedRow]:
+    """Returns the rows without a flight, those of logs with a date first and by date."""
+    unused = []
+    for flight in flights_of(row for row in rows if not row.has_flight):
+        for number, row in enumerate(flight):
+            unused.append(UnusedRow(row.file, row.status, row.status_code, number == 0))
+    return unused

@@ -1,0 +1,56 @@
+"""What the pages of a fleet keep of each vehicle: it is made again where the vehicle was judged, and only there."""
+
+from fleet_rows import fleet_rows, flight_row
+from standin_logs import fleet_of
+
+from mavdem.fleet.judgement import mark_pages_updated, outdated_vehicles
+from mavdem.fleet.page_parts import kept_charts, kept_summaries
+from mavdem.fleet.store import open_store
+from mavdem.report.vehicle_summary import summaries_of, summary_adapter
+from mavdem.results import write_fleet_pages
+
+
+def index_of(folder, *steps):
+    """The index page of a fleet that grew in steps, each of which is its rows."""
+    for rows in steps:
+        fleet_of(folder, rows)
+        with open_store(folder) as store:
+            index = write_fleet_pages(store, {}).index
+    return index.read_text()
+
+
+def test_the_page_of_a_fleet_that_grew_is_that_of_all_its_flights(tmp_path):
+    few, many = fleet_rows(7), fleet_rows(20)
+    assert index_of(tmp_path / "grown", few, many) == index_of(tmp_path / "at once", many)
+
+
+def test_a_summary_is_the_same_after_it_was_kept():
+    for summary in summaries_of(fleet_rows(20)):
+        adapter = summary_adapter()
+        assert adapter.validate_json(adapter.dump_json(summary)) == summary
+
+
+def test_only_vehicles_that_were_judged_anew_are_summed_up_again(tmp_path):
+    made = []
+
+    def make(vehicle):
+        made.append(vehicle)
+        return f"{vehicle} {len(made)}"
+
+    def summaries(store, version="1"):
+        outdated = outdated_vehicles(store)
+        found = kept_summaries(store, version, outdated, make)
+        mark_pages_updated(store, outdated)
+        return found
+
+    rows = [flight_row(name, 0, key=f"{name}-1") for name in "abc"]
+    fleet_of(tmp_path, rows)
+    with open_store(tmp_path) as store:
+        assert summaries(store) == ["a 1", "b 2", "c 3"]
+        assert kept_charts(store, "b", make) == kept_charts(store, "b", make) == "b 4"
+    fleet_of(tmp_path, [flight_row("b", 1, key="new-1")])
+    with open_store(tmp_path) as store:
+        assert summaries(store) == ["a 1", "b 5", "c 3"]
+        assert kept_charts(store, "b", make) == "b 6"
+        # What was made by another version is made again.
+        assert summaries(store, "2") == ["a 7", "b 8", "c 9"]
