@@ -6,6 +6,7 @@ import os
 import pickle
 from dataclasses import fields, is_dataclass
 from hashlib import sha256
+from unittest.mock import Mock
 
 from hypothesis import settings
 from pytest import MonkeyPatch, fixture, hookimpl
@@ -70,6 +71,19 @@ def without_wind_fits():
     """For tests of other things: a learner that follows the wind spends half its time on physical parameters."""
     with MonkeyPatch.context() as patch:
         patch.setattr("mavdem.plant.online_wind_torque.FIRST_FIT_SECONDS", 1e9)
+        yield
+
+
+@fixture(scope="module")
+def without_alarms():
+    """For tests of rows: a live stream spends a quarter of its time on alarms, of the watchdog and of weak motors."""
+    with MonkeyPatch.context() as patch:
+        for step in (
+            "watchdog.Watchdog.begin_review",
+            "watchdog.Watchdog.finish_review",
+            "motor_alarms.MotorAlarms.add_sample",
+        ):
+            patch.setattr(f"mavdem.live.{step}", Mock(return_value=()))
         yield
 
 

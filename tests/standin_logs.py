@@ -8,8 +8,6 @@ import signal
 import time
 from pathlib import Path
 
-from refusals import prose
-
 from mavdem.dem.parallel import available_workers
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import FlightRow
@@ -47,6 +45,9 @@ def rows_of_log(path, key, page):
     if "where" in name:
         return [FlightRow(file=str(path), status=str(available_workers()))], {}
     if "damaged" in name:
+        # Only here: it imports pytest, which every process that reads logs would wait for.
+        from refusals import prose
+
         raise Unreadable(prose(f"{path} is damaged."))
     axes = ("roll", "pitch")
     return [

@@ -187,11 +187,11 @@ def test_texts_use_the_vocabulary():
     assert not found
 
 
-MODULES = [
-    importlib.import_module(found.name)
-    for package in (mavdem, sitl_scenarios)
-    for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
-]
+def module_names():
+    """The names of all modules; to walk over them imports the rooms only."""
+    for package in (mavdem, sitl_scenarios):
+        for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            yield found.name
 
 
 def public(owner):
@@ -204,7 +204,7 @@ def public(owner):
 
 def exported():
     """What ``__all__`` of each room names, and the methods of the classes among it."""
-    for room in [mavdem, *MODULES]:
+    for room in [mavdem, *map(importlib.import_module, module_names())]:
         for name in getattr(room, "__all__", ()):
             value = getattr(room, name)
             yield f"{room.__name__}.{name}", value
@@ -258,10 +258,19 @@ def test_arguments_and_attributes_are_documented():
     assert {name: names for name, names in missing.items() if names} == {}
 
 
+def modules_with_examples():
+    """The modules whose docstrings have examples; to import all of them would take every worker of the tests seconds."""
+    for package in (mavdem, sitl_scenarios):
+        folder = Path(package.__file__).parent
+        for path in sorted(folder.rglob("*.py")):
+            if ">>> " in path.read_text("utf-8"):
+                parts = (package.__name__, *path.relative_to(folder).with_suffix("").parts)
+                yield importlib.import_module(".".join(parts).removesuffix(".__init__"))
+
+
 EXAMPLES = {
     one.name: one
-    for module in MODULES
-    if ">>> " in inspect.getsource(module)
+    for module in modules_with_examples()
     for one in doctest.DocTestFinder().find(module, extraglobs={"mavdem": mavdem, "np": np})
     # The loop of a model takes the parameters of a log, which this flight does not have.
     if one.examples and not one.name.endswith("Learned.loop")

@@ -12,7 +12,7 @@ from pytest import approx, mark
 
 from mavdem.facts.session import Rows, VehicleFact
 
-pytestmark = mark.slow
+pytestmark = [mark.slow, mark.usefixtures("without_alarms")]
 
 FLIGHT = Flight(hover=Hover(hovering=30.0))
 
@@ -50,7 +50,7 @@ def test_a_message_that_is_lost_is_bridged():
     assert made.segments().keys() == {0} and made.stream.status().lost_messages == 1
     settled_uniform(made)
     chance = random.Random(3)
-    made = replay([entry for entry in FLIGHT.frames(end=30.0) if chance.random() > 0.2])
+    made = replay([entry for entry in FLIGHT.frames(end=18.0) if chance.random() > 0.2])
     assert made.segments().keys() == {0}, "nor does a fifth that is lost begin another segment"
     settled_uniform(made)
 
@@ -96,13 +96,13 @@ def test_a_slow_stream_is_reported_with_its_remedy_and_gives_no_rows():
 
 
 def test_copies_change_nothing():
-    frames = FLIGHT.frames(end=18.0)
+    frames = FLIGHT.frames(end=14.0)
     twice = [entry for entry in frames for _ in range(2)]
     assert_array_equal(replay(twice).table(), replay(frames).table())
 
 
 def test_messages_out_of_order_are_put_in_order_or_counted():
-    frames = FLIGHT.frames(end=18.0)
+    frames = FLIGHT.frames(end=15.0)
     swapped = list(frames)
     for row in range(0, len(swapped) - 3, 40):
         other = row + 1 + row // 40 % 2
@@ -154,7 +154,7 @@ def test_pitch_is_read_from_pitch():
 
 
 def test_a_second_link_that_is_late_changes_nothing():
-    frames = FLIGHT.frames(end=18.0)
+    frames = FLIGHT.frames(end=14.0)
     late = [(time + 2.0, data) for time, data in frames]
     made = replay(sorted(frames + late, key=lambda entry: entry[0]))
     usual = replay(frames)
