@@ -58,7 +58,13 @@ def freeze(value: ValueType) -> ValueType:
     elif isinstance(value, np.generic):
         frozen = value.item()
     elif isinstance(value, dict) and not isinstance(value, ReadOnlyDict):
-        frozen = ReadOnlyDict({key: freeze(item) for key, item in value.items()})
+        # Parameters of an autopilot are a thousand numbers: a call for each would take most of the time.
+        frozen = ReadOnlyDict(
+            {
+                key: item if type(item) in IMMUTABLE_TYPES else freeze(item)
+                for key, item in value.items()
+            }
+        )
     elif isinstance(value, tuple):
         items = tuple(freeze(item) for item in value)
         is_unchanged = all(new is old for new, old in zip(items, value, strict=True))

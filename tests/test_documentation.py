@@ -259,7 +259,7 @@ def test_arguments_and_attributes_are_documented():
 
 
 def modules_with_examples():
-    """The modules whose docstrings have examples; to import all of them would take every worker of the tests seconds."""
+    """The modules whose docstrings have examples: to import all would take every worker of the tests seconds."""
     for package in (mavdem, sitl_scenarios):
         folder = Path(package.__file__).parent
         for path in sorted(folder.rglob("*.py")):

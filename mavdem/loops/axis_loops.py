@@ -26,7 +26,9 @@ from mavdem.loops.margins import (
     FrequencyGrid,
     Margins,
     OpenLoop,
+    PlantResponse,
     attitude_loop,
+    plant_response,
     rate_loop,
 )
 from mavdem.loops.measured_response import MeasuredResponse
@@ -107,9 +109,14 @@ class Loop(Margins):
         return advise(self)
 
     @cached_property
+    def plant_response(self) -> PlantResponse:
+        """The frequency responses of all plants, behind the gyro's filters."""
+        return plant_response(self.controller, self.effectiveness, self.dynamics, self.grid)
+
+    @cached_property
     def rate(self) -> OpenLoop:
         """The rate loop."""
-        return rate_loop(self.controller, self.effectiveness, self.dynamics, self.grid)
+        return rate_loop(self.controller, self.plant_response)
 
     @cached_property
     def attitude(self) -> OpenLoop:
@@ -133,7 +140,12 @@ class Loop(Margins):
         Args:
             parameters: new values by the autopilot's name.
         """
-        return replace(self, controller=self.controller.with_parameters(parameters), measured=None)
+        controller = self.controller.with_parameters(parameters)
+        changed = replace(self, controller=controller, measured=None)
+        if controller.gyro_path == self.controller.gyro_path:
+            # The cached property of the new loop: a search for gains tries hundreds of controllers with one plant.
+            vars(changed)["plant_response"] = self.plant_response
+        return changed
 
     def with_draws(
         self,

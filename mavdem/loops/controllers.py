@@ -157,6 +157,11 @@ class Controller(ImmutableResult):
                 raise NotLearnable(Controllers.PARAMETER_IMPOSSIBLE, name=name, value=value)
 
     @property
+    def gyro_path(self) -> tuple[object, ...]:
+        """What of the controller changes the plant's response: the gyro's filters, and the period of the loop."""
+        return self.gyro_filter, self.notches, self.gyro_rate, self.loop_period
+
+    @property
     def is_ardupilot(self) -> bool:
         """Whether the autopilot is ArduPilot, and not PX4."""
         return self.derivative_of_error

@@ -31,7 +31,7 @@ from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import gyro_delay, gyro_response
 from mavdem.loops.identified_plant import physical_plant
 from mavdem.loops.loop_construction import inputs_per_demand, logged_controller
-from mavdem.loops.margins import OpenLoop, controller_response, rate_loop
+from mavdem.loops.margins import OpenLoop, controller_response, plant_response, rate_loop
 from mavdem.plant import Physical
 from mavdem.plant.closed_loop.identification import IdentifiedAxis, identify_axis
 from mavdem.plant.closed_loop.likelihood import AxisPosterior
@@ -436,7 +436,7 @@ def _checked_plant(plant: Physical, mixer_gains: Array, controller: Controller) 
     draws = plant.draws(MARGIN_DRAWS)
     effectiveness = draws[:, EFFECTS] @ mixer_gains
     dynamics = np.maximum(draws[:, DYNAMICS], PLANT_MINIMUM)
-    rate = rate_loop(controller, effectiveness, dynamics)
+    rate = rate_loop(controller, plant_response(controller, effectiveness, dynamics))
     _require_known_margin(rate)
     # The corner frequency of a first-order lag is at ω · lag = 1.
     is_beyond_motors = 2 * np.pi * rate.crossover * plant.lag > 1

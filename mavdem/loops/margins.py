@@ -278,20 +278,34 @@ def _infinite_if_nan(values: Array) -> Array:
     return np.where(np.isnan(values), np.inf, values)
 
 
-def rate_loop(
+class PlantResponse(NamedTuple):
+    """Frequency responses of N plants behind the gyro's filters, at F frequencies, which no gain changes.
+
+    They take as long to compute as all that follows from them for one controller.
+    """
+
+    frequency: Array
+    """Hz (F,)."""
+    rate_per_demand: Complex
+    """Filtered gyro rate per demand of the rate controller, rad/s (N, F)."""
+    rate_per_torque: Complex
+    """Body rate per angular acceleration of a disturbance, s (N, F)."""
+
+
+def plant_response(
     controller: Controller,
     effectiveness: Array,
     dynamics: Array,
     grid: FrequencyGrid = FINE_GRID,
-) -> OpenLoop:
-    """Returns the open and closed loop of the body rate, for N plants at once.
+) -> PlantResponse:
+    """Returns the frequency responses of N plants at once.
 
     The plant is a motor lag with a delay, then the rotation of the body with damping, then the gyro's filters:
 
-        P = k e^(−s delay) / (lag s + 1) · 1 / (s + damping) · gyro filters,    L = C P
+        P = k e^(−s delay) / (lag s + 1) · 1 / (s + damping) · gyro filters
 
     Args:
-        controller: the controller C, with the gyro's filters.
+        controller: has the gyro's filters (``Controller.gyro_path``) and the period of the loop.
         effectiveness: control effectiveness k of each plant (N,): angular acceleration per demand, rad/s².
         dynamics: damping, 1/s, motor lag, s, and delay, s, of each plant (N, 3), without the gyro's filters.
         grid: frequencies of the responses, at most up to ``MAX_FREQUENCY_RATIO`` of the controller's rate.
@@ -303,12 +317,23 @@ def rate_loop(
     delayed = np.exp(-s * delay)
     actuation = gyro_response(controller, frequency) * delayed / (lag * s + 1)
     rate_per_torque = 1 / (s + damping)
-    plant = effectiveness[:, None] * actuation * rate_per_torque
-    from_setpoint, from_rate = controller_response(controller, frequency)
-    response = from_rate * plant
-    closed = from_setpoint * plant / (1 + response)
-    disturbance = rate_per_torque / (1 + response)
-    return OpenLoop(frequency, response, closed, disturbance)
+    rate_per_demand = effectiveness[:, None] * actuation * rate_per_torque
+    return freeze(PlantResponse(frequency, rate_per_demand, rate_per_torque))
+
+
+def rate_loop(controller: Controller, plant: PlantResponse) -> OpenLoop:
+    """Returns the open and closed loop of the body rate, for N plants P at once: L = C P.
+
+    Args:
+        controller: the controller C.
+        plant: the plants, behind the gyro's filters of this controller.
+    """
+    from_setpoint, from_rate = controller_response(controller, plant.frequency)
+    response = from_rate * plant.rate_per_demand
+    sensitivity = 1 / (1 + response)
+    closed = from_setpoint * plant.rate_per_demand * sensitivity
+    disturbance = plant.rate_per_torque * sensitivity
+    return OpenLoop(plant.frequency, response, closed, disturbance)
 
 
 def attitude_loop(controller: Controller, rate: OpenLoop) -> OpenLoop:

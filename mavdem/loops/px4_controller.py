@@ -4,6 +4,7 @@ Sources: ``RateControl``, ``ControlAllocation``, ``ControlAllocationPseudoInvers
 https://github.com/PX4/PX4-Autopilot.
 """
 
+from functools import lru_cache
 from math import inf
 
 import numpy as np
@@ -86,19 +87,27 @@ def px4_controller(parameters: Parameters, axis: str, is_demand: bool) -> Contro
         "gyro_rate": GYRO_FILTER_RATE,
         "notches": tuple(notches),
         "loop_period": 1 / max(loop_rate, MIN_LOOP_RATE),
-        "mixer": (1.0,) if is_demand else _mixer(parameters)[axis],
+        "mixer": (1.0,) if is_demand else _mixer(_airframe(parameters))[axis],
     }
 
 
-def _mixer(parameters: Parameters) -> dict[str, Numbers]:
+def _airframe(parameters: Parameters) -> tuple[tuple[str, float], ...]:
+    """Returns the parameters that describe the airframe, with their values, in the order of their names."""
+    return tuple(sorted(item for item in parameters.items() if item[0].startswith("CA_")))
+
+
+@lru_cache
+def _mixer(airframe: tuple[tuple[str, float], ...]) -> dict[str, Numbers]:
     """Returns PX4's mixer: the thrust of each motor for a torque demand of 1 about each axis.
+
+    The results are kept, since a search for gains makes hundreds of controllers of one airframe.
 
     It is the inverse of the matrix of the motors' effects, normalised as in
     ``ControlAllocationPseudoInverse::updateControlAllocationMatrixScale``: the columns of roll and pitch by the larger
     of their two norms √(Σ thrust² / pairs of motors that act on the axis), that of yaw by its largest element.
 
     Args:
-        parameters: parameters of the log, by name, with the positions of the motors.
+        airframe: parameters of the airframe with their values, such as the positions of the motors.
 
     Returns:
         Thrusts of the motors (4,) by axis, as fractions of their maximum.
@@ -108,6 +117,7 @@ def _mixer(parameters: Parameters) -> dict[str, Numbers]:
             controls roll and pitch.
     """
     unknown_mixer = NotLearnable(Controllers.MIXER_UNKNOWN, autopilot="px4")
+    parameters = dict(airframe)
     effects = _motor_effects(parameters)
     if not _has_equal_upright_motors(parameters):
         raise unknown_mixer

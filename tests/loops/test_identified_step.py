@@ -17,7 +17,7 @@ from mavdem.loops.identified_step import (
     step_from_frequency_response,
 )
 from mavdem.loops.loop_construction import loop_from_plant
-from mavdem.loops.margins import rate_loop
+from mavdem.loops.margins import plant_response, rate_loop
 from mavdem.loops.measured_response import MeasuredResponse
 from mavdem.loops.step_response import MIN_RISE_MESSAGES, _is_too_fast
 
@@ -83,7 +83,7 @@ def test_a_rate_loop_whose_margin_is_not_known_is_refused(loop, scale, deviation
     effectiveness = np.full(101, scale * loop.effectiveness[0])
     dynamics = np.tile(loop.dynamics[0], (101, 1))
     dynamics[1:, 2] += np.linspace(-deviation, deviation, 100).clip(-dynamics[0, 2])
-    rate = rate_loop(loop.controller, effectiveness, dynamics)
+    rate = rate_loop(loop.controller, plant_response(loop.controller, effectiveness, dynamics))
     if code is None:
         _require_known_margin(rate)
         return

@@ -44,7 +44,7 @@ from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.loops.autopilot_parameters import DEFAULT_LOOP_RATES, LOOP_RATE_PARAMETERS
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.controllers import Controller, controller_from_parameters
-from mavdem.loops.margins import OpenLoop, attitude_loop, rate_loop
+from mavdem.loops.margins import OpenLoop, attitude_loop, plant_response, rate_loop
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.motion import Motion
@@ -268,7 +268,7 @@ def loop_figures(controller: Controller, plant: AxisPlant) -> dict[str, float]:
     """
     effectiveness = np.array([plant.effect])
     dynamics = np.array([[plant.damping, plant.lag, plant.delay]])
-    rate = rate_loop(controller, effectiveness, dynamics)
+    rate = rate_loop(controller, plant_response(controller, effectiveness, dynamics))
     attitude = attitude_loop(controller, rate)
     figures = figures_of_plants(effectiveness, dynamics, rate, attitude)
     return {name: float(values[0]) for name, values in figures.items()}

@@ -22,7 +22,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import Loops
 from mavdem.loops.loop_construction import inputs_per_demand, logged_controller, record_axis
-from mavdem.loops.margins import OpenLoop, rate_loop
+from mavdem.loops.margins import OpenLoop, plant_response, rate_loop
 from mavdem.plant.closed_loop.evidence import LoopData, LoopPosterior, fit_closed_loop
 from mavdem.plant.closed_loop.free_energy import (
     MOTORS_CHANNEL,
@@ -222,7 +222,8 @@ class ClosedLoop(ForecasterBase):
         thetas = np.vstack([theta, normal_draws(theta, covariance, draws, seed)])
         plants = GenerativeParameters(*np.exp(thetas).T)
         dynamics = np.column_stack([plants.damping, plants.lag, plants.delay])
-        return rate_loop(controller, plants.effect * combination_per_demand, dynamics)
+        effectiveness = plants.effect * combination_per_demand
+        return rate_loop(controller, plant_response(controller, effectiveness, dynamics))
 
     def wind_torque(self) -> Forecast:
         """Returns the wind torque over the last segment, rad/s², given all of its samples: mean and variance (T, 1)."""
